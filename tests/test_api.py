@@ -61,13 +61,13 @@ def test_every_name_is_there(name):
 def test_editors_are_told_of_every_name_where_it_is():
     tree = ast.parse((ROOT / "modelgap.py").read_text(encoding="utf-8"))
     (typed,) = (node for node in tree.body if isinstance(node, ast.If))
-    told = {
+    places = {
         alias.asname or alias.name: node.module
         for node in typed.body
         for alias in node.names
     }
-    assert told == mg._PLACE
-    assert sorted(told) == mg.__all__
+    assert places == mg._PLACE
+    assert sorted(places) == mg.__all__
 
 
 def test_a_name_that_is_not_there_is_an_attribute_error():
@@ -110,7 +110,6 @@ def test_a_store_answers_with_finished_tables(tmp_path):
 
 
 def _diagnosis() -> Diagnosis:
-    """A payload that was found on an arm of one joint."""
     both = {
         "nominal": (31.5,),
         "identified": (31.3,),
@@ -132,8 +131,8 @@ def _diagnosis() -> Diagnosis:
 
 
 def test_a_diagnosis_is_a_line():
-    found = _diagnosis()
-    assert repr(found) == (
+    diagnosis = _diagnosis()
+    assert repr(diagnosis) == (
         "Diagnosis(arm: payload on joint 1, probability = 0.97; "
         "held-out 31.3 % -> 2.0 %)"
     )
@@ -143,11 +142,11 @@ def test_the_findings_are_a_table_and_its_models_have_names():
     row = {"effect": "payload", "joints": [1], "probability": 0.97}
     row |= {"parameter": "mass", "value": 3.96, "std": 0.35, "unit": "kg"}
     assert _diagnosis().to_frame().rows() == [row]
-    found = _diagnosis()
-    empty = Diagnosis(replace(found.verdict, effects=()))
+    diagnosis = _diagnosis()
+    empty = Diagnosis(replace(diagnosis.verdict, effects=()))
     assert empty.to_frame().columns == list(row)
     models = {"nominal": 1, "identified": 2, "augmented": 3}
-    named = Diagnosis(found.verdict, models)
+    named = Diagnosis(diagnosis.verdict, models)
     assert (named.nominal, named.identified, named.augmented) == (1, 2, 3)
 
 
@@ -160,8 +159,8 @@ def test_a_model_in_pinocchio_weighs_what_the_model_does():
 
 
 def test_a_diagnosis_is_kept_as_a_page_and_as_json(tmp_path):
-    found = _diagnosis()
-    found.save_report(tmp_path / "out.html")
+    diagnosis = _diagnosis()
+    diagnosis.save_report(tmp_path / "out.html")
     assert "&lt;script&gt;" in (tmp_path / "out.html").read_text(encoding="utf-8")
-    text = json.dumps(found.to_json(), allow_nan=False)
-    assert from_json(json.loads(text)) == found.verdict
+    text = json.dumps(diagnosis.to_json(), allow_nan=False)
+    assert from_json(json.loads(text)) == diagnosis.verdict

@@ -29,8 +29,8 @@ def test_the_door_says_what_the_command_says(verb, fit, proof, own_folder):
     robot = mg.load_robot("irb140")
     logs = mg.read_logs([*fit, *proof], robot)
     more = {"held_out": logs[len(fit) :]} if proof else {}
-    made = getattr(mg, verb)(robot, logs[: len(fit)], trust_log=True, **more)
-    said = lasting(json.loads(path.read_text(encoding="utf-8")))
-    ours = lasting(json.loads(json.dumps(made.to_json())))
-    assert ours.keys() == said.keys()
-    assert [key for key in said if ours[key] != said[key]] == []
+    result = getattr(mg, verb)(robot, logs[: len(fit)], trust_log=True, **more)
+    document = lasting(json.loads(path.read_text(encoding="utf-8")))
+    ours = lasting(json.loads(json.dumps(result.to_json())))
+    assert ours.keys() == document.keys()
+    assert [key for key in document if ours[key] != document[key]] == []

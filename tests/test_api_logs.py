@@ -78,13 +78,13 @@ BAD = {
 
 @pytest.mark.parametrize("name", BAD)
 def test_what_is_no_log_is_refused_in_words(robot, file, name):
-    given, said = BAD[name]
-    made = {}
+    given, message = BAD[name]
+    arrays = {}
     for key, how in given.items():
         own = getattr(file, key)
-        made[key] = own[how] if isinstance(how, slice) else how * own
-    with pytest.raises(mg.InputError, match=said):
-        mg.recording(robot, **made)
+        arrays[key] = own[how] if isinstance(how, slice) else how * own
+    with pytest.raises(mg.InputError, match=message):
+        mg.recording(robot, **arrays)
 
 
 def test_text_and_columns_of_other_lengths_are_refused(robot, table):

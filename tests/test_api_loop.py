@@ -17,9 +17,9 @@ def test_a_joint_that_got_stiff_is_told_and_a_healthy_one_is_not(healthy):
     robot = mg.load_robot("irb140")
     model = mg.identify(robot, healthy[:4]).models["identified"]
     odd = mg.simulate({**SHORT, **STIFF, "seed": 9})
-    found = mg.monitor(model, healthy[:4], [odd, healthy[4]])
-    assert 2 in {alarm.joint for alarm in found.alarms[odd.id]}
-    assert 2 not in {alarm.joint for alarm in found.alarms[healthy[4].id]}
+    report = mg.monitor(model, healthy[:4], [odd, healthy[4]])
+    assert 2 in {alarm.joint for alarm in report.alarms[odd.id]}
+    assert 2 not in {alarm.joint for alarm in report.alarms[healthy[4].id]}
 
 
 def test_what_is_simulated_twice_is_one_log(healthy):

@@ -15,7 +15,6 @@ _FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
 
 
 def _sections() -> dict[str, str]:
-    """The text below each heading of the page."""
     page = (ROOT / "docs" / "api.md").read_text(encoding="utf-8")
     _, first, *rest = re.split(r"^#+ (.*)$", page, flags=re.M)
     below = iter([first, *rest])
@@ -32,7 +31,6 @@ def _run(text: str, known: dict) -> None:
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A folder with the logs of the example, and a store with one of them."""
     shutil.copytree(ROOT / "examples" / "hidden", tmp_path, dirs_exist_ok=True)
     monkeypatch.chdir(tmp_path)
     (log,) = mg.read_logs("fit_1.csv@0:2", mg.load_robot("irb140"))

@@ -57,7 +57,6 @@ def _name(path: Path) -> str:
 
 @cache
 def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    """Return every node of a file, which is read once for all tests."""
     return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
@@ -98,7 +97,6 @@ def test_a_library_is_imported_only_where_it_belongs(library):
 
 
 def _modules() -> dict[str, Path]:
-    """Return every file of the product by its dotted name."""
     files = [*_sources(*ROOMS), *ROOT.glob("modelgap.py")]
     dotted = (_name(path).removesuffix(".py").replace("/", ".") for path in files)
     return {n.removesuffix(".__init__"): p for n, p in zip(dotted, files, strict=True)}
@@ -138,7 +136,6 @@ def _floor(module: str, package: str) -> str | None:
 
 
 def _floors_below(package: str) -> dict[str, set[str]]:
-    """Return which floors of a package each of them imports."""
     found: dict[str, set[str]] = {}
     for module, others in _edges().items():
         above = _floor(module, package)
@@ -163,7 +160,6 @@ def _settings() -> dict:
 
 
 def _late_imports() -> set[tuple[str, str]]:
-    """Return each file and what it imports inside a function."""
     return {
         (_name(path), name)
         for path in _modules().values()

@@ -24,7 +24,6 @@ EXEMPT = {
 
 
 def _public(path: Path) -> Iterator[str]:
-    """Module, class, function, method and field names, fields as Class.field."""
     yield path.stem
     yield from _members(ast.parse(path.read_text(encoding="utf-8")).body, "")
 

@@ -47,9 +47,9 @@ def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(own_folder, 
     assert main(["diagnose", *logs[:-1], *options]) == 0
     shown = capsys.readouterr().out
     verdict, page = (Path(file).read_text(encoding="utf-8") for file in files)
-    (found,) = json.loads(verdict)["effects"]
-    assert (found["name"], found["joints"]) == (NAME, [JOINT])
-    size = found["parameters"]["coefficient"]
+    (finding,) = json.loads(verdict)["effects"]
+    assert (finding["name"], finding["joints"]) == (NAME, [JOINT])
+    size = finding["parameters"]["coefficient"]
     assert size["unit"] == "N m s/rad^2"
     assert abs(size["value"] - SIZE) < 4 * size["std"]
     assert "a creaking hinge on joint 2" in shown

@@ -128,9 +128,9 @@ BROKEN = {
 
 @pytest.mark.parametrize("name", BROKEN)
 def test_a_broken_plug_in_is_named_with_its_package(install, name):
-    entries, said = BROKEN[name]
+    entries, message = BROKEN[name]
     install(entries)
-    with pytest.raises(InputError, match=said):
+    with pytest.raises(InputError, match=message):
         (registry if "effects" in entries else targets)()
 
 

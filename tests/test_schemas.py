@@ -27,7 +27,6 @@ def validate(name: str, document) -> None:
 
 
 def block(page: str, heading: str) -> str:
-    """The first block of TOML of a page below a heading."""
     text = (ROOT / "docs" / page).read_text(encoding="utf-8").split(heading)[1]
     return re.findall(r"```toml\n(.*?)```", text, re.S)[0]
 

@@ -6,7 +6,7 @@ from residual.verdict.result import Verdict
 MODELS = ("nominal", "identified", "augmented", "plsr")
 
 
-def whole(part: dict, dof: int = 6) -> dict:
+def whole_document(part: dict, dof: int = 6) -> dict:
     """Return the document of a verdict in which what is not given is unknown."""
     effects = [finding(i, e) for i, e in enumerate(part.get("effects", ()), 1)]
     return {
@@ -30,12 +30,10 @@ def whole(part: dict, dof: int = 6) -> dict:
 
 
 def typed(part: dict, dof: int = 6) -> Verdict:
-    """Return the verdict of such a document."""
-    return from_json(whole(part, dof))
+    return from_json(whole_document(part, dof))
 
 
 def finding(order: int, part: dict) -> dict:
-    """Return one entry of its effects."""
     keys = ("nats", "by", "held_out", "held_out_gain", "p_value", "splits")
     none = dict.fromkeys(keys)
     return {
@@ -52,7 +50,6 @@ def finding(order: int, part: dict) -> dict:
 
 
 def unexplained(dof: int, part: dict) -> dict:
-    """Return what is left."""
     return {
         "joints": [],
         "fraction": None,

@@ -25,15 +25,15 @@ def rows(good, bad, **wrong):
 
 
 def test_a_set_counts_if_it_is_exact_or_listed():
-    found = bars.case_figures({"sets": rows(9, 1)}, deciding=True)
-    assert found["rough_values_exact_or_listed"]["ok"] is True
-    assert found["rough_values_exact_or_listed"]["per_name_missed"] == {"coulomb": 1}
-    assert found["rough_values_names_true"]["value"] == 19 / 20
-    assert found["rough_values_names_true"]["false"] == {"offset": 1}
+    figures = bars.case_figures({"sets": rows(9, 1)}, deciding=True)
+    assert figures["rough_values_exact_or_listed"]["ok"] is True
+    assert figures["rough_values_exact_or_listed"]["per_name_missed"] == {"coulomb": 1}
+    assert figures["rough_values_names_true"]["value"] == 19 / 20
+    assert figures["rough_values_names_true"]["false"] == {"offset": 1}
     listed = bars.case_figures({"sets": rows(1, 1, listed=True)}, deciding=True)
     assert listed["rough_values_exact_or_listed"]["value"] == 1.0
     exact = [row | {"off": 0} for row in rows(1, 1, listed=True)]
-    found = bars.case_figures({"sets": exact}, deciding=True)
-    assert found["exact_values_set_exact"]["value"] == 0.5
+    figures = bars.case_figures({"sets": exact}, deciding=True)
+    assert figures["exact_values_set_exact"]["value"] == 0.5
     few = bars.case_figures({"sets": rows(1, 9)}, deciding=False)
     assert few["rough_values_exact_or_listed"]["ok"] is None

@@ -37,15 +37,15 @@ def test_every_kind_of_fault_can_be_made():
 )
 def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, size):
     before = [table_of(log) for log in six.logs]
-    made = spoil(six, kind, size)
-    if made is None:
+    faulty = spoil(six, kind, size)
+    if faulty is None:
         return  # a kind with two sizes
-    assert made.kind == kind
-    assert set(made.joints) <= set(range(1, 7))
-    robot = judge.given_robot(six, made)
-    same = len(made.tables) == len(before) and all(
+    assert faulty.kind == kind
+    assert set(faulty.joints) <= set(range(1, 7))
+    robot = judge.given_robot(six, faulty)
+    same = len(faulty.tables) == len(before) and all(
         np.array_equal(one[name], other[name])
-        for one, other in zip(made.tables, before, strict=False)
+        for one, other in zip(faulty.tables, before, strict=False)
         for name in other
     )
     assert not same or robot.content_hash != six.robot.content_hash
@@ -54,7 +54,7 @@ def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, 
             np.testing.assert_array_equal(values, getattr(log, name))
 
 
-def said(monkeypatch, *faults):
+def fake_check(monkeypatch, *faults):
     monkeypatch.setattr(steps, "check_logs", lambda *_: LogCheck(faults))
 
 
@@ -67,14 +67,14 @@ REPAIRS = {
 
 @pytest.mark.parametrize("kind", REPAIRS)
 def test_a_right_line_is_exact_and_half_of_one_is_not(six, monkeypatch, kind):
-    made = spoil(six, kind)
-    repair = REPAIRS[kind](made.joints)
-    said(monkeypatch, Fault(kind, made.joints, True, "", (repair,)))
-    row = judge.compare(six, made)
+    faulty = spoil(six, kind)
+    repair = REPAIRS[kind](faulty.joints)
+    fake_check(monkeypatch, Fault(kind, faulty.joints, True, "", (repair,)))
+    row = judge.compare(six, faulty)
     assert (row["hit"], row["exact"]) == (True, [True])
-    other = Repair("tau", (6,), sign=(-1,)) if made.joints != (6,) else Repair("tau")
-    said(monkeypatch, Fault(kind, made.joints, True, "", (other,)))
-    assert judge.compare(six, made)["exact"] == [False]
+    other = Repair("tau", (6,), sign=(-1,)) if faulty.joints != (6,) else Repair("tau")
+    fake_check(monkeypatch, Fault(kind, faulty.joints, True, "", (other,)))
+    assert judge.compare(six, faulty)["exact"] == [False]
 
 
 @pytest.mark.parametrize(
@@ -88,8 +88,8 @@ def test_a_right_line_is_exact_and_half_of_one_is_not(six, monkeypatch, kind):
     ],
 )
 def test_another_kind_or_another_joint_is_no_hit(kind, joints, hit):
-    made = FaultyLogs("torque_sign", (2,), (), also=("angle_sign",))
-    assert judge.is_it(Fault(kind, joints, True, ""), made, 6) is hit
+    faulty = FaultyLogs("torque_sign", (2,), (), also=("angle_sign",))
+    assert judge.is_it(Fault(kind, joints, True, ""), faulty, 6) is hit
 
 
 def sound(host=SIX, effect="", *faults):
@@ -105,8 +105,8 @@ def sound(host=SIX, effect="", *faults):
 
 def test_one_certain_fault_of_sound_logs_is_a_miss():
     rows = [sound()] * 99 + [sound(SIX, "", ("torque_sign", [1], True))]
-    told = bars.figures(rows, deciding=True)
-    assert told["false_certain"]["ok"] is False
-    assert told["false_faults"]["ok"] is True  # one in a hundred
-    assert told["faults_found_measured"]["value"] is None
+    figures = bars.figures(rows, deciding=True)
+    assert figures["false_certain"]["ok"] is False
+    assert figures["false_faults"]["ok"] is True  # one in a hundred
+    assert figures["faults_found_measured"]["value"] is None
     assert bars.figures(rows, deciding=False)["false_certain"]["ok"] is None

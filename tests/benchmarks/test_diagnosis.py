@@ -33,20 +33,20 @@ def _rows(good, bad, **wrong):
 def test_singles_are_counted_where_they_are_clear():
     rows = _rows(95, 5, outcome="nothing", named=0, z=None)
     rows += _rows(0, 7, outcome="nothing", named=0, z=None, multiple=2.0)
-    told = bars.case_figures({"singles": rows}, deciding=True)
-    one = told["singles_right"]
+    figures = bars.case_figures({"singles": rows}, deciding=True)
+    one = figures["singles_right"]
     assert (one["value"], one["n"], one["ok"]) == (0.95, 100, True)
     assert one["data"] == {"synthetic": [95, 100]}
-    assert told["named_right"]["ok"] is None  # fewer than 300 names
-    assert told["error_over_oracle"]["ok"] is True
-    assert told["coverage_2_sigma"]["ok"] is False  # too wide is wrong as well
+    assert figures["named_right"]["ok"] is None  # fewer than 300 names
+    assert figures["error_over_oracle"]["ok"] is True
+    assert figures["coverage_2_sigma"]["ok"] is False  # too wide is wrong as well
 
 
 def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, capsys):
-    path, asked = tmp_path / "kept.jsonl", []
+    path, numbers = tmp_path / "kept.jsonl", []
 
     def work(number):
-        asked.append(number)
+        numbers.append(number)
         if number == 3:
             raise ValueError("no")
         return {"number": number}
@@ -55,9 +55,9 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
     first = run_kept(path, str, work, jobs, InlineExecutor())
     assert first["three"] == {"error": "ValueError: no"}
     path.write_text(path.read_text()[:-9])  # killed within the last line
-    asked.clear()
+    numbers.clear()
     again = run_kept(path, str, work, jobs, InlineExecutor())
-    assert asked == [2, 3]
+    assert numbers == [2, 3]
     assert again["one"] == {"number": 1}
     run_kept(path, str, work, {"one": 1, "two": 2}, InlineExecutor())
-    assert asked == [2, 3]
+    assert numbers == [2, 3]

@@ -31,7 +31,6 @@ def entry(name, joints, order=1, alike=(), parameters=None):
 
 
 def verdict(*effects, unexplained=()):
-    """Return a verdict, of which only a part is judged."""
     nothing = "unknown" if unexplained else "none"
     part = {
         "verdict": "effects" if effects else nothing,
@@ -44,14 +43,14 @@ def verdict(*effects, unexplained=()):
     return typed(part)
 
 
-def said(words):
+def verdict_in_words(words):
     """A verdict in words: names with joints, after | their rivals, after ? flags."""
     names, _, flags = words.partition("?")
-    found = []
+    effects = []
     for order, name in enumerate(filter(None, names.split(";")), 1):
         first, *alike = ((n.split()[0], [int(n.split()[1])]) for n in name.split("|"))
-        found.append(entry(*first, order, alike=alike))
-    return verdict(*found, unexplained=[int(j) for j in flags.split()])
+        effects.append(entry(*first, order, alike=alike))
+    return verdict(*effects, unexplained=[int(j) for j in flags.split()])
 
 
 # What is drawn, the truth, the verdict; outcome, how many found, how many besides, and
@@ -86,7 +85,9 @@ JUDGED = [
 )
 def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, joint):
     pairs = map(str.split, filter(None, truth.split(";")))
-    judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], said(words))
+    judged = score(
+        drawn, [Name(n, (int(j),)) for n, j in pairs], verdict_in_words(words)
+    )
     assert (judged.outcome, judged.count, judged.extra) == (outcome, found, extra)
     assert judged.joint_right is joint
 
@@ -99,8 +100,8 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     assert names == ["stribeck 5", "stribeck 2", "coupled_friction 5,6"]
     judged = score("single", [STRIBECK], verdict(merged))
     assert (judged.outcome, judged.extra) == ("right", 1)
-    found = estimate(judged.hits[0], {"level": 2.1})
-    assert (found["value"], found["std"]) == (2.0, 0.2)
+    parameter = estimate(judged.hits[0], {"level": 2.1})
+    assert (parameter["value"], parameter["std"]) == (2.0, 0.2)
 
 
 def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():

@@ -19,9 +19,9 @@ PLAN = (
 def test_the_right_effect_predicts_better_than_another_and_than_none():
     robot = load_robot("irb140")
     hidden = Hidden("position_friction", (2,), {"cos": 8.0, "sin": 0.0})
-    made = make(Plant(robot, (hidden,), 4), PLAN, 4)
+    recordings = make(Plant(robot, (hidden,), 4), PLAN, 4)
     right, other, nothing = (
-        oracle(robot, made[:2], made[2:], effects)[1].overall("filtered")
+        oracle(robot, recordings[:2], recordings[2:], effects)[1].overall("filtered")
         for effects in (
             [("position_friction", (2,))],
             [("position_friction", (3,))],
@@ -30,4 +30,4 @@ def test_the_right_effect_predicts_better_than_another_and_than_none():
     )
     assert right < 0.8 * min(other, nothing)
     with pytest.raises(UnknownNameError):
-        oracle(robot, made[:2], made[2:], [("x_wall", (2,))])
+        oracle(robot, recordings[:2], recordings[2:], [("x_wall", (2,))])

@@ -68,9 +68,9 @@ def test_a_results_file_is_of_a_whole_run_of_clean_code(name):
 
 
 def test_figures_in_the_docs_stand_in_pages_that_are_made_of_results():
-    made = {page.PAGE, BY_HAND}
+    generated = {page.PAGE, BY_HAND}
     cited = r"results/\w+\.json"
-    texts = {p: p.read_text(encoding="utf-8") for p in DOCS if p not in made}
+    texts = {p: p.read_text(encoding="utf-8") for p in DOCS if p not in generated}
     assert [p.name for p, text in texts.items() if re.search(cited, text)] == []
     # Shares of cases, as benchmarks give them: "302 of 320".
     readme = texts[ROOT / "README.md"].replace(page.readme_table(), "")

@@ -30,17 +30,19 @@ def test_a_crash_is_a_row_that_says_its_case():
 
     row = guarded({"what": "offset"}, broken)
     assert row == {"what": "offset", "error": "ValueError: no"}
-    told = crash_figures({"one": [row], "other": [{}, {}]})["crashes"]
-    assert (told["value"], told["n"], told["ok"]) == (1, 3, False)
+    crashes = crash_figures({"one": [row], "other": [{}, {}]})["crashes"]
+    assert (crashes["value"], crashes["n"], crashes["ok"]) == (1, 3, False)
 
 
 def test_only_a_crash_is_decided_by_too_few_draws():
     entry = {"value": 2, "bar": 1, "ok": False, "n": 1}
-    told = undecided({"crashes": entry, "missed": entry, "due": {**entry, "why": "x"}})
-    assert told["crashes"] == entry
-    assert told["missed"]["ok"] is None
-    assert "full run" in told["missed"]["why"]
-    assert told["due"]["why"] == "x"
+    figures = undecided(
+        {"crashes": entry, "missed": entry, "due": {**entry, "why": "x"}}
+    )
+    assert figures["crashes"] == entry
+    assert figures["missed"]["ok"] is None
+    assert "full run" in figures["missed"]["why"]
+    assert figures["due"]["why"] == "x"
 
 
 def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):

@@ -34,7 +34,6 @@ _BY_NAME |= {"paper_form.levels", "least_mass_matrix"}
 
 
 def surface() -> dict:
-    """Return everything of this tree that is promised to others."""
     return {
         "commands": {name: _command(name) for name in _names(app) if not _inner(name)},
         "groups": {name: _inner(name) for name in _names(app) if _inner(name)},
@@ -74,12 +73,10 @@ def _names(of: App) -> list[str]:
 
 
 def _inner(name: str) -> list[str]:
-    """Return the commands below a word of the first level."""
     return _names(app[name])
 
 
 def _command(name: str) -> dict:
-    """Return the words and options of a command: how they are shown and taken."""
     command = app[name]
     options = command.assemble_argument_collection(parse_docstring=True)
     return {
@@ -132,7 +129,6 @@ def _check() -> dict:
 
 
 def _keys(value: Any, where: str = "") -> set[str]:
-    """Return the places of a document; [] for any entry of a list."""
     if isinstance(value, list):
         return set().union(*(_keys(each, f"{where}[]") for each in value), set())
     if not isinstance(value, dict):
@@ -145,15 +141,14 @@ def _keys(value: Any, where: str = "") -> set[str]:
 
 
 def _members(record: type, where: str = "") -> set[str]:
-    """Return the fields of a dataclass, and of those within it, as places."""
-    found = set()
+    places = set()
     hints = get_type_hints(record)
     for each in fields(record):
         place = f"{where}.{each.name}" if where else each.name
-        found.add(place)
+        places.add(place)
         for inner in _records(hints[each.name]):
-            found |= _members(inner, place)
-    return found
+            places |= _members(inner, place)
+    return places
 
 
 def _records(hint: Any) -> Iterator[type]:

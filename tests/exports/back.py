@@ -52,13 +52,11 @@ Pair = tuple[Array, Array]
 
 
 def text_of(made: ModelExport) -> str:
-    """Return the first file of an export as text."""
     return next(iter(made.files.values())).decode()
 
 
 @contextmanager
 def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
-    """Give a folder with some files, while it is needed."""
     with tempfile.TemporaryDirectory() as folder:
         for name, content in files.items():
             (Path(folder) / name).write_bytes(content)
@@ -66,7 +64,6 @@ def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
 
 
 def random_states(robot: Robot, count: int) -> KnownMotion:
-    """Return unrelated states, the same at every call."""
     lower, upper, speed = limits(robot)
     rng, shape = np.random.default_rng(0), (count, robot.dof)
     qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
@@ -92,13 +89,11 @@ def _along(made: ModelExport, got: Callable[[KnownMotion], Array]) -> Pair:
 
 
 def json_back(made: ModelExport) -> Pair:
-    """Read the file and predict with it, along a motion."""
     again = from_record(json.loads(text_of(made)))
     return _along(made, lambda motion: again.along(motion.t, motion.parts))
 
 
 def urdf_back(made: ModelExport) -> Pair:
-    """Let Pinocchio read inertias, damping and friction, and compute torque."""
     model, read = without_tables(made.carried), build_model(text_of(made), "the URDF")
     # A URDF says nothing of gravity.
     read.gravity.linear = model.robot.model.gravity.linear
@@ -131,7 +126,6 @@ def mjcf_back(made: ModelExport) -> Pair:
 
 
 def inverse(text: str, states: KnownMotion) -> Array:
-    """Return the torque that MuJoCo finds for given states [N m]. Shape (n, dof)."""
     import mujoco
 
     return _inverse(mujoco.MjModel.from_xml_string(text), states)
@@ -170,14 +164,12 @@ def passive(made: ModelExport, timestep: float | None = None) -> Iterator:
 
 
 def c99_back(made: ModelExport) -> Pair:
-    """Compile the header and run it along a motion."""
     with compiled(made) as along:
         return _along(made, along)
 
 
 @contextmanager
 def compiled(made: ModelExport) -> Iterator[Callable[[KnownMotion], Array]]:
-    """Give the compiled header as a function of a motion, while it is needed."""
     dof, ((name, text),) = without_tables(made.source).robot.dof, made.files.items()
     p = prefix_of(name.removesuffix(".h"))
     around = AROUND.format(header=name, p=p, dof=dof).encode()
@@ -239,7 +231,6 @@ def played(path: Path, motion: KnownMotion, kind: str) -> Array:
 
 
 def _stepped(path: Path, motion: KnownMotion) -> Array:
-    """Go step by step: set the inputs of a time, read its torque, go on."""
     import fmpy
     from fmpy.fmi2 import FMU2Slave
 
@@ -269,18 +260,17 @@ def _stepped(path: Path, motion: KnownMotion) -> Array:
 
 
 def rrd_back(made: ModelExport) -> Pair:
-    """Open the recording and add the torques up again."""
     from rerun.chunk import RrdReader
 
-    dof, found = without_tables(made.source).robot.dof, {}
+    dof, sums = without_tables(made.source).robot.dof, {}
     (content,) = made.files.values()
     with unpacked({"arm.rrd": content}) as place:
         for chunk in RrdReader(str(place / "arm.rrd")).stream().to_chunks():
             if chunk.entity_path.startswith("/torque/"):
                 column = chunk.to_record_batch().column("Scalars:scalars")
                 values = column.flatten().to_numpy(zero_copy_only=False)
-                found.setdefault(chunk.entity_path, []).append(values)
-    source = {path: np.concatenate(parts) for path, parts in found.items()}
+                sums.setdefault(chunk.entity_path, []).append(values)
+    source = {path: np.concatenate(parts) for path, parts in sums.items()}
     got, want = [], []
     for j in range(dof):
         under = f"/torque/joint_{j + 1}/"

@@ -30,13 +30,11 @@ class Case:
 
     @property
     def hidden(self) -> list[PlantEffect]:
-        """What it hides, drawn of usual sizes."""
         rng = stream(self.arm.seed, "bodies")
         return [draw_hidden(self.arm.robot, rng, name) for name in self.names]
 
 
 def cases(count: int, first: int = SEED) -> Iterator[Case]:
-    """Return so many arms; every kind, deviation and set of effects in turn."""
     for i in range(count):
         off = OFF[i // 2 % len(OFF)]
         arm = Arm((SIX, SEVEN)[i % 2], off, first + i, first + i + 500, quick=True)
@@ -45,12 +43,11 @@ def cases(count: int, first: int = SEED) -> Iterator[Case]:
 
 @cache
 def diagnosed(case: Case) -> Diagnosis:
-    made = make(case.arm, case.hidden)
-    return diagnose(made.robot, made.fit, (), made.held_out)
+    logged = make(case.arm, case.hidden)
+    return diagnose(logged.robot, logged.fit, (), logged.held_out)
 
 
 def refusals(model: Model) -> list[str]:
-    """Return what does not take a model, and why; empty where all do."""
     bad = bodies_of(model).impossible(model.coefficients())
     out = [f"{name} cannot exist" for name in bad]
     for target, most in CLOSE.items():

@@ -69,7 +69,6 @@ def term(robot: Robot, name: str, place: int | None = None) -> Term:
 
 
 def model_with(robot: Robot, *names: str, **changes) -> Model:
-    """The rigid body with these effects."""
     terms = tuple(term(robot, name) for name in names)
     given = {"speed_floor": np.full(robot.dof, 0.01), **changes}
     return Model(robot, inertial_parameters(robot.model), terms, **given)

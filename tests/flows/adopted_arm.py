@@ -25,7 +25,6 @@ def spec(kind, night, number, effects=(SPRING,)):
 
 
 def night(store, number, effects=(SPRING,)):
-    """Run the motions of one night; the ids to fit, and those held out."""
     ids = [
         experiment.run(
             experiment_of(spec(kind, number, i, effects), "SPEC.toml"), store
@@ -36,10 +35,9 @@ def night(store, number, effects=(SPRING,)):
 
 
 def diagnosed(store, runs, model=None):
-    """Diagnose a night; the id of the diagnosis."""
     fit, held_out = runs
-    asked = Diagnose(fit, robot=ROBOT, held_out=held_out, store=store, model=model)
-    return diagnose_runs(asked)[0]
+    request = Diagnose(fit, robot=ROBOT, held_out=held_out, store=store, model=model)
+    return diagnose_runs(request)[0]
 
 
 @dataclass(frozen=True)
@@ -57,7 +55,6 @@ class Nights:
 
 
 def make_nights(store: Path) -> Nights:
-    """Run both nights and diagnose them."""
     first, second = night(store, 1), night(store, 2)
     id = diagnosed(store, first)
     return Nights(store, first, second, id, diagnosed(store, second, id))

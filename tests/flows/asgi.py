@@ -32,7 +32,6 @@ def origin(value: str) -> tuple[str, str]:
 
 
 def answer(app, asked: dict, sent=()) -> list[dict]:
-    """Play one request or WebSocket; return what the application sends."""
     given, answered = iter(sent), []
 
     async def receive():

@@ -46,11 +46,9 @@ class Tab:
             self._call(f"{domain}.enable")
 
     def open(self, address: str) -> None:
-        """Go to an address."""
         self._call("Page.navigate", url=address)
 
     def run(self, script: str) -> Any:
-        """Return what a script gives, also a promised one."""
         done = self._call(
             "Runtime.evaluate", expression=script, awaitPromise=True, returnByValue=True
         )
@@ -58,11 +56,9 @@ class Tab:
         return done["result"].get("value")
 
     def wait(self, script: str, what: str) -> Any:
-        """Return what a script gives once that is true."""
         return until(lambda: self.run(script), what, 0.3)
 
     def listen(self, seconds: float) -> None:
-        """Note what the pages do for some time."""
         last = monotonic() + seconds
         while (left := last - monotonic()) > 0:
             try:
@@ -80,7 +76,6 @@ class Tab:
         self.run(f"localStorage.setItem('prefect-password', '{signed}')")
 
     def resize(self, width: int, height: int) -> None:
-        """Show pages as on a screen of that size [pixels]."""
         size = {"width": width, "height": height}
         self._call(
             "Emulation.setDeviceMetricsOverride",
@@ -91,8 +86,8 @@ class Tab:
 
     def _call(self, method: str, **params: Any) -> dict:
         number = next(self._number)
-        told = {"id": number, "method": method, "params": params}
-        self._socket.send(json.dumps(told))
+        order = {"id": number, "method": method, "params": params}
+        self._socket.send(json.dumps(order))
         while True:
             message = json.loads(self._socket.recv(timeout=120))
             if message.get("id") == number:
@@ -101,26 +96,25 @@ class Tab:
             self._note(message)
 
     def _note(self, message: dict) -> None:
-        told = message.get("params", {})
+        event = message.get("params", {})
         match message.get("method"):
             case "Network.requestWillBeSent":
-                self.asked[told["requestId"]] = told["request"]["url"]
+                self.asked[event["requestId"]] = event["request"]["url"]
             case "Network.webSocketCreated":
-                self.asked[told["requestId"]] = told["url"]
+                self.asked[event["requestId"]] = event["url"]
             case "Network.loadingFailed":
-                if told.get("blockedReason"):
-                    self.refused.append(self.asked.pop(told["requestId"], "?"))
-            case "Log.entryAdded" if told["entry"]["level"] == "error":
-                self.said.append(told["entry"]["text"])
+                if event.get("blockedReason"):
+                    self.refused.append(self.asked.pop(event["requestId"], "?"))
+            case "Log.entryAdded" if event["entry"]["level"] == "error":
+                self.said.append(event["entry"]["text"])
             case "Runtime.exceptionThrown":
-                about = told["exceptionDetails"]
+                about = event["exceptionDetails"]
                 said = about.get("exception", {}).get("description")
                 self.said.append(said or about["text"])
 
 
 @contextmanager
 def browser(folder: Path, *options: str) -> Iterator[Tab]:
-    """Start a browser without a past; give its tab."""
     words = [PROGRAM, *QUIET, f"--user-data-dir={folder}", *options, "about:blank"]
     with (folder / "log").open("wb") as log:
         process = subprocess.Popen(words, stdout=log, stderr=log)
@@ -139,7 +133,6 @@ def browser(folder: Path, *options: str) -> Iterator[Tab]:
 
 @contextmanager
 def alone(folder: Path, rule: str) -> Iterator[Tab]:
-    """Start one for which names lead nowhere but by a rule; none skips the test."""
     if PROGRAM is None:
         pytest.skip("no chromium on this machine (Debian: apt-get install chromium)")
     folder.mkdir(exist_ok=True)

@@ -20,7 +20,7 @@ from residual.verdict.result import Diagnosis
 from sim.engine.records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
-from tests.flows.prefect_server import asked, started
+from tests.flows.prefect_server import server_settings, started
 from tests.residual.arms import write_csv
 from tests.verdict_documents import typed
 
@@ -39,7 +39,7 @@ def server(servers, tmp_path_factory):
     """One Prefect server for all files of tests; each asks it for itself."""
     if not servers or not servers[-1].lives:
         servers.append(started(tmp_path_factory.mktemp("prefect")))
-    with asked(servers[-1]):
+    with server_settings(servers[-1]):
         yield servers[-1]
 
 
@@ -58,7 +58,6 @@ def nights_made(tmp_path_factory, compiled_plant):
 
 @pytest.fixture(scope="module")
 def arm_nights(nights_made, tmp_path_factory):
-    """A copy of them, for the tests of one file."""
     store = tmp_path_factory.mktemp("nights") / "store"
     copytree(nights_made.store, store)
     return replace(nights_made, store=store)
@@ -84,8 +83,6 @@ def plant(monkeypatch):
 
 @pytest.fixture
 def cli(capsys):
-    """Return what runs a command: to its exit code, output and complaints."""
-
     def run(*words):
         code = main(words[0].split() if len(words) == 1 else words)
         shown = capsys.readouterr()
@@ -96,7 +93,6 @@ def cli(capsys):
 
 @pytest.fixture(scope="session")
 def several_page():
-    """The page of a verdict with findings of every kind."""
     return render(report_outcomes.several(), "kr300")
 
 
@@ -112,10 +108,10 @@ def few_tables(monkeypatch):
 @pytest.fixture
 def calls(monkeypatch):
     """Replace core, check and report; returns the list of calls of the core."""
-    made = []
+    requests = []
 
     def diagnose(robot, fit, **options):
-        made.append({"robot": robot.name, "fit": fit, **options})
+        requests.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
         verdict = typed(
@@ -133,12 +129,11 @@ def calls(monkeypatch):
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
     monkeypatch.setattr("flows.report.diagnosis.render", drawn)
-    return made
+    return requests
 
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A working directory with the logs A.csv, B.csv and C.csv of irb140."""
     monkeypatch.chdir(tmp_path)
     rng = np.random.default_rng(2)
     t = np.arange(300) / 100

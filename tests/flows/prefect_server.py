@@ -90,7 +90,7 @@ def served(home: Path, **more: str) -> Iterator[Running]:
 
 
 @contextmanager
-def asked(server: Server):
+def server_settings(server: Server):
     """Let flows of this process ask that server, and none once the context ends."""
     with pytest.MonkeyPatch.context() as patch:
         given = {API: server.url, CLIENT: server.key}

@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.result import Diagnosis
-from tests.verdict_documents import typed, whole
+from tests.verdict_documents import typed, whole_document
 
 DOF = 6
 STAGES = ("nominal", "identified", "augmented")
@@ -19,7 +19,6 @@ NOTES = (
 
 
 def effect(name: str, joints: list[int], parameters: dict, **more: object) -> dict:
-    """Return one entry of verdict["effects"]."""
     evidence = {
         "nats": more.pop("nats", 360.0),
         "by": more.pop("by", "fit"),
@@ -32,7 +31,6 @@ def effect(name: str, joints: list[int], parameters: dict, **more: object) -> di
 
 
 def parameter(value: object, std: object, unit: str) -> dict:
-    """Return one entry of an effect's parameters."""
     return {"value": value, "std": std, "unit": unit}
 
 
@@ -42,11 +40,10 @@ KEYS = {"viscous": "coefficient", "coulomb": "level", "rotor_inertia": "inertia"
 def given_value(
     name: str, joint: int, nominal: float = 4.0, identified: float = 4.6, **more: object
 ) -> dict:
-    """Return one entry of verdict["changes"]."""
-    told = {"parameter": KEYS.get(name, "m3 + m4"), "unit": "N m", "std": 0.1}
-    told |= {"sigma": 6.0, "beyond": True, "explained": False} | more
+    about = {"parameter": KEYS.get(name, "m3 + m4"), "unit": "N m", "std": 0.1}
+    about |= {"sigma": 6.0, "beyond": True, "explained": False} | more
     numbers = {"nominal": nominal, "identified": identified}
-    return {"name": name, "joints": [joint], **numbers, **told}
+    return {"name": name, "joints": [joint], **numbers, **about}
 
 
 BALANCER = effect(
@@ -106,7 +103,6 @@ FILTERED = {
 
 
 def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
-    """Return a whole verdict; keyword arguments replace keys of "error"."""
     without = {k: v for k, v in FILTERED.items() if k != "augmented"}
     same = without | {"augmented": FILTERED["identified"]}
     filtered = FILTERED if effects else same
@@ -134,11 +130,12 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
         "error": error | changes,
         "nominal_scale": 0.3,
     }
-    return whole(part, DOF)
+    return whole_document(part, DOF)
 
 
-def made(result: dict, sentences: tuple, proofs: tuple, clouds: tuple) -> Diagnosis:
-    """Return a diagnosis without models."""
+def bare_diagnosis(
+    result: dict, sentences: tuple, proofs: tuple, clouds: tuple
+) -> Diagnosis:
     verdict = typed(result, DOF)
     return Diagnosis(verdict, {}, proofs, clouds, NOTES, sentences=sentences)
 
@@ -181,7 +178,6 @@ def balancer_shape(x: np.ndarray) -> np.ndarray:
 
 
 def one_effect() -> Diagnosis:
-    """A balancer on joint 2 that a spring explains as well."""
     rng = np.random.default_rng(1)
     result = verdict("effects", [BALANCER])
     result["unexplained"] |= {
@@ -192,11 +188,10 @@ def one_effect() -> Diagnosis:
     result["warnings"] = ["base_tilt was refuted on log C and is not reported."]
     clouds = (cloud(rng, "balancer", 2, balancer_shape, (-0.9, 0.2)),)
     sentence = "A balancer carries part of the weight: torque follows sin q2 and cos q2"
-    return made(result, (f"{sentence}.",), (proof(rng),), clouds)
+    return bare_diagnosis(result, (f"{sentence}.",), (proof(rng),), clouds)
 
 
 def several() -> Diagnosis:
-    """Coulomb friction on six joints, a balancer, a class and a weak ripple."""
     rng = np.random.default_rng(2)
     effects = [COULOMB_ALL, BALANCER | {"order": 2}, OFFSET, RIPPLE]
     result = verdict("effects", effects)
@@ -226,11 +221,10 @@ def several() -> Diagnosis:
     ]
     sentences = tuple(f"Sentence about {e['name']}." for e in effects)
     proofs = (proof(rng), proof(rng, "D"))
-    return made(result, sentences, proofs, tuple(clouds))
+    return bare_diagnosis(result, sentences, proofs, tuple(clouds))
 
 
 def detectable() -> list[dict]:
-    """Smallest sizes of four effects."""
     sizes = [("payload", [6], 0.2, "kg"), ("base_tilt", [], 0.004, "rad")]
     sizes += [("stribeck", [j], 0.4 * j, "N m") for j in range(1, DOF + 1)]
     sizes += [("spring", [j], 14.2 / j, "N m/rad") for j in range(1, DOF + 1)]
@@ -239,14 +233,12 @@ def detectable() -> list[dict]:
 
 
 def nothing() -> Diagnosis:
-    """Nothing found, with the sizes that would have been."""
     result = verdict("none", [])
     result["minimum_detectable"] = detectable()
-    return made(result, (), (proof(np.random.default_rng(3)),), ())
+    return bare_diagnosis(result, (), (proof(np.random.default_rng(3)),), ())
 
 
 def unknown() -> Diagnosis:
-    """Something without a name on joints 1 and 4; a delay was withdrawn."""
     result = verdict("unknown", [])
     result["unexplained"] |= {
         "joints": [1, 4],
@@ -255,16 +247,15 @@ def unknown() -> Diagnosis:
         "per_joint": [0.13, 0.02, 0.02, 0.21, 0.03, 0.03],
     }
     result["warnings"] = ["delay is withdrawn: it explains 41 % of joint 4 only."]
-    return made(result, (), (proof(np.random.default_rng(4)),), ())
+    return bare_diagnosis(result, (), (proof(np.random.default_rng(4)),), ())
 
 
 def same_run() -> Diagnosis:
-    """One log only: the proof is the last quarter of the same run."""
-    found = one_effect()
-    error = replace(found.errors, same_run=True, logs=("run.csv@75%:",))
+    outcome = one_effect()
+    error = replace(outcome.errors, same_run=True, logs=("run.csv@75%:",))
     warning = "Held-out motion is the last quarter of the same log."
     return replace(
-        found, verdict=replace(found.verdict, error=error, warnings=(warning,))
+        outcome, verdict=replace(outcome.verdict, error=error, warnings=(warning,))
     )
 
 

@@ -25,16 +25,15 @@ pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")
-def made(arm_nights):
-    """A store, two nights in it, and the diagnosis of the first."""
+def night_store(arm_nights):
     return arm_nights.store, arm_nights.first, arm_nights.second, arm_nights.id
 
 
 @pytest.fixture
-def fresh(made):
+def fresh(night_store):
     """The same with the nominal model in force: tests leave nothing adopted."""
-    store = made[0]
-    yield made
+    store = night_store[0]
+    yield night_store
     while (last := adopted(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)
 
@@ -51,8 +50,8 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
     against = read_verdict(store, diagnosed(store, second))
     assert [e.name for e in against.effects] == ["spring"]
     with open_store(store) as opened:
-        asked = "SELECT adoption_id, diagnosis_id, note FROM adopted"
-        assert opened.sql(asked).to_pylist() == [
+        query = "SELECT adoption_id, diagnosis_id, note FROM adopted"
+        assert opened.sql(query).to_pylist() == [
             {"adoption_id": number, "diagnosis_id": id, "note": "seen twice"}
         ]
         kin = f"SELECT parent FROM lineage WHERE child = '{again}' AND role = 'nominal'"
@@ -83,13 +82,12 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     assert chosen_to_watch(id[:8], store, nominal=False).line is None
 
 
-def said(command, runs, store, capsys, *more):
-    """Run a command on a night; what it printed, and the id of what it stored."""
+def run_on_night(command, runs, store, capsys, *more):
     fit, held_out = runs
     words = [command, *fit, "--robot", ROBOT, "--holdout", *held_out]
     assert main([*words, "--store", str(store), *more]) == 0
-    told = capsys.readouterr().out
-    return told, told.split("modelgap show ")[1].split()[0]
+    output = capsys.readouterr().out
+    return output, output.split("modelgap show ")[1].split()[0]
 
 
 @pytest.mark.long
@@ -97,21 +95,21 @@ def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
     store, *_, id = fresh
     adopt(Adopt(id, store=store))
     roll_back(ROBOT, store=store)
-    made = reruns.rerun(arm_nights.again, store, True)
-    assert (list(made.differences), made.cause) == ([], None)
+    outcome = reruns.rerun(arm_nights.again, store, True)
+    assert (list(outcome.differences), outcome.cause) == ([], None)
 
 
 def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     store, _, second, id = fresh
     adopt(Adopt(id, store=store))
-    told, kept = said("identify", second, store, capsys)
-    assert "model: adoption" in "\n".join(told.splitlines()[:2])
+    output, kept = run_on_night("identify", second, store, capsys)
+    assert "model: adoption" in "\n".join(output.splitlines()[:2])
     record = read_record(store, kept)
     assert record["request"]["model"] == id
     assert "spring" in {t["name"] for t in record["model"]["terms"]}
     roll_back(ROBOT, store=store)
     assert reruns.rerun(kept, store, True).differences == ()
-    _, kept = said("identify", second, store, capsys, "--model", "nominal")
+    _, kept = run_on_night("identify", second, store, capsys, "--model", "nominal")
     names = {t["name"] for t in read_record(store, kept)["model"]["terms"]}
     assert "spring" not in names
 
@@ -163,8 +161,10 @@ def _wrong(model, how):
 @pytest.mark.parametrize(
     ("how", "part"), [("right", 1.0), ("sign", -1.0), ("joint", 0.0), ("twice", 0.5)]
 )
-def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, part):
-    store, _, second, id = made
+def test_a_wrong_correction_is_refused_on_motion_of_another_night(
+    night_store, how, part
+):
+    store, _, second, id = night_store
     before = read_models(store, id)["nominal"]
     model = _wrong(read_known(store, id), how)
     seen = check_adoption(model, before, [read_run(store, run) for run in second[1]])
@@ -173,8 +173,8 @@ def test_a_wrong_correction_is_refused_on_motion_of_another_night(made, how, par
     assert (not seen.doubts) == (how == "right")
 
 
-def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
-    store, *_, id = made
+def test_the_model_is_whole_and_records_of_before_are_read(night_store, monkeypatch):
+    store, *_, id = night_store
     known = read_known(store, id)
     augmented = read_models(store, id)["augmented"]
     assert np.array_equal(known.coefficients(), augmented.coefficients())
@@ -183,16 +183,18 @@ def test_the_model_is_whole_and_records_of_before_are_read(made, monkeypatch):
     for own in ({**same, "covariance": [1.0], "unexplained": [], "usual": None}, None):
         old = {k: v for k, v in record.items() if k != "known"}
         old |= {"known": own} if own else {}
-        told = {"model_id": "m"} | read_record(store, id)
+        diagnosis_record = {"model_id": "m"} | read_record(store, id)
         monkeypatch.setattr(
-            keep, "read_record", lambda _, i, o=old, t=told: t if i == id else o
+            keep,
+            "read_record",
+            lambda _, i, o=old, t=diagnosis_record: t if i == id else o,
         )
         again = read_known(store, id)
         assert np.array_equal(again.coefficients(), known.coefficients())
 
 
-def test_what_changed_since_needs_the_runs_behind_the_model(made, monkeypatch):
-    store, first, second, id = made
+def test_what_changed_since_needs_the_runs_behind_the_model(night_store, monkeypatch):
+    store, first, second, id = night_store
     with pytest.raises(InputError, match="got none"):
         diagnosed(store, (first[0] + first[1], second[1]), model=id)
     ids = list(keep.read_runs(store, id, ("fit", "held_out")))
@@ -205,8 +207,10 @@ def test_what_changed_since_needs_the_runs_behind_the_model(made, monkeypatch):
 
 
 @pytest.mark.long
-def test_a_model_without_its_runs_has_their_motion_with_it(made, arm_nights, tmp_path):
-    store, first, second, id = made
+def test_a_model_without_its_runs_has_their_motion_with_it(
+    night_store, arm_nights, tmp_path
+):
+    store, first, second, id = night_store
     copy = tmp_path / "store"
     copytree(store, copy)
     for run in (*first[0], *first[1]):
@@ -216,12 +220,12 @@ def test_a_model_without_its_runs_has_their_motion_with_it(made, arm_nights, tmp
     run = read_run(store, first[0][0])
     at = np.interp(motion[0].t, run.t, run.q[:, 0])
     assert np.abs(at - motion[0].q[:, 0]).max() < 1e-3 * np.ptp(at)
-    told = [
+    verdicts = [
         read_verdict(store, arm_nights.again),
         read_verdict(copy, diagnosed(copy, second, model=id)),
     ]
-    assert told[0].effects == told[1].effects == ()
-    sizes = [np.array([d.value for d in one.minimum_detectable]) for one in told]
+    assert verdicts[0].effects == verdicts[1].effects == ()
+    sizes = [np.array([d.value for d in one.minimum_detectable]) for one in verdicts]
     ratio = sizes[1] / sizes[0]
     # Its own samples are gone: what turns on single ones of them may differ by more.
     assert np.mean(np.abs(ratio - 1) < 0.1) > 0.98
@@ -233,9 +237,9 @@ def test_the_list_says_which_model_is_in_force(fresh, capsys):
     assert main(["adopt", id[:8], "--note", "why", "--store", str(store)]) == 0
     assert "error on unseen motion" in capsys.readouterr().out
     assert main(["models", "--robot", ROBOT, "--store", str(store)]) == 0
-    told = capsys.readouterr().out
-    assert "adopted" in told
-    assert "why" in told
-    assert " *" in told
+    output = capsys.readouterr().out
+    assert "adopted" in output
+    assert "why" in output
+    assert " *" in output
     assert main(["rollback", "--store", str(store)]) == 0
     assert "nominal model again" in capsys.readouterr().out

@@ -110,7 +110,6 @@ BAD |= {
 
 @pytest.fixture(scope="module")
 def logs(tmp_path_factory):
-    """A folder with an arm, two of its logs and a store, which no test changes."""
     folder = workplace(tmp_path_factory.mktemp("logs"), "AB", 8.0)
     store_samples.commit(folder / "store")
     return folder

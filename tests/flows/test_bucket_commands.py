@@ -17,7 +17,6 @@ periods = 1
 
 @pytest.fixture
 def run(bucket_store, tmp_path, monkeypatch, cli):
-    """Run a command; returns code, output and complaints."""
     monkeypatch.setenv("MODELGAP_STORE", bucket_store)
     (tmp_path / "work").mkdir()
     monkeypatch.chdir(tmp_path / "work")

@@ -22,8 +22,8 @@ ROOT = Path(__file__).parents[2]
 
 
 def specs(count: int) -> list:
-    made = [experiment_of({"seed": i}, "S") for i in range(count)]
-    return [(f"seed={i}", spec) for i, spec in enumerate(made)]
+    experiments = [experiment_of({"seed": i}, "S") for i in range(count)]
+    return [(f"seed={i}", spec) for i, spec in enumerate(experiments)]
 
 
 @pytest.fixture
@@ -48,15 +48,17 @@ def done(monkeypatch):
 
 def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
     planned = plan(specs(4), tmp_path)
-    told = []
-    summary = run_all(planned, tmp_path, lambda *a: told.append(a), InlineExecutor())
+    progress = []
+    summary = run_all(
+        planned, tmp_path, lambda *a: progress.append(a), InlineExecutor()
+    )
     assert done == [0, 1, 2, 3]
     assert list(summary.failed.values()) == [
         "seed=1: joint 2 at 1.2 s: 0.3 rad beyond",
         "seed=2: ZeroDivisionError: a fault",
     ]
     assert summary.stored == (planned[0].run_id, planned[3].run_id)
-    assert told[-1] == ("stored 4 of 4: seed=3", 1.0)
+    assert progress[-1] == ("stored 4 of 4: seed=3", 1.0)
 
 
 def test_the_same_command_completes_what_was_left(tmp_path, done):

@@ -41,7 +41,6 @@ def place(own_folder):
 
 @pytest.fixture(scope="module")
 def stored(tmp_path_factory, compiled_plant):
-    """A store with four runs of two families, and their ids."""
     store, ids = tmp_path_factory.mktemp("store"), []
     for number, kind in enumerate(("cyclic", "cyclic", *2 * ("move_stop_move",))):
         motion = {"kind": kind, "duration": 4.0, "periods": 1, "seed": number}
@@ -58,15 +57,15 @@ def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys
     assert "leave one run out" in shown
     assert "no family left out: the kind of motion of the logs is not known" in shown
     assert "stored" not in shown
-    made = json.loads(Path("o.json").read_text())
-    assert " ".join(made) == KEYS
-    assert {row["scheme"] for row in made["table"]} >= {"run", "random"}
-    assert made["stored"] is None
+    document = json.loads(Path("o.json").read_text())
+    assert " ".join(document) == KEYS
+    assert {row["scheme"] for row in document["table"]} >= {"run", "random"}
+    assert document["stored"] is None
     page = Path("o.html").read_text()
-    assert made["words"][0] in page
+    assert document["words"][0] in page
     assert page.count('class="plot"') >= 8
     assert page.count(">Corrections over time (figure 9)</h2>") == 1
-    assert made["levels"]["levels"] == [2, 5]
+    assert document["levels"]["levels"] == [2, 5]
     names = {"evaluate.py", "model.json", "model.npz", "tables.csv"}
     whole = mg.load_model("tables/corrected.json")
     both = {"corrected.json", f"{whole.model.robot.name}.h"}
@@ -88,30 +87,32 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     store, ids = stored
     words = f"calibrate {' '.join(i[:8] for i in ids)} --robot irb140 --paper"
     assert run(f"{words} --joints 1,2 --components 1 --store {store} --json -") == 0
-    made = json.loads(capsys.readouterr().out)
-    assert (made["mode"], made["joints"]) == ("paper", [1, 2])
-    assert made["families"] == ["cyclic", "cyclic", *2 * ["move_stop_move"]]
-    assert [c["block"] for c in made["components"]][:2] == ["input", "twin error"]
-    paper = next(row for row in made["table"] if row["model"] == "paper")
+    document = json.loads(capsys.readouterr().out)
+    assert (document["mode"], document["joints"]) == ("paper", [1, 2])
+    assert document["families"] == ["cyclic", "cyclic", *2 * ["move_stop_move"]]
+    assert [c["block"] for c in document["components"]][:2] == ["input", "twin error"]
+    paper = next(row for row in document["table"] if row["model"] == "paper")
     assert paper["components"] == 1
-    kept = made["stored"]
+    kept = document["stored"]
     with open_store(store) as opened:
-        asked = "SELECT stage FROM models WHERE model_id = '{}'"
-        models = opened.sql(asked.format(kept["model"])).to_pylist()
-        asked = (
+        query = "SELECT stage FROM models WHERE model_id = '{}'"
+        models = opened.sql(query.format(kept["model"])).to_pylist()
+        query = (
             "SELECT stage, run_id, value FROM errors WHERE source_id = '{}' AND "
             "metric = 'rmsev_run' AND joint = 2"
         )
-        errors = opened.sql(asked.format(kept["validation"])).to_pylist()
-        asked = "SELECT kind FROM validations WHERE model_id = '{}'"
-        kinds = opened.sql(asked.format(kept["model"])).to_pylist()
+        errors = opened.sql(query.format(kept["validation"])).to_pylist()
+        query = "SELECT kind FROM validations WHERE model_id = '{}'"
+        kinds = opened.sql(query.format(kept["model"])).to_pylist()
     assert models == [{"stage": "calibrated"}]
     assert kinds == [{"kind": "calibration"}]
     stages = {"none", "ls", "plsr", "paper", "default"}
     assert {row["stage"] for row in errors} == stages
     assert {row["run_id"] for row in errors} == {None, *ids}
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
-    row = next(r for r in made["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
+    row = next(
+        r for r in document["table"] if (r["scheme"], r["model"]) == ("run", "ls")
+    )
     assert pooled == [pytest.approx(row["rmsev"][1])]
 
 
@@ -121,11 +122,15 @@ def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
         write_csv(f"{name}.csv", log, q_ref=log.q)  # it is where it was asked to be
     words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
     assert run(f"{words} --json o.json") == 0
-    made = json.loads(Path("o.json").read_text())
-    assert made["mode"] == "paper"
-    assert [c["block"] for c in made["components"]][:2] == ["input", "twin error"]
+    document = json.loads(Path("o.json").read_text())
+    assert document["mode"] == "paper"
+    assert [c["block"] for c in document["components"]][:2] == ["input", "twin error"]
     none, ours = (
-        next(r for r in made["table"] if (r["scheme"], r["model"]) == ("block", model))
+        next(
+            r
+            for r in document["table"]
+            if (r["scheme"], r["model"]) == ("block", model)
+        )
         for model in (NOTHING, DEFAULT)
     )
     # The file has neither friction nor rotors, so that the twin leaves some of either.

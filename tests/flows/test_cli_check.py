@@ -16,7 +16,6 @@ HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
 
 
 def run(words):
-    """Run a command line written as one text."""
     return main(words.split())
 
 
@@ -41,7 +40,7 @@ def log(tmp_path, monkeypatch):
 
 
 @pytest.fixture
-def found(monkeypatch):
+def fake_check(monkeypatch):
     """Replace the core of the check; returns a function that says what it finds."""
 
     def set(*faults):
@@ -63,7 +62,7 @@ SIGN = Fault(
 LATE = Fault("delay", (), False, "Torque is late by 8 ms.", (), "A")
 
 
-def test_a_clean_log_is_said_to_be_clean_in_one_line(log, found, capsys):
+def test_a_clean_log_is_said_to_be_clean_in_one_line(log, fake_check, capsys):
     log()
     assert run("check A.csv --robot irb140") == 0
     lines = capsys.readouterr().out.strip().splitlines()
@@ -71,21 +70,25 @@ def test_a_clean_log_is_said_to_be_clean_in_one_line(log, found, capsys):
     assert lines[1:] == ["", CLEAN]
 
 
-def test_faults_are_told_with_evidence_and_the_line_that_mends_them(log, found, capsys):
+def test_faults_are_told_with_evidence_and_the_line_that_mends_them(
+    log, fake_check, capsys
+):
     log()
-    found(LATE, SIGN)
+    fake_check(LATE, SIGN)
     assert run("check A.csv --robot irb140") == 0
-    said = capsys.readouterr().out
-    assert "unusable: 1 certain and 1 suspected faults" in said
-    assert "Torque has the opposite sign (joint 2): torque_sign, certain." in said
-    assert "Fix (--map):" in said
-    assert 'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in said
-    assert said.index("joint 2") < said.index("A: Torque is late by 8 ms.")
+    output = capsys.readouterr().out
+    assert "unusable: 1 certain and 1 suspected faults" in output
+    assert "Torque has the opposite sign (joint 2): torque_sign, certain." in output
+    assert "Fix (--map):" in output
+    assert (
+        'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in output
+    )
+    assert output.index("joint 2") < output.index("A: Torque is late by 8 ms.")
 
 
-def test_the_json_is_whole_and_alone_on_standard_output(log, found, capsys):
+def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys):
     log()
-    found(SIGN, LATE)
+    fake_check(SIGN, LATE)
     assert run("check A.csv --robot irb140 --json -") == 0
     document = json.loads(capsys.readouterr().out)
     assert document["schema"] == 1
@@ -103,21 +106,23 @@ def test_the_json_is_whole_and_alone_on_standard_output(log, found, capsys):
     assert from_json(document).to_json() == document
 
 
-def test_two_faults_of_one_signal_have_one_line_that_mends_both(log, found, capsys):
+def test_two_faults_of_one_signal_have_one_line_that_mends_both(
+    log, fake_check, capsys
+):
     log()
     other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
-    found(SIGN, other)
+    fake_check(SIGN, other)
     run("check A.csv --robot irb140 --json -")
     one, two = (f["repair"] for f in json.loads(capsys.readouterr().out)["faults"])
     assert one == two
     assert one.endswith("sign = [1, -1, 1, 1, 1, 1], scale = [1, 1, 1, 1, 0.001, 1]}")
 
 
-def test_what_several_logs_have_is_said_once(log, found, capsys):
+def test_what_several_logs_have_is_said_once(log, fake_check, capsys):
     log()
     log(lambda table: table["q1"].__iadd__(0.01), "B")
     coarse = [Fault("quantised", (1,), False, "Steps.", (), name) for name in "AB"]
-    found(*coarse)
+    fake_check(*coarse)
     run("check A.csv B.csv --robot irb140 --json -")
     (fault,) = json.loads(capsys.readouterr().out)["faults"]
     assert fault["evidence"] == "A: Steps. The same in B."
@@ -153,13 +158,13 @@ UNREADABLE = {
 
 @pytest.mark.parametrize(("spoiled", "fault"), UNREADABLE.values(), ids=UNREADABLE)
 def test_what_other_commands_refuse_to_read_is_a_fault_here(
-    log, found, capsys, spoiled, fault
+    log, fake_check, capsys, spoiled, fault
 ):
     log(spoiled)
     assert run("check A.csv --robot irb140 --json -") == 0
-    told = json.loads(capsys.readouterr().out)
-    assert told["verdict"] == "unusable"
-    assert fault in [(f["kind"], f["joints"]) for f in told["faults"]]
+    document = json.loads(capsys.readouterr().out)
+    assert document["verdict"] == "unusable"
+    assert fault in [(f["kind"], f["joints"]) for f in document["faults"]]
 
 
 @pytest.mark.parametrize(
@@ -168,8 +173,8 @@ def test_what_other_commands_refuse_to_read_is_a_fault_here(
 def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     log(spoil(column, 700, size))
     assert run("check A.csv --robot irb140 --json -") == 0
-    told = json.loads(capsys.readouterr().out)
-    (fault,) = told["faults"]
+    document = json.loads(capsys.readouterr().out)
+    (fault,) = document["faults"]
     assert (fault["kind"], fault["joints"]) == ("spike", [int(column[-1])])
     assert fault["certain"]
     assert f"{size:.3g} at sample 700" in fault["evidence"]

@@ -45,12 +45,12 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
 
 
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    made = [spec for _, spec in steps.specs(Demo(3))]
-    assert len({spec.plant_spec() for spec in made}) == 1
-    assert len({spec.reference().seed for spec in made}) == 8
-    ends = [spec.start + spec.trajectory.duration for spec in made]
-    assert all(a < b.start for a, b in zip(ends, made[1:], strict=False))
-    families = [spec.trajectory.kind for spec in made]
+    experiments = [spec for _, spec in steps.specs(Demo(3))]
+    assert len({spec.plant_spec() for spec in experiments}) == 1
+    assert len({spec.reference().seed for spec in experiments}) == 8
+    ends = [spec.start + spec.trajectory.duration for spec in experiments]
+    assert all(a < b.start for a, b in zip(ends, experiments[1:], strict=False))
+    families = [spec.trajectory.kind for spec in experiments]
     assert len(set(families[:6])) == 3
     assert set(families[6:]) - set(families[:6])
 
@@ -69,7 +69,7 @@ def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
 SPRING = Hidden("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
 
 
-def found(name: str, joints: list, **same) -> dict:
+def finding(name: str, joints: list, **same) -> dict:
     parameters = {"stiffness": {"value": 4.12, "std": 0.21, "unit": "N m/rad"}}
     return {
         "name": name,
@@ -84,14 +84,14 @@ def found(name: str, joints: list, **same) -> dict:
 @pytest.mark.parametrize(
     ("hidden", "effects", "judged"),
     [
-        ([SPRING], [found("spring", [2])], "right"),
-        ([SPRING], [found("spring", [3])], "wrong"),
+        ([SPRING], [finding("spring", [2])], "right"),
+        ([SPRING], [finding("spring", [3])], "wrong"),
         ([SPRING], [], "missed"),
         ([], [], "clean"),
-        ([], [found("spring", [2])], "false alarm"),
+        ([], [finding("spring", [2])], "false alarm"),
         (
             [SPRING],
-            [found("balancer", [2], equivalent=[{"name": "spring", "joints": [2]}])],
+            [finding("balancer", [2], equivalent=[{"name": "spring", "joints": [2]}])],
             "class",
         ),
     ],
@@ -103,7 +103,7 @@ def test_truth_and_verdict_are_compared(hidden, effects, judged):
 def test_the_truth_stands_beside_the_verdict(capsys):
     from rich.console import Console
 
-    verdict = typed({"effects": [found("spring", [2])]})
+    verdict = typed({"effects": [finding("spring", [2])]})
     print_truth(Demonstration(b"", "", (SPRING,), verdict), Console(width=80))
     shown = capsys.readouterr().out
     rows = [" ".join(line.split()) for line in shown.splitlines()]

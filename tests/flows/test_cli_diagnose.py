@@ -17,7 +17,6 @@ ROOT = Path(__file__).parents[2]
 
 
 def run(words):
-    """Run a command line written as one text."""
     return main(words.split())
 
 
@@ -120,9 +119,9 @@ def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
     close = loop.diagnose
 
     def spoiled(*words, **options):
-        found = close(*words, **options)
-        spoiled = replace(found.verdict, nominal_scale=float("nan"))
-        return replace(found, verdict=spoiled)
+        diagnosis = close(*words, **options)
+        spoiled = replace(diagnosis.verdict, nominal_scale=float("nan"))
+        return replace(diagnosis, verdict=spoiled)
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", spoiled)
     assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0

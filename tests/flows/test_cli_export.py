@@ -25,7 +25,7 @@ from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 from warehouse.commit import commit_record
 
-SAID = {
+TOLERANCES = {
     "mjcf": 1e-9,
     "mujoco": 1e-9,
     "urdf": 1e-12,
@@ -42,7 +42,6 @@ REASON["mujoco"] = (needs_compiler, pytest.mark.long)
 
 
 def _every(robot):
-    """All effects at once, on tables, with every kind of standstill."""
     shapes = tuple(replace(CHOICES[-j - 1], hold=0.7) for j in range(robot.dof))
     source = model_with(robot, *NAMES, standstill=shapes)
     columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
@@ -56,7 +55,7 @@ def _every(robot):
     "arm", ["seven", *(pytest.param(a, marks=pytest.mark.long) for a in OTHERS)]
 )
 @pytest.mark.parametrize(
-    "target", [pytest.param(t, marks=REASON.get(t, ())) for t in SAID]
+    "target", [pytest.param(t, marks=REASON.get(t, ())) for t in TOLERANCES]
 )
 def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
     if target in NEEDS:
@@ -67,7 +66,7 @@ def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
         bare = source.model.without("link_inertia").without("link_body")
         source = replace(source, model=bare)
     got, want = BACK[target](export_model(source, target))
-    assert np.abs(got - want).max() <= SAID[target]
+    assert np.abs(got - want).max() <= TOLERANCES[target]
     assert len(want) >= 1000
     assert np.abs(want).max() > 20.0
 
@@ -83,8 +82,8 @@ def test_support_points_are_those_of_the_curves():
 def test_a_time_that_comes_twice_is_remembered_once():
     mujoco = pytest.importorskip("mujoco")
     source = model_with(robot_of("irb140"), "viscous", "rotor_inertia", "presliding")
-    made, motion = to_mujoco(source), excitation(robot_of("irb140"), 2.0)
-    with passive(made) as simulated:
+    export, motion = to_mujoco(source), excitation(robot_of("irb140"), 2.0)
+    with passive(export) as simulated:
         callback = mujoco.get_mjcb_passive()
         once = [callback.torque(*x).copy() for x in zip(*_all(motion), strict=True)]
         callback.reset()
@@ -108,10 +107,10 @@ def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
     pytest.importorskip("mujoco")
     robot = robot_of("irb140")
     source = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
-    made = export_model(source, "mjcf")
+    export = export_model(source, "mjcf")
     zero = np.zeros((2, 6))
     qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
-    (text,) = made.files.values()
+    (text,) = export.files.values()
     states = KnownMotion(np.arange(2.0), zero, qd, zero)
     usual = re.sub(r'(solref|solimp)friction="[^"]*"', "", text.decode())
     (own,) = source.terms
@@ -132,14 +131,14 @@ def _saved(tmp_path, *names):
 
 def test_the_command_writes_and_lists(tmp_path, capsys):
     path, out = _saved(tmp_path, "viscous", "load_friction"), tmp_path / "out"
-    told = tmp_path / "told.json"
-    words = ["export", path, "--to", "mjcf", "--out", str(out), "--json", str(told)]
+    report = tmp_path / "told.json"
+    words = ["export", path, "--to", "mjcf", "--out", str(out), "--json", str(report)]
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert [p.name for p in out.iterdir()] == ["irb140.xml"]
     assert "not exported: load_friction J4: up to " in shown
     assert "MJCF cannot represent it" in shown
-    document = json.loads(told.read_text())
+    document = json.loads(report.read_text())
     (left,) = document["left"]
     assert (left["name"], left["joints"]) == ("load_friction", [4])
     assert f"up to {left['largest']:.3g} N m" in shown
@@ -178,8 +177,8 @@ def test_a_file_that_cannot_be_exported_leaves_no_folder(tmp_path, capsys, conte
 
 def test_a_missing_extra_says_what_to_install(monkeypatch):
     monkeypatch.setitem(sys.modules, "rerun", None)
-    told = r"needs Rerun.*'\.\[export\]' in the checkout"
-    with pytest.raises(InputError, match=told):
+    message = r"needs Rerun.*'\.\[export\]' in the checkout"
+    with pytest.raises(InputError, match=message):
         export_model(model_with(robot_of("irb140"), "viscous"), "rrd")
 
 
@@ -202,8 +201,8 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
         for more in ({"model": source.to_record()}, {"nominal": source.to_record()}, {})
     ]
     for id in ids[:2]:
-        found = read_model(tmp_path, id[:8])
-        assert found.to_record() == source.to_record()
+        model = read_model(tmp_path, id[:8])
+        assert model.to_record() == source.to_record()
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
 

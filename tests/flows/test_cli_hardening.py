@@ -17,7 +17,7 @@ from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.record import load_model
 from residual.robot.files import parse_toml
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.layout import find_run
 from warehouse.query.guard import LONGEST
 from warehouse.toml import LARGEST, read_toml
@@ -28,7 +28,7 @@ LONG = "SELECT count(*) FROM range(10000000) a, range(100000000) b WHERE a.range
 @pytest.fixture
 def store(tmp_path):
     folder = tmp_path / "store"
-    return folder, [made.commit(folder, seed) for seed in range(2)]
+    return folder, [samples.commit(folder, seed) for seed in range(2)]
 
 
 @pytest.fixture
@@ -118,20 +118,6 @@ def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
     assert "modelgap: 1 of " in err
 
 
-def test_damaged_samples_are_exit_2_or_left_out_on_demand(run, store):
-    folder, (id, other) = store
-    made.flip(find_run(folder, id).folder / "part-0.parquet")
-    query = "SELECT run_id, sum(COLUMNS('[a-z]+[0-9]')) FROM samples GROUP BY run_id"
-    code, out, err = run("sql", query)
-    assert (code, out) == (2, "")
-    assert f"run_id={id}" in err
-    code, out, err = run("sql", query, "--without-damaged", "--format", "csv")
-    assert code == 0
-    assert other in out
-    assert id not in out
-    assert id in err
-
-
 def test_files_nested_too_deep_are_bad_input(tmp_path):
     deep = tmp_path / "deep.toml"
     for depth in (DEEPEST + 2, 3000, 100_000):
@@ -167,7 +153,7 @@ def test_a_read_only_store_says_so_and_that_nothing_was_lost(run, store, read_on
     assert run("runs")[0] == 0
     assert run("verify")[0] == 0
     with pytest.raises(InputError, match=r"read-only here.*Nothing was written"):
-        made.commit(store[0], 5)
+        samples.commit(store[0], 5)
 
 
 def test_a_strangers_text_does_nothing_to_the_terminal(run, tmp_path):
@@ -235,7 +221,7 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path
 
 
 def test_an_escape_in_a_record_is_not_printed(run, store):
-    id = made.commit(store[0], 7, trajectory="\x1b[31mred")
+    id = samples.commit(store[0], 7, trajectory="\x1b[31mred")
     code, out, _ = run("runs")
     assert (code, id in out, "\x1b" in out) == (0, True, False)
     code, out, _ = run("show", id)

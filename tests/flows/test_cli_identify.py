@@ -27,7 +27,6 @@ def run(words):
 
 @pytest.fixture
 def place(own_folder):
-    """A working directory with an arm and its logs A.csv, B.csv and C.csv."""
     return workplace(own_folder, "ABC", 8.0)
 
 
@@ -40,15 +39,15 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
     assert "viscous coefficient of joint 2" in shown
     assert "wls fit of " in shown
     assert "least eigenvalue of M(q)" in shown
-    made = json.loads(Path("o.json").read_text())
-    assert " ".join(made) == KEYS
-    errors = made["error"]["filtered"]
+    document = json.loads(Path("o.json").read_text())
+    assert " ".join(document) == KEYS
+    errors = document["error"]["filtered"]
     assert errors["identified"]["overall"] < 0.3 * errors["nominal"]["overall"]
-    by_name = {p["name"]: p for p in made["parameters"]}
+    by_name = {p["name"]: p for p in document["parameters"]}
     friction = by_name["coulomb level of joint 1"]
     assert abs(friction["value"] - 4.0) < 4 * friction["sd"] + 0.1
     assert (friction["unit"], friction["status"]) == ("N m", "fitted")
-    assert made["consistent"] is None
+    assert document["consistent"] is None
     assert load_robot("new").name == "small_arm"
     assert "wrote new" in shown
 
@@ -57,21 +56,25 @@ def test_json_alone_on_standard_output(place, capsys):
     words = "identify A.csv --robot arm.urdf --method irls --essential --json -"
     assert run(words) == 0
     shown = capsys.readouterr()
-    made = json.loads(shown.out)
-    assert (made["method"], made["same_run"]) == ("irls", True)
-    assert made["essential"]["f"] <= made["essential"]["f_limit"]
-    assert "no --holdout given" in made["warnings"][0]
+    document = json.loads(shown.out)
+    assert (document["method"], document["same_run"]) == ("irls", True)
+    assert document["essential"]["f"] <= document["essential"]["f_limit"]
+    assert "no --holdout given" in document["warnings"][0]
     assert "fit: A | baseline" in shown.err
 
 
 def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     words = "identify A.csv --robot arm.urdf --holdout C.csv --consistent --json o.json"
     assert run(f"{words} --prior 0.5") == 0
-    made = json.loads(Path("o.json").read_text())
-    assert min(made["consistent"]["masses"]) > 0
-    assert min(made["consistent"]["least_eigenvalue"]) > 0
-    assert made["least_mass_matrix"]["consistent"] > 0
-    assert made["error"]["filtered"].keys() == {"nominal", "identified", "consistent"}
+    document = json.loads(Path("o.json").read_text())
+    assert min(document["consistent"]["masses"]) > 0
+    assert min(document["consistent"]["least_eigenvalue"]) > 0
+    assert document["least_mass_matrix"]["consistent"] > 0
+    assert document["error"]["filtered"].keys() == {
+        "nominal",
+        "identified",
+        "consistent",
+    }
     assert "positive definite" in capsys.readouterr().out
 
 
@@ -141,6 +144,6 @@ def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):
 def test_the_query_of_the_page_reads_the_files_by_plain_duckdb(runs):
     page = Path(__file__).parents[2] / "docs" / "sql.md"
     (query,) = re.findall(r"```sql\n(.*?)```", page.read_text(), re.S)
-    found = duckdb.sql(query.replace("STORE", "s")).fetchall()
-    assert {row[0] for row in found} == set(runs)
-    assert all(samples == 2000 and peak > 0 for _, samples, peak in found)
+    rows = duckdb.sql(query.replace("STORE", "s")).fetchall()
+    assert {row[0] for row in rows} == set(runs)
+    assert all(samples == 2000 and peak > 0 for _, samples, peak in rows)

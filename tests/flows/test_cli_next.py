@@ -8,12 +8,11 @@ import pytest
 
 from flows.cli import main
 from tests.residual.arms import write_csv
-from tests.residual.planning.asked import logs
+from tests.residual.planning.questions import logs
 
 
 @pytest.fixture(scope="module")
 def place(tmp_path_factory):
-    """A folder with two logs and the verdict on them."""
     folder = tmp_path_factory.mktemp("next")
     _, (fit, proof) = logs("spring", 2)
     for name, log in (("fit", fit), ("proof", proof)):
@@ -84,6 +83,6 @@ def test_a_program_is_found_written_and_explained(here, capsys):
 )
 def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
     assert main(["next", *words]) == 2
-    told = capsys.readouterr().err
-    assert message in told
-    assert len(told.strip().splitlines()) <= 3
+    complaint = capsys.readouterr().err
+    assert message in complaint
+    assert len(complaint.strip().splitlines()) <= 3

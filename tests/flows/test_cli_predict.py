@@ -16,7 +16,6 @@ from tests.residual.arms import smooth_motion, write_csv
 
 @pytest.fixture
 def place(tmp_path, monkeypatch):
-    """A saved model, and the log of an arm that has all of it."""
     monkeypatch.chdir(tmp_path)
     robot = robot_of("irb140")
     model = model_with(robot, "payload", "viscous", "spring")
@@ -32,19 +31,19 @@ def place(tmp_path, monkeypatch):
 def test_the_error_of_a_model_and_of_the_edited_one(place, tmp_path, capsys):
     words = ["log.csv", "--model", "model.json", "--json", "e.json"]
     assert main(["predict", *words]) == 0
-    whole = json.loads((tmp_path / "e.json").read_text())["error"]
-    assert whole["overall_filtered"][WHOLE] < 0.5
-    assert EDITED not in whole["overall"]
+    document = json.loads((tmp_path / "e.json").read_text())["error"]
+    assert document["overall_filtered"][WHOLE] < 0.5
+    assert EDITED not in document["overall"]
     assert main(["predict", *words, "--without", "payload", "spring"]) == 0
     both = json.loads((tmp_path / "e.json").read_text())
     assert both["without"] == ["payload", "spring"]
     assert both["error"]["overall_filtered"][WHOLE] < 0.5
     assert both["error"]["overall_filtered"][EDITED] > 5
-    told = capsys.readouterr().out
-    assert "Error in % of torque (log)" in told
-    assert "edited: Model(irb140: rigid body, viscous" in told
+    output = capsys.readouterr().out
+    assert "Error in % of torque (log)" in output
+    assert "edited: Model(irb140: rigid body, viscous" in output
     # All joints together have each of the six errors that a joint has.
-    (last,) = (row.split() for row in told.splitlines()[-12:] if row[:3] == "all")
+    (last,) = (row.split() for row in output.splitlines()[-12:] if row[:3] == "all")
     moving = both["error"]["overall_moving"]
     assert len(last) == 7
     assert float(last[-1]) == pytest.approx(moving[EDITED], rel=0.01)

@@ -13,25 +13,25 @@ import pyarrow.parquet as pq
 import pytest
 
 from tests.checkout import ROOT
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.runs import quarantine
 from warehouse.schema import all_views
 
 
 @pytest.fixture(scope="module")
 def ids(tmp_path_factory):
-    """A store with three runs, one of them quarantined, and a diagnosis."""
     folder = tmp_path_factory.mktemp("memory")
     kinds = ("fourier", "welding", "fourier")
-    runs = [made.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
+    runs = [samples.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
     quarantine(folder, runs[2], "gripper was loose")
-    last = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    last = samples.store_verdict(
+        folder, samples.verdict([runs[1]]), {"theta": [1]}, runs[:2]
+    )
     return {"store": str(folder), "runs": runs, "diagnosis": last}
 
 
 @pytest.fixture
 def run(ids, tmp_path, monkeypatch, cli):
-    """Run a command in a folder of its own; returns code, output and complaints."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("MODELGAP_STORE", ids["store"])
     monkeypatch.setattr("sys.stdin", io.StringIO())
@@ -101,7 +101,7 @@ def test_the_schema_has_every_view_and_column_with_its_unit(run):
 
 def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     store = tmp_path / "store"
-    id = made.commit(store, 0)
+    id = samples.commit(store, 0)
     before = {p: p.read_bytes() for p in (store / "samples").rglob("*.parquet")}
     given = ("quarantine", id[:8], "--store", str(store), "--reason")
     code, out, err = run(*given, "bumped into")
@@ -133,16 +133,16 @@ def test_only_a_run_is_set_aside_and_for_a_reason(run, ids, words, told):
 
 def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
     id = ids["runs"][2]
-    told = answer(run, "show", id[:10])
-    assert (told["kind"], told["id"]) == ("runs", id)
-    assert told["folder"] == f"samples/robot=two_link/run_id={id}"
-    assert told["quarantined"] == "gripper was loose"
-    assert told["content"]["spec"] == made.spec(2)
-    told = answer(run, "show", ids["diagnosis"])
-    assert {p["role"] for p in told["parents"]} == {"fit", "held_out", "model"}
-    assert told["content"]["document"]["verdict"] == "effects"
-    told = answer(run, "show", ids["runs"][0])
-    assert {(c["role"]) for c in told["children"]} == {"fit"}
+    record = answer(run, "show", id[:10])
+    assert (record["kind"], record["id"]) == ("runs", id)
+    assert record["folder"] == f"samples/robot=two_link/run_id={id}"
+    assert record["quarantined"] == "gripper was loose"
+    assert record["content"]["spec"] == samples.spec(2)
+    record = answer(run, "show", ids["diagnosis"])
+    assert {p["role"] for p in record["parents"]} == {"fit", "held_out", "model"}
+    assert record["content"]["document"]["verdict"] == "effects"
+    record = answer(run, "show", ids["runs"][0])
+    assert {(c["role"]) for c in record["children"]} == {"fit"}
     code, out, _ = run("show", ids["diagnosis"][:10])
     assert code == 0
     assert f"id: {ids['diagnosis']}\n" in out

@@ -65,10 +65,10 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     assert flows.nightly() == str(tmp_path / "report.html")
     (name, given), *rest = order
     assert name == "run_campaign"
-    (asked,) = given
-    assert (asked.path, asked.held_out) == ("examples/nightly.toml", "welding")
-    assert 20260101_000000 < asked.seed < 21000101_000000
-    assert asked.store == str(tmp_path)
+    (request,) = given
+    assert (request.path, request.held_out) == ("examples/nightly.toml", "welding")
+    assert 20260101_000000 < request.seed < 21000101_000000
+    assert request.store == str(tmp_path)
     # Three analyses go on beside it.
     beside = ["identify", "calibrate", "validate"]
     assert sorted(n for n, _ in rest if n in beside) == sorted(beside)
@@ -98,9 +98,9 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
     assert Artifact.get("report").description == NAME
     address = "http://127.0.0.1:4200/pages/"
     assert address in Artifact.get("report").data
-    told = Artifact.get("verdict").data
-    assert "Nothing is missing." in told
-    assert f"{address}index.html" in told
+    text = Artifact.get("verdict").data
+    assert "Nothing is missing." in text
+    assert f"{address}index.html" in text
     table = "All of it.\n\n| model | J1 |\n| --- | --- |\n| ls | 1.0 |"
     stored = "Stored: `modelgap show ab`"
     assert Artifact.get("validate").data == f"{table}\n\n{stored}"
@@ -128,8 +128,8 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
     monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
-    told = tmp_path / "C.toml", tmp_path / "store"
-    state = flows.campaign(str(told[0]), store=str(told[1]), return_state=True)
+    places = tmp_path / "C.toml", tmp_path / "store"
+    state = flows.campaign(str(places[0]), store=str(places[1]), return_state=True)
     with pytest.raises(RunError, match="1 of 12 experiments failed"):
         state.result()
     own = FlowRunFilter(id=FlowRunFilterId(any_=[state.state_details.flow_run_id]))
@@ -141,11 +141,11 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
             return final and {row.name: (row.run_count, row.state_name) for row in rows}
 
         until(lambda: len(tries() or ()) == 12, "the server has heard of all")
-        found = tries()
-    assert found.pop("seed=3") == (2, "Completed")
-    assert found.pop("seed=5") == (1, "Failed")
-    assert set(found.values()) == {(1, "Completed")}
-    assert len(list(told[1].glob("samples/*/*"))) == 11
+        states = tries()
+    assert states.pop("seed=3") == (2, "Completed")
+    assert states.pop("seed=5") == (1, "Failed")
+    assert set(states.values()) == {(1, "Completed")}
+    assert len(list(places[1].glob("samples/*/*"))) == 11
 
 
 @pytest.mark.long
@@ -170,13 +170,13 @@ def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     from flows.pipelines import project as projects
     from flows.pipelines import tasks
 
-    told = []
-    monkeypatch.setattr(tasks, "send_event", lambda name, about: told.append(name))
-    found = SimpleNamespace(effects=("spring",), robot="irb140")
-    monkeypatch.setattr(projects, "read_verdict", lambda *_: found)
+    events = []
+    monkeypatch.setattr(tasks, "send_event", lambda name, about: events.append(name))
+    verdict = SimpleNamespace(effects=("spring",), robot="irb140")
+    monkeypatch.setattr(projects, "read_verdict", lambda *_: verdict)
     monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")
     flows.nightly("CAMPAIGN.toml", store=str(tmp_path))
-    assert told == ["modelgap.notice.finding"]
+    assert events == ["modelgap.notice.finding"]
 
 
 def _deployments() -> list[dict]:
@@ -186,8 +186,8 @@ def _deployments() -> list[dict]:
 def test_a_store_verifies_itself_and_fails_where_it_is_damaged(flows, tmp_path):
     folder = tmp_path / "store"
     (folder / "quarantine").mkdir(parents=True)
-    told = flows.verify(str(folder))
-    assert told[0] == "verified an empty store"
+    lines = flows.verify(str(folder))
+    assert lines[0] == "verified an empty store"
     (folder / "quarantine" / "run_id=aa.json").write_text('{"run_id": "bb"}')
     with pytest.raises(RunError, match="1 of 1 are damaged"):
         flows.verify(str(folder))

@@ -144,7 +144,6 @@ def kept(store, model):
 
 
 def tables(step=None):
-    """The nominal model with a table of the spring on joint 2, or with a step."""
     names = (*state_names(range(1, 7)), *(f"tau{j}" for j in range(1, 7)))
     edges, axis = np.linspace(-2, 2, 201), 1
     values = np.zeros((len(edges) + 1, 6))
@@ -201,7 +200,6 @@ def spec(**controller):
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory, compiled_plant):
-    """A store, a model in it, a run by the nominal one and a run by that model."""
     store = tmp_path_factory.mktemp("store")
     model = kept(store, corrected())
     by_nominal = experiment.run(spec(), store)
@@ -226,22 +224,21 @@ def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs)
 
 def test_a_rerun_is_driven_by_the_model_of_then(runs):
     store, _, _, by_model = runs
-    made = reruns.rerun(by_model, store, True)
-    assert (list(made.differences), made.cause) == ([], None)
+    outcome = reruns.rerun(by_model, store, True)
+    assert (list(outcome.differences), outcome.cause) == ([], None)
 
 
 @pytest.fixture(scope="module")
 def validated(runs):
-    """A validation with the model that has the spring, and its figures."""
     store, model, run, _ = runs
     return validate(Validate(run, 0.25, store, model[:8]))
 
 
 def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, validated):
     store, model, run, _ = runs
-    id, made = validated
-    assert list(made.models) == ["nominal", "model"]
-    nominal, better = made.models.values()
+    id, validation = validated
+    assert list(validation.models) == ["nominal", "model"]
+    nominal, better = validation.models.values()
     # The spring on joint 2 is all that the nominal model lacks.
     assert better.torque[1] < 0.1 * nominal.torque[1]
     assert better.acceleration[1] < 0.1 * nominal.acceleration[1]
@@ -268,8 +265,8 @@ def test_the_command_prints_before_and_after_by_joint(
     page = tmp_path / "page.html"
     words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]
     assert main([*words, "--report", str(page)]) == 0
-    told = capsys.readouterr().out
-    for text in (told, page.read_text()):
+    output = capsys.readouterr().out
+    for text in (output, page.read_text()):
         for each in validated[1].models.values():
             assert f"{1e3 * each.tracking[1]:.2f}" in text
 
@@ -286,22 +283,22 @@ def test_a_model_of_another_robot_is_refused(runs):
 def test_tables_of_a_calibration_drive(runs, paper):
     store, _, run, _ = runs
     record = {"robot": ROBOT.name, "stage": "calibrated", "mode": "measured"}
-    whole, first = tables(), range(3)
+    every, first = tables(), range(3)
     files = {"corrected.json": next(iter(to_json(tabulated()).files.values()))}
     if paper:  # they correct a simulated twin, so they are put on the nominal model
         record |= {"mode": "paper", "joints": [1, 2, 3]}
         record["request"] = {"robot_hash": ROBOT.content_hash}
         lookup = replace(
-            whole,
-            joints=whole.joints[:3],
-            tables=(LookupTable((0,), whole.tables[0].values[:, first]),),
-            offset=whole.offset[first],
-            slope=whole.slope[:, first],
+            every,
+            joints=every.joints[:3],
+            tables=(LookupTable((0,), every.tables[0].values[:, first]),),
+            offset=every.offset[first],
+            slope=every.slope[:, first],
         )
         files = export_lookup(lookup)
     id = commit_record(store, "models", record, files=files)
-    _, made = validate(Validate(run, 0.25, store, id))
-    before, after = made.models.values()
+    _, validation = validate(Validate(run, 0.25, store, id))
+    before, after = validation.models.values()
     # The spring is all that the nominal model lacks, and it is in the table.
     assert after.tracking[1] < 0.5 * before.tracking[1]
     if paper:

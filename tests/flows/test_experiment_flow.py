@@ -56,9 +56,9 @@ def test_a_run_is_stored_once_under_the_id_that_was_known_before(tmp_path, plant
     assert manifest["robot"] == "irb140"
     assert manifest["timings"] == {"reference_s": 0.1, "plant_s": 0.2}
     # It has nothing of what it hides.
-    told = json.dumps(manifest)
-    assert "spring" not in told
-    assert str(spec().plant_spec().seed) not in told
+    text = json.dumps(manifest)
+    assert "spring" not in text
+    assert str(spec().plant_spec().seed) not in text
     sealed = open_seal(tmp_path, id)
     assert sealed.spec["effects"][0]["name"] == "spring"
     assert set(sealed.truth) == {"tau_spring"}
@@ -91,9 +91,9 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
     store = tmp_path / "store"
     words = ["experiment", str(tmp_path / "SPEC.toml"), "--store", str(store)]
     assert main(words) == 2
-    said = capsys.readouterr().err
-    assert "1.250 s" in said
-    assert "joint 3" in said
+    complaint = capsys.readouterr().err
+    assert "1.250 s" in complaint
+    assert "joint 3" in complaint
     assert not store.exists()
     # From a process of a campaign the error reaches its parent as words.
     planned = experiment.PlannedExperiment("one", spec(), "ab", False)

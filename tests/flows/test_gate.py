@@ -21,9 +21,9 @@ def test_an_effect_that_can_be_taken_out_again_is_no_doubt():
 
 @pytest.mark.parametrize("error", [2.5, 10.0])
 def test_one_that_leaves_the_healthy_logs_unexplained_is_refused(error):
-    told = set(doubts(replace(GOOD, error=error))) - set(doubts())
-    assert len(told) == 1
-    assert "edit test fails" in told.pop()
+    doubts_more = set(doubts(replace(GOOD, error=error))) - set(doubts())
+    assert len(doubts_more) == 1
+    assert "edit test fails" in doubts_more.pop()
 
 
 def test_what_was_not_measured_is_no_doubt():

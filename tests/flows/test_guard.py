@@ -135,10 +135,10 @@ def test_what_is_refused_does_not_reach_prefect():
 def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
     for host in (HOST, "localhost:4200"):
         app = Guard(with_policies(prefect), OURS)
-        told = headers_of(answer(app, scope(path="/", host=host)))
+        headers = headers_of(answer(app, scope(path="/", host=host)))
         policy = dict(
             part.strip().split(" ", 1)
-            for part in told["content-security-policy"].split(";")
+            for part in headers["content-security-policy"].split(";")
         )
         assert policy["connect-src"] == f"'self' ws://{host}"
         assert policy["default-src"] == "'self'"
@@ -147,8 +147,8 @@ def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
         assert not any(
             "http" in sources or "*" in sources for sources in policy.values()
         )
-        assert told["x-frame-options"] == "DENY"
-        assert told["x-content-type-options"] == "nosniff"
+        assert headers["x-frame-options"] == "DENY"
+        assert headers["x-content-type-options"] == "nosniff"
 
 
 def message(told: object) -> dict:
@@ -176,25 +176,25 @@ SHOWN = {"type": "auth", "token": SECRET}
 )
 def test_a_websocket_without_the_key_first_is_closed(first):
     sent = [{"type": "websocket.connect"}, message(first), message(SHOWN)]
-    told = answer(Guard(prefect, OURS), scope(kind="websocket"), sent)
+    messages = answer(Guard(prefect, OURS), scope(kind="websocket"), sent)
     closed = {"type": "websocket.close", "code": 1008}
-    assert told == [{"type": "websocket.accept"}, closed]
+    assert messages == [{"type": "websocket.accept"}, closed]
 
 
 def test_a_websocket_with_the_key_is_open():
     connect, more = {"type": "websocket.connect"}, message("more")
     shown = [connect, message(SHOWN), more]
     app = Guard(prefect, OURS)
-    told = answer(app, scope(kind="websocket"), shown)
-    assert [m.get("text") for m in told[1:]] == [message(SHOWN)["text"], "more"]
+    messages = answer(app, scope(kind="websocket"), shown)
+    assert [m.get("text") for m in messages[1:]] == [message(SHOWN)["text"], "more"]
     signs = scope(kind="websocket", given=[signed()])
     assert [m.get("text") for m in answer(app, signs, [connect, more])[1:]] == ["more"]
 
 
 def test_a_foreign_websocket_is_closed_before_it_is_open():
     foreign = scope(kind="websocket", given=[origin("http://evil.example")])
-    told = answer(Guard(prefect, OURS), foreign, [{"type": "websocket.connect"}])
-    assert told == [{"type": "websocket.close", "code": 1008}]
+    messages = answer(Guard(prefect, OURS), foreign, [{"type": "websocket.connect"}])
+    assert messages == [{"type": "websocket.close", "code": 1008}]
 
 
 def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
@@ -213,14 +213,14 @@ def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
 
 
 def test_of_keys_made_at_once_the_first_counts(tmp_path):
-    found: list[str] = []
-    many = [Thread(target=lambda: found.append(store_key(tmp_path))) for _ in range(8)]
+    keys: list[str] = []
+    many = [Thread(target=lambda: keys.append(store_key(tmp_path))) for _ in range(8)]
     for each in many:
         each.start()
     for each in many:
         each.join()
-    assert len(found) == 8
-    assert set(found) == {store_key(tmp_path)}
+    assert len(keys) == 8
+    assert set(keys) == {store_key(tmp_path)}
 
 
 def test_a_key_that_others_can_read_or_that_is_none_is_refused(tmp_path):
@@ -253,9 +253,9 @@ def bodies(size: int):
 
 
 def test_a_large_body_without_the_key_is_not_read():
-    asked = scope("POST", given=[origin(OWN), JSON])
+    request = scope("POST", given=[origin(OWN), JSON])
     sent, taken = bodies(400)
-    assert answer(Guard(prefect, OURS), asked, sent)[0]["status"] == 401
+    assert answer(Guard(prefect, OURS), request, sent)[0]["status"] == 401
     assert taken == []
 
 
@@ -265,8 +265,8 @@ def test_a_large_body_with_the_key_is_read():
     async def behind(_, receive, send):
         while (told := await receive()).get("more_body"):
             read.append(len(told["body"]))
-        await prefect(asked, receive, send)
+        await prefect(request, receive, send)
 
-    asked = scope("POST", given=[signed(), JSON])
-    assert answer(Guard(behind, OURS), asked, bodies(3)[0])[0]["status"] == 200
+    request = scope("POST", given=[signed(), JSON])
+    assert answer(Guard(behind, OURS), request, bodies(3)[0])[0]["status"] == 200
     assert sum(read) == 2 << 20

@@ -21,7 +21,6 @@ JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 
 @pytest.fixture
 def place(own_folder):
-    """A working directory with an arm and its logs A.csv and B.csv."""
     return workplace(own_folder, "AB", 8.0)
 
 
@@ -60,13 +59,13 @@ def test_an_imported_log_is_a_run_with_all_that_is_known_of_it(run, place):
     rows = ask("SELECT * FROM runs ORDER BY rows DESC")
     assert [row["run_id"] in out for row in rows] == [True, True]
     first = rows[0]
-    told = [first[key] for key in ("source", "kind", "trajectory")]
-    assert told == ["imported", "log", "welding"]
-    told = read_record(Path("store"), first["run_id"])["log"]
-    assert (told["file"], told["window"], told["map"]) == ("A.csv", None, None)
-    assert len(told["sha256"]) == 64
+    record = [first[key] for key in ("source", "kind", "trajectory")]
+    assert record == ["imported", "log", "welding"]
+    record = read_record(Path("store"), first["run_id"])["log"]
+    assert (record["file"], record["window"], record["map"]) == ("A.csv", None, None)
+    assert len(record["sha256"]) == 64
     q1 = {"channel": "q1", "column": "q1", "unit": "rad", "done": ""}
-    assert told["channels"][1] == q1
+    assert record["channels"][1] == q1
     assert str(place) not in json.dumps(read_record(Path("store"), first["run_id"]))
     log = read_run(Path("store"), first["run_id"])
     table = np.loadtxt("A.csv", delimiter=",", skiprows=1)
@@ -100,15 +99,17 @@ def test_imported_runs_are_identified_and_the_model_is_stored(run, place):
     (model,) = ask("FROM models")
     assert f"modelgap show {model['model_id']}" in out
     assert model["stage"] == "identified"
-    told = json.loads(Path("o.json").read_text())
-    wanted = {(p["name"], p["value"], p["sd"], p["unit"]) for p in told["parameters"]}
+    document = json.loads(Path("o.json").read_text())
+    wanted = {
+        (p["name"], p["value"], p["sd"], p["unit"]) for p in document["parameters"]
+    }
     rows = ask("SELECT name, value, std, unit FROM parameters")
     assert {tuple(row.values()) for row in rows} == wanted
     errors = ask(
         "SELECT stage, value FROM errors WHERE metric = 'filtered' AND joint IS NULL "
         f"AND run_id = '{two}' AND source_id = '{model['model_id']}'"
     )
-    overall = {k: e["overall"] for k, e in told["error"]["filtered"].items()}
+    overall = {k: e["overall"] for k, e in document["error"]["filtered"].items()}
     assert {row["stage"]: row["value"] for row in errors} == overall
     lineage = {(r["parent"], r["role"]) for r in ask("FROM lineage")}
     assert lineage == {(one, "fit"), (two, "held_out")}

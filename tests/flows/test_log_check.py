@@ -27,18 +27,16 @@ VERBS = ("diagnose", "identify", "calibrate", "import")
 
 
 def run(words):
-    """Run a command line written as one text."""
     return main(words.split())
 
 
 @pytest.fixture
 def place(own_folder):
-    """A working directory with an arm and its logs A.csv to D.csv."""
     return workplace(own_folder, "ABCD", 4.0)
 
 
 @pytest.fixture
-def found(monkeypatch):
+def fake_check(monkeypatch):
     """Replace the core of the check; returns what it is asked and what it is to say."""
     said = {"faults": [], "asked": []}
 
@@ -70,9 +68,9 @@ def named(monkeypatch):
 
 @pytest.mark.parametrize("verb", VERBS)
 def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
-    place, found, capsys, verb
+    place, fake_check, capsys, verb
 ):
-    found["faults"] = [SIGN]
+    fake_check["faults"] = [SIGN]
     assert main([verb, "A.csv", "B.csv", "--robot", "arm.urdf"]) == 2
     first, second = capsys.readouterr().err.strip().splitlines()
     assert first == (
@@ -83,8 +81,10 @@ def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
     assert not Path("store").exists()
 
 
-def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(place, found, named):
-    found["faults"] = [SIGN, DOUBT]
+def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(
+    place, fake_check, named
+):
+    fake_check["faults"] = [SIGN, DOUBT]
     words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
     assert run(words) == 0
     verdict = json.loads(Path("o.json").read_text())
@@ -92,16 +92,16 @@ def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(place, found, na
     check = verdict["log_check"]
     assert (check["schema"], check["verdict"]) == (1, "unusable")
     assert [f["repair"] for f in check["faults"]] == [LINE, None]
-    said = headline(typed({"log_check": check, "verdict": "unknown"}))
-    assert said.startswith(
+    sentence = headline(typed({"log_check": check, "verdict": "unknown"}))
+    assert sentence.startswith(
         "No effect is named, because the logs are faulty: torque has the opposite "
         "sign (joint 2)."
     )
     assert "the logs are faulty" in Path("o.html").read_text(encoding="utf-8")
 
 
-def test_a_doubt_is_a_warning_and_the_names_stand(place, found, named):
-    found["faults"] = [DOUBT]
+def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
+    fake_check["faults"] = [DOUBT]
     assert run("diagnose A.csv --robot arm.urdf --json o.json") == 0
     verdict = json.loads(Path("o.json").read_text())
     assert verdict["verdict"] == "effects"
@@ -111,12 +111,12 @@ def test_a_doubt_is_a_warning_and_the_names_stand(place, found, named):
     ]
 
 
-def test_every_log_is_checked_healthy_runs_by_themselves(place, found, named):
+def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0
-    assert found["asked"] == [["A", "C"], ["B"]]
-    found["of"] = "B"
-    found["faults"] = [SIGN]
+    assert fake_check["asked"] == [["A", "C"], ["B"]]
+    fake_check["of"] = "B"
+    fake_check["faults"] = [SIGN]
     assert run(words) == 2
 
 
@@ -128,8 +128,8 @@ def test_every_log_is_checked_healthy_runs_by_themselves(place, found, named):
         pytest.param("calibrate --levels 3 --components 2", marks=pytest.mark.long),
     ],
 )
-def test_trusted_the_other_commands_go_on_with_a_warning(place, found, verb):
-    found["faults"] = [SIGN]
+def test_trusted_the_other_commands_go_on_with_a_warning(place, fake_check, verb):
+    fake_check["faults"] = [SIGN]
     logs = "A.csv B.csv C.csv D.csv"  # of fewer runs blocks are left out: more fits
     words = f"{verb} {logs} --robot arm.urdf --trust-log --json o.json"
     assert run(words) == 0
@@ -140,8 +140,8 @@ def test_trusted_the_other_commands_go_on_with_a_warning(place, found, verb):
     assert LINE in warning
 
 
-def test_what_is_imported_keeps_what_was_found(place, found, capsys):
-    found["faults"] = [SIGN]
+def test_what_is_imported_keeps_what_was_found(place, fake_check, capsys):
+    fake_check["faults"] = [SIGN]
     assert run("import A.csv --robot arm.urdf --dry-run") == 2
     assert "ignored columns: none" in capsys.readouterr().out
     assert run("import A.csv --robot arm.urdf --trust-log") == 0
@@ -152,17 +152,17 @@ def test_what_is_imported_keeps_what_was_found(place, found, capsys):
     assert manifest["log_check"]["verdict"] == "unusable"
 
 
-def test_runs_of_the_store_are_checked_too(place, found, named):
+def test_runs_of_the_store_are_checked_too(place, fake_check, named):
     assert run("import A.csv B.csv --robot arm.urdf") == 0
     one, two = sorted(p.name[7:] for p in Path("store", "samples").glob("*/*"))
-    found["faults"], found["asked"] = [SIGN], []
+    fake_check["faults"], fake_check["asked"] = [SIGN], []
     for verb in ("diagnose", "identify", "calibrate"):
         assert main([verb, one, two, "--robot", "arm.urdf"]) == 2
     # A diagnosis is stored, and says which runs by their whole ids.
-    assert found["asked"] == [[one, two], *2 * [[one[:8], two[:8]]]]
-    asked = Diagnose((one,), robot="arm.urdf", held_out=(two,), store=Path("store"))
+    assert fake_check["asked"] == [[one, two], *2 * [[one[:8], two[:8]]]]
+    request = Diagnose((one,), robot="arm.urdf", held_out=(two,), store=Path("store"))
     with pytest.raises(InputError, match="torque sign, joint 2"):
-        diagnose_runs(asked)
+        diagnose_runs(request)
     trusted = Diagnose(
         (one,), robot="arm.urdf", held_out=(two,), store=Path("store"), trust_log=True
     )
@@ -172,15 +172,15 @@ def test_runs_of_the_store_are_checked_too(place, found, named):
     assert record["request"]["trust_log"] is True
 
 
-def test_the_door_checks_and_refuses_likewise(place, found):
+def test_the_door_checks_and_refuses_likewise(place, fake_check):
     robot = mg.load_robot("arm.urdf")
     fit = mg.read_logs(["A.csv", "B.csv"], robot)
     assert repr(mg.check(robot, fit)) == "LogCheck(clean)"
-    found["faults"] = [SIGN, DOUBT]
-    told = mg.check(robot, fit)
-    assert told.verdict == "unusable"
-    assert told.faults[0].repair == LINE
-    assert repr(told).splitlines() == [
+    fake_check["faults"] = [SIGN, DOUBT]
+    report = mg.check(robot, fit)
+    assert report.verdict == "unusable"
+    assert report.faults[0].repair == LINE
+    assert repr(report).splitlines() == [
         "LogCheck(unusable)",
         "  torque sign, joint 2 (certain): Friction gives.",
         f"    {LINE}",
@@ -189,5 +189,5 @@ def test_the_door_checks_and_refuses_likewise(place, found):
     for verb in (mg.diagnose, mg.identify, mg.calibrate):
         with pytest.raises(InputError, match="torque sign, joint 2"):
             verb(robot, fit)
-    made = mg.identify(robot, fit, trust_log=True)
-    assert any("torque sign" in warning for warning in made.warnings)
+    identification = mg.identify(robot, fit, trust_log=True)
+    assert any("torque sign" in warning for warning in identification.warnings)

@@ -1,16 +1,12 @@
 """A campaign whose workers share only a store on object storage."""
 
-from pathlib import Path
-
 from flows.settings import store_folder
 from flows.specs import experiment_of
 from flows.steps import experiment as campaign
 from flows.steps.experiment import plan, run_all
 from flows.workers import InlineExecutor
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse import remote
-
-ROOT = Path(__file__).parents[2]
 
 
 def test_a_campaign_gives_its_workers_the_name_of_the_store(
@@ -28,7 +24,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
 
     def run(spec, place, *_):
         assert place.parent == tmp_path / "another machine"
-        return made.commit(place, spec.seed)
+        return samples.commit(place, spec.seed)
 
     monkeypatch.setattr(campaign, "run", run)
     specs = [("one", experiment_of({"seed": 1}, "S"))]

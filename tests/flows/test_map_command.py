@@ -23,11 +23,11 @@ def test_a_log_with_other_names_is_refused_with_all_of_them_and_the_command(
     arm, capsys
 ):
     assert main(["diagnose", "a log.csv", "--robot", "my arm.urdf"]) == 2
-    said = capsys.readouterr().err
+    complaint = capsys.readouterr().err
     for column in ("state.q[6]", "cmd.tau_J_d[6]"):
-        assert column in said
+        assert column in complaint
     line = "modelgap map 'a log.csv' --robot 'my arm.urdf' --out COLUMNS.toml"
-    assert line in said
+    assert line in complaint
 
 
 def test_it_prints_a_map_or_writes_it_and_applies_nothing(arm, capsys):

@@ -36,8 +36,7 @@ def run(store, seed, *effects, start=0.0):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory, compiled_plant):
-    """A store with three good runs, one more, and one whose encoder jumps."""
+def run_store(tmp_path_factory, compiled_plant):
     store = tmp_path_factory.mktemp("store")
     good = [run(store, 1, start=s) for s in (0.0, 50.0, 100.0, 150.0)]
     jump = {"name": "encoder_offset", "joints": [3], "angle": 0.05, "onset": 2.0}
@@ -45,42 +44,42 @@ def made(tmp_path_factory, compiled_plant):
 
 
 @pytest.fixture(scope="module")
-def watched(made):
-    store, good, fine, bad = made
+def watched(run_store):
+    store, good, fine, bad = run_store
     return monitor.monitor(Monitor(ROBOT, (fine, bad), tuple(good), store=store))
 
 
-def test_the_jump_is_found_and_the_good_run_left_in_peace(made, watched):
-    _, _, fine, bad = made
-    _, found, runs = watched
-    assert found.alarms[fine] == ()
-    (first, *_) = found.alarms[bad]
+def test_the_jump_is_found_and_the_good_run_left_in_peace(run_store, watched):
+    _, _, fine, bad = run_store
+    _, report, runs = watched
+    assert report.alarms[fine] == ()
+    (first, *_) = report.alarms[bad]
     assert (first.joint, first.sensor, first.fault) == (3, "encoder", "jump")
     assert 0 <= first.time - runs[bad].t[0] - 2.0 < 0.1
-    assert found.seconds == pytest.approx(8.0)
-    assert "encoder of joint 3" in describe_alarms(found)
-    assert "extrapolated" in found.notes[0]
+    assert report.seconds == pytest.approx(8.0)
+    assert "encoder of joint 3" in describe_alarms(report)
+    assert "extrapolated" in report.notes[0]
 
 
-def test_the_record_has_alarms_limits_and_lineage(made, watched):
-    store, good, fine, bad = made
-    id, found, _ = watched
+def test_the_record_has_alarms_limits_and_lineage(run_store, watched):
+    store, good, fine, bad = run_store
+    id, report, _ = watched
     record = read_record(store, id)
     assert (record["robot"], record["kind"]) == (ROBOT, "monitor")
-    assert record["alarms"] == {fine: 0, bad: len(found.alarms[bad])}
-    assert record["monitor"] == json.loads(json.dumps(found.monitor.to_record()))
+    assert record["alarms"] == {fine: 0, bad: len(report.alarms[bad])}
+    assert record["monitor"] == json.loads(json.dumps(report.monitor.to_record()))
     with open_store(store) as opened:
         table = opened.sql(f"FROM alarms WHERE validation_id = '{id}'")
-        assert table.num_rows == len(found.alarms[bad])
+        assert table.num_rows == len(report.alarms[bad])
         assert (table["run_id"][0].as_py(), table["fault"][0].as_py()) == (bad, "jump")
-        asked = f"SELECT parent, role FROM lineage WHERE child = '{id}'"
-        rows = {(r["parent"], r["role"]) for r in opened.sql(asked).to_pylist()}
+        query = f"SELECT parent, role FROM lineage WHERE child = '{id}'"
+        rows = {(r["parent"], r["role"]) for r in opened.sql(query).to_pylist()}
     roles = [("calibration", g) for g in good] + [("watched", r) for r in (fine, bad)]
     assert rows == {(run, role) for role, run in roles}
 
 
-def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
-    store, good, fine, _ = made
+def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
+    store, good, fine, _ = run_store
     robot = load_robot(ROBOT)
     logs = prepare_logs(robot, [read_run(store, id) for id in good], None, Filters())
     nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
@@ -91,11 +90,11 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
         Term(known["payload"], (5,), (), 0.5 * np.eye(10)[0]),
     )
     augmented = replace(nominal, terms=(*nominal.terms, *more))
-    found = Diagnosis(
+    diagnosis = Diagnosis(
         typed({"robot": ROBOT, "effects": [{"name": "payload", "joints": [6]}]}),
         {"nominal": nominal, "augmented": augmented},
     )
-    id, _ = store_outcome(store, found, {"fit": good})
+    id, _ = store_outcome(store, diagnosis, {"fit": good})
     record_id, watched, _ = monitor.monitor(Monitor(id, (fine,), store=store))
     assert sorted(watched.calibration) == sorted(good)
     assert watched.monitor.model.to_record() == augmented.to_record()
@@ -106,14 +105,14 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(made):
     assert kept.to_record() == augmented.to_record()
 
 
-def test_the_command_prints_a_table_and_draws(made, tmp_path, capsys):
-    store, good, fine, bad = made
+def test_the_command_prints_a_table_and_draws(run_store, tmp_path, capsys):
+    store, good, fine, bad = run_store
     picture = tmp_path / "out.png"
     words = ["monitor", ROBOT, bad[:8], "--calibrate", *good, "--store", str(store)]
     assert main([*words, "--plot", str(picture)]) == 0
-    said = capsys.readouterr().out
+    output = capsys.readouterr().out
     for word in (bad[:8], "encoder", "jump", "1 run", "modelgap show", str(picture)):
-        assert word in said
+        assert word in output
     assert picture.read_bytes().startswith(b"\x89PNG")
     assert main([*words[:2], fine, *words[3:]]) == 0
     assert "No alarm in 4 s of 1 run" in capsys.readouterr().out
@@ -135,8 +134,8 @@ BAD = {
 
 
 @pytest.mark.parametrize("words", BAD)
-def test_what_cannot_be_watched_is_said_in_two_lines(made, capsys, words):
-    store, good, fine, _ = made
+def test_what_cannot_be_watched_is_said_in_two_lines(run_store, capsys, words):
+    store, good, fine, _ = run_store
     ids = {"F": [fine], **{"G" * n: good[:n] for n in (1, 2, 3)}}
     given = [each for word in words.split() for each in ids.get(word, [word])]
     assert main(["monitor", *given, "--store", str(store)]) == 2

@@ -13,29 +13,29 @@ from sim.engine.records import TrajectorySpec
 from sim.trajectories import make_reference
 from sim.trajectories.excitation import draw, written
 from sim.trajectories.limits import workspace
-from tests.residual.planning.asked import asked
+from tests.residual.planning.questions import robot_and_question
 
 
 @pytest.fixture(scope="module")
-def made():
-    robot, question = asked("spring", 2)
+def robot_and_ranking():
+    robot, question = robot_and_question("spring", 2)
     return robot, rank_motions(question, robot, 12.0, seed=3)
 
 
-def test_the_best_settles_the_question_and_none_of_the_others_sooner(made):
-    _, found = made
-    best, *others = found.ranked
+def test_the_best_settles_the_question_and_none_of_the_others_sooner(robot_and_ranking):
+    _, ranking = robot_and_ranking
+    best, *others = ranking.ranked
     assert 1.0 < best.after <= 12.0
     assert SURE <= best.prospect.chance <= 1
     assert all(best.after <= (one.after or np.inf) for one in others)
-    rivals = found.document(None)["rivals"]
+    rivals = ranking.document(None)["rivals"]
     assert {r["name"] for r in rivals} == {"spring", "balancer"}
 
 
-def test_it_keeps_all_limits_over_the_whole_motion(made):
+def test_it_keeps_all_limits_over_the_whole_motion(robot_and_ranking):
     """At 2 kHz, which is finer than the checks that it was planned with."""
-    robot, found = made
-    motion = make_reference(robot, found.best.spec, 2000.0)
+    robot, ranking = robot_and_ranking
+    motion = make_reference(robot, ranking.best.spec, 2000.0)
     assert motion.t[-1] == 12.0
     assert (motion.q >= robot.lower).all()
     assert (motion.q <= robot.upper).all()
@@ -45,21 +45,21 @@ def test_it_keeps_all_limits_over_the_whole_motion(made):
     assert clearances(body(robot.model), motion.q[::10]).min() >= MARGIN
 
 
-def test_the_document_gives_the_same_motion_again(made):
-    robot, found = made
-    plan = found.document("p.csv")
+def test_the_document_gives_the_same_motion_again(robot_and_ranking):
+    robot, ranking = robot_and_ranking
+    plan = ranking.document("p.csv")
     keys = {"rivals", "family", "parameters", "seconds", "sure_after", "program"}
     assert set(plan) == keys | {"expected_nats", "chance"}
     spec = TrajectorySpec.from_record(
         {"kind": plan["family"], "duration": plan["seconds"], **plan["parameters"]}
     )
-    again, first = (make_reference(robot, s, 100.0) for s in (spec, found.best.spec))
+    again, first = (make_reference(robot, s, 100.0) for s in (spec, ranking.best.spec))
     np.testing.assert_array_equal(again.q, first.q)
 
 
-def test_twins_are_told_as_such(made):
-    _, found = made
-    _, question = asked("coulomb_asymmetry", 4)
+def test_twins_are_told_as_such(robot_and_ranking):
+    _, found = robot_and_ranking
+    _, question = robot_and_question("coulomb_asymmetry", 4)
     assert promised(question) is None  # nothing but the twins is open
     ranking = Ranking(question, structural_twins(question), found.ranked)
     assert any(

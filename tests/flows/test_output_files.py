@@ -12,8 +12,8 @@ def test_a_file_is_replaced_a_link_stays_one_and_nothing_is_left_over(tmp_path):
         (tmp_path / name).write_text("old")
     (tmp_path / "link").symlink_to(tmp_path / "c")
     write_all({tmp_path / name: f"new {name}" for name in ("a", "b", "link")})
-    told = {p.name: p.read_text() for p in tmp_path.iterdir()}
-    assert told == {"a": "new a", "b": "new b", "c": "new link", "link": "new link"}
+    contents = {p.name: p.read_text() for p in tmp_path.iterdir()}
+    assert contents == {"a": "new a", "b": "new b", "c": "new link", "link": "new link"}
     assert (tmp_path / "link").is_symlink()
 
 

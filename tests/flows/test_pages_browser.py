@@ -3,14 +3,14 @@
 import pytest
 
 from flows.report.diagnosis import render
-from tests.flows import report_outcomes as made
+from tests.flows import report_outcomes as outcomes
 from tests.flows.browser import alone
 
 pytestmark = pytest.mark.long
 
 PAGES = {
-    "several": lambda: render(made.several(), "kr300"),
-    "nothing": lambda: render(made.nothing(), "kr300"),
+    "several": lambda: render(outcomes.several(), "kr300"),
+    "nothing": lambda: render(outcomes.nothing(), "kr300"),
 }
 WIDTHS = (1280, 390)
 # Draws what is drawn when it comes into sight, and opens what is folded.

@@ -14,23 +14,22 @@ pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")
-def made(arm_nights):
+def night_store(arm_nights):
     return arm_nights.store, arm_nights.first, arm_nights.id
 
 
 @pytest.fixture
-def nights(server, made, monkeypatch):
-    """The tasks of a night; events are told to a list."""
+def nights(server, night_store, monkeypatch):
     from flows.pipelines import loop
 
-    told = []
+    events = []
     monkeypatch.setattr(
         loop.tasks,
         "send_event",
-        lambda event, about: told.append(about["diagnosis"]),
+        lambda event, about: events.append(about["diagnosis"]),
     )
-    yield loop, made, told
-    store = made[0]
+    yield loop, night_store, events
+    store = night_store[0]
     while (last := adopted(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)
 
@@ -42,18 +41,18 @@ def in_a_flow(task, *given):
 
 
 def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
-    tasks, (store, _, id), told = nights
+    tasks, (store, _, id), events = nights
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
     assert "Comparison" in Path(page).read_text(encoding="utf-8")
-    assert told == [id]
+    assert events == [id]
     assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
     # The same finding of another night, unanswered as yet, is no new proposal.
     assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
-    assert told == [id]
+    assert events == [id]
 
 
 def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
-    tasks, (store, _, id), told = nights
+    tasks, (store, _, id), events = nights
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
     assert adopted(store, ROBOT)[0] == number
     fit = {"fit": list(arm_nights.second[0])}
@@ -64,7 +63,7 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
     assert doubts[0] == "it names no missing effect"
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
-    assert (len(list_adoptions(store)), told) == (before, [])
+    assert (len(list_adoptions(store)), events) == (before, [])
 
 
 def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
@@ -75,8 +74,8 @@ def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
     assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
 
 
-def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(made):
-    store, _, id = made
+def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(night_store):
+    store, _, id = night_store
     proposal = Proposal(judge(store, id), read_verdict(store, id))
     for text in (proposal_page(proposal), proposal_markdown(proposal)):
         assert "nominal model" in text

@@ -6,7 +6,7 @@ pytestmark = pytest.mark.prefect
 
 
 @pytest.fixture
-def asked(server, monkeypatch, tmp_path):
+def flow_run(server, monkeypatch, tmp_path):
     """A flow run of a deployment, as an event starts it; and what was adopted."""
     from prefect import get_client
     from prefect.exceptions import Pause
@@ -40,8 +40,8 @@ def answered(run, **answer):
     resume_flow_run(run, run_input=answer)
 
 
-def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(asked):
-    _, go, given = asked
+def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(flow_run):
+    _, go, given = flow_run
     state = go()
     assert (state.type.value, state.name) == ("PAUSED", "Suspended")
     assert state.state_details.run_input_keyset
@@ -49,8 +49,8 @@ def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(asked):
 
 
 @pytest.mark.parametrize(("yes", "note"), [(True, "looked at it"), (False, "")])
-def test_yes_adopts_with_the_note_of_who_answered_and_no_ends_it(asked, yes, note):
-    run, go, given = asked
+def test_yes_adopts_with_the_note_of_who_answered_and_no_ends_it(flow_run, yes, note):
+    run, go, given = flow_run
     go()
     answered(run, adopt=yes, note=note)
     assert go().type.value == "COMPLETED"

@@ -24,8 +24,6 @@ LINK = """
 
 @pytest.fixture
 def arm(tmp_path):
-    """Return a function that loads an arm of three joints with a robot.toml."""
-
     def load(toml=""):
         folder = tmp_path / "arm"
         folder.mkdir(exist_ok=True)
@@ -102,9 +100,9 @@ def test_a_log_that_is_read_with_the_line_is_the_right_one(
 ):
     robot = arm()
     right = read(table, robot, ColumnMap(), tmp_path)
-    said = repair_lines(repairs, robot, ColumnMap())
-    assert said == line
-    assert_same(read(spoil(table), robot, columns_of(said, tmp_path), tmp_path), right)
+    lines = repair_lines(repairs, robot, ColumnMap())
+    assert lines == line
+    assert_same(read(spoil(table), robot, columns_of(lines, tmp_path), tmp_path), right)
 
 
 def assert_same(one, other):

@@ -17,7 +17,7 @@ from flows.report.document import ReportTable, show
 from residual.model.compare import Cloud, LogProof
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
-from tests.flows import report_outcomes as made
+from tests.flows import report_outcomes as outcomes
 from tests.flows.report_pages import Page
 
 NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
@@ -25,7 +25,6 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Leave out the drawing, for tests of what stands around the figures."""
     monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
     monkeypatch.setattr(charts, "over_time", lambda *_: {})
     monkeypatch.setattr(base, "library", lambda: "")
@@ -48,13 +47,13 @@ def test_page_names_every_finding_joint_and_note(several_page: str) -> None:
     )
     for words in (*titles, "These logs cannot separate a balancer from a spring."):
         assert words in page.text
-    for joint in range(1, made.DOF + 1):
+    for joint in range(1, outcomes.DOF + 1):
         alts = page.figures
         assert any(f"torque of joint {joint} on log" in alt for alt in alts)
         assert any(f"Residual torque of joint {joint} over" in alt for alt in alts)
     for number in ("412.0 ± 9.1 N m", "7020 ± 42 N m", "4120", "> 99 %", "14.8"):
         assert number in page.text
-    for note in made.NOTES:
+    for note in outcomes.NOTES:
         assert note in page.text
 
 
@@ -73,7 +72,7 @@ def test_page_is_well_formed_and_accessible(several_page: str) -> None:
 
 
 def test_names_from_files_are_escaped_in_page_and_figures() -> None:
-    outcome = made.one_effect()
+    outcome = outcomes.one_effect()
     cloud = outcome.clouds[0]
     result = to_json(outcome.verdict)
     result["warnings"] = [NASTY]
@@ -110,16 +109,15 @@ def paths(value: object, path: tuple = ()) -> Iterator[tuple]:
     inner = value.items() if isinstance(value, dict) else enumerate(value)
     for key, one in inner:
         own = (*path, key)
-        whole = one and path[:1] == ("error",) and isinstance(one, list)
+        array = one and path[:1] == ("error",) and isinstance(one, list)
         null = key in MAY_BE_NULL and path != ("error",)
-        if isinstance(one, float) or whole or null:
+        if isinstance(one, float) or array or null:
             yield own
         if isinstance(one, dict | list):
             yield from paths(one, own)
 
 
 def without(record: dict, path: tuple) -> dict:
-    """Return a copy in which one value is null."""
     changed = copy.deepcopy(record)
     inner = changed
     for key in path[:-1]:
@@ -131,33 +129,35 @@ def without(record: dict, path: tuple) -> dict:
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", ["several", "unknown"])
 def test_everything_that_may_be_null_may_be(name: str) -> None:
-    outcome = made.ALL[name]()
+    outcome = outcomes.ALL[name]()
     document = to_json(outcome.verdict)
-    found = [p for p in paths(document) if p[:2] != ("error", "logs")]
-    assert len(found) > 80
-    kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in found[::-1]}
-    found = kinds.values()
-    assert len(found) > 30
-    for path in found:
+    places = [p for p in paths(document) if p[:2] != ("error", "logs")]
+    assert len(places) > 80
+    kinds = {
+        tuple("#" if isinstance(k, int) else k for k in p): p for p in places[::-1]
+    }
+    places = kinds.values()
+    assert len(places) > 30
+    for path in places:
         changed = replace(outcome, verdict=from_json(without(document, path)))
         for text in (render(changed, "kr300"), printed(changed)):
             assert not re.search(r"\b(None|nan)\b", text), path
 
 
 def test_degenerate_curves_are_drawn() -> None:
-    t, zeros = np.array([0.0, 0.004]), np.zeros((2, made.DOF))
-    proof = LogProof("C", t, zeros, dict.fromkeys(made.STAGES, zeros), zeros > 0)
+    t, zeros = np.array([0.0, 0.004]), np.zeros((2, outcomes.DOF))
+    proof = LogProof("C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0)
     one = np.ones(3)
     flat = Cloud("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
-    found = replace(made.one_effect(), proofs=(proof,), clouds=(flat,))
-    page = Page(render(found, "kr300"))
-    assert len(page.figures) == len(page.plots) > made.DOF
+    outcome = replace(outcomes.one_effect(), proofs=(proof,), clouds=(flat,))
+    page = Page(render(outcome, "kr300"))
+    assert len(page.figures) == len(page.plots) > outcomes.DOF
 
 
 @pytest.mark.usefixtures("quick")
-@pytest.mark.parametrize("name", made.ALL)
+@pytest.mark.parametrize("name", outcomes.ALL)
 def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
-    outcome = made.ALL[name]()
+    outcome = outcomes.ALL[name]()
     page = Page(render(outcome, "kr300"))
     assert page.open == []
     for warning in outcome.warnings:
@@ -166,9 +166,9 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
 
 
 @pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (120, "ascii")])
-@pytest.mark.parametrize("name", made.ALL)
+@pytest.mark.parametrize("name", outcomes.ALL)
 def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -> None:
-    text = printed(made.ALL[name](), width, encoding)
+    text = printed(outcomes.ALL[name](), width, encoding)
     assert max(len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     assert "\x1b" not in text
@@ -185,7 +185,7 @@ def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> N
 
 
 def test_terminal_says_the_verdict_first_and_then_everything() -> None:
-    text = printed(made.several())
+    text = printed(outcomes.several())
     flat = " ".join(text.split())
     assert flat.startswith("The model lacks Coulomb friction on all six joints, a bal")
     for words in (
@@ -199,5 +199,5 @@ def test_terminal_says_the_verdict_first_and_then_everything() -> None:
     ):
         assert words in flat
     assert "Smallest detectable" not in text
-    assert "Smallest detectable" in printed(made.nothing())
-    assert "Warning: delay is withdrawn" in printed(made.unknown())
+    assert "Smallest detectable" in printed(outcomes.nothing())
+    assert "Warning: delay is withdrawn" in printed(outcomes.unknown())

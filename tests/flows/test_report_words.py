@@ -17,7 +17,7 @@ from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.effects import registry, vocabulary
 from residual.verdict.result import Place, Verdict
-from tests.flows import report_outcomes as made
+from tests.flows import report_outcomes as outcomes
 from tests.flows.report_outcomes import given_value, parameter
 from tests.verdict_documents import typed
 
@@ -30,11 +30,11 @@ LEVELS = {"nominal": 15.0, "identified": 9.6, "augmented": 7.1}
 
 
 def verdict(*effects: dict, kind: str = "effects", **error: object) -> Verdict:
-    return typed(made.verdict(kind, list(effects), **error))
+    return typed(outcomes.verdict(kind, list(effects), **error))
 
 
 def effect(name: str, joints: list[int], **more: object) -> dict:
-    return made.effect(name, joints, {}, **more)
+    return outcomes.effect(name, joints, {}, **more)
 
 
 @pytest.mark.parametrize(
@@ -96,14 +96,14 @@ def test_headline_admits_a_weak_test_what_is_left_and_what_got_worse() -> None:
     assert "Error on unseen motion (end of the fitted run, a weak test): " in text
     assert text.endswith("The findings raise it on joint 4 (11.3 % → 11.4 %).")
     left = "No known effect explains the remaining error on joints 1, 4 and 6."
-    assert headline(made.one_effect().verdict).endswith(left)
+    assert headline(outcomes.one_effect().verdict).endswith(left)
 
 
 def test_headline_of_nothing_and_of_unknown() -> None:
     level = "Error on unseen motion: 66.3 % (nominal) → 12.4 % (refit)."
-    assert headline(made.nothing().verdict) == f"No missing effect found. {level}"
+    assert headline(outcomes.nothing().verdict) == f"No missing effect found. {level}"
     unknown = "The model lacks something on joints 1 and 4 that no known effect"
-    assert headline(made.unknown().verdict) == f"{unknown} explains. {level}"
+    assert headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
 
 
 @pytest.mark.parametrize(
@@ -130,7 +130,7 @@ def test_a_verdict_in_half_a_line(words, part) -> None:
     ],
 )
 def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
-    nothing = replace(made.nothing().verdict, log_check=None)
+    nothing = replace(outcomes.nothing().verdict, log_check=None)
     error = replace(nothing.error, overall_moving=levels)
     assert words in headline(replace(nothing, error=error))
 
@@ -138,7 +138,7 @@ def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
 def test_a_suspected_fault_comes_before_the_effects() -> None:
     fault = Fault("torque_sign", (2,), False, "it drives", repair="sign = -1")
     report = LogCheck((fault,))
-    text = headline(replace(made.nothing().verdict, log_check=report))
+    text = headline(replace(outcomes.nothing().verdict, log_check=report))
     assert text.startswith("No missing effect found, but the logs may be faulty: ")
 
 
@@ -272,29 +272,28 @@ def test_a_row_has_name_nominal_value_and_difference(change, cells) -> None:
 
 
 def another(*places: dict, by: str = "motion") -> dict:
-    """Return one entry of verdict["alternatives"]."""
     return {"set": list(places), "nats": -2.0, "separated_by": by}
 
 
 def test_other_sets_are_said_one_by_one() -> None:
     spring, pair = effect("spring", [2]), "a balancer on joint 2 and Stribeck friction"
-    told = other_sets(record(spring, alternatives=[another(BALANCER, STRIBECK)]))
-    assert told == [
+    sentences = other_sets(record(spring, alternatives=[another(BALANCER, STRIBECK)]))
+    assert sentences == [
         f"Equally well supported: {pair} on joint 3.",
         "Another motion would separate them.",
     ]
-    told = other_sets(record(spring, alternatives=[another(by="nothing")]))
-    assert told == [
+    sentences = other_sets(record(spring, alternatives=[another(by="nothing")]))
+    assert sentences == [
         "Equally well supported: no effect at all.",
         "No motion would separate them.",
     ]
 
 
 def test_a_set_that_an_equivalent_says_already_is_not_said_again() -> None:
-    found = effect("spring", [2], equivalent=[BALANCER])
-    assert other_sets(record(found, alternatives=[another(BALANCER)])) == []
+    finding = effect("spring", [2], equivalent=[BALANCER])
+    assert other_sets(record(finding, alternatives=[another(BALANCER)])) == []
     level = {"level": parameter([1, 2], [0, 0], "N m")}
-    several = made.effect("coulomb", [1, 2], level)
+    several = outcomes.effect("coulomb", [1, 2], level)
     swap = another(*({"name": "coulomb", "joints": [j]} for j in (1, 2)), SPRING)
     balancer = effect("balancer", [2], equivalent=[SPRING])
     assert other_sets(record(several, balancer, alternatives=[swap])) == []

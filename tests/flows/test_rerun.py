@@ -46,12 +46,12 @@ def other_code(monkeypatch):
 
     def change():
         known = provenance.provenance()
-        told = replace(known, code_hash="f" * 64, program_hash="e" * 64)
+        changed_code = replace(known, code_hash="f" * 64, program_hash="e" * 64)
         for place in ("warehouse.provenance", "flows.steps.experiment"):
             hash = f"{place}.plant_code_hash"
-            monkeypatch.setattr(hash, lambda: told.code_hash)
+            monkeypatch.setattr(hash, lambda: changed_code.code_hash)
         for place in ("flows.steps.rerun", "warehouse.commit"):
-            monkeypatch.setattr(f"{place}.provenance", lambda: told)
+            monkeypatch.setattr(f"{place}.provenance", lambda: changed_code)
 
     return change
 
@@ -98,12 +98,12 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
     other_code()
     plant["tau"] = 2.5
     before = tree(tmp_path)
-    told = rerun.rerun(id, tmp_path, verify=True)
+    outcome = rerun.rerun(id, tmp_path, verify=True)
     assert tree(tmp_path) == before
-    (bad,) = told.differences
+    (bad,) = outcome.differences
     assert (bad.name, bad.unit, bad.largest) == ("tau3", "N m", pytest.approx(2.5))
     assert bad.first == pytest.approx(30.08)
-    assert (told.cause.kind, told.same_code) == ("code", False)
+    assert (outcome.cause.kind, outcome.same_code) == ("code", False)
     assert main(["rerun", id, "--verify", "--store", str(tmp_path)]) == 1
     # Without --verify the new run is what was asked for.
     assert main(["rerun", id, "--store", str(tmp_path)]) == 0
@@ -123,9 +123,13 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
 def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_code):
     id = experiment.run(spec(), tmp_path)
     other_code()
-    told = rerun.rerun(id, tmp_path)
-    assert (told.reproduced, told.same_code, told.note_id) == (True, False, None)
-    assert told.new_id != id
+    outcome = rerun.rerun(id, tmp_path)
+    assert (outcome.reproduced, outcome.same_code, outcome.note_id) == (
+        True,
+        False,
+        None,
+    )
+    assert outcome.new_id != id
 
 
 def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
@@ -142,9 +146,9 @@ def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
 def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
     id = experiment.run(spec(), tmp_path)
     change_value(tmp_path, id)
-    told = rerun.rerun(id, tmp_path, verify=True)
-    (bad,) = told.differences
-    assert (bad.name, bad.differing, told.cause.kind) == ("tau3", 1, "damaged")
+    outcome = rerun.rerun(id, tmp_path, verify=True)
+    (bad,) = outcome.differences
+    assert (bad.name, bad.differing, outcome.cause.kind) == ("tau3", 1, "damaged")
     assert bad.largest == pytest.approx(1e-9, rel=1e-5)
     assert bad.first == pytest.approx(30.12)
 
@@ -153,9 +157,9 @@ def test_libraries_and_machine_are_causes_by_name(tmp_path):
     now = asdict(provenance.provenance())
     then = {**now, "environment_hash": "0" * 64}
     then["versions"] = {**now["versions"], "numpy": "1.0"}
-    found = cause_of(then, now, "code_hash", (), tmp_path)
-    assert found.kind == "environment"
-    assert f"numpy 1.0 -> {now['versions']['numpy']}" in found.why
+    cause = cause_of(then, now, "code_hash", (), tmp_path)
+    assert cause.kind == "environment"
+    assert f"numpy 1.0 -> {now['versions']['numpy']}" in cause.why
     packages = provenance.packages()
     import hashlib
 
@@ -166,8 +170,8 @@ def test_libraries_and_machine_are_causes_by_name(tmp_path):
     for name, content in ((then, lines), (now, packages)):
         path = tmp_path / "made_with" / f"packages-{name['environment_hash']}.txt"
         path.write_bytes(content)
-    found = cause_of(then, now, "code_hash", (), tmp_path)
-    assert found.why == "zzz 1.0 -> none"
+    cause = cause_of(then, now, "code_hash", (), tmp_path)
+    assert cause.why == "zzz 1.0 -> none"
     then = {**now, "machine": "another one"}
     assert cause_of(then, now, "code_hash", (), tmp_path).kind == "machine"
 
@@ -215,22 +219,23 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
 
 @pytest.fixture
 def diagnosed(tmp_path, plant, calls, monkeypatch):
-    """A store with a diagnosis whose numbers are those of its runs."""
     from residual.verdict.result import Diagnosis
 
     def diagnose(robot, fit, **options):
-        made = store_samples.verdict([log.id for log in options["held_out"]])
-        made["robot"] = robot.name
-        made["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
-        return Diagnosis(typed(made, 2))
+        document = store_samples.verdict([log.id for log in options["held_out"]])
+        document["robot"] = robot.name
+        document["nominal_scale"] = (
+            float(sum(log.tau.sum() for log in fit)) + plant["tau"]
+        )
+        return Diagnosis(typed(document, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
     runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
-    asked = Diagnose(
+    request = Diagnose(
         tuple(runs[:2]), robot="irb140", held_out=(runs[2],), store=tmp_path
     )
-    ids = diagnose_runs(asked)
+    ids = diagnose_runs(request)
     return tmp_path, runs, ids
 
 
@@ -239,8 +244,12 @@ def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
     before = tree(store)
     model = read_record(store, diagnosis)["model_id"]
     for id in (diagnosis, proof, model):
-        told = rerun.rerun(id, store)
-        assert (told.reproduced, told.same_code, told.new_id) == (True, True, None)
+        outcome = rerun.rerun(id, store)
+        assert (outcome.reproduced, outcome.same_code, outcome.new_id) == (
+            True,
+            True,
+            None,
+        )
     assert tree(store) == before
 
 
@@ -257,19 +266,19 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
     other_code()
     told = rerun.rerun(diagnosis, store)
     assert told.cause.kind == "code"
-    made = read_record(store, told.new_id)
+    record = read_record(store, told.new_id)
     assert (
-        made["document"]["nominal_scale"]
+        record["document"]["nominal_scale"]
         != read_record(store, diagnosis)["nominal_scale"]
     )
     with open_store(store) as opened:
         query = f"SELECT parent, role FROM lineage WHERE child = '{told.new_id}'"
         rows = opened.sql(query).to_pylist()
     assert {"parent": diagnosis, "role": RERUN_OF} in rows
-    assert {"parent": made["model_id"], "role": "model"} in rows
-    found = diff(diagnosis, told.new_id, store)
-    assert not found.same
-    assert "nominal_scale" in {name for name, _, _ in found.tables["values"]}
+    assert {"parent": record["model_id"], "role": "model"} in rows
+    difference = diff(diagnosis, told.new_id, store)
+    assert not difference.same
+    assert "nominal_scale" in {name for name, _, _ in difference.tables["values"]}
 
 
 def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
@@ -289,13 +298,13 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     two = experiment.run(spec(start=0.0), tmp_path)
     store = ["--store", str(tmp_path)]
     assert main(["diff", one, two, "--format", "json", *store]) == 0
-    told = json.loads(capsys.readouterr().out)
-    assert {"name": "start", "one": 30.0, "two": 0.0} in told["spec"]
-    assert told["code"] == told["environment"] == []
-    equal = {c["name"]: c["equal"] for c in told["data"]}
+    document = json.loads(capsys.readouterr().out)
+    assert {"name": "start", "one": 30.0, "two": 0.0} in document["spec"]
+    assert document["code"] == document["environment"] == []
+    equal = {c["name"]: c["equal"] for c in document["data"]}
     assert equal["tau1"]
     assert not equal["t"]
-    assert told["same"] is False
+    assert document["same"] is False
     assert main(["diff", one, two, *store]) == 0
     assert "code: the same" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0

@@ -156,9 +156,9 @@ def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
         assert not port_is_free("127.0.0.1", port)
         assert main(["up", "--store", str(tmp_path), "--port", str(port)]) == 2
         taken.shutdown()
-    told = capsys.readouterr().err
-    assert f"Port {port} of 127.0.0.1 is taken by another program" in told
-    assert f"modelgap up --port {port + 1}" in told
+    complaint = capsys.readouterr().err
+    assert f"Port {port} of 127.0.0.1 is taken by another program" in complaint
+    assert f"modelgap up --port {port + 1}" in complaint
 
 
 def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
@@ -184,9 +184,9 @@ def test_status_says_stopped_or_what_is_wrong(tmp_path, capsys, monkeypatch):
     assert "is stopped. Start it: modelgap up" in capsys.readouterr().err
     write_running(home, Running("127.0.0.1", 4300, "sqlite"))
     assert main(["status", "--store", str(tmp_path)]) == 1
-    told = capsys.readouterr().err
-    assert "the server has ended; see" in told
-    assert "the worker has ended; see" in told
+    complaint = capsys.readouterr().err
+    assert "the server has ended; see" in complaint
+    assert "the worker has ended; see" in complaint
 
 
 def test_status_of_nothing_is_1_and_down_of_nothing_is_0(tmp_path, capsys):

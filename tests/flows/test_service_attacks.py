@@ -76,12 +76,10 @@ def send(served, method: str, path: str, body: bytes | None = None, **given) -> 
 
 
 def signed(key: str) -> str:
-    """Return what a program sends to show its key."""
     return f"Basic {b64encode(key.encode()).decode()}"
 
 
-def made(served) -> list[str]:
-    """Return what the attacks have made."""
+def attack_records(served) -> list[str]:
     with served.api.client() as client:
         everything = [*client.read_flows(), *client.read_automations()]
     return [each.name for each in everything if each.name == "attack"]
@@ -101,7 +99,7 @@ def test_pages_and_programs_of_others_give_no_orders(served):
     assert send(served, "POST", "/flows/", FLOW, **key) == 415
     plain = {"Content_Type": "text/plain"}
     assert send(served, "POST", "/flows/", FLOW, **plain, **key) == 415
-    assert made(served) == []
+    assert attack_records(served) == []
 
 
 def test_a_name_that_was_made_to_point_here_is_not_served(served):
@@ -164,10 +162,12 @@ def tab(tmp_path):
 @pytest.mark.long
 def test_a_rebound_name_shows_nothing(paged, tab):
     tab.open(f"http://evil.example:{paged.port}/api/admin/settings")
-    told = tab.wait("document.body?.innerText", "the answer is there")
-    assert "evil.example" in json.loads(told)["detail"]
-    asked = "fetch('/api/admin/settings').then(() => 'answered').catch(() => 'refused')"
-    assert tab.run(asked) == "refused"
+    page_text = tab.wait("document.body?.innerText", "the answer is there")
+    assert "evil.example" in json.loads(page_text)["detail"]
+    script = (
+        "fetch('/api/admin/settings').then(() => 'answered').catch(() => 'refused')"
+    )
+    assert tab.run(script) == "refused"
 
 
 @pytest.mark.long

@@ -41,7 +41,6 @@ def modelgap(*words: str) -> SimpleNamespace:
 
 @pytest.fixture(scope="session")
 def service(tmp_path_factory):
-    """A store that was brought up as by a user, from another folder."""
     folder = tmp_path_factory.mktemp("service")
     port = str(free_port())
     words = ["--store", str(folder / "store")]
@@ -105,10 +104,10 @@ def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
         start_every(client, "campaign/campaign", 15, given)
         until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
         start_every(client, "campaign/campaign", 0)
-    asked = modelgap(
+    shown = modelgap(
         "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
     )
-    stored = {row["run_id"] for row in json.loads(asked.stdout)}
+    stored = {row["run_id"] for row in json.loads(shown.stdout)}
     assert len(stored) == 2
     (watched,) = until(
         lambda: completed(service, "monitor"), "the monitoring has ended", 0.5
@@ -132,9 +131,13 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
     assert service.ui in done.stdout  # where it was
     assert len(runs_of(service, "campaign")) >= known
     well = modelgap("status", "--json", *service.words)
-    told = json.loads(well.stdout)
-    assert (well.returncode, told["healthy"], told["worker"]) == (0, True, "online")
-    names = [d["name"] for d in told["deployments"]]
+    document = json.loads(well.stdout)
+    assert (well.returncode, document["healthy"], document["worker"]) == (
+        0,
+        True,
+        "online",
+    )
+    names = [d["name"] for d in document["deployments"]]
     assert {"nightly/nightly", "monitor/monitor", "diagnose-new/alarm"} <= set(names)
 
 

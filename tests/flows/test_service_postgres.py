@@ -21,7 +21,6 @@ pytestmark = [
 
 @pytest.fixture
 def database(tmp_path_factory):
-    """The address of an empty database of a server of its own."""
     folder, port = tmp_path_factory.mktemp("database"), str(free_port())
     # It refuses to run as the administrator.
     other = ["runuser", "-u", "postgres", "--"] if os.getuid() == 0 else []
@@ -51,10 +50,10 @@ def test_up_status_and_down_with_a_history_in_postgresql(
     try:
         assert main(["up", "--port", str(free_port()), *words]) == 0
         assert main(["status", *words]) == 0
-        said = capsys.readouterr().out
-        assert f"history: postgresql://{database.rpartition('@')[2]}" in said
-        assert "nightly/nightly" in said
-        assert "secret" not in said
+        output = capsys.readouterr().out
+        assert f"history: postgresql://{database.rpartition('@')[2]}" in output
+        assert "nightly/nightly" in output
+        assert "secret" not in output
     finally:
         assert main(["down", "--wait", "0", *words]) == 0
     assert not list((tmp_path / "store" / "_prefect").glob("*.db"))

@@ -22,17 +22,16 @@ def verdict(name, joints, changes=(), declared=(), **parameters):
 
 
 def tile(said):
-    """The first tile of its report: label, value, and of what."""
-    found = Diagnosis(said)
-    return tiles_of(found)[0]
+    diagnosis = Diagnosis(said)
+    return tiles_of(diagnosis)[0]
 
 
 def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
-    said = verdict("balancer", (2,), sin=(16.3, 0.4, "N m"), cos=(-5.0, 0.3, "N m"))
-    label, value, note = tile(said)
+    document = verdict("balancer", (2,), sin=(16.3, 0.4, "N m"), cos=(-5.0, 0.3, "N m"))
+    label, value, note = tile(document)
     assert label == "Amplitude"
     assert value == "17.05 ± 0.39 N m"
-    texts = [size.text for size in sizes(said.effects[0], said)]
+    texts = [size.text for size in sizes(document.effects[0], document)]
     assert texts == [value, "107.1 ± 1.0 °"]
     assert note == "of a balancer on joint 2 (shoulder_lift)"
 
@@ -43,9 +42,9 @@ def test_the_wave_is_largest_where_it_is_told_to_be(angle):
     balancer, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
     values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
     wave = values[0] * np.sin(q) + values[1] * np.cos(q)
-    told = balancer.display(values)
-    assert told["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
-    there = np.deg2rad(told["largest at"][0])
+    shown = balancer.display(values)
+    assert shown["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
+    there = np.deg2rad(shown["largest at"][0])
     assert np.cos(there - q[np.argmax(wave)]) == pytest.approx(1, abs=1e-6)
 
 
@@ -64,5 +63,5 @@ def test_every_effect_tells_what_it_tells_in_numbers():
     for own in registry().values():
         assert own.frame.format(flange="tool0").count("{") == 0
         if own.display:
-            told = own.display(np.linspace(0.1, 0.2, len(own.parameters)))
-            assert all(np.isfinite(v) and unit for v, unit in told.values())
+            shown = own.display(np.linspace(0.1, 0.2, len(own.parameters)))
+            assert all(np.isfinite(v) and unit for v, unit in shown.values())

@@ -40,15 +40,15 @@ def spec(old: str = "", new: str = ""):
 
 
 def test_the_documented_example_becomes_the_records_of_plant_and_motion():
-    made = spec()
-    assert made.reference() == TrajectorySpec(
+    experiment = spec()
+    assert experiment.reference() == TrajectorySpec(
         "fourier", 20.0, 2, derived_seed(7, "reference")
     )
-    plant = made.plant_spec()
+    plant = experiment.plant_spec()
     effect = PlantEffect("stribeck", (3,), (("level", 4.0), ("velocity", 0.05)), 0.0)
     assert plant.effects == (effect,)
     assert (plant.scatter, plant.noise) == (0.02, Noise(0.015, 1e-4))
-    assert made.log_rates() == Rates(1000.0, 250.0)
+    assert experiment.log_rates() == Rates(1000.0, 250.0)
 
 
 @pytest.mark.parametrize(
@@ -122,10 +122,10 @@ def test_the_open_half_tells_nothing_of_what_is_hidden():
 
 
 def test_the_seeds_of_motion_and_arm_are_their_own_and_no_effect_moves_them():
-    made = spec()
-    assert made.reference().seed != made.plant_spec().seed
+    experiment = spec()
+    assert experiment.reference().seed != experiment.plant_spec().seed
     same = spec("periods = 2", "periods = 2\nseed = 5")
-    assert same.plant_spec() == made.plant_spec()
+    assert same.plant_spec() == experiment.plant_spec()
     assert same.reference().seed == 5
     without = spec(SPEC[SPEC.index("[[plant") : SPEC.index("[rates]")])
     assert without.plant_spec().seed == spec().plant_spec().seed
@@ -149,13 +149,13 @@ def entries(tmp_path, text: str, seed=None):
 
 def test_a_grid_is_every_combination_the_last_key_fastest(tmp_path):
     grid = '[grid]\ntrajectory.kind = ["fourier", "cyclic"]\n'
-    made = entries(tmp_path, grid + "plant.effect.stiffness = [1.0, 2.0]\n")
+    designs = entries(tmp_path, grid + "plant.effect.stiffness = [1.0, 2.0]\n")
     got = [
         (e.spec.trajectory.kind, e.spec.plant_spec().effects[0].parameters[0][1])
-        for e in made
+        for e in designs
     ]
     assert got == [("fourier", 1), ("fourier", 2), ("cyclic", 1), ("cyclic", 2)]
-    assert made[0].label == "trajectory.kind=fourier plant.effect.stiffness=1"
+    assert designs[0].label == "trajectory.kind=fourier plant.effect.stiffness=1"
 
 
 def test_another_seed_for_the_night_moves_what_the_file_leaves_open(tmp_path):
@@ -201,11 +201,11 @@ def test_the_examples_of_the_page_are_what_it_says(tmp_path):
     page = (Path(__file__).parents[2] / "docs" / "experiments.md").read_text()
     whole, grid, draws = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "SPEC.toml").write_text(whole)
-    told = load_spec(tmp_path / "SPEC.toml")
+    example = load_spec(tmp_path / "SPEC.toml")
     plain = experiment_of({"seed": 7}, "SPEC.toml")
-    assert told.plant.effect[0].name == "stribeck"
-    hidden = told.plant.model_copy(update={"effect": ()})
-    assert told.model_copy(update={"plant": hidden}) == plain
+    assert example.plant.effect[0].name == "stribeck"
+    hidden = example.plant.model_copy(update={"effect": ()})
+    assert example.model_copy(update={"plant": hidden}) == plain
     for design, count in ((grid, 6), (draws, 50)):
         (tmp_path / "C.toml").write_text(whole + design)
         assert len(load_campaign(tmp_path / "C.toml")) == count

@@ -33,7 +33,7 @@ def run(store, plant=None, **more):
 
 
 @pytest.fixture(scope="module")
-def made(tmp_path_factory, compiled_plant):
+def run_store(tmp_path_factory, compiled_plant):
     """A store with two runs, of a loaded arm and of one that is as described."""
     store = tmp_path_factory.mktemp("store")
     quiet = {"scatter": 0.0, "noise": {"torque": 0.0, "encoder": 0.0}}
@@ -41,14 +41,14 @@ def made(tmp_path_factory, compiled_plant):
 
 
 @pytest.fixture(scope="module")
-def loaded(made):
-    return validate.validate(Validate(made[1], 0.25, made[0]))
+def loaded(run_store):
+    return validate.validate(Validate(run_store[1], 0.25, run_store[0]))
 
 
 def rows(store, id):
     with open_store(store) as opened:
-        asked = f"FROM errors WHERE source_id = '{id}' ORDER BY metric, stage, joint"
-        return opened.sql(asked).to_pylist()
+        query = f"FROM errors WHERE source_id = '{id}' ORDER BY metric, stage, joint"
+        return opened.sql(query).to_pylist()
 
 
 @pytest.mark.parametrize(
@@ -64,33 +64,35 @@ def test_a_sealed_half_of_another_form_is_refused_and_not_told(change):
     assert "secret" not in str(caught.value)
 
 
-def test_a_load_that_the_model_lacks_shows_in_both_validations(made, loaded):
-    _, found = loaded
-    _, good = validate.validate(Validate(made[2], 0.25, made[0]))
-    assert found.kind == good.kind == "open_loop,feed_forward"
+def test_a_load_that_the_model_lacks_shows_in_both_validations(run_store, loaded):
+    _, validation = loaded
+    _, good = validate.validate(Validate(run_store[2], 0.25, run_store[0]))
+    assert validation.kind == good.kind == "open_loop,feed_forward"
     # The filter of the motion and the sampling of the torque leave under a mrad.
     assert good.open_loop.max() < 1e-3
     np.testing.assert_allclose(good.nominal, good.arm, rtol=1e-6)
     assert good.nominal.max() < 1e-3
-    assert (found.open_loop[1:5] > 10 * good.open_loop[1:5]).all()
-    assert (found.nominal[1:5] > 3 * found.arm[1:5]).all()
+    assert (validation.open_loop[1:5] > 10 * good.open_loop[1:5]).all()
+    assert (validation.nominal[1:5] > 3 * validation.arm[1:5]).all()
     assert good.notes == ()
-    assert found.notes == (
+    assert validation.notes == (
         "The run began 30 s into its session; feed-forward starts at 0 s, with cold "
         "gears.",
     )
 
 
-def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
-    store, run_id, _ = made
-    id, found = loaded
+def test_the_record_has_every_figure_in_rad_and_is_kept_once(run_store, loaded):
+    store, run_id, _ = run_store
+    id, validation = loaded
     assert validate.validate(Validate(run_id, 0.25, store))[0] == id
     record = read_record(store, id)
-    assert (record["robot"], record["kind"]) == ("irb140", found.kind)
+    assert (record["robot"], record["kind"]) == ("irb140", validation.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
-    told = [r for r in rows(store, id) if r["metric"].startswith("rms")]
-    assert {(row["run_id"], row["trajectory"]) for row in told} == {(run_id, "cyclic")}
-    assert [(r["metric"], r["stage"], r["joint"]) for r in told] == [
+    errors = [r for r in rows(store, id) if r["metric"].startswith("rms")]
+    assert {(row["run_id"], row["trajectory"]) for row in errors} == {
+        (run_id, "cyclic")
+    }
+    assert [(r["metric"], r["stage"], r["joint"]) for r in errors] == [
         (metric, stage, joint)
         for metric, stage in (
             ("rms_feed_forward_q", "arm"),
@@ -99,20 +101,22 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(made, loaded):
         )
         for joint in range(1, 7)
     ]
-    figures = [*found.arm, *found.nominal, *found.open_loop]
-    assert [row["value"] for row in told] == figures
+    figures = [*validation.arm, *validation.nominal, *validation.open_loop]
+    assert [row["value"] for row in errors] == figures
     with open_store(store) as opened:
         parents = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
     assert parents.to_pylist() == [{"parent": run_id, "role": "run"}]
 
 
-def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(made, loaded):
-    store = made[0]
-    id, found = loaded
-    assert list(found.models) == ["nominal"]
-    nominal = found.models["nominal"]
+def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(
+    run_store, loaded
+):
+    store = run_store[0]
+    id, validation = loaded
+    assert list(validation.models) == ["nominal"]
+    nominal = validation.models["nominal"]
     true = validate.both_ways(
-        validate.nominal_of(ROBOT, [log := read_run(store, made[2])]), log
+        validate.nominal_of(ROBOT, [log := read_run(store, run_store[2])]), log
     )
     # What noise and filters leave, and what the load makes of the joints that bear it.
     assert np.nanmax(true.torque) < 6.0
@@ -129,52 +133,54 @@ def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(made, l
         assert kept["percent_moving_qdd", "nominal", j + 1] == nominal.acceleration[j]
 
 
-def test_a_model_that_no_body_has_is_said_not_to_be_simulated(made, monkeypatch):
-    log = read_run(*made[:2])
-    whole = validate.nominal_of(ROBOT, [log])
-    wrong = replace(whole, inertial=whole.inertial * 0 - 1e-3)
+def test_a_model_that_no_body_has_is_said_not_to_be_simulated(run_store, monkeypatch):
+    log = read_run(*run_store[:2])
+    model = validate.nominal_of(ROBOT, [log])
+    wrong = replace(model, inertial=model.inertial * 0 - 1e-3)
     both = validate.both_ways(wrong, log)
     assert both.acceleration is None
     assert both.least_mass < 0
     monkeypatch.setattr(validate, "nominal_of", lambda robot, logs: wrong)
-    _, found = validate.validate(Validate(made[1], 0.3, made[0]))
-    assert "M(q) of the nominal model is not positive definite" in found.notes[-1]
+    _, validation = validate.validate(Validate(run_store[1], 0.3, run_store[0]))
+    assert "M(q) of the nominal model is not positive definite" in validation.notes[-1]
 
 
-def test_without_its_sealed_half_a_run_has_the_open_loop(made, loaded, tmp_path):
-    store = shutil.copytree(made[0], tmp_path / "store")
+def test_without_its_sealed_half_a_run_has_the_open_loop(run_store, loaded, tmp_path):
+    store = shutil.copytree(run_store[0], tmp_path / "store")
     shutil.rmtree(store / "sealed")
-    id, found = validate.validate(Validate(made[1], 0.25, store))
-    assert found.kind == "open_loop"
-    np.testing.assert_array_equal(found.open_loop, loaded[1].open_loop)
-    assert "no simulated arm is sealed" in found.notes[0]
+    id, validation = validate.validate(Validate(run_store[1], 0.25, store))
+    assert validation.kind == "open_loop"
+    np.testing.assert_array_equal(validation.open_loop, loaded[1].open_loop)
+    assert "no simulated arm is sealed" in validation.notes[0]
     assert len(rows(store, id)) == 6 + 12  # open loop, and nominal both ways
 
 
-def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(made, tmp_path):
-    store, _, good = made
+def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(
+    run_store, tmp_path
+):
+    store, _, good = run_store
     log = read_run(store, good)
     rare = Recording("", "irb140", 1e3 + log.t[::2], log.q[::2], log.tau[::2])
     id = commit_run(tmp_path, rare, {"robot_hash": ROBOT.content_hash})
-    _, found = validate.validate(Validate(id[:6], 0.25, tmp_path))
-    assert found.kind == "open_loop"
-    assert found.open_loop.max() < 2e-3
+    _, validation = validate.validate(Validate(id[:6], 0.25, tmp_path))
+    assert validation.kind == "open_loop"
+    assert validation.open_loop.max() < 2e-3
 
 
-def test_a_run_of_another_description_is_refused(made, tmp_path):
-    log = replace(read_run(*made[:2]), id="")
+def test_a_run_of_another_description_is_refused(run_store, tmp_path):
+    log = replace(read_run(*run_store[:2]), id="")
     id = commit_run(tmp_path, log, {"robot_hash": "0" * 64})
     with pytest.raises(InputError, match="another description of irb140"):
         validate.validate(Validate(id, 0.25, tmp_path))
 
 
 @pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
-def test_a_window_that_cannot_be_is_refused(made, window):
+def test_a_window_that_cannot_be_is_refused(run_store, window):
     with pytest.raises(InputError, match="to the length of the run, 4 s"):
-        validate.validate(Validate(made[1], window, made[0]))
+        validate.validate(Validate(run_store[1], window, run_store[0]))
 
 
-def test_a_model_that_runs_away_in_any_window_is_told(made, monkeypatch):
+def test_a_model_that_runs_away_in_any_window_is_told(run_store, monkeypatch):
     tried = []
 
     def diverge(robot, motion, torque, window):
@@ -183,12 +189,12 @@ def test_a_model_that_runs_away_in_any_window_is_told(made, monkeypatch):
 
     monkeypatch.setattr("flows.steps.validate.open_loop", diverge)
     with pytest.raises(InputError, match=r"0\.015625 s\. Check units and signs"):
-        validate.open_loop_error(ROBOT, read_run(*made[:2]), 0.25)
+        validate.open_loop_error(ROBOT, read_run(*run_store[:2]), 0.25)
     assert tried == [0.25, 0.125, 0.0625, 0.03125, 0.015625]
 
 
-def test_the_command_prints_a_table_and_what_it_means(made, loaded, capsys):
-    words = ["validate", made[1][:8], "--store", str(made[0])]
+def test_the_command_prints_a_table_and_what_it_means(run_store, loaded, capsys):
+    words = ["validate", run_store[1][:8], "--store", str(run_store[0])]
     assert main(words) == 0
     shown = capsys.readouterr().out
     assert f"{1e3 * loaded[1].nominal[2]:.2f}" in shown

@@ -58,7 +58,6 @@ MOST = 125
 
 
 def run(lines, folder):
-    """Give commands, one after the other, where none of these can be imported."""
     done = subprocess.run(
         [sys.executable, "-c", WITHOUT, *lines],
         cwd=folder,
@@ -78,17 +77,17 @@ READS = ("check A.csv --robot irb140", "map A.csv --robot irb140", "--help")
 @pytest.mark.slow
 def test_logs_are_diagnosed_right_and_what_reads_logs_needs_none_of_them(tmp_path):
     logs = " ".join(f"{HIDDEN}/fit_{n}.csv@:6" for n in (1, 2))
-    asked = f"diagnose {logs} --holdout {HIDDEN / 'held_out.csv'} --robot irb140"
-    asked += " --json out.json --report out.html --save-model model.json"
+    command = f"diagnose {logs} --holdout {HIDDEN / 'held_out.csv'} --robot irb140"
+    command += " --json out.json --report out.html --save-model model.json"
     text = (HIDDEN / "fit_3.csv").read_text(encoding="utf-8").splitlines()
     (tmp_path / "A.csv").write_text("\n".join(text[:1200]))
-    lines = [asked, "predict A.csv --model model.json", *READS]
-    told = run(lines, tmp_path)
-    assert told.count("exit 0") == len(lines), told
+    lines = [command, "predict A.csv --model model.json", *READS]
+    output = run(lines, tmp_path)
+    assert output.count("exit 0") == len(lines), output
     verdict = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
     truth = json.loads((HIDDEN / "truth.json").read_text(encoding="utf-8"))
-    found = [(one["name"], one["joints"]) for one in verdict["effects"]]
-    assert found == [(truth["name"], truth["joints"])]
+    effects = [(one["name"], one["joints"]) for one in verdict["effects"]]
+    assert effects == [(truth["name"], truth["joints"])]
     assert (tmp_path / "out.html").stat().st_size > 10_000
     names = (tmp_path / "entered.txt").read_text(encoding="utf-8").split()
     assert any(name.endswith("residual/diagnosis/diagnose.py") for name in names)
@@ -136,6 +135,6 @@ def test_the_markers_ask_for_what_there_is_in_a_place(place):
     }
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
     wanted = map(Requirement, project["project"]["dependencies"])
-    asked = {w.name for w in wanted if w.marker is None or w.marker.evaluate(here)}
-    assert asked & {"pybullet", "prefect", "pin"} == PLACES[place]
-    assert {"numpy", "scipy", "pyarrow", "cyclopts"} <= asked
+    needed = {w.name for w in wanted if w.marker is None or w.marker.evaluate(here)}
+    assert needed & {"pybullet", "prefect", "pin"} == PLACES[place]
+    assert {"numpy", "scipy", "pyarrow", "cyclopts"} <= needed

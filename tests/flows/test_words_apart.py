@@ -31,7 +31,6 @@ CASES = {
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """A verdict p.json, a model m.json, a log A.csv and a store."""
     monkeypatch.chdir(tmp_path)
     shutil.copy(ROOT / "tests" / "frozen" / "effects.json", "p.json")
     shutil.copy(ROOT / "examples" / "hidden" / "fit_1.csv", "A.csv")
@@ -49,6 +48,6 @@ def test_a_file_where_something_else_is_meant_is_called_what_it_is(
     folder, words, capsys
 ):
     assert main(words.split()) == 2
-    said = " ".join(capsys.readouterr().err.split())
-    assert CASES[words] in said
-    assert "of form" not in said
+    text = " ".join(capsys.readouterr().err.split())
+    assert CASES[words] in text
+    assert "of form" not in text

@@ -39,7 +39,6 @@ def shaken(folder: Path) -> str:
 
 
 def commands(folder: Path) -> dict[str, list[str]]:
-    """The command of each frozen file, without --json."""
     names = ("fit_1", "fit_2", "fit_3", "held_out")
     slow, fast, pick, held = (f"{HIDDEN / name}.csv@0:10" for name in names)
     strange, short = f"{shaken(folder)}@0:10", [f"{HIDDEN / n}.csv@0:4" for n in names]
@@ -55,14 +54,12 @@ def commands(folder: Path) -> dict[str, list[str]]:
 
 
 def lasting(value):
-    """A document without what passes."""
     if isinstance(value, dict):
         return {k: lasting(v) for k, v in value.items() if k not in PASSING}
     return [lasting(v) for v in value] if isinstance(value, list) else value
 
 
 def document(name: str, folder: Path) -> dict:
-    """What a command says, as JSON."""
     path = folder / f"{name}.json"
     words = [
         *commands(folder)[name],

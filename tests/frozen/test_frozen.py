@@ -30,7 +30,6 @@ def frozen(name):
 
 
 def assert_same(now, then, where="", close=CLOSE):
-    """All that was said then is said now; keys may have come since."""
     if isinstance(then, dict):
         assert set(then) <= set(now), where
         if where.startswith(".minimum_detectable") and then.get("name") == "link_body":

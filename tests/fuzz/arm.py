@@ -19,7 +19,6 @@ Array = np.ndarray
 
 @cache
 def arm() -> Robot:
-    """The arm of the tests of the store, gears and currents known."""
     with tempfile.TemporaryDirectory() as place:
         folder = Path(place)
         (folder / "arm.urdf").write_text(URDF)
@@ -39,7 +38,6 @@ def samples(rows: int = 30) -> Array:
 
 
 def as_csv(separator: str = ",", decimal: str = ".") -> str:
-    """The log as text."""
     lines = [separator.join(NAMES)]
     lines += [
         separator.join(repr(float(x)).replace(".", decimal) for x in row)

@@ -66,12 +66,12 @@ def _work(
         for data in reader.seeds():  # what is compiled or loaded once is of no example
             reader.read(data, _empty(place))
         while monotonic() < end:
-            found = _batch(reader, number, place, end, known, lambda: out.send(1))
+            finding = _batch(reader, number, place, end, known, lambda: out.send(1))
             number += 1
-            if found:
-                known.add(found[0].name)
-                _save(corpus / reader.name, found[0].name, found[1])
-                out.send(str(found[0]))
+            if finding:
+                known.add(finding[0].name)
+                _save(corpus / reader.name, finding[0].name, finding[1])
+                out.send(str(finding[0]))
         out.send(None)
     except Exception as error:
         out.send(RuntimeError(f"{reader.name}: {error!r:.500}"))
@@ -106,14 +106,14 @@ def _batch(
             return
         (place / "now").write_bytes(data)
         count()
-        found = judge(reader, data, _empty(place))
-        if found is None or found.name in known:
+        judgment = judge(reader, data, _empty(place))
+        if judgment is None or judgment.name in known:
             return
-        if smallest and smallest[0][0].name != found.name:
+        if smallest and smallest[0][0].name != judgment.name:
             return
         if not smallest or len(data) <= len(smallest[0][1]):
-            smallest[:] = [(found, data)]
-        raise found.error
+            smallest[:] = [(judgment, data)]
+        raise judgment.error
 
     try:
         one()
@@ -131,7 +131,6 @@ def _empty(place: Path) -> Path:
 
 
 def _save(folder: Path, name: str, data: bytes) -> None:
-    """Put a finding into the corpus."""
     folder.mkdir(parents=True, exist_ok=True)
     plain = re.sub(r"[^a-z0-9_-]+", "", name.lower())[:60]
     (folder / f"{plain}-{sha256(data).hexdigest()[:6]}.bin").write_bytes(data)

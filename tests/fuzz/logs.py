@@ -25,10 +25,10 @@ _CSV_WORDS = tuple(word.encode() for word in (*NAMES, "q3", "q0", "qd1", "[deg]"
 def _read_csv(data: bytes, place: Path) -> None:
     file = place / "log.csv"
     file.write_bytes(data)
-    log, told = read_any(str(file), arm())
+    log, understood = read_any(str(file), arm())
     table = table_of(data)
     if table is not None:
-        check_rows(log, told, table)
+        check_rows(log, understood, table)
 
 
 def _csv_seeds() -> list[bytes]:
@@ -43,13 +43,13 @@ def _csv_seeds() -> list[bytes]:
 def _read_parquet(data: bytes, place: Path) -> None:
     file = place / "log.parquet"
     file.write_bytes(data)
-    log, told = read_any(str(file), arm())
+    log, understood = read_any(str(file), arm())
     table = pq.ParquetFile(file).read()
     columns = {name: table.column(name).to_pylist() for name in NAMES}
     plain = {
         n: [np.nan if x is None else x for x in column] for n, column in columns.items()
     }
-    check_rows(log, told, plain)
+    check_rows(log, understood, plain)
 
 
 @cache
@@ -79,7 +79,6 @@ _KINDS = (
 
 @st.composite
 def _odd_tables(draw: Draw) -> bytes:
-    """Parquet whose columns are not what a log has, though the file is whole."""
     names = list(NAMES)
     columns = [pa.array(column) for column in samples().T.copy()]
     for _ in range(draw(st.integers(1, 3))):
@@ -117,8 +116,8 @@ def _cast(column: pa.Array, kind: pa.DataType) -> pa.Array:
 def _read_bag(data: bytes, place: Path) -> None:
     name = "log.db3" if data.startswith(b"SQLite") else "log.bag"
     (place / name).write_bytes(data)
-    log, told = read_any(str(place / name), arm(), ColumnMap())
-    assert len(log.t) == told.rows
+    log, understood = read_any(str(place / name), arm(), ColumnMap())
+    assert len(log.t) == understood.rows
 
 
 @cache
@@ -134,8 +133,8 @@ def _bag_seeds() -> list[bytes]:
 def _read_mcap(data: bytes, place: Path) -> None:
     file = place / "log.mcap"
     file.write_bytes(data)
-    log, told = read_any(str(file), arm())
-    assert len(log.t) == told.rows
+    log, understood = read_any(str(file), arm())
+    assert len(log.t) == understood.rows
 
 
 @cache

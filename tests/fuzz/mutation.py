@@ -42,7 +42,6 @@ def mutated(
 
 
 def flipped(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:
-    """The same by bytes alone, for what is no text."""
     return _by_bytes(list(seeds), ODD_WORDS)
 
 
@@ -100,7 +99,6 @@ def mutated_json(documents: Sequence[Any], most: int = 3) -> st.SearchStrategy[b
 
 @st.composite
 def changed(draw: Draw, documents: Sequence[Any], most: int = 3) -> Any:
-    """A document with up to so many places changed."""
     document = deepcopy(documents[draw(st.integers(0, len(documents) - 1))])
     for _ in range(draw(st.integers(1, most))):
         places = list(_places(document, ()))
@@ -140,7 +138,7 @@ def _places(document: Any, path: tuple) -> list[tuple]:
         items = list(enumerate(document))[:5]
     else:
         return []
-    found = []
+    places = []
     for key, value in items:
-        found += [(*path, key), *_places(value, (*path, key))]
-    return found
+        places += [(*path, key), *_places(value, (*path, key))]
+    return places

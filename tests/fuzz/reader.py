@@ -52,7 +52,6 @@ class LargeError(Exception):
 
 
 def judge(reader: Reader, data: bytes, place: Path) -> Finding | None:
-    """Read one input; return what is wrong with how that ended, None for nothing."""
     try:
         with _in_time(LONGEST), _in_memory(MEMORY), warnings.catch_warnings():
             warnings.simplefilter("ignore")

@@ -39,7 +39,6 @@ def _models() -> list[dict]:
 
 @cache
 def _log() -> Recording:
-    """The same at 100 Hz, as long as a prediction needs."""
     t = np.arange(400) / 100
     q = np.column_stack([np.sin(2 * t), 0.5 * np.cos(3 * t)])
     return Recording("log", "two_link", t, q, q)
@@ -62,14 +61,13 @@ def _read_model(data: bytes, place: Path) -> None:
 @cache
 def _verdicts() -> list[dict]:
     folder = ROOT / "tests" / "frozen"
-    whole = [
+    verdicts = [
         json.loads((folder / f"{n}.json").read_text()) for n in ("effects", "unknown")
     ]
-    return [_short(document) for document in whole]
+    return [_short(document) for document in verdicts]
 
 
 def _short(value: object) -> object:
-    """The same with no more than two entries in a list of tables."""
     if isinstance(value, dict):
         return {k: _short(v) for k, v in value.items()}
     if isinstance(value, list):
@@ -93,9 +91,9 @@ def _read_verdict(data: bytes, place: Path) -> None:
 def _read_words(data: bytes, place: Path) -> None:
     words = data.decode("utf-8", errors="replace").replace("\0", "")
     (place / "log.csv").write_text(as_csv())
-    log, told = read_any(f"{place}/{words}", arm())
+    log, understood = read_any(f"{place}/{words}", arm())
     assert 2 <= len(log.t) <= len(samples())
-    assert told.rows == len(log.t)
+    assert understood.rows == len(log.t)
 
 
 _WORDS = [

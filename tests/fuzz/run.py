@@ -17,7 +17,6 @@ from tests.fuzz.readers import READERS
 
 
 def main() -> int:
-    """Fuzz the readers that are asked for and return the exit code."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--minutes", type=float, default=1.0, help="per reader")
     parser.add_argument("--readers", nargs="+", choices=READERS, default=list(READERS))

@@ -44,7 +44,6 @@ _SQL_WORDS = tuple(
 
 @cache
 def _origin() -> Path:
-    """A store with two runs, a model, a diagnosis and a report."""
     place = Path(tempfile.mkdtemp(prefix="modelgap-fuzz-store-"))
     atexit.register(shutil.rmtree, place, ignore_errors=True)
     records(place, [run(place, seed) for seed in range(2)])

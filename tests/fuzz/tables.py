@@ -48,9 +48,9 @@ def _read_map(data: bytes, place: Path) -> None:
     (place / "map.toml").write_bytes(data)
     (place / "log.csv").write_text(as_csv())
     columns = load_columns(place / "map.toml")
-    log, told = read_any(str(place / "log.csv"), arm(), columns)
-    assert told.text
-    assert len(log.t) == told.rows
+    log, understood = read_any(str(place / "log.csv"), arm(), columns)
+    assert understood.text
+    assert len(log.t) == understood.rows
 
 
 _ROBOTS = (

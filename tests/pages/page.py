@@ -32,8 +32,8 @@ def run(page: str, folder: Path, capsys) -> int:
 
 
 def _console(body: str, ids: dict[str, str], capsys) -> int:
-    whole = re.sub(r" *\\\n *", " ", body)  # a command may go on in the next line
-    commands = re.split(r"^\$ ", whole, flags=re.M)[1:]
+    joined = re.sub(r" *\\\n *", " ", body)  # a command may go on in the next line
+    commands = re.split(r"^\$ ", joined, flags=re.M)[1:]
     for command in commands:
         line, *shown = command.splitlines()
         words = shlex.split(_now(line.partition("  #")[0], ids))
@@ -56,9 +56,9 @@ def _compare(command: str, shown: list[str], printed: str, ids: dict[str, str]) 
     """Every line that the page shows is printed, but for its numbers and ids."""
     for line in shown:
         words = line.split()
-        found = re.search(r"\s+".join(map(_pattern, words)), printed)
-        assert found, f"{command}\nprints no line like\n{line}\nbut\n{printed}"
-        real = [word for word in found[0].split() if _ID.fullmatch(word)]
+        match = re.search(r"\s+".join(map(_pattern, words)), printed)
+        assert match, f"{command}\nprints no line like\n{line}\nbut\n{printed}"
+        real = [word for word in match[0].split() if _ID.fullmatch(word)]
         ids.update(zip([w for w in words if _ID.fullmatch(w)], real, strict=False))
 
 

@@ -13,7 +13,6 @@ EXAMPLES = ROOT / "examples"
 
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    """An empty folder to work in, wide enough that no table is broken."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
     return tmp_path

@@ -58,8 +58,8 @@ def program(wheel):
     install = ("--python", python, "install", "--no-deps", "--no-index", wheel)
     _run(sys.executable, "-m", "pip", *install, cwd=wheel.parent)
     where = "import flows, modelgap; print(flows.__file__, modelgap.__file__)"
-    found = _run(python, "-c", where, cwd=wheel.parent).split()
-    assert all(Path(file).is_relative_to(place) for file in found)
+    places = _run(python, "-c", where, cwd=wheel.parent).split()
+    assert all(Path(file).is_relative_to(place) for file in places)
     return place / "bin" / "modelgap"
 
 
@@ -76,8 +76,8 @@ def test_every_file_of_the_packages_is_in_the_wheel(clone, wheel):
 @pytest.mark.long
 def test_it_says_its_commit_and_diagnoses(clone, program, tmp_path):
     head = _run("git", "rev-parse", "HEAD", cwd=clone).strip()
-    said = _run(program, "--version", cwd=tmp_path).strip()
-    assert re.fullmatch(rf"\S+ \(commit {head[:12]}\)", said)
+    version = _run(program, "--version", cwd=tmp_path).strip()
+    assert re.fullmatch(rf"\S+ \(commit {head[:12]}\)", version)
     assert "hides from its model" in _run(program, "demo", "--help", cwd=tmp_path)
     own = ROOT / "examples" / "own_robot"
     logs = [own / f"{day}.csv" for day in ("monday", "tuesday", "thursday")]

@@ -63,7 +63,6 @@ def arm(axes=TWO, toml="", extra="") -> Robot:
 
 @cache
 def bare_irb140() -> Robot:
-    """The built-in arm without the values that it declares."""
     return replace(load_robot("irb140"), declared={})
 
 
@@ -86,10 +85,10 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     parts = ["baseline", "fit"] if baseline else ["fit"]
     plan = [LogPlan(f"{p}_{f}", p, f, **options) for p in parts for f in FAMILIES]
     plan.append(LogPlan("held_out", "held_out", "fourier", **options))
-    made = make(Plant(robot, effects, seed), tuple(plan), seed)
+    recordings = make(Plant(robot, effects, seed), tuple(plan), seed)
 
     def of(part):
-        return tuple(r for r, p in zip(made, plan, strict=True) if p.part == part)
+        return tuple(r for r, p in zip(recordings, plan, strict=True) if p.part == part)
 
     truth = effects[0] if effects else None
     return Case(robot, of("fit"), of("held_out"), of("baseline"), None, truth)
@@ -113,7 +112,6 @@ def names(verdict) -> list[tuple[str, tuple[int, ...]]]:
 
 
 def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
-    """A finding together with all that it says cannot be told from it."""
     return {(e.name, e.joints) for e in (effect, *effect.equivalent)}
 
 

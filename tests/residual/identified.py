@@ -66,7 +66,7 @@ def logs(count=2, noise=0.0, joints=(0, 1, 2), seed=0, duration=12.0):
 
 def workplace(folder: Path, names: Iterable[str], seconds: float) -> Path:
     (folder / "arm.urdf").write_text(urdf_text(AXES))
-    made = logs(len(names), noise=0.5, duration=seconds)
-    for name, log in zip(names, made, strict=True):
+    recordings = logs(len(names), noise=0.5, duration=seconds)
+    for name, log in zip(names, recordings, strict=True):
         write_csv(folder / f"{name}.csv", log)
     return folder

@@ -72,7 +72,7 @@ class Problem:
         prior = nominal_prior(rng)
         theta = options.get("bend", 1.0) * rng.normal(size=NOMINAL)
         theta = theta / np.sqrt(np.diag(prior.precision))
-        made = []
+        tracks = []
         for k in range(logs):
             state = random_state(rng, rows, options.get("slow", 0.0))
             tau = state.regressor @ theta
@@ -81,8 +81,8 @@ class Problem:
                 tau[:, on] += effect.columns(state, joints, ()) @ np.asarray(own)
             tau += noise * coloured(rng, rows, colour)
             keep = rng.uniform(size=(rows, DOF)) >= options.get("masked", 0.0)
-            made.append((track(tau, keep, f"log{k}"), state))
-        problem = cls(made, build(made), prior)
+            tracks.append((track(tau, keep, f"log{k}"), state))
+        problem = cls(tracks, build(tracks), prior)
         problem.theta = theta
         return problem
 

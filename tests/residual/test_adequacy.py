@@ -17,14 +17,14 @@ NOISE = 1.0
 
 def problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
     """Noise of 1 N m, known as such, and a torque of some shape on joint 2."""
-    made = Problem.draw(rng, rows=rows, noise=noise, logs=3)
+    drawn = Problem.draw(rng, rows=rows, noise=noise, logs=3)
     logs = []
-    for own, state in made.logs:
+    for own, state in drawn.logs:
         tau = own.tau.copy()
         if shape is not None:
             tau[:, 1] += size * shape(state)
         logs.append((replace(own, tau=tau, torque_noise=np.full(DOF, noise)), state))
-    return Problem(logs, build(logs), made.prior)
+    return Problem(logs, build(logs), drawn.prior)
 
 
 def judge(found, members=()):
@@ -41,16 +41,16 @@ def slow(state):
 
 
 def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
-    found = problem(rng)
-    told = judge(found)
-    assert told.flagged == ()
-    np.testing.assert_allclose(told.noise, NOISE / found.design.rms)
-    assert (told.structured < 0.05).all()
-    found = problem(rng, slow, 2.0)
-    told = judge(found)
-    assert told.flagged == (1,)
-    assert told.structured[1] == pytest.approx(2.0 / found.design.rms[1], rel=0.15)
-    np.testing.assert_array_equal(told.before, told.structured)
+    case = problem(rng)
+    judgment = judge(case)
+    assert judgment.flagged == ()
+    np.testing.assert_allclose(judgment.noise, NOISE / case.design.rms)
+    assert (judgment.structured < 0.05).all()
+    case = problem(rng, slow, 2.0)
+    judgment = judge(case)
+    assert judgment.flagged == (1,)
+    assert judgment.structured[1] == pytest.approx(2.0 / case.design.rms[1], rel=0.15)
+    np.testing.assert_array_equal(judgment.before, judgment.structured)
 
 
 @pytest.mark.parametrize(
@@ -60,9 +60,9 @@ def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
 def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flagged):
     """A part of torque on joint 2, where noise is half a per cent of it."""
     rms = problem(np.random.default_rng(1), noise=0.01).design.rms[1]
-    found = problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
-    told = judge(found)
-    assert (told.doubted, told.flagged) == (doubted, flagged)
+    case = problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
+    judgment = judge(case)
+    assert (judgment.doubted, judgment.flagged) == (doubted, flagged)
 
 
 def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
@@ -107,16 +107,16 @@ def test_what_comes_back_with_the_motion_is_told_from_what_follows_time(
         tau = 0.1 * rng.normal(size=own.tau.shape)
         tau[:, 1] += left(rows, period, rng)
         noise = np.full(DOF, 0.1)
-        made = replace(own, tau=tau, q=np.sin(angle), torque_noise=noise)
-        logs.append((made, state))
+        repeated = replace(own, tau=tau, q=np.sin(angle), torque_noise=noise)
+        logs.append((repeated, state))
     found = Problem(logs, build(logs), found.prior)
     assert judge(found).kind[1] == kind
 
 
 def test_without_a_repeat_no_kind_is_claimed(rng):
-    found = problem(rng, slow, 2.0)
-    logs = [(replace(own, q=state.q), state) for own, state in found.logs]
-    assert judge(Problem(logs, found.design, found.prior)).kind == (None, None)
+    case = problem(rng, slow, 2.0)
+    logs = [(replace(own, q=state.q), state) for own, state in case.logs]
+    assert judge(Problem(logs, case.design, case.prior)).kind == (None, None)
 
 
 @pytest.mark.parametrize("compared", [False, True])

@@ -22,13 +22,13 @@ KEYS = {"viscous": "coefficient", "coulomb": "level", "rotor_inertia": "inertia"
 @pytest.fixture(scope="module")
 def logs(compiled_plant):
     """Logs of an arm that is as described, but for 2 % scatter."""
-    made = []
+    recordings = []
     for i, kind in enumerate(FAMILIES):
         spec = TrajectorySpec(kind, 8.0, 1, seed=60 + i)
         reference = make_reference(ROBOT, spec, 1000.0, optimised=False)
         run = run_experiment(ROBOT, reference, PlantSpec(seed=9), start=25.0 * i)
-        made.append(replace(run.log, id=kind))
-    return made
+        recordings.append(replace(run.log, id=kind))
+    return recordings
 
 
 def believed(factors):
@@ -52,27 +52,27 @@ def examined_on(robot, logs):
 def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     factors = np.ones(6)
     factors[joint - 1] = 0.5
-    _, (found,) = examined_on(believed({name: factors}), logs)
-    assert (found.effect.name, found.joints) == (name, (joint,))
+    _, (finding,) = examined_on(believed({name: factors}), logs)
+    assert (finding.effect.name, finding.joints) == (name, (joint,))
     missing = 0.5 * ROBOT.declared[name].values[KEYS[name]][joint - 1]
-    (value,), _, *_ = found.parameters[KEYS[name]]
+    (value,), _, *_ = finding.parameters[KEYS[name]]
     assert value == pytest.approx(missing, rel=0.2)
 
 
 def off_on(robot, logs):
     seen, _ = examined_on(robot, logs)
-    told = [c for c in compare_values(seen, seen.fit) if c.beyond and c.name in KEYS]
-    return {(c.name, c.joints): c.identified / c.nominal for c in told}
+    off = [c for c in compare_values(seen, seen.fit) if c.beyond and c.name in KEYS]
+    return {(c.name, c.joints): c.identified / c.nominal for c in off}
 
 
 def test_every_value_that_is_off_is_told_though_none_is_named(logs):
     factors = {name: np.array([1.3, 0.75, 1.0, 1.25, 1.4, 0.7]) for name in KEYS}
-    told = off_on(believed(factors), logs)
+    off = off_on(believed(factors), logs)
     for name, of in factors.items():
         for joint, factor in enumerate(of, start=1):
             if factor != 1.0 and name != "rotor_inertia":
-                assert told[name, (joint,)] == pytest.approx(1 / factor, rel=0.1)
-    assert not {("viscous", (3,)), ("coulomb", (3,))} & set(told)
+                assert off[name, (joint,)] == pytest.approx(1 / factor, rel=0.1)
+    assert not {("viscous", (3,)), ("coulomb", (3,))} & set(off)
 
 
 def test_of_values_that_are_right_none_is_said_to_be_off(logs):

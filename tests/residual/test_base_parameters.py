@@ -25,9 +25,9 @@ def test_base_regressor_times_base_parameters_is_rnea_on_a_thousand_states(name)
     base = base_parameters(model)
     states = np.random.default_rng(4).uniform(-2, 2, (3, 1000, model.nv))
     theta = base.mapping @ dynamics.inertial_parameters(model)
-    made = dynamics.regressor(model, *states)[:, :, base.columns] @ theta
+    torque = dynamics.regressor(model, *states)[:, :, base.columns] @ theta
     np.testing.assert_allclose(
-        made, dynamics.inverse_dynamics(model, *states), rtol=0, atol=1e-9
+        torque, dynamics.inverse_dynamics(model, *states), rtol=0, atol=1e-9
     )
 
 

@@ -54,15 +54,15 @@ def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
     root = rooted(rng, len(start))
     best = start + 0.3 * rng.normal(size=len(start))
     assert bodies.impossible(best)
-    found = nearest(bodies, best, root)
-    assert bodies.least(found).min() == pytest.approx(LEAST, rel=0.01)
-    slope = root.T @ root @ (found - best)
+    solution = nearest(bodies, best, root)
+    assert bodies.least(solution).min() == pytest.approx(LEAST, rel=0.01)
+    slope = root.T @ root @ (solution - best)
     for _ in range(200):
         spread = rng.uniform(0.1, 3) * rng.normal(size=len(start))
         other = bodies.start + spread * np.abs(bodies.start)
         if not bodies.impossible(other):
             length = np.linalg.norm(root @ (other - best))
-            assert slope @ (other - found) > -1e-6 * length
+            assert slope @ (other - solution) > -1e-6 * length
 
 
 def test_it_is_what_a_solver_of_cones_finds(rng):
@@ -87,8 +87,8 @@ def test_it_is_what_a_solver_of_cones_finds(rng):
         held.append(unit @ pseudo @ unit >> LEAST * np.eye(4))
     problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (x - best))), held)
     problem.solve(solver=cp.CLARABEL)
-    found = nearest(bodies, best, root)
-    own = float(np.sum((root @ (found - best)) ** 2))
+    solution = nearest(bodies, best, root)
+    own = float(np.sum((root @ (solution - best)) ** 2))
     assert own == pytest.approx(problem.value, rel=1e-5)
 
 
@@ -100,12 +100,12 @@ def test_what_moves_no_torque_moves_first(rng):
     silent = ways[len(base) :]
     best = true + 0.5 * silent.T @ rng.normal(size=len(silent))
     assert bodies_of(model).impossible(best)
-    told = 1e4 * base.mapping
-    information = told.T @ told + np.eye(len(true))
+    seen = 1e4 * base.mapping
+    information = seen.T @ seen + np.eye(len(true))
     root = np.linalg.cholesky(information).T
-    found = nearest(bodies_of(model), best, root)
+    solution = nearest(bodies_of(model), best, root)
     size = np.abs(base.mapping @ true).max()
-    assert np.abs(base.mapping @ (found - true)).max() < 1e-5 * size
+    assert np.abs(base.mapping @ (solution - true)).max() < 1e-5 * size
 
 
 @pytest.mark.parametrize(
@@ -114,25 +114,25 @@ def test_what_moves_no_torque_moves_first(rng):
 def test_every_model_of_a_drawn_arm_loads_elsewhere(case):
     """MuJoCo and Pinocchio take it, and it moves there with the same torque."""
     pytest.importorskip("mujoco")
-    found = diagnosed(case)
+    diagnosis = diagnosed(case)
     for name in ("identified", "augmented"):
-        assert refusals(found.models[name]) == []
+        assert refusals(diagnosis.models[name]) == []
 
 
 def test_a_finding_of_a_body_says_what_the_model_has():
     """Only where bodies were moved; deviations and other names stay as they were."""
     robot = bare_irb140()
     model = bare(robot, load(robot, 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
-    told = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
-    one = Finding("payload", (6,), 1.0, 1, (), told, evidence=None)
-    made = PossibleModel(model, BodyCorrection(("the load",), (0.0,), 0.5))
-    said = with_model_values(one, made).parameters
-    assert said["mass"].value == pytest.approx(2.0)
-    assert said["com_z"].value == pytest.approx(0.08)
-    assert said["mass"].std == 0.1
-    assert with_model_values(one, replace(made, correction=None)) is one
+    fitted = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
+    one = Finding("payload", (6,), 1.0, 1, (), fitted, evidence=None)
+    possible = PossibleModel(model, BodyCorrection(("the load",), (0.0,), 0.5))
+    parameters = with_model_values(one, possible).parameters
+    assert parameters["mass"].value == pytest.approx(2.0)
+    assert parameters["com_z"].value == pytest.approx(0.08)
+    assert parameters["mass"].std == 0.1
+    assert with_model_values(one, replace(possible, correction=None)) is one
     other = replace(one, name="spring", joints=(1,))
-    assert with_model_values(other, made) is other
+    assert with_model_values(other, possible) is other
 
 
 @pytest.mark.long
@@ -142,10 +142,10 @@ def test_a_load_that_no_body_is_gets_no_name():
     other = replace(robot, model=with_inertial_parameters(robot.model, wrong))
     logs = plain_logs(other, range(7), np.zeros(7))
     logs = [replace(log, q=log.q - 0.1) for log in logs]
-    found = diagnose(robot, logs[:3], (), logs[3:])
-    # An offset may be named beside it (0.92); no body is.
-    assert [e for e in found.effects if e.probability > 0.95] == []
-    assert not {"payload", "link_body"} & {e.name for e in found.effects}
-    assert any("impossible" in line for line in found.verdict.warnings)
-    assert found.verdict.bodies.chance < 1e-6
-    assert refusals(found.models["augmented"]) == []
+    diagnosis = diagnose(robot, logs[:3], (), logs[3:])
+    # An offset may be suspected beside it (0.92); no body is.
+    assert [e for e in diagnosis.effects if e.probability > 0.95] == []
+    assert not {"payload", "link_body"} & {e.name for e in diagnosis.effects}
+    assert any("impossible" in line for line in diagnosis.verdict.warnings)
+    assert diagnosis.verdict.bodies.chance < 1e-6
+    assert refusals(diagnosis.models["augmented"]) == []

@@ -64,7 +64,7 @@ def paper_runs(count=4, duration=6.0):
 
 
 @cache
-def made():
+def paper_calibration():
     settings = replace(QUICK, paper=True, schemes=(RUN, RANDOM))
     return calibrate(truth().robot, paper_runs(), settings)
 
@@ -123,7 +123,7 @@ def test_a_held_out_run_is_unknown_to_the_nominal_model():
 
 
 def test_the_table_is_what_fits_by_hand_give():
-    rows, scores = made().rows, made().scores
+    rows, scores = paper_calibration().rows, paper_calibration().scores
     none = find(scores, RUN, NOTHING)
     by_hand = 100 * np.sqrt((rows.Y**2).sum(0) / (rows.tau**2).sum(0))
     np.testing.assert_allclose(none.rmsev, by_hand)
@@ -142,32 +142,32 @@ def test_the_table_is_what_fits_by_hand_give():
 
 
 def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
-    scores = made().scores
+    scores = paper_calibration().scores
     ours, theirs = (find(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM))
     ls = find(scores, RUN, LS).overall
     assert ours < 0.5 * ls
     assert theirs > 1.25 * find(scores, RANDOM, PAPER_FORM).overall
-    assert {o.kind for o in made().chosen} <= {MAIN, PAIRS}
+    assert {o.kind for o in paper_calibration().chosen} <= {MAIN, PAIRS}
 
 
 def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
     form = NominalForm((2, 3, 2, 5, 6, 5), 3)
     settings = replace(QUICK, paper=True, form=form, exact=True, joints=(1, 3))
     settings = replace(settings, views=False, schemes=(RUN,))
-    found = calibrate(truth().robot, paper_runs(), settings)
-    assert found.rows.joints == (1, 3)
-    assert found.rows.names == ("q1", "q3", "qd1", "qd3", "qdd1", "qdd3")
-    whole = made().rows
-    np.testing.assert_array_equal(found.rows.Y, whole.Y[:, [0, 2]])
-    np.testing.assert_array_equal(found.rows.X, whole.X[:, [0, 2, 3, 5, 6, 8]])
-    assert tuple(len(axis.edges) + 1 for axis in found.paper.axes) == form.levels
-    assert found.components == 3
+    calibration = calibrate(truth().robot, paper_runs(), settings)
+    assert calibration.rows.joints == (1, 3)
+    assert calibration.rows.names == ("q1", "q3", "qd1", "qd3", "qdd1", "qdd3")
+    every = paper_calibration().rows
+    np.testing.assert_array_equal(calibration.rows.Y, every.Y[:, [0, 2]])
+    np.testing.assert_array_equal(calibration.rows.X, every.X[:, [0, 2, 3, 5, 6, 8]])
+    assert tuple(len(axis.edges) + 1 for axis in calibration.paper.axes) == form.levels
+    assert calibration.components == 3
     with pytest.raises(InputError, match="joints 4: expected some of 1 to 3"):
         paper_rows(paper_runs(), (4,))
 
 
 def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
-    unseen, rows = made().unseen, made().rows
+    unseen, rows = paper_calibration().unseen, paper_calibration().rows
     number = rows.labels.index(unseen.label)
     out = rows.run == number
     step = round(unseen.t[1] * rows.rates[number])
@@ -205,7 +205,6 @@ def test_the_choice_for_a_fold_does_not_know_its_errors():
 
 @cache
 def few_runs():
-    """Two runs of an arm whose dry friction its model lacks."""
     declared = ("viscous", "rotor_inertia")
     settings = replace(QUICK, declared=declared, views=False, schemes=(RUN, BLOCK))
     runs = [Run(log) for log in logs(2, noise=0.3, duration=6.0)]
@@ -213,17 +212,17 @@ def few_runs():
 
 
 def test_where_runs_are_few_blocks_are_left_out_and_chosen_by(rng):
-    found = few_runs()
-    every = [s.name for s in make_schemes(found.rows, rng)[0]]
+    calibration = few_runs()
+    every = [s.name for s in make_schemes(calibration.rows, rng)[0]]
     assert every == [RUN, BLOCK, SYSTEMATIC, RANDOM]
-    assert list(dict.fromkeys(s.scheme for s in found.scores)) == [RUN, BLOCK]
-    assert not found.proven
-    assert "2 runs are few" in found.notes[0]
+    assert list(dict.fromkeys(s.scheme for s in calibration.scores)) == [RUN, BLOCK]
+    assert not calibration.proven
+    assert "2 runs are few" in calibration.notes[0]
     for scheme, folds in ((RUN, 2), (BLOCK, 8)):
-        none, ours = (find(found.scores, scheme, m) for m in (NOTHING, DEFAULT))
+        none, ours = (find(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT))
         assert none.miss.shape == (folds, 3)
         assert ours.overall < 0.8 * none.overall
-    assert "unseen blocks of the same runs" in " ".join(sentences(found))
+    assert "unseen blocks of the same runs" in " ".join(sentences(calibration))
 
 
 def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
@@ -260,10 +259,12 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
 def test_a_single_log_is_cut_into_parts():
     (log,) = logs(1, noise=0.3, duration=9.0)
     settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
-    found = calibrate(truth().robot, [Run(log)], replace(settings, schemes=(RUN,)))
-    assert found.rows.labels[0] == "log0 part 1"
-    assert "cut into parts" in found.notes[0]
-    assert find(found.scores, RUN, DEFAULT).miss.shape == (5, 3)
+    calibration = calibrate(
+        truth().robot, [Run(log)], replace(settings, schemes=(RUN,))
+    )
+    assert calibration.rows.labels[0] == "log0 part 1"
+    assert "cut into parts" in calibration.notes[0]
+    assert find(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
     assert len(cut_single([Run(log)] * 2)) == 2
 
 

@@ -51,12 +51,12 @@ def _model(*more):
 
 def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_level():
     model, motion = _model(), excitation(robot_of("irb140"))
-    made = _calibration(nominal=model)
+    calibration = _calibration(nominal=model)
     own = model.along(motion.t, motion.parts)
     X = np.hstack([*motion.parts, own])
     assert (X < -1).any()  # beyond the range of the tables
-    want = own + made.lookup.predict(X)
-    source = corrected_model(made)
+    want = own + calibration.lookup.predict(X)
+    source = corrected_model(calibration)
     assert {t.beyond for t in source.tables} == {NEAREST}
     np.testing.assert_allclose(source.along(motion.t, motion.parts), want, atol=1e-11)
 

@@ -18,7 +18,6 @@ ROUGH = 0.2
 
 
 def changed(*hidden, seed):
-    """Names of a diagnosis under a rough robot, with their first parameter."""
     case = short_case(arm(), *hidden, seed=seed, baseline=True)
     model = scatter(case.robot.model, ROUGH, np.random.default_rng(seed))
     robot = replace(case.robot, model=model)
@@ -36,10 +35,10 @@ def changed(*hidden, seed):
     ],
 )
 def test_a_change_is_named_with_its_size(name, joint, values):
-    found = changed(Hidden(name, (joint,), values), seed=60)
-    assert list(found) == [(name, (joint,))]
+    changes = changed(Hidden(name, (joint,), values), seed=60)
+    assert list(changes) == [(name, (joint,))]
     first = next(iter(values.values()))
-    assert found[name, (joint,)] == pytest.approx(first, rel=0.1)
+    assert changes[name, (joint,)] == pytest.approx(first, rel=0.1)
 
 
 def test_where_nothing_has_changed_nothing_is_named():
@@ -51,11 +50,11 @@ def adopted():
     """An arm with a spring that its diagnosis found; and logs of it now."""
     spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
     before = short_case(arm(), spring, seed=63, baseline=False)
-    found = diagnose_case(before)
-    assert names(found.verdict) == [("spring", (1,))]
+    diagnosis = diagnose_case(before)
+    assert names(diagnosis.verdict) == [("spring", (1,))]
     grown = Hidden("coulomb", (2,), {"level": 3.0})
     now = short_case(arm(), spring, grown, seed=63, baseline=False)
-    return found.adoptable, before, now
+    return diagnosis.adoptable, before, now
 
 
 @pytest.fixture(scope="module")
@@ -67,10 +66,10 @@ def since(adopted):
 
 
 def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
-    model, (found, _) = adopted[0], since
-    assert names(found.verdict) == [("coulomb", (2,))]
-    assert "spring" in found.verdict.declared
-    assert {t.effect.name for t in model.terms} <= set(found.verdict.declared)
+    model, (diagnosis, _) = adopted[0], since
+    assert names(diagnosis.verdict) == [("coulomb", (2,))]
+    assert "spring" in diagnosis.verdict.declared
+    assert {t.effect.name for t in model.terms} <= set(diagnosis.verdict.declared)
 
 
 def test_an_adopted_model_comes_with_its_logs(adopted):

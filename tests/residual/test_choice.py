@@ -27,7 +27,6 @@ SPEEDS = (3, 4, 5)
 
 
 def training(X, Y, load, moving=None):
-    """Rows, and the tables whose levels are those of these rows."""
     tables = make_tables(X, load, SPEEDS[: Y.shape[1]], ALL[: 9 + Y.shape[1]])
     second = np.arange(len(X)) // 20
     Z = tables.encode(X, load)
@@ -111,7 +110,7 @@ def test_tables_solve_the_ridge_equations(rng, kind):
     X, Y, _, _ = motion(rng, runs=1, rows=400)
     load, Y = carried(X, Y)
     data, tables = training(X, Y, load)
-    found = fit_forms(data, tables).forecasts(data, [Option(kind, 200.0)])[0]
+    forecasts = fit_forms(data, tables).forecasts(data, [Option(kind, 200.0)])[0]
     Z, count = data.Z.toarray(), len(tables.single)
     for j in range(3):
         own = list(range(count))
@@ -128,7 +127,7 @@ def test_tables_solve_the_ridge_equations(rng, kind):
         A = Z[:, own] - Z[:, own].mean(axis=0)
         ridge = 200.0 * len(X) / ROWS * penalty
         g = np.linalg.solve(A.T @ A + ridge, A.T @ (Y[:, j] - Y[:, j].mean()))
-        np.testing.assert_allclose(found[:, j], Y[:, j].mean() + A @ g, atol=1e-7)
+        np.testing.assert_allclose(forecasts[:, j], Y[:, j].mean() + A @ g, atol=1e-7)
 
 
 def test_a_look_up_says_what_the_fits_behind_it_say(rng):

@@ -48,8 +48,8 @@ def errors_of(model, logs):
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
     model, logs = proof
     for kind in ("raw", "filtered", "moving"):
-        found = errors_of(model, logs).per_joint(kind)
-        np.testing.assert_allclose(found, [0, 100 * 0.1 / 1.1], atol=0.3)
+        errors = errors_of(model, logs).per_joint(kind)
+        np.testing.assert_allclose(errors, [0, 100 * 0.1 / 1.1], atol=0.3)
     silent = replace(model, inertial=0 * model.inertial)
     np.testing.assert_allclose(errors_of(silent, logs).per_joint("raw"), 100.0)
 
@@ -69,24 +69,24 @@ def test_what_happens_within_half_a_second_of_the_ends_does_not_count(proof):
 def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
     model, logs = proof
     hum = [replace(r, tau=r.tau + 8 * np.sin(377 * r.t)[:, None]) for r in logs]
-    found = errors_of(model, hum)
-    assert found.per_joint("raw")[0] > 10
+    errors = errors_of(model, hum)
+    assert errors.per_joint("raw")[0] > 10
     for kind in ("filtered", "moving"):
         np.testing.assert_allclose(
-            found.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5
+            errors.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5
         )
 
 
 def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     model, logs = proof
     seen = prepare_held_out(logs, model)
-    found, curves = compare({"it": model}, seen, Filters())
+    errors, curves = compare({"it": model}, seen, Filters())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
-    np.testing.assert_allclose(miss, found["it"].miss["filtered"])
+    np.testing.assert_allclose(miss, errors["it"].miss["filtered"])
     moving = sum(
         (((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves
     )
-    np.testing.assert_allclose(moving, found["it"].miss["moving"])
+    np.testing.assert_allclose(moving, errors["it"].miss["moving"])
     np.testing.assert_allclose(moving_error(model, seen).sum(axis=0), moving)
     assert [c.id for c in curves] == ["log0", "log1"]
     for c in curves:

@@ -103,10 +103,10 @@ def test_slow_signals_of_no_relation_have_no_component():
         for _ in range(6)
     ]
     X = np.stack(waves, axis=1)
-    found = fit_pca(X, np.random.default_rng(0), draws=60)
-    assert found.real == 0
+    pca = fit_pca(X, np.random.default_rng(0), draws=60)
+    assert pca.real == 0
     # Of independent rows the limit is not far above one.
-    assert found.limit[0] > 1.5
+    assert pca.limit[0] > 1.5
 
 
 def test_a_common_signal_is_one_component_and_white_noise_none(rng):

@@ -21,19 +21,19 @@ EFFECTS = ("viscous", "coulomb", "rotor_inertia")
 
 
 @pytest.fixture(scope="module")
-def found():
+def identification():
     return identify(truth().robot, logs(count=1, noise=3.0, duration=8.0))
 
 
 @pytest.fixture(scope="module")
-def bodies(found):
-    return consistent(found)
+def bodies(identification):
+    return consistent(identification)
 
 
 def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
-    found, bodies
+    identification, bodies
 ):
-    assert least_eigenvalues(found.model).min() < 0
+    assert least_eigenvalues(identification.model).min() < 0
     assert bodies.least_eigenvalue.min() > 0
     assert np.all(bodies.model.inertial[::10] > 0)
     for body in bodies.model.inertial.reshape(-1, 10):
@@ -44,13 +44,17 @@ def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
 
 
 def test_consistent_bodies_have_a_positive_mass_matrix_and_friction_that_does_not_push(
-    bodies, found
+    bodies, identification
 ):
     assert bodies.poses == 10_000
     assert bodies.least_mass_matrix > 0
     for term in bodies.model.terms:
         assert np.all(term.theta >= -1e-9)
-    free, own = found.estimate.weight * found.estimate.counts @ bodies.misfit.T**2
+    free, own = (
+        identification.estimate.weight
+        * identification.estimate.counts
+        @ bodies.misfit.T**2
+    )
     assert free <= own * (1 + 1e-9)
     assert np.all(bodies.misfit[1] < 1.1 * bodies.misfit[0])
 
@@ -58,8 +62,10 @@ def test_consistent_bodies_have_a_positive_mass_matrix_and_friction_that_does_no
 def test_consistent_logs_need_no_price():
     """Without noise the truth is consistent, so the two fits agree."""
     clean = identify(truth().robot, logs())
-    made = consistent(clean)
-    np.testing.assert_allclose(made.misfit[1], made.misfit[0], rtol=0.05, atol=1e-3)
+    consistent_fit = consistent(clean)
+    np.testing.assert_allclose(
+        consistent_fit.misfit[1], consistent_fit.misfit[0], rtol=0.05, atol=1e-3
+    )
 
 
 def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
@@ -70,20 +76,22 @@ def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
         body += pin.Inertia(m, p, np.zeros((3, 3)))
     homogeneous = np.column_stack([points, np.ones(6)])
     wanted = (homogeneous * masses[:, None]).T @ homogeneous
-    made = pseudo_inertias(np.array(body.toDynamicParameters()))[0]
-    np.testing.assert_allclose(made, wanted, atol=1e-12)
+    pseudo = pseudo_inertias(np.array(body.toDynamicParameters()))[0]
+    np.testing.assert_allclose(pseudo, wanted, atol=1e-12)
 
 
-def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(found):
-    wrong = found.model.inertial.copy()
+def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(identification):
+    wrong = identification.model.inertial.copy()
     wrong[20] = -5.0
-    assert least_mass_matrix(replace(found.model, inertial=wrong), poses=200) < 0
-    wrong = found.model.inertial.copy()
+    assert (
+        least_mass_matrix(replace(identification.model, inertial=wrong), poses=200) < 0
+    )
+    wrong = identification.model.inertial.copy()
     wrong[10] = -0.1
     with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
-        robot_files(replace(found.model, inertial=wrong))
+        robot_files(replace(identification.model, inertial=wrong))
     with pytest.raises(InputError, match="expected a positive number"):
-        consistent(found, 0.0)
+        consistent(identification, 0.0)
 
 
 def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):

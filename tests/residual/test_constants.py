@@ -26,12 +26,12 @@ def test_they_are_one_finding_with_their_values_beside_another_effect(hidden):
     case = short_case(arm(), *([hidden] if hidden else []), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
     verdict = diagnose(case.robot, fit, held_out=held_out).verdict
-    (found,) = [e for e in verdict.effects if e.name == "offset"]
-    assert found.joints == (1, 2)
-    torque = found.parameters["torque"]
+    (finding,) = [e for e in verdict.effects if e.name == "offset"]
+    assert finding.joints == (1, 2)
+    torque = finding.parameters["torque"]
     gaps = np.subtract(torque.value, TORQUE) / np.array(torque.std)
     assert np.all(np.abs(gaps) < 4)
-    others = [e.name for e in verdict.effects if e is not found]
+    others = [e.name for e in verdict.effects if e is not finding]
     assert others == ([hidden.name] if hidden else [])
 
 
@@ -39,8 +39,8 @@ def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
     monkeypatch.setattr(doubts, "SURE", 2.0)  # nothing is as sure as that
-    found = diagnose(case.robot, fit, held_out=held_out)
-    verdict = found.verdict
+    diagnosis = diagnose(case.robot, fit, held_out=held_out)
+    verdict = diagnosis.verdict
     assert not verdict.effects
     assert [(e.name, e.joints) for e in verdict.suspected] == [("offset", (1, 2))]
     moving = verdict.error.moving

@@ -31,8 +31,8 @@ def seconds(*sizes):
     ],
 )
 def test_an_error_rises_where_it_does_beyond_chance(before, after, power, expected):
-    found = rises(seconds(*after), seconds(*before), np.array([power]))
-    assert found == pytest.approx([expected], abs=1e-3)
+    rise = rises(seconds(*after), seconds(*before), np.array([power]))
+    assert rise == pytest.approx([expected], abs=1e-3)
 
 
 def negated(recordings):
@@ -50,8 +50,8 @@ def upside_down():
 def test_finding_nothing_in_what_cannot_be_is_no_answer(upside_down):
     assert upside_down.effects == ()
     assert upside_down.verdict == "unknown"
-    said = upside_down.contradictions[0]
-    assert "fitted friction of joints 1, 2 drives the arm" in said
+    contradiction = upside_down.contradictions[0]
+    assert "fitted friction of joints 1, 2 drives the arm" in contradiction
 
 
 def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():

@@ -75,15 +75,15 @@ def test_the_registry_is_the_folder():
 @pytest.mark.parametrize("dof", [1, 2, 6, 7])
 def test_it_sits_on_joints_that_are_there(name, dof):
     effect = registry()[name]
-    found = effect.candidates(dof)
-    assert len(set(found)) == len(found)
-    for joints in found:
+    candidates = effect.candidates(dof)
+    assert len(set(candidates)) == len(candidates)
+    for joints in candidates:
         assert all(0 <= j < dof for j in joints)
         assert set(effect.rows(joints, dof)) <= set(range(dof))
     if effect.scope == "local":
-        assert found == tuple((j,) for j in range(dof))
+        assert candidates == tuple((j,) for j in range(dof))
     if effect.scope == "flange":
-        assert found == ((dof - 1,),)
+        assert candidates == ((dof - 1,),)
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -99,7 +99,6 @@ def test_units_of_a_column_do_not_matter_to_its_evidence(problem):
 
 
 def quadratic_gain(problem, base, group):
-    """Log marginal likelihood ratio at the base's noise, a quarter of rows at least."""
     scores = []
     for members in ([*base.members, group], base.members):
         x, y, joint = problem.stacked(members)

@@ -45,16 +45,15 @@ CARRIED = {
     "c99": set(NAMES) - AHEAD,
 }
 needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
-OWN = {"bristle", "earlier"}
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))
 @pytest.mark.parametrize("name", NAMES)
 def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
     source = model_with(robot_of("irb140"), "viscous", name)
-    made = WRITERS[target](source)
-    omissions = [each for each in made.omissions if each.name == name]
-    kept = [t.effect.name for t in without_tables(made.carried).terms]
+    export = WRITERS[target](source)
+    omissions = [each for each in export.omissions if each.name == name]
+    kept = [t.effect.name for t in without_tables(export.carried).terms]
     if name in CARRIED[target]:
         assert omissions == []
         assert name in kept
@@ -66,7 +65,7 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
         gap = gap - source.without(name).along(motion.t, motion.parts)
         assert omission.largest == pytest.approx(np.abs(gap).max())
         assert 0 < omission.rms <= omission.largest
-        assert made.largest == pytest.approx(omission.largest)
+        assert export.largest == pytest.approx(omission.largest)
         assert str(omission).startswith(f"{name}")
         assert omission.why
 
@@ -76,8 +75,8 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
 def test_the_header_reads_tables_inside_their_range_and_beyond(beyond):
     source = _corrected(robot_of("seven"))
     tables = tuple(replace(t, beyond=beyond) for t in source.tables)
-    made = to_c99(replace(source, tables=tables))
-    np.testing.assert_allclose(*c99_back(made), rtol=0, atol=1e-9)
+    export = to_c99(replace(source, tables=tables))
+    np.testing.assert_allclose(*c99_back(export), rtol=0, atol=1e-9)
 
 
 @needs_compiler
@@ -98,18 +97,18 @@ def _corrected(robot) -> CorrectedModel:
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])
 def test_tables_that_a_target_has_no_place_for_are_listed(target):
     source = _corrected(robot_of("seven"))
-    made = WRITERS[target](source)
-    (tables,) = (each for each in made.omissions if each.name == "tables")
+    export = WRITERS[target](source)
+    (tables,) = (each for each in export.omissions if each.name == "tables")
     assert tables.joints == (2, 3)
     assert tables.largest > 0
-    assert isinstance(made.carried, Model)
+    assert isinstance(export.carried, Model)
 
 
 def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
     source = model_with(robot_of("irb140"), "coulomb", "viscous")
     less = replace(source.terms[0], theta=np.array([-1.0]))
-    made = to_mjcf(replace(source, terms=(less, source.terms[1])))
-    assert [(each.name, each.why) for each in made.omissions] == [
+    export = to_mjcf(replace(source, terms=(less, source.terms[1])))
+    assert [(each.name, each.why) for each in export.omissions] == [
         ("coulomb", "MJCF allows no negative friction")
     ]
     robot = robot_of("irb140")
@@ -145,9 +144,9 @@ def test_a_strangers_name_makes_no_path_and_no_code():
     robot = replace(robot_of("irb140"), name='../x*/"""\nimport os')
     source = model_with(robot, "viscous")
     for write in WRITERS.values():
-        made = write(source)
-        assert all(re.fullmatch(r"[\w-]+\.(?:\w+)", name) for name in made.files)
-        for name, content in made.files.items():
+        export = write(source)
+        assert all(re.fullmatch(r"[\w-]+\.(?:\w+)", name) for name in export.files)
+        for name, content in export.files.items():
             if name.endswith(".h"):
                 assert b"import os" not in content
 

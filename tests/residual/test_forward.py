@@ -68,7 +68,6 @@ def drive(t, q, qd):
 
 
 def welded():
-    """The arm with the load and the rotors, as Pinocchio has them itself."""
     arm = pin.Model(ROBOT.model)
     arm.appendBodyToJoint(
         6, pin.Inertia(MASS, LEVER, OWN), flange_placement(ROBOT.model)

@@ -49,10 +49,12 @@ def stacked(found):
 
 
 def test_ols_is_ordinary_least_squares():
-    found = identify(truth().robot, logs(noise=1.0), options=Options("ols"))
-    _, x, y = stacked(found)
+    identification = identify(truth().robot, logs(noise=1.0), options=Options("ols"))
+    _, x, y = stacked(identification)
     theta = np.linalg.lstsq(x, y, rcond=None)[0]
-    np.testing.assert_allclose(found.estimate.theta, theta, rtol=1e-7, atol=1e-8)
+    np.testing.assert_allclose(
+        identification.estimate.theta, theta, rtol=1e-7, atol=1e-8
+    )
 
 
 def test_wls_is_least_squares_with_each_joints_weight(noisy):
@@ -69,14 +71,14 @@ def test_wls_is_least_squares_with_each_joints_weight(noisy):
 @pytest.mark.parametrize("loss", ["huber", "bisquare"])
 def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
     """Bursts of a quarter of a second, that no filter takes away."""
-    made = []
+    spoiled = []
     for log in logs(noise=0.5):
         tau = log.tau.copy()
         for start in range(400, len(tau), 700):
             tau[start : start + 60] += 40.0
-        made.append(replace(log, tau=tau))
-    plain = identify(truth().robot, made)
-    robust = identify(truth().robot, made, options=Options("irls", loss))
+        spoiled.append(replace(log, tau=tau))
+    plain = identify(truth().robot, spoiled)
+    robust = identify(truth().robot, spoiled, options=Options("irls", loss))
     size = np.sqrt(np.diag(plain.base.mapping @ plain.spread @ plain.base.mapping.T))
     miss = [
         np.linalg.norm((f.estimate.theta - true_theta(f)) / size)
@@ -87,14 +89,16 @@ def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
 
 
 def test_a_joint_that_stands_is_said_and_its_parameters_stay_nominal():
-    found = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
-    assert found.preflight.standing == (3,)
-    held = [one.index for one in found.preflight.fixed]
-    names = [found.base.leading[i].name for i in held]
+    identification = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
+    assert identification.preflight.standing == (3,)
+    held = [one.index for one in identification.preflight.fixed]
+    names = [identification.base.leading[i].name for i in held]
     assert "viscous coefficient of joint 3" in names
-    np.testing.assert_array_equal(found.estimate.theta[held], found.nominal_theta[held])
-    assert np.all(found.estimate.sd[held] == 0)
-    lines = " ".join(found.preflight.lines(found.base))
+    np.testing.assert_array_equal(
+        identification.estimate.theta[held], identification.nominal_theta[held]
+    )
+    assert np.all(identification.estimate.sd[held] == 0)
+    lines = " ".join(identification.preflight.lines(identification.base))
     assert "joint 3 never moves" in lines
     assert "viscous coefficient of joint 3 cannot be told" in lines
     assert "it needs motion of joint 3" in lines
@@ -125,21 +129,14 @@ def test_what_is_not_needed_is_dropped_and_the_fit_stays_as_good(noisy):
     assert small.status[worst] == "dropped"
 
 
-def random_rows(rng, count=80):
-    x = tuple(rng.normal(size=(count, 5)) for _ in range(2))
-    y = tuple(rng.normal(size=count) for _ in range(2))
-    place = np.column_stack([np.zeros(count, dtype=int), np.arange(count)])
-    return JointRows(x, y, (place, place))
-
-
 def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
     a, values = 0.7, rng.normal(size=40_000)
     for i in range(1, len(values)):
         values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
     place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
     rows = JointRows((values[:, None],), (values,), (place,))
-    made = estimate.autocorrelation(rows, (values,))
-    assert made[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
+    correlation = estimate.autocorrelation(rows, (values,))
+    assert correlation[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
 
 
 def still(seconds=12.0):

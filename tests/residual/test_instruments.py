@@ -8,7 +8,6 @@ import pytest
 from residual.diagnosis import errors_in_variables as instruments
 from residual.diagnosis.detectable import lookalikes
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.gate import GateResult
 from residual.evidence.fit import fit
 from residual.recording import Recording
 from residual.robot.dynamics import inverse_dynamics
@@ -50,26 +49,26 @@ def diagnosed(noise, reference=True, rotor=ROTOR):
 
 def inertia(outcome):
     assert names(outcome.verdict) == [("rotor_inertia", (2,))]
-    (found,) = outcome.effects
-    value = found.parameters["inertia"]
+    (finding,) = outcome.effects
+    value = finding.parameters["inertia"]
     return value.value, value.std
 
 
-def said(outcome, words):
+def is_noted(outcome, words):
     return any(words in note for note in outcome.notes)
 
 
 def test_instruments_free_a_parameter_of_the_noise_of_a_coarse_encoder():
     outcome = diagnosed(COARSE)
     value, std = inertia(outcome)
-    assert said(outcome, "contradicts least squares on rotor_inertia")
+    assert is_noted(outcome, "contradicts least squares on rotor_inertia")
     assert abs(value - ROTOR) < 3 * std
 
 
 def test_with_a_fine_encoder_both_agree_and_it_is_said():
     outcome = diagnosed(0.0)
     value, _ = inertia(outcome)
-    assert said(outcome, "agree with least squares")
+    assert is_noted(outcome, "agree with least squares")
     assert value == pytest.approx(ROTOR, rel=0.01)
 
 
@@ -84,7 +83,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
     monkeypatch.setattr(instruments, "check_noise", keep)
     outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
-    assert said(outcome, "parameters of rotor_inertia are corrected for it")
+    assert is_noted(outcome, "parameters of rotor_inertia are corrected for it")
     assert abs(value - ROTOR) < 2 * std
     # Least squares takes too little, by many of its own deviations.
     plain = fits[-1].fit
@@ -101,10 +100,6 @@ def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     verdict = diagnosed(COARSE, reference, rotor=0.0).verdict
     assert verdict.verdict == "none"
     assert verdict.unexplained.joints == ()
-
-
-def member(group):
-    return GateResult(group, 50.0, "fit", 0, 0.1, 0.5, 0)
 
 
 def test_only_what_moves_alike_is_confusable(rng):

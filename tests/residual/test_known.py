@@ -62,15 +62,15 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
 def test_the_model_has_what_is_known_and_holds_it():
     """The file says 6 kg and 3 kg and the logs speak of them; what is known stays."""
     robot = with_known(arm(TWO), {"link.2.mass": 2.0, "coulomb.1.level": 3.5})
-    found = start_nominal(prepared(robot, 0.0), FRICTION)
-    model = found.model
+    nominal_model = start_nominal(prepared(robot, 0.0), FRICTION)
+    model = nominal_model.model
     assert model.inertial[10] == 2.0
     assert model.inertial[11] == pytest.approx(
         2.0 / 3.0 * inertial_parameters(robot.model)[11]
     )
     logs = prepared(robot, 0.0)
     design = Design(logs.tracks, model)
-    own = fit(design, relative_prior(design, found, 1.0), (), design.rows / 5)
+    own = fit(design, relative_prior(design, nominal_model, 1.0), (), design.rows / 5)
     coulomb = next(t for t in model.terms if t.effect.name == "coulomb")
     assert (coulomb.joints, coulomb.theta) == ((0,), pytest.approx(3.5))
     own_place = 20 + model.terms.index(coulomb)
@@ -84,10 +84,10 @@ def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
         words = {} if known is None else {"payload.mass": known}
         robot = with_known(arm(TWO), words)
         logs = prepared(robot, MASS)
-        found = start_nominal(logs, FRICTION)
-        design = Design(logs.tracks, found.model)
+        nominal_model = start_nominal(logs, FRICTION)
+        design = Design(logs.tracks, nominal_model.model)
         (group,) = design.add([(registry()["payload"], (1,), ())])
-        prior = relative_prior(design, found, 0.01)
+        prior = relative_prior(design, nominal_model, 0.01)
         own = fit(design, prior, (group,), design.rows / 5)
         scores[known] = own.score
         if known:
@@ -120,10 +120,10 @@ def prepared(robot, load):
 def test_a_load_that_was_weighed_is_known_twice_as_well_in_all_else():
     (case,) = cases(1)
     true = dict(case.hidden[0].parameters)
-    made = make(case.arm, case.hidden)
-    robot = with_known(made.robot, {"payload.mass": true["mass"]})
+    logged = make(case.arm, case.hidden)
+    robot = with_known(logged.robot, {"payload.mass": true["mass"]})
     before = diagnosed(case)
-    after = diagnose(robot, made.fit, (), made.held_out)
+    after = diagnose(robot, logged.fit, (), logged.held_out)
     (loose,), (sharp,) = before.effects, after.effects
     assert sharp.parameters["mass"].value == pytest.approx(true["mass"], rel=5e-3)
     assert sharp.parameters["mass"].determined

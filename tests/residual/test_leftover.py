@@ -77,9 +77,9 @@ def test_the_variable_that_a_leftover_is_made_of_comes_first(rng, number, shape)
     truth = shape(choice[number])
     truth = (truth - truth.mean()) / truth.std()
     left = truth + 0.5 * red(rng, 3)
-    found, rest = curves(rows_of(left, noise=0.5), choice)
-    assert found[0].variable is choice[number]
-    assert found[0].share == pytest.approx(1, abs=0.25)
+    curves_found, rest = curves(rows_of(left, noise=0.5), choice)
+    assert curves_found[0].variable is choice[number]
+    assert curves_found[0].share == pytest.approx(1, abs=0.25)
     assert rest.std() < 0.75
 
 
@@ -88,8 +88,8 @@ def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
     """As slow as the motion: a curve fits it well, and predicts other logs badly."""
     rng = np.random.default_rng(seed)
     left = red(rng, 40)
-    found, rest = curves(rows_of(left, memory=80.0), variables(rng))
-    assert found == []
+    curves_found, rest = curves(rows_of(left, memory=80.0), variables(rng))
+    assert curves_found == []
     np.testing.assert_array_equal(rest, left)
 
 
@@ -103,10 +103,10 @@ def line(left):
 def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
     t = line(np.zeros(LOGS * N)).t
     left = np.sqrt(2) * np.sin(2 * np.pi * frequency * t) + 0.7 * red(rng, 3)
-    told = wave_of(line(left))
-    assert told.frequency == pytest.approx(frequency, abs=0.5 / LENGTH)
+    wave = wave_of(line(left))
+    assert wave.frequency == pytest.approx(frequency, abs=0.5 / LENGTH)
     # The red noise of one draw shares some of the band.
-    assert told.share == pytest.approx(1 / 1.49, abs=0.15)
+    assert wave.share == pytest.approx(1 / 1.49, abs=0.15)
 
 
 @pytest.mark.parametrize("seed", range(4))

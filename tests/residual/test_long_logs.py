@@ -31,10 +31,10 @@ def short(monkeypatch):
 
 @pytest.fixture(scope="module")
 def log():
-    return made(36.0, 5)
+    return smooth_log(36.0, 5)
 
 
-def made(seconds, seed):
+def smooth_log(seconds, seed):
     """A log of a two-joint arm on a smooth motion that never repeats."""
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * 100)) / 100
@@ -53,49 +53,49 @@ def made(seconds, seed):
 
 @pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
 def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
-    recordings = [made(s, seed) for seed, s in enumerate(lengths)]
+    recordings = [smooth_log(s, seed) for seed, s in enumerate(lengths)]
     logs = prepare_logs(arm(), recordings, None, Filters())
     model = start_nominal(logs, NAMES).model
     long = Design(logs.tracks, model)
     with monkeypatch.context() as room:
         room.setattr(pieces, "LONG", np.inf)
-        whole = Design(logs.tracks, model)
-    assert len(long.tracks) < len(whole.tracks)
+        uncut = Design(logs.tracks, model)
+    assert len(long.tracks) < len(uncut.tracks)
     wanted = [(registry()[n], (1,), ()) for n in ("spring", "offset")]
     wanted += [(registry()["payload"], (1,), ()), (registry()["spring"], (0,), ())]
-    groups = [design.add(wanted) for design in (long, whole)]
+    groups = [design.add(wanted) for design in (long, uncut)]
     assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
     for j in range(2):
-        for mine, theirs in zip(long.total(j), whole.total(j), strict=True):
+        for mine, theirs in zip(long.total(j), uncut.total(j), strict=True):
             size = np.abs(theirs).max()
             assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * size)
     for name in ("rows", "rms", "peak", "power", "tau_power", "fold_rows"):
-        assert_allclose(getattr(long, name), getattr(whole, name), rtol=1e-9)
+        assert_allclose(getattr(long, name), getattr(uncut, name), rtol=1e-9)
     assert_allclose(groups[0][2].precision, groups[1][2].precision, rtol=1e-9)
 
 
 def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
     cut = identify(arm(), [log], NAMES)
     monkeypatch.setattr(pieces, "LONG", np.inf)
-    whole = identify(arm(), [log], NAMES)
-    gap = np.abs(cut.estimate.theta - whole.estimate.theta)
-    assert len(cut.logs.tracks) > len(whole.logs.tracks)
-    assert (gap / whole.estimate.sd).max() < 0.3
+    identification = identify(arm(), [log], NAMES)
+    gap = np.abs(cut.estimate.theta - identification.estimate.theta)
+    assert len(cut.logs.tracks) > len(identification.logs.tracks)
+    assert (gap / identification.estimate.sd).max() < 0.3
 
 
 @pytest.mark.long  # two diagnoses
 def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
-    fit, held_out = made(60.0, 7), made(20.0, 8)
+    fit, held_out = smooth_log(60.0, 7), smooth_log(20.0, 8)
     spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held_out.q[:, :1] * [1.0, 0.0]
     logs = [
         replace(r, tau=r.tau + s) for r, s in zip((fit, held_out), spring, strict=True)
     ]
     cut = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
     monkeypatch.setattr(pieces, "LONG", np.inf)
-    whole = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
-    assert [(e.name, e.joints) for e in whole.effects] == [("spring", (1,))]
+    diagnosis = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
+    assert [(e.name, e.joints) for e in diagnosis.effects] == [("spring", (1,))]
     assert [(e.name, e.joints) for e in cut.effects] == [("spring", (1,))]
-    for key, value in whole.effects[0].parameters.items():
+    for key, value in diagnosis.effects[0].parameters.items():
         mine = cut.effects[0].parameters[key]
         assert abs(mine.value - value.value) < 0.3 * value.std
 
@@ -104,9 +104,9 @@ def test_a_recording_copies_what_somebody_can_still_write_to():
     t, x = np.arange(5.0), np.ones((5, 2))
     shown = x.view()
     shown.setflags(write=False)
-    made = Recording("a", "two_link", t, shown, x)
+    copied = Recording("a", "two_link", t, shown, x)
     x[:] = np.nan
-    assert np.isfinite(made.q).all()
-    assert np.isfinite(made.tau).all()
+    assert np.isfinite(copied.q).all()
+    assert np.isfinite(copied.tau).all()
     with pytest.raises(RecordingError):
-        replace(made, q=x)
+        replace(copied, q=x)

@@ -76,11 +76,11 @@ def test_the_export_evaluates_on_its_own(block, model, tmp_path):
     assert set(files) == {"model.npz", "tables.csv", "model.json", "evaluate.py"}
     text = files["evaluate.py"].decode()
     assert "residual" not in text
-    found = _evaluated(files, tmp_path, X[::20])
-    np.testing.assert_allclose(found, model.predict(X[::20]), **EXACT)
+    evaluated = _evaluated(files, tmp_path, X[::20])
+    np.testing.assert_allclose(evaluated, model.predict(X[::20]), **EXACT)
     own = fitted(X, Y, torque).lookup([Option(MAIN, 20.0)] * 3)
-    found = _evaluated(export_lookup(own), tmp_path, X[::20])
-    np.testing.assert_allclose(found, own.predict(X[::20]), **EXACT)
+    evaluated = _evaluated(export_lookup(own), tmp_path, X[::20])
+    np.testing.assert_allclose(evaluated, own.predict(X[::20]), **EXACT)
 
 
 def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
@@ -130,11 +130,11 @@ def test_the_csv_holds_every_cell_with_its_intervals(block, model):
 
 
 def test_the_json_says_what_each_table_is_of_and_bytes_repeat(model):
-    told = json.loads(export_lookup(model.lookup())["model.json"])
-    assert len(told["tables"]) == 36
-    assert told["tables"][0]["variables"] == ["x1", "x2"]
-    assert told["tables"][0]["levels"] == [9, 9]
-    assert [len(axis["edges"]) for axis in told["axes"]] == [8] * 9
+    document = json.loads(export_lookup(model.lookup())["model.json"])
+    assert len(document["tables"]) == 36
+    assert document["tables"][0]["variables"] == ["x1", "x2"]
+    assert document["tables"][0]["levels"] == [9, 9]
+    assert [len(axis["edges"]) for axis in document["axes"]] == [8] * 9
     first = export_lookup(model.lookup())
     assert first == export_lookup(model.lookup())
 

@@ -22,7 +22,6 @@ REACHED = np.array((7.7, 12.8, 6.4, 19.1, 11.2, 14.8))  # by an earlier version 
 
 
 def verdict_of(name, *files):
-    """Verdict on the logs of an arm, the last of which is held out."""
     robot = load_robot(DATA / name / f"{name}.urdf")
     *fit, last = (read_log(str(DATA / name / f"{f}.csv"), robot)[0] for f in files)
     return diagnose(robot, fit, held_out=[last]).verdict

@@ -150,14 +150,18 @@ def test_the_user_decides_what_is_declared_then_the_robot_then_the_usual(
 
 
 def test_a_declared_effect_without_values_is_free_in_every_shape():
-    found = nominal(arm(), DEFAULT_DECLARED)
-    assert len(found.model.terms) == 6
-    assert not any(t.theta.any() for t in found.model.terms)
-    assert found.sd == (None,) * 6
-    assert found.names == DEFAULT_DECLARED
-    found = nominal(arm(), ("power_viscous",))
-    assert [t.shape for t in found.model.terms] == 2 * [(0.25,), (0.5,), (0.75,)]
-    assert found.names == ("power_viscous",)
+    nominal_model = nominal(arm(), DEFAULT_DECLARED)
+    assert len(nominal_model.model.terms) == 6
+    assert not any(t.theta.any() for t in nominal_model.model.terms)
+    assert nominal_model.sd == (None,) * 6
+    assert nominal_model.names == DEFAULT_DECLARED
+    nominal_model = nominal(arm(), ("power_viscous",))
+    assert [t.shape for t in nominal_model.model.terms] == 2 * [
+        (0.25,),
+        (0.5,),
+        (0.75,),
+    ]
+    assert nominal_model.names == ("power_viscous",)
     (term,) = nominal(arm(), ("payload",)).model.terms
     assert (term.joints, term.theta.shape) == ((1,), (10,))
 
@@ -169,11 +173,11 @@ def test_declared_values_become_coefficients_of_their_joint():
         "[declared.viscous]\ncoefficient = [1, 2]\nassumed = true\nsource = 'x'\n"
         "[declared.ripple]\namplitude = [2, 1]\norder = [8, 9]\nphase = [0, 1.5]\n"
     )
-    found = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
-    theta = [t.theta.tolist() for t in found.model.terms[:6]]
+    nominal_model = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
+    theta = [t.theta.tolist() for t in nominal_model.model.terms[:6]]
     assert theta == [[3], [4], [10, -5], [0, 0], [1], [2]]
-    assert found.sd == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
-    assert [t.shape for t in found.model.terms[6:]] == [(8.0,), (9.0,)]
+    assert nominal_model.sd == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
+    assert [t.shape for t in nominal_model.model.terms[6:]] == [(8.0,), (9.0,)]
 
 
 WITHOUT_SHAPE = {

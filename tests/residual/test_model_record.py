@@ -104,15 +104,15 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     columns = (("qd", (0,), ""), ("q", (0, 1), "difference"))
     model = model_of(["coulomb"], arm())
     tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
-    made = CorrectedModel(model, tables)
-    again = from_record(through_text(made.to_record()))
-    made.save(tmp_path / "model.json")
+    corrected = CorrectedModel(model, tables)
+    again = from_record(through_text(corrected.to_record()))
+    corrected.save(tmp_path / "model.json")
     log = log_of(model.robot)
     for one in (again, load_model(tmp_path / "model.json")):
-        np.testing.assert_array_equal(one.predict(log), made.predict(log))
-    assert np.abs(made.predict(log) - model.predict(log))[:, 0].max() > 0.01
+        np.testing.assert_array_equal(one.predict(log), corrected.predict(log))
+    assert np.abs(corrected.predict(log) - model.predict(log))[:, 0].max() > 0.01
     assert again.helpless == (1,)
-    assert repr(made).endswith("tables on J1)")
+    assert repr(corrected).endswith("tables on J1)")
 
 
 def test_a_term_that_is_no_effect_is_refused():

@@ -1,6 +1,5 @@
 """Sensors that fail are found and named; those in order are left in peace."""
 
-import json
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from residual.errors import InputError
-from residual.monitoring.monitor import KINDS, STILL, block_maxima, calibrate, limits_of
+from residual.monitoring.monitor import STILL, block_maxima, calibrate, limits_of
 from residual.monitoring.thresholds import MONITOR
 from tests.residual.monitored import (
     good_runs,
@@ -78,12 +77,6 @@ def test_the_score_of_a_joint_is_above_1_where_there_is_an_alarm_and_only_there(
     t, scores = monitor().scores(log)
     assert t[np.argmax(scores.max(axis=1) > 1)] == alarm.time
     assert scores[t <= alarm.until, 0].max() >= alarm.score
-
-
-def test_a_record_is_plain_json_with_every_limit():
-    record = json.loads(json.dumps(monitor().to_record(), allow_nan=False))
-    assert set(record["limits"]) == {kind.name for kind in KINDS}
-    np.testing.assert_allclose(record["size"], monitor().size)
 
 
 def test_without_the_wanted_position_torque_is_still_watched():

@@ -31,20 +31,20 @@ def nominal(terms=(), given=(), **options):
 
 
 def design_of(found, rng):
-    made = []
+    drawn = []
     for k in range(3):
         state = random_state(rng, 100)
-        made.append(
+        drawn.append(
             (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k), state)
         )
-    return Design([t for t, _ in made], found.model, [s for _, s in made])
+    return Design([t for t, _ in drawn], found.model, [s for _, s in drawn])
 
 
 @pytest.mark.parametrize("scale", [0.01, 0.3])
 def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     """Half of the doubt is each one's own, half the link's as a whole."""
-    found = nominal()
-    prior = relative_prior(design_of(found, rng), found, scale)
+    nominal_model = nominal()
+    prior = relative_prior(design_of(nominal_model, rng), nominal_model, scale)
     expected = np.zeros((NOMINAL, NOMINAL))
     sizes = inertial_sd(arm()).reshape(2, 10)
     parameters = inertial_parameters(arm().model).reshape(2, 10)
@@ -59,10 +59,10 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
 
 @pytest.mark.parametrize(("given", "share"), [(GIVEN, 0.1), (ASSUMED, 1.0)])
 def test_a_declared_value_is_held_within_its_share(rng, given, share):
-    found = nominal(
+    nominal_model = nominal(
         [term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given]
     )
-    prior = relative_prior(design_of(found, rng), found, 0.03)
+    prior = relative_prior(design_of(nominal_model, rng), nominal_model, 0.03)
     sd = 1 / np.sqrt(np.diag(prior.precision))[NOMINAL:]
     # One thousandth of torque rms is added, so that a declared 0 is not exact.
     assert (sd > share * np.array([8.0, 4.0])).all()
@@ -71,9 +71,9 @@ def test_a_declared_value_is_held_within_its_share(rng, given, share):
 
 def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     """Its prior is as wide as the torque that it would explain."""
-    found = nominal([term("viscous", 0, [0.0])], [None])
-    design = design_of(found, rng)
-    prior = relative_prior(design, found, 0.03)
+    nominal_model = nominal([term("viscous", 0, [0.0])], [None])
+    design = design_of(nominal_model, rng)
+    prior = relative_prior(design, nominal_model, 0.03)
     sd = 1 / np.sqrt(prior.precision[-1, -1])
     speed = np.concatenate([s.qd[:, 0] for s in design.states])
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
@@ -97,7 +97,7 @@ FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
     ],
 )
 def test_what_may_not_be_blamed(rng, name, given, scale, barred):
-    found = nominal([term(name, 1, [1.0])], [given])
+    nominal_model = nominal([term(name, 1, [1.0])], [given])
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
-    prior = replace(known, widths=found.kinds)
-    assert forbidden(prior, found) == barred
+    prior = replace(known, widths=nominal_model.kinds)
+    assert forbidden(prior, nominal_model) == barred

@@ -53,9 +53,9 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
     seed, tolerances = CASES[effect]
     robot = bare_irb140() if effect in OF_THE_WHOLE else arm(THREE)
     case = short_case(robot, effect, seed=seed, duration=8.0)
-    _, found = doubts(case)
-    assert len(found) == 1
-    (finding,) = found
+    _, findings = doubts(case)
+    assert len(findings) == 1
+    (finding,) = findings
     same = {(finding.effect.name, finding.joints), *finding.equivalent}
     assert (case.truth.name, case.truth.joints) in same
     if tolerances is None:
@@ -76,14 +76,14 @@ def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
     (finding,) = diagnose_case(case).effects
     assert (finding.name, finding.joints) == (case.truth.name, case.truth.joints)
     for key, share in tolerances.items():
-        told, truth = finding.parameters[key], case.truth.parameters[key]
-        assert told.value == pytest.approx(truth, rel=share)
-        assert 0 <= told.std < abs(truth)
+        parameter, truth = finding.parameters[key], case.truth.parameters[key]
+        assert parameter.value == pytest.approx(truth, rel=share)
+        assert 0 <= parameter.std < abs(truth)
 
 
 def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
-    diagnosis, found = doubts(short_case(bare_irb140(), seed=36, duration=8.0))
-    assert found == []
+    diagnosis, findings = doubts(short_case(bare_irb140(), seed=36, duration=8.0))
+    assert findings == []
     assert diagnosis.adequacy.doubted == ()
     assert diagnosis.task.prior.scale <= 0.1
 
@@ -93,8 +93,8 @@ def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
 )
 def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
     case = short_case(bare_irb140(), effect, seed=seed, duration=8.0)
-    diagnosis, found = doubts(case)
-    assert found == []
+    diagnosis, findings = doubts(case)
+    assert findings == []
     assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
 
 
@@ -104,9 +104,9 @@ def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
 )
 def test_two_effects_at_once_are_both_found(first, second, seed):
     case = short_case(bare_irb140(), first, second, seed=seed, duration=8.0)
-    _, found = doubts(case)
-    assert len(found) == 2
-    named = {f.effect.name: f for f in found}
+    _, findings = doubts(case)
+    assert len(findings) == 2
+    named = {f.effect.name: f for f in findings}
     offset_class = {"offset", "coulomb_asymmetry"}
     first_names = offset_class if first == "offset" else {first}
     assert first_names & set(named)
@@ -115,11 +115,11 @@ def test_two_effects_at_once_are_both_found(first, second, seed):
 
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     case = short_case(bare_irb140(), seed=40, duration=8.0)
-    _, found = doubts(case, ("viscous", "rotor_inertia"))
-    assert [(f.effect.name, f.joints) for f in found] == [
+    _, findings = doubts(case, ("viscous", "rotor_inertia"))
+    assert [(f.effect.name, f.joints) for f in findings] == [
         ("coulomb", (1, 2, 3, 4, 5, 6))
     ]
-    levels, sds, unit, _ = found[0].parameters["level"]
+    levels, sds, unit, _ = findings[0].parameters["level"]
     assert unit == "N m"
     assert levels.shape == sds.shape == (6,)
     np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
@@ -157,8 +157,8 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
 def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     """Of two links either may be the rough one: that is no name."""
     heavier = Hidden("link_inertia", (3,), {"scale": 0.5})
-    _, found = doubts(short_case(bare_irb140(), heavier, seed=51, duration=8.0))
-    (finding,) = found
+    _, findings = doubts(short_case(bare_irb140(), heavier, seed=51, duration=8.0))
+    (finding,) = findings
     assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
     assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
     heavier = Hidden("link_inertia", (2,), {"scale": 0.5})

@@ -59,7 +59,7 @@ def keys(fitted):
     return sorted((g.effect.name, g.joints) for g in fitted.members)
 
 
-def found(problem, **rules):
+def searched(problem, **rules):
     task = problem.task(every_group(problem.design), **rules)
     return task, search(task)
 
@@ -70,7 +70,7 @@ def test_where_nothing_is_missing_nothing_is_found():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
-        task, fitted = found(problem)
+        task, fitted = searched(problem)
         assert fitted.members == ()
         value = rank_additions(
             replace(task, rules=EvidenceThresholds(min_nats=-99, min_fall_share=0)),
@@ -93,7 +93,7 @@ TRUTHS = {
 def test_what_is_there_is_found_and_nothing_else(rng, which):
     truth = TRUTHS[which]
     problem = Problem.draw(rng, truth, rows=200, masked=0.2)
-    _, fitted = found(problem)
+    _, fitted = searched(problem)
     assert keys(fitted) == sorted((e.name, js) for e, js, _ in truth)
     for effect, joints, theta in truth:
         (own,) = (g for g in fitted.members if (g.effect, g.joints) == (effect, joints))
@@ -299,7 +299,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
 def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     truth = [(LINE, (0,), [2.0]), (LINE, (1,), [2.0]), (PLANE, (0,), [4.0, 4.0])]
     problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = found(problem)
+    task, fitted = searched(problem)
     diagnosis = judged_by(task)
     first, second = findings(diagnosis, fitted, gate_members(task, fitted))
     assert (first.effect.name, first.joints) == ("plane", (1,))
@@ -314,7 +314,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
 def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
     truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
     problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = found(problem)
+    task, fitted = searched(problem)
     diagnosis = judged_by(task)
     riding = replace(PLANE, rides_on=LINE.name)
     tested = [
@@ -333,7 +333,7 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
 def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
     """3 % of torque rms, 1 % of what was left: certain, and not worth a name."""
     problem = Problem.draw(rng, [(LINE, (0,), [0.12])], rows=4000, logs=4)
-    task, fitted = found(problem)
+    task, fitted = searched(problem)
     assert fitted.members == ()
     (group,) = (g for g in task.candidates.groups if g.key == ("line", (0,), ()))
     big = task.settle(task.fit([group], fitted))

@@ -47,17 +47,17 @@ def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
         qd = np.gradient(log.q, log.t, axis=0)
         return replace(log, tau=log.tau + rub * np.tanh(qd / 0.01))
 
-    found = diagnose(
+    diagnosis = diagnose(
         case.robot,
         [rubbed(r) for r in case.fit],
         baseline=case.baseline,
         held_out=[rubbed(r) for r in case.held_out],
     ).verdict
-    assert {e.name for e in found.effects} == {"coulomb"}
+    assert {e.name for e in diagnosis.effects} == {"coulomb"}
     before, after = (
-        np.array(found.error.moving[k]) for k in ("identified", "augmented")
+        np.array(diagnosis.error.moving[k]) for k in ("identified", "augmented")
     )
     risen = tuple(int(j) + 1 for j in np.flatnonzero(after > 1.05 * before))
-    assert set(found.error.worse) <= set(risen)
-    overall = found.error.overall_moving
+    assert set(diagnosis.error.worse) <= set(risen)
+    overall = diagnosis.error.overall_moving
     assert overall["augmented"] < 1.05 * overall["identified"]

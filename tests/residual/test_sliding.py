@@ -162,14 +162,14 @@ def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, see
         robot = robot_from_texts(name, sliding_arm(name), toml)
     fit = logs(robot, true, "abc", 1000 + seed, torque)
     held_out = logs(robot, true, "d", 2000 + seed, torque)
-    found = mg.diagnose(robot, fit, held_out=held_out)
-    first = found.effects[0]
+    diagnosis = mg.diagnose(robot, fit, held_out=held_out)
+    first = diagnosis.effects[0]
     value = first.parameters[key]
     assert (first.name, first.joints, value.unit) == (effect, (joint + 1,), unit)
     assert abs(value.value - size) < max(2 * value.std, 0.02 * size)
     # Torques and forces have no sum.
     mixed = name != "gantry"
-    assert (found.to_json()["error"]["overall"]["augmented"] is None) == mixed
+    assert (diagnosis.to_json()["error"]["overall"]["augmented"] is None) == mixed
 
 
 def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
@@ -177,9 +177,9 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     true = true_model(robot, np.random.default_rng(5))
     loaded = with_load(true, 2.5, np.array([0.06, 0.02, 0.05]))
     fit, held_out = logs(robot, loaded, "abc", 5), logs(robot, loaded, "d", 6)
-    found = mg.diagnose(robot, fit, held_out=held_out)
-    assert found.effects[0].name == "payload"
-    mass = found.effects[0].parameters["mass"]
+    diagnosis = mg.diagnose(robot, fit, held_out=held_out)
+    assert diagnosis.effects[0].name == "payload"
+    mass = diagnosis.effects[0].parameters["mass"]
     assert mass.unit == "kg"
     assert abs(mass.value - 2.5) < 2 * mass.std
     assert inertial_parameters(loaded).shape == (50,)

@@ -53,13 +53,13 @@ def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
 @pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
 def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     q, qd = motion()
-    whole = direction(q, qd, FLOOR, replace(shape, hold=1.0))
+    full = direction(q, qd, FLOOR, replace(shape, hold=1.0))
     held = direction(q, qd, FLOOR, replace(shape, hold=hold))
     stands = np.abs(qd) < shape.reach * FLOOR
     assert stands.any()
     assert not stands.all()
-    np.testing.assert_allclose(held[stands], hold * whole[stands])
-    np.testing.assert_array_equal(held[~stands], whole[~stands])
+    np.testing.assert_allclose(held[stands], hold * full[stands])
+    np.testing.assert_array_equal(held[~stands], full[~stands])
 
 
 def stop_and_go(dof=2):

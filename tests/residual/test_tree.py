@@ -84,16 +84,18 @@ def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, 
     names = tuple(f"j{i}" for i in range(1, 5))
     arm = read_urdf(MANY, "made.urdf", Choice(names, locked=locks))
     ours = pin.buildModelFromXML(arm.urdf)
-    whole = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
+    full_model = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
     at = locks | {"finger2": 0.01 - finger}
-    q0 = pin.neutral(whole)
+    q0 = pin.neutral(full_model)
     for name, value in at.items():
-        one = whole.joints[whole.getJointId(name)]
+        one = full_model.joints[full_model.getJointId(name)]
         turns = one.nq == 2  # a wheel, by cosine and sine
         q0[one.idx_q : one.idx_q + one.nq] = (
             [np.cos(value), np.sin(value)] if turns else value
         )
-    reduced = pin.buildReducedModel(whole, [whole.getJointId(n) for n in at], q0)
+    reduced = pin.buildReducedModel(
+        full_model, [full_model.getJointId(n) for n in at], q0
+    )
     assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
     rng = np.random.default_rng(seed)
     motion = rng.normal(size=(3, 1, 4))
@@ -167,9 +169,9 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
     assert robot.joints == ("j1", "j2", "j3")
     assert np.isinf([robot.velocity_limit, robot.torque_limit]).all()
     assert (robot.lower[0], robot.upper[1]) == (-2, np.inf)
-    said = " / ".join(robot.notes)
+    notes = " / ".join(robot.notes)
     for part in ("no joint: alone", "next: j1, j2", "'j2' has no range"):
-        assert part in said
+        assert part in notes
 
 
 BAD = {

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 
 from residual.changes.contrast import SQUARES, expected_evidence, log_evidence
 from residual.changes.rows import OWN, JointRows, Layout
-from tests.residual.arms import Y, Z
 
-FOUR = (Z, Y, Y, Z)
 ROWS, BLOCK = 120, 12
 
 

@@ -12,7 +12,7 @@ from tests.residual.identified import logs, truth
 
 
 @pytest.fixture(scope="module")
-def found():
+def identification():
     return identify(truth().robot, logs(noise=0.3))
 
 
@@ -21,8 +21,8 @@ def held_out():
     return logs(1, noise=0.3, seed=7)
 
 
-def test_the_identified_model_beats_the_nominal_both_ways(found, held_out):
-    models = {"nominal": found.nominal, "identified": found.model}
+def test_the_identified_model_beats_the_nominal_both_ways(identification, held_out):
+    models = {"nominal": identification.nominal, "identified": identification.model}
     torque = torque_errors(models, held_out)
     assert torque["identified"].overall("moving") < 3
     assert torque["identified"].overall("raw") < 0.2 * torque["nominal"].overall("raw")
@@ -34,14 +34,14 @@ def test_the_identified_model_beats_the_nominal_both_ways(found, held_out):
 def test_acceleration_of_exact_torque_is_exact():
     model = identify(truth().robot, logs()).model
     (log,) = logs(1, seed=3)
-    made = replace(log, tau=model.predict(log))
-    error = acceleration_error(model, [made])
+    predicted = replace(log, tau=model.predict(log))
+    error = acceleration_error(model, [predicted])
     assert error.overall < 0.5
     assert np.all(error.per_joint < 0.5)
 
 
-def test_a_joint_that_stands_has_no_acceleration_error(found):
-    error = acceleration_error(found.model, logs(1, joints=(0, 1)))
+def test_a_joint_that_stands_has_no_acceleration_error(identification):
+    error = acceleration_error(identification.model, logs(1, joints=(0, 1)))
     assert np.isnan(error.per_joint[2])
     assert np.isfinite(error.overall)
 
@@ -59,7 +59,7 @@ BAD = {
 
 
 @pytest.mark.parametrize("what", BAD)
-def test_what_cannot_be_validated_is_said(found, what):
+def test_what_cannot_be_validated_is_said(identification, what):
     call, message = BAD[what]
     with pytest.raises(InputError, match=message):
-        call(found)
+        call(identification)

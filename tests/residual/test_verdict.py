@@ -27,7 +27,6 @@ MUTE = "joint 2 logs no torque"
 
 
 def half_dead(moving, silent=()):
-    """Logs of an arm one joint of which stands, or logs no torque; 2 N m on joint 1."""
     logs = plain_logs(arm(), moving, [2.0, 0.0], count=5)
     for j in silent:
         logs = [replace(r, tau=r.tau * (np.arange(2) != j)) for r in logs]
@@ -164,8 +163,8 @@ def checked(check, baseline=()):
 @pytest.mark.parametrize("compared", [False, True])
 def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compared):
     baseline = plain_logs(arm(), [0, 1], 0.0) if compared else ()
-    found = checked(LogCheck((FAULT, DOUBT)), baseline)
-    verdict = to_json(found.verdict)
+    diagnosis = checked(LogCheck((FAULT, DOUBT)), baseline)
+    verdict = to_json(diagnosis.verdict)
     assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
     assert verdict["minimum_detectable"] == verdict["suspected"] == []
     assert (verdict["next_experiment"], verdict["edit"]) == (None, None)
@@ -176,15 +175,17 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compar
         error = verdict["error"][table]
         assert error["augmented"] == error["identified"]
         assert error["plsr"] is None
-    assert found.models["augmented"] is found.models["identified"]
-    assert set(found.models) == {"nominal", "identified", "augmented"}
-    assert not found.clouds + found.sentences
-    assert found.warnings[0] == (
+    assert diagnosis.models["augmented"] is diagnosis.models["identified"]
+    assert set(diagnosis.models) == {"nominal", "identified", "augmented"}
+    assert not diagnosis.clouds + diagnosis.sentences
+    assert diagnosis.warnings[0] == (
         "fault of the logs (torque sign, joint 2, certain): Friction gives. "
         "Fix: tau = {}"
     )
-    assert "nothing named, the logs are at fault" in repr(found)
-    assert from_json(json.loads(json.dumps(verdict, allow_nan=False))) == found.verdict
+    assert "nothing named, the logs are at fault" in repr(diagnosis)
+    assert (
+        from_json(json.loads(json.dumps(verdict, allow_nan=False))) == diagnosis.verdict
+    )
 
 
 def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():
@@ -215,11 +216,11 @@ def test_arrays_have_an_entry_per_joint_and_joints_are_numbered_from_one(kind):
                 assert len(p["value"]) == len(p["std"]) == len(effect["joints"])
             else:
                 assert not isinstance(p["std"], list)
-    found = [e["joints"] for e in verdict["effects"]]
-    found += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
-    found += [m["joints"] for m in verdict["minimum_detectable"]]
-    found.append(verdict["unexplained"]["joints"])
-    for joints in found:
+    joints_named = [e["joints"] for e in verdict["effects"]]
+    joints_named += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
+    joints_named += [m["joints"] for m in verdict["minimum_detectable"]]
+    joints_named.append(verdict["unexplained"]["joints"])
+    for joints in joints_named:
         assert all(1 <= j <= dof for j in joints)
     local = {n for n, e in registry().items() if e.scope == "local"}
     last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
@@ -285,13 +286,13 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown():
 
 
 def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
-    told = []
+    progress = []
     case = two_effects()
-    again = diagnose_case(case, progress=lambda *x: told.append(x))
+    again = diagnose_case(case, progress=lambda *x: progress.append(x))
     assert json.dumps(to_json(again.verdict)) == json.dumps(document("effects"))
-    assert list(dict(told)) == ["features", "search", "gate", "proof"]
-    assert all(0 <= share <= 1 for _, share in told)
-    assert told[-1] == ("proof", 1.0)
+    assert list(dict(progress)) == ["features", "search", "gate", "proof"]
+    assert all(0 <= share <= 1 for _, share in progress)
+    assert progress[-1] == ("proof", 1.0)
 
 
 def test_the_order_of_the_logs_does_not_change_what_is_found():
@@ -353,9 +354,13 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected()
     outcome = outcome_of("unknown")
     verdict = to_json(outcome.verdict)
     assert verdict["unexplained"]["kind"] == "time-driven"
-    (told,) = verdict["unexplained"]["depends_on"]
-    assert (told["joint"], told["on"], told["of"]) == (2, "frequency", [])
-    assert told["frequency"] == pytest.approx(0.4, abs=0.06)
+    (dependence,) = verdict["unexplained"]["depends_on"]
+    assert (dependence["joint"], dependence["on"], dependence["of"]) == (
+        2,
+        "frequency",
+        [],
+    )
+    assert dependence["frequency"] == pytest.approx(0.4, abs=0.06)
     assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
     for table in TABLES:
         assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]

@@ -191,10 +191,12 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
     state = seen(robot)
     level = 0.6 * np.abs(state.tau_model[:, 0]).max()
     theta, shape = registry()["saturation"].from_values(np.array([level]), robot)
-    told = state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
-    assert np.abs(told).max() == pytest.approx(level)
+    reported = (
+        state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
+    )
+    assert np.abs(reported).max() == pytest.approx(level)
     inside = np.abs(state.tau_model[:, 0]) < level
-    np.testing.assert_array_equal(told[inside], state.tau_model[inside, 0])
+    np.testing.assert_array_equal(reported[inside], state.tau_model[inside, 0])
     state = seen(arm())
     top = np.abs(state.tau_model).max(axis=0)
     column = torque("saturation", (1,), 1.0, state, (1.01 * top[1],))

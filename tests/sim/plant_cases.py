@@ -10,7 +10,6 @@ from sim.plant.sizes import usual_limits
 from sim.plant.stepping import computed_torque, simulate
 
 ROBOT = load_robot("irb140")
-NOMINAL_ARM = {"scatter": 0.0}
 
 
 def effect(name, joints=(), onset=0.0, **parameters):

@@ -94,16 +94,16 @@ def test_dry_friction_leans_to_one_side(seed, word):
 def test_friction_is_less_when_warm_and_takes_its_time(seed, word):
     background, friction = arm(seed, word)
 
-    def whole(worked):
+    def friction_at(worked):
         rubbed = torque(background, friction, [1.0, 1.0], worked=worked)[0]
         return rubbed + friction.coulomb + friction.viscous
 
-    cold, warm = whole(0.0), whole(1e5)
+    cold, warm = friction_at(0.0), friction_at(1e5)
     loss = 1 - warm / cold
     between(loss, 0.05, 0.2, SCALE[word])
     # Two thirds of it come within the time constants of oil and housing.
-    assert np.all(1 - whole(400.0) / cold > 0.6 * loss)
-    assert np.all(1 - whole(25.0) / cold < 0.6 * loss)
+    assert np.all(1 - friction_at(400.0) / cold > 0.6 * loss)
+    assert np.all(1 - friction_at(25.0) / cold < 0.6 * loss)
 
 
 @every_arm
@@ -123,18 +123,18 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
 def test_drives_report_more_or_less_than_they_give(word):
     for seed in SEEDS:
         plant = Plant(ROBOT, (), seed, word)
-        told = true_torque(plant, MOTION, "log")
-        given = told.rigid + told.base + told.background.torque
-        gain = (told.tau / given).mean(axis=0) - 1
+        torques = true_torque(plant, MOTION, "log")
+        given = torques.rigid + torques.base + torques.background.torque
+        gain = (torques.tau / given).mean(axis=0) - 1
         assert np.all(np.abs(gain) <= SCALE[word] * 0.04 + 1e-9)
         assert np.abs(gain).max() > 0.01
 
 
 def test_gears_twist_with_their_load_and_harden():
     for seed in SEEDS:
-        told = true_torque(Plant(ROBOT, (), seed, "workshop"), MOTION, "log")
-        load = told.rigid / sizes(ROBOT).torque
-        lead = told.reading - MOTION.q
+        torques = true_torque(Plant(ROBOT, (), seed, "workshop"), MOTION, "log")
+        load = torques.rigid / sizes(ROBOT).torque
+        lead = torques.reading - MOTION.q
         for j in range(5):  # the last one carries next to nothing
             felt = np.abs(load[:, j]) > 1e-4
             twist = lead[felt, j] / load[felt, j]
@@ -151,10 +151,10 @@ def test_torque_is_logged_late_and_in_steps(word, corner):
     background, _ = arm(1, word)
     t = np.arange(20000) / 5000.0
     wave = np.sin(2 * np.pi * corner * t)[:, None] * background.span
-    told = logged(background, wave, 5000.0)
-    ratio = told[10000:].std(axis=0) / wave[10000:].std(axis=0)
+    log = logged(background, wave, 5000.0)
+    ratio = log[10000:].std(axis=0) / wave[10000:].std(axis=0)
     np.testing.assert_allclose(ratio, 2**-0.5, rtol=0.03)  # 3 dB at the corner
-    steps = told / (SCALE[word] * 1e-3 * background.span)
+    steps = log / (SCALE[word] * 1e-3 * background.span)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
 
 

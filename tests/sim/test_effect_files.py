@@ -27,7 +27,6 @@ SIZE = 4.0  # N m s/rad^2
 
 @pytest.fixture
 def creaking(tmp_path, monkeypatch):
-    """The second file of the page's example, dropped into the folder."""
     page = PAGE.read_text(encoding="utf-8")
     _, code = re.findall(r"```python\n(.*?)```", page, re.S)[:2]
     (tmp_path / "creaking.py").write_text(code, encoding="utf-8")

@@ -16,14 +16,14 @@ pytestmark = pytest.mark.usefixtures("compiled_plant")
 def test_a_log_gives_the_twin_that_ran_beside_it():
     rates = Rates()
     spec = PlantSpec((effect("coulomb", 2, level=9.0),), 0.0, Noise(0.0, 0.0))
-    made = run_experiment(ROBOT, motion("fourier", 2.0), spec, rates)
-    log = replace(made.log, id="A", t=made.log.t + 7.0)
+    run = run_experiment(ROBOT, motion("fourier", 2.0), spec, rates)
+    log = replace(run.log, id="A", t=run.log.t + 7.0)
     errors = log_twin_errors(ROBOT, log)
     settled = slice(25, -25)
     for name, limit in (("e_q", 2e-5), ("e_tau", 0.5)):
-        gap = errors[name][settled] - made.twin[name][settled]
+        gap = errors[name][settled] - run.twin[name][settled]
         assert np.sqrt(np.mean(gap**2)) < limit
-    size = np.sqrt(np.mean(made.twin["e_tau"][settled, 1] ** 2))
+    size = np.sqrt(np.mean(run.twin["e_tau"][settled, 1] ** 2))
     assert size > 5
 
 

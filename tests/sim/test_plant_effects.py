@@ -99,8 +99,8 @@ def test_a_shared_gear_rubs_on_both_joints():
     fast = np.abs(u) > 0.05
     np.testing.assert_allclose(extra[:, 4], -extra[:, 5], atol=0.02)
     change = (trace.qdd[moving, 4] - trace.qdd[moving, 5])[fast]
-    found = fit([np.sign(u)[fast], u[fast], change], extra[fast, 4])
-    np.testing.assert_allclose(found, [1.0, 0.2, 0.01], rtol=0.15)
+    parameters = fit([np.sign(u)[fast], u[fast], change], extra[fast, 4])
+    np.testing.assert_allclose(parameters, [1.0, 0.2, 0.01], rtol=0.15)
 
 
 def test_bristles_yield_before_they_slide():

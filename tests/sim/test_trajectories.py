@@ -119,18 +119,18 @@ def going_round(duration, rounds, places=PLACES):
 
 
 def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
-    made = make_plan(ROBOT, going_round(8.0, 3))
-    stand = 8.0 - 3 * made.period
+    plan_ = make_plan(ROBOT, going_round(8.0, 3))
+    stand = 8.0 - 3 * plan_.period
     assert stand > 0
     t = np.linspace(0, stand, 50)
-    q, qd, _ = made.curve(t)
+    q, qd, _ = plan_.curve(t)
     assert (q == np.array(PLACES[0])).all()
     assert (qd == 0).all()
     rounds = [
-        made.curve(stand + made.period * (n + 0.3) * np.ones(1))[0] for n in (0, 2)
+        plan_.curve(stand + plan_.period * (n + 0.3) * np.ones(1))[0] for n in (0, 2)
     ]
     np.testing.assert_allclose(*rounds, atol=1e-9)
-    np.testing.assert_allclose(made.curve(np.array([8.0]))[0][0], PLACES[0], atol=1e-9)
+    np.testing.assert_allclose(plan_.curve(np.array([8.0]))[0][0], PLACES[0], atol=1e-9)
 
 
 @pytest.mark.parametrize(

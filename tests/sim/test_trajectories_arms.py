@@ -154,9 +154,9 @@ def test_an_arm_that_reaches_into_the_floor_or_folds_onto_itself_is_told():
 def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
     monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
     robot = arm(SEVEN, tmp_path)
-    found = [
+    references = [
         make_reference(robot, TrajectorySpec(), 100.0, optimised)
         for optimised in (False, True)
     ]
-    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in found)
+    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in references)
     assert better.condition < 0.6 * worse.condition

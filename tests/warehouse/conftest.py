@@ -24,8 +24,6 @@ NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
 @pytest.fixture
 def make_robot(tmp_path):
-    """Return a function that loads the arm with the given text as its robot.toml."""
-
     def make(toml=""):
         folder = tmp_path / "arm"
         folder.mkdir(exist_ok=True)
@@ -38,7 +36,6 @@ def make_robot(tmp_path):
 
 @pytest.fixture
 def robot(make_robot):
-    """The arm without a robot.toml."""
     return make_robot()
 
 
@@ -53,8 +50,6 @@ def samples():
 
 @pytest.fixture
 def write(tmp_path):
-    """Return a function that writes a table as CSV and returns its path as text."""
-
     def write(table, names=NAMES, name="run.csv", separator=","):
         lines = [separator.join(names)]
         lines += [separator.join(repr(float(x)) for x in row) for row in table]

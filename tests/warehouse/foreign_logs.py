@@ -29,7 +29,6 @@ class Format:
 
     @property
     def head(self) -> list[str]:
-        """The lines up to that of the names."""
         first = self.time[0] if self.file != "kuka_fri.dat" else "Counter"
         at = next(i for i, line in enumerate(self.lines) if line.startswith(first))
         return self.lines[: at + 1]

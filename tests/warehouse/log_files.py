@@ -19,7 +19,6 @@ uint32 nanosec
 
 
 def messages(samples, names=("joint1", "joint2"), start=1000, **gone):
-    """Joint states of a table with columns t, q.., tau..: one mapping per row."""
     dof = (samples.shape[1] - 1) // 2
     for row in samples:
         ns = start * 10**9 + round(row[0] * 1e9)
@@ -36,7 +35,6 @@ def messages(samples, names=("joint1", "joint2"), start=1000, **gone):
 
 
 def write_bag(path, topics, version=2, storage="sqlite3"):
-    """Write joint states by topic as a bag of ROS 1 or ROS 2."""
     from rosbags.rosbag1 import Writer as Writer1
     from rosbags.rosbag2 import StoragePlugin
     from rosbags.rosbag2 import Writer as Writer2
@@ -45,12 +43,12 @@ def write_bag(path, topics, version=2, storage="sqlite3"):
     types = get_typestore(Stores.ROS1_NOETIC if version == 1 else Stores.ROS2_HUMBLE)
     kind = "sensor_msgs/msg/JointState"
     if version == 1:
-        made, pack = Writer1(path), types.serialize_ros1
+        writer, pack = Writer1(path), types.serialize_ros1
     else:
         plugin = StoragePlugin[storage.upper()]
-        made = Writer2(path, version=9, storage_plugin=plugin)
+        writer = Writer2(path, version=9, storage_plugin=plugin)
         pack = types.serialize_cdr
-    with made as bag:
+    with writer as bag:
         for topic, listed in topics.items():
             connection = bag.add_connection(topic, kind, typestore=types)
             for told in listed:
@@ -60,7 +58,6 @@ def write_bag(path, topics, version=2, storage="sqlite3"):
 
 
 def write_mcap(path, topics):
-    """Write joint states by topic as an MCAP file, as ROS 2 does."""
     from mcap_ros2.writer import Writer
 
     with path.open("wb") as file:

@@ -6,21 +6,19 @@ import warehouse
 from flows.storage.diagnosis import effect_rows, error_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
-from tests.verdict_documents import whole
+from tests.verdict_documents import whole_document
 from warehouse.commit import DiagnosisRows, Seal, commit_run, store_rows
 
 DOF = 2
 
 
 def recording(seed=0, rows=50, robot="two_link", **channels):
-    """A log of the two-joint arm, another one for every seed."""
     rng = np.random.default_rng(seed)
     q, tau = rng.normal(size=(2, rows, DOF))
     return Recording("", robot, np.arange(rows) / 100, q, tau, **channels)
 
 
 def spec(seed=0, kind="fourier"):
-    """The open half of a simulated run."""
     return {
         "robot": "two_link",
         "seed": seed,
@@ -38,28 +36,24 @@ def sealed(seed=0, rows=50):
 
 
 def commit(store, seed=0, kind="fourier", rows=50, **more):
-    """Commit one simulated run with its seal and twin."""
     log = recording(seed, rows, q_ref=np.full((rows, DOF), 0.25))
     twin = {"e_q": log.q / 10, "e_tau": log.tau / 10}
-    told = manifest(seed, kind, **more)
-    return commit_run(store, log, told, sealed(seed, rows), twin)
+    open_half = manifest(seed, kind, **more)
+    return commit_run(store, log, open_half, sealed(seed, rows), twin)
 
 
 def ask(store, query, values=None):
-    """Return the rows of an answer."""
     with warehouse.open(store) as opened:
         return opened.sql(query, values).to_pylist()
 
 
 def flip(path, at=None, bit=0):
-    """Flip one bit of a file, in its middle where it is not said where."""
     data = bytearray(path.read_bytes())
     data[len(data) // 2 if at is None else at] ^= 1 << bit
     path.write_bytes(data)
 
 
 def verdict(logs=(), **more):
-    """The document of a verdict, whole."""
     per_joint = {"nominal": [21.0, 18.0], "identified": [9.0, 8.0], "plsr": None}
     per_joint["augmented"] = [6.0, 5.0]
     overall = {"nominal": 20.0, "identified": 8.6, "augmented": 5.6, "plsr": None}
@@ -94,31 +88,31 @@ def verdict(logs=(), **more):
         "nominal_scale": 0.03,
         **more,
     }
-    return whole(part, DOF)
+    return whole_document(part, DOF)
 
 
 def store_verdict(store, document, model, runs, more=None, tables=None):
     """Put a diagnosis into the store; of a plain list the runs have their roles."""
-    found = from_json(document)
+    stored_verdict = from_json(document)
     if not isinstance(runs, dict):
-        held_out = [id for id in runs if id in found.error.logs]
+        held_out = [id for id in runs if id in stored_verdict.error.logs]
         fit = [id for id in runs if id not in held_out]
         runs = {"fit": fit, "held_out": held_out}
     tables = dict(tables or {})
     errors = tables.pop("errors", None)
     record = {
-        "robot": found.robot,
-        "verdict": found.verdict,
-        "nominal_scale": found.nominal_scale,
-        "unexplained": found.unexplained.fraction,
+        "robot": stored_verdict.robot,
+        "verdict": stored_verdict.verdict,
+        "nominal_scale": stored_verdict.nominal_scale,
+        "unexplained": stored_verdict.unexplained.fraction,
         "document": document,
         **(more or {}),
     }
     rows = DiagnosisRows(
         record,
         model,
-        list(effect_rows(found.effects)),
-        [*error_rows(found.error), *(errors.to_pylist() if errors else ())],
+        list(effect_rows(stored_verdict.effects)),
+        [*error_rows(stored_verdict.error), *(errors.to_pylist() if errors else ())],
         tables,
     )
     return store_rows(store, rows, runs)

@@ -78,12 +78,12 @@ def test_of_two_at_once_one_wins_and_the_other_learns_of_it(tmp_path):
     ]
     for writer in writers:
         writer.start()
-    told = dict(answers.get() for _ in writers)
+    replies = dict(answers.get() for _ in writers)
     for writer in writers:
         writer.join()
-    winners = [who for who, said in told.items() if said == "000001"]
+    winners = [who for who, said in replies.items() if said == "000001"]
     assert len(winners) == 1
-    lost = [said for who, said in told.items() if who not in winners]
+    lost = [said for who, said in replies.items() if who not in winners]
     assert len(lost) == 3
     assert all(f"{winners[0]} has given arm" in said for said in lost)
 
@@ -105,7 +105,6 @@ def test_sql_shows_what_each_robot_has_and_all_that_led_there(tmp_path):
 
 
 def _night(store, number, value, std=None):
-    """One identified parameter of one night."""
     row = {"name": "coulomb", "joint": 1, "value": value, "std": std}
     row["status"] = "fitted"
     columns = arrow_schema(VIEWS["parameters"][1:])
@@ -141,8 +140,8 @@ def test_the_error_of_each_version_is_one_query(tmp_path):
         tmp_path, replace(rows, record={"robot": "arm"}, nominal=first), {}
     )
     with open_store(tmp_path) as opened:
-        told = opened.sql(NAMED["error_by_model"][1]).to_pylist()
-    assert [(r["diagnosis_id"], r["version"], r["before"]) for r in told] == [
+        versions = opened.sql(NAMED["error_by_model"][1]).to_pylist()
+    assert [(r["diagnosis_id"], r["version"], r["before"]) for r in versions] == [
         (first, "nominal", 40.0),
         (second, "000001", 5.1),
     ]

@@ -24,7 +24,6 @@ def read(samples, write, tmp_path, make_robot):
 
 BASE = 'time = {column = "Time"}\n'
 Q = 'q = {columns = ["J1", "J2"]}\n'
-TAU = 'tau = {columns = ["I1", "I2"]}\n'
 
 
 def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):

@@ -25,18 +25,18 @@ def arm_of(form):
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_format_of_a_maker_is_known_by_its_names(name):
     form = FORMATS[name]
-    found = draft(FOLDER / form.file, arm_of(form))
+    proposed = draft(FOLDER / form.file, arm_of(form))
     joints = range(form.dof)
-    assert found.format == name
-    assert found.columns.time == form.time[0]
-    assert found.columns.time_unit_seconds == 1 / form.time[1]
-    assert found.columns.signals["q"].columns == tuple(map(form.q, joints))
-    assert found.columns.signals["tau"].columns == tuple(map(form.tau, joints))
+    assert proposed.format == name
+    assert proposed.columns.time == form.time[0]
+    assert proposed.columns.time_unit_seconds == 1 / form.time[1]
+    assert proposed.columns.signals["q"].columns == tuple(map(form.q, joints))
+    assert proposed.columns.signals["tau"].columns == tuple(map(form.tau, joints))
     unit = "rad" if form.angle == 1 else "deg"
-    assert found.columns.signals["q"].unit == unit
-    assert found.missing == ()
+    assert proposed.columns.signals["q"].unit == unit
+    assert proposed.missing == ()
     # What was asked of the arm, or guessed about forces from outside, is none of it.
-    used = {c for s in found.columns.signals.values() for c in s.columns}
+    used = {c for s in proposed.columns.signals.values() for c in s.columns}
     assert not [c for c in used if "target" in c or "cmd" in c or "ext" in c]
 
 
@@ -44,10 +44,10 @@ def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
     form = FORMATS["ur-rtde"]
     text = (FOLDER / form.file).read_text().replace("_as_torque", "_as_something")
     (tmp_path / "log.csv").write_text(text)
-    found = draft(tmp_path / "log.csv", arm_of(form))
-    assert found.columns.signals["tau"].columns[0] == "actual_current_0"
-    assert found.columns.signals["tau"].unit == "A"
-    assert "torque_per_unit" in found.doubts["tau"][0]
+    proposed = draft(tmp_path / "log.csv", arm_of(form))
+    assert proposed.columns.signals["tau"].columns[0] == "actual_current_0"
+    assert proposed.columns.signals["tau"].unit == "A"
+    assert "torque_per_unit" in proposed.doubts["tau"][0]
 
 
 PAN = ("shoulder_pan_joint", "elbow_joint")
@@ -118,12 +118,12 @@ def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
     robot = two(tmp_path)
     stated, *_ = URDF_NAMES
     bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
-    found = draft(write(tmp_path / "a.csv", stated, table), robot)
-    assert "q" not in found.doubts
-    assert "time" not in found.doubts
-    found = draft(write(tmp_path / "b.csv", bare, table), robot)
-    assert "beyond the joints' limits in rad" in " ".join(found.doubts["q"])
-    assert "10 ms apart" in found.doubts["time"][0]
+    proposed = draft(write(tmp_path / "a.csv", stated, table), robot)
+    assert "q" not in proposed.doubts
+    assert "time" not in proposed.doubts
+    proposed = draft(write(tmp_path / "b.csv", bare, table), robot)
+    assert "beyond the joints' limits in rad" in " ".join(proposed.doubts["q"])
+    assert "10 ms apart" in proposed.doubts["time"][0]
 
 
 @pytest.mark.parametrize(
@@ -142,11 +142,11 @@ def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
     tmp_path, table
 ):
     header = "t_ms;up_pos;down_pos;up_torque;down_torque"
-    found = draft(write(tmp_path / "a.csv", header, table), two(tmp_path))
-    assert found.columns.signals["q"].columns == ("up_pos", "down_pos")
-    assert found.columns.signals["tau"].columns == ("up_torque", "down_torque")
+    proposed = draft(write(tmp_path / "a.csv", header, table), two(tmp_path))
+    assert proposed.columns.signals["q"].columns == ("up_pos", "down_pos")
+    assert proposed.columns.signals["tau"].columns == ("up_torque", "down_torque")
     for signal in ("q", "tau"):
-        assert "in the order of the header" in found.doubts[signal][0]
+        assert "in the order of the header" in proposed.doubts[signal][0]
     # A joint that is not there is no stranger.
     path = write(tmp_path / "b.csv", "t_ms;q1;x;tau1;y", table)
     assert draft(path, two(tmp_path)).missing == ("q", "tau")
@@ -171,15 +171,19 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
     lists = {"observation.state": q.tolist(), "action": q.tolist()}
     if effort:
         lists["observation.effort"] = pa.array(tau.tolist(), pa.list_(pa.float32(), 2))
-    whole = {**lists, "timestamp": table[:, 0] / 1000, "episode_index": [0] * len(q)}
-    pq.write_table(pa.table(whole), tmp_path / "a.parquet")
+    table_columns = {
+        **lists,
+        "timestamp": table[:, 0] / 1000,
+        "episode_index": [0] * len(q),
+    }
+    pq.write_table(pa.table(table_columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    found = draft(tmp_path / "a.parquet", robot)
-    assert found.format == "lerobot"
+    proposed = draft(tmp_path / "a.parquet", robot)
+    assert proposed.format == "lerobot"
     if not effort:
-        assert "without torque or current" in found.doubts["tau"][0]
+        assert "without torque or current" in proposed.doubts["tau"][0]
         return
-    log, _ = read_log(str(tmp_path / "a.parquet"), robot, found.columns)
+    log, _ = read_log(str(tmp_path / "a.parquet"), robot, proposed.columns)
     np.testing.assert_array_equal(log.q, q)
     np.testing.assert_allclose(log.tau, tau, rtol=1e-6)
 
@@ -187,9 +191,9 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
 def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     robot = two(tmp_path)
     path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
-    found = draft(path, robot)
-    assert found.missing == ("tau",)
-    text = drafted(found, "a.csv", robot)
+    proposed = draft(path, robot)
+    assert proposed.missing == ("tau",)
+    text = drafted(proposed, "a.csv", robot)
     assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
     assert "# not read: left right" in text
     assert set(tomllib.loads(text)) == {"time", "q"}

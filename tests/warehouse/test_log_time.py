@@ -49,8 +49,8 @@ def test_a_clock_of_seconds_since_1970_says_when(samples, write, robot):
 
 def test_metadata_of_parquet_say_when(samples, robot, tmp_path):
     table = pa.table(dict(zip(NAMES, samples.T, strict=True)))
-    told = table.replace_schema_metadata({"recorded_at": "2025-11-20T14:03:00Z"})
-    pq.write_table(told, tmp_path / "run.parquet")
+    dated = table.replace_schema_metadata({"recorded_at": "2025-11-20T14:03:00Z"})
+    pq.write_table(dated, tmp_path / "run.parquet")
     assert when(tmp_path / "run.parquet", robot) == "2025-11-20T14:03:00Z"
 
 

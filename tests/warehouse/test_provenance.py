@@ -6,7 +6,7 @@ import subprocess
 import pytest
 
 from flows.cli import main
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse import provenance
 from warehouse.provenance import (
     ROOT,
@@ -91,7 +91,6 @@ def captured(root):
 
 @pytest.fixture
 def root(tmp_path):
-    """A checkout with two committed files."""
     place = tmp_path / "checkout"
     for name in ("warehouse/__init__.py", "sim/plant.py"):
         (place / name).parent.mkdir(parents=True)
@@ -113,19 +112,22 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
         ("sim/new.py", "b"),
     ):
         (root / name).write_text(text)
-        found = captured(root)
-        hashes.add(found["sha256"])
+        uncommitted = captured(root)
+        hashes.add(uncommitted["sha256"])
     assert len(hashes) == 3
-    assert (found["count"], found["files"]) == (2, ["sim/plant.py", "sim/new.py"])
+    assert (uncommitted["count"], uncommitted["files"]) == (
+        2,
+        ["sim/plant.py", "sim/new.py"],
+    )
     assert "sim/plant.py, sim/new.py, on" in describe_uncommitted(
-        {"uncommitted": found}
+        {"uncommitted": uncommitted}
     )
     assert captured(tmp_path) is None
     assert "unknown" in describe_uncommitted({"uncommitted": None})
 
 
 def test_the_packages_of_a_record_are_kept_once(tmp_path):
-    ids = [made.commit(tmp_path, seed) for seed in range(2)]
+    ids = [samples.commit(tmp_path, seed) for seed in range(2)]
     (kept,) = (tmp_path / "made_with").iterdir()
     known = read_manifest(tmp_path, ids[0])["provenance"]
     assert provenance.read_packages(tmp_path, known)["numpy"]

@@ -15,7 +15,6 @@ SHUFFLED = ("finger", "joint2", "joint1")
 
 @pytest.fixture
 def shuffled(samples):
-    """The samples with the columns of SHUFFLED."""
     t, q, tau = samples[:, :1], samples[:, 1:3], samples[:, 3:]
     other = np.zeros_like(t)
     return np.hstack([t, other, q[:, ::-1], other, tau[:, ::-1]])
@@ -86,17 +85,17 @@ BAD = {
 @pytest.mark.parametrize("kind", ["ros1", "cdr"])
 @pytest.mark.parametrize("what", BAD)
 def test_what_a_bag_lacks_is_told(tmp_path, robot, samples, what, kind):
-    def told(names=("joint1", "joint2"), **gone):
+    def states(names=("joint1", "joint2"), **gone):
         return files.messages(samples, names, **gone)
 
     topics = {
-        "two topics": {"/a": told(), "/b": told()},
+        "two topics": {"/a": states(), "/b": states()},
         "no topic": {},
-        "names": {"/a": told(("x", "y"))},
-        "missing": {"/a": told(("joint1", "y"))},
-        "effort": {"/a": told(effort=True)},
-        "stamps": {"/a": told(stamps=True)},
-    }.get(what, {"/a": told()})
+        "names": {"/a": states(("x", "y"))},
+        "missing": {"/a": states(("joint1", "y"))},
+        "effort": {"/a": states(effort=True)},
+        "stamps": {"/a": states(stamps=True)},
+    }.get(what, {"/a": states()})
     path = write(tmp_path, kind, topics)
     columns = None
     if what == "wrong topic":

@@ -103,8 +103,6 @@ def test_a_channel_that_never_changes_and_a_gap_are_said(robot, samples, write):
 
 
 def change(row, column, value):
-    """Return a change of one sample."""
-
     def apply(table):
         table[row, column] = value
         return table

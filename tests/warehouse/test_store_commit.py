@@ -3,7 +3,6 @@
 import os
 import stat
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 import pyarrow as pa
@@ -11,7 +10,7 @@ import pyarrow.parquet as pq
 import pytest
 
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse import ids
 from warehouse.commit import commit_record, commit_run, sealed_hash
 from warehouse.files import write_sums
@@ -19,11 +18,8 @@ from warehouse.layout import find, find_run, read_record
 from warehouse.provenance import plant_code_hash
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
-ROOT = Path(__file__).parents[2]
-
 
 def tree(store):
-    """Every file of a store, without its index and what all records share."""
     files = (p.relative_to(store).as_posix() for p in store.rglob("*") if p.is_file())
     return sorted(f for f in files if not f.startswith(("_index", "made_with")))
 
@@ -31,13 +27,13 @@ def tree(store):
 def test_a_new_store_is_its_owners_and_one_that_is_there_keeps_its_rights(tmp_path):
     (tmp_path / "shared").mkdir(mode=0o755)
     for name in ("new", "shared"):
-        made.commit(tmp_path / name)
+        samples.commit(tmp_path / name)
     modes = [stat.S_IMODE((tmp_path / n).stat().st_mode) for n in ("new", "shared")]
     assert modes == [0o700, 0o755]
 
 
 def test_a_run_lies_where_the_layout_says(tmp_path):
-    id = made.commit(tmp_path)
+    id = samples.commit(tmp_path)
     assert tree(tmp_path) == [
         f"samples/robot=two_link/run_id={id}/_run.parquet",
         f"samples/robot=two_link/run_id={id}/_sums.json",
@@ -50,8 +46,8 @@ def test_a_run_lies_where_the_layout_says(tmp_path):
 
 
 def test_what_was_logged_comes_back_bit_for_bit(tmp_path):
-    id = made.commit(tmp_path, 3)
-    log = made.recording(3)
+    id = samples.commit(tmp_path, 3)
+    log = samples.recording(3)
     back = read_run(tmp_path, id)
     assert (back.id, back.robot, back.qd) == (id, "two_link", None)
     for name in ("t", "q", "tau"):
@@ -62,31 +58,31 @@ def test_what_was_logged_comes_back_bit_for_bit(tmp_path):
 
 def test_the_manifest_says_how_a_run_came_to_be(tmp_path):
     more = {"seed_streams": ["encoder"], "timings": {"plant_s": 1.5}, "host": "x"}
-    id = made.commit(tmp_path, 5, **more)
-    told = read_manifest(tmp_path, id)
-    assert told["spec"] == made.spec(5)
-    assert {key: told[key] for key in more} == more
-    assert told["sealed_sha256"] == sealed_hash(made.sealed(5).spec)
-    assert told["truth_hash"] == ids.data_hash(made.sealed(5).truth)
-    assert told["data_hash"] == ids.data_hash(read_channels(tmp_path, id))
-    assert told["units"]["e_tau"] == "N m"
-    known = told["provenance"]
+    id = samples.commit(tmp_path, 5, **more)
+    manifest = read_manifest(tmp_path, id)
+    assert manifest["spec"] == samples.spec(5)
+    assert {key: manifest[key] for key in more} == more
+    assert manifest["sealed_sha256"] == sealed_hash(samples.sealed(5).spec)
+    assert manifest["truth_hash"] == ids.data_hash(samples.sealed(5).truth)
+    assert manifest["data_hash"] == ids.data_hash(read_channels(tmp_path, id))
+    assert manifest["units"]["e_tau"] == "N m"
+    known = manifest["provenance"]
     assert known["code_hash"] == plant_code_hash()
     assert len(known["environment_hash"]) == len(known["lock_hash"]) == 64
     assert {"numpy", "python", "pyarrow"} <= set(known["versions"])
 
 
 def test_the_same_run_twice_is_one_run_and_the_first_stays(tmp_path):
-    first = made.commit(tmp_path)
+    first = samples.commit(tmp_path)
     folder = find_run(tmp_path, first).folder
     before = {p.name: p.stat().st_mtime_ns for p in folder.iterdir()}
-    assert made.commit(tmp_path, timings={"plant_s": 9}) == first
+    assert samples.commit(tmp_path, timings={"plant_s": 9}) == first
     assert {p.name: p.stat().st_mtime_ns for p in folder.iterdir()} == before
     assert "timings" not in read_manifest(tmp_path, first)
 
 
 def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):
-    log = made.recording()
+    log = samples.recording()
     id = commit_run(tmp_path, log, {"robot_hash": "ab"})
     hashed = ids.data_hash({"t": log.t, "q": log.q, "tau": log.tau})
     assert id == ids.imported_id(hashed, "ab")
@@ -97,7 +93,7 @@ def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):
 
 
 def test_a_broken_seal_is_told(tmp_path):
-    id = made.commit(tmp_path)
+    id = samples.commit(tmp_path)
     path = tmp_path / "sealed" / f"run_id={id}" / "spec.json"
     path.write_text('{"effects":[]}')
     with pytest.raises(InputError, match=r"spec\.json is damaged \(it had"):
@@ -113,10 +109,10 @@ def test_a_broken_seal_is_told(tmp_path):
 
 
 def test_samples_that_were_changed_are_not_given_out(tmp_path):
-    id = made.commit(tmp_path)
+    id = samples.commit(tmp_path)
     path = find_run(tmp_path, id).folder / "part-0.parquet"
-    whole = pq.read_table(path)
-    pq.write_table(whole.set_column(1, whole.field(1), pa.array(np.zeros(50))), path)
+    table = pq.read_table(path)
+    pq.write_table(table.set_column(1, table.field(1), pa.array(np.zeros(50))), path)
     write_sums(path.parent)
     with pytest.raises(InputError, match="not those that were committed"):
         read_run(tmp_path, id)
@@ -126,10 +122,10 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
 
 
 def test_a_torn_run_is_told_when_it_is_committed_again(tmp_path):
-    id = made.commit(tmp_path)
+    id = samples.commit(tmp_path)
     find_run(tmp_path, id).row.write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"_run\.parquet is damaged.*Take its folder"):
-        made.commit(tmp_path)
+        samples.commit(tmp_path)
 
 
 BAD = {
@@ -137,26 +133,26 @@ BAD = {
     "nan in the spec": ({"spec": {"seed": float("nan")}}, {}, "NaN or infinity"),
     "an object": ({"spec": {"seed": object()}}, {}, "holds a object"),
     "a word for a seed": ({"spec": {"seed": "x"}}, {}, "does not fit its view"),
-    "unknown channel": (made.manifest(), {"e_qdd2": 0}, "did you mean 'e_qdd'"),
-    "logged channel": (made.manifest(), {"tau": 0}, "Unknown key"),
-    "wrong shape": (made.manifest(), {"e_q": np.ones((9, 2))}, "has shape"),
-    "parent": (made.manifest(parents=["../x"]), {}, "is not an id"),
-    "parent twice": (made.manifest(parents=["a", "a"]), {}, "given twice"),
+    "unknown channel": (samples.manifest(), {"e_qdd2": 0}, "did you mean 'e_qdd'"),
+    "logged channel": (samples.manifest(), {"tau": 0}, "Unknown key"),
+    "wrong shape": (samples.manifest(), {"e_q": np.ones((9, 2))}, "has shape"),
+    "parent": (samples.manifest(parents=["../x"]), {}, "is not an id"),
+    "parent twice": (samples.manifest(parents=["a", "a"]), {}, "given twice"),
 }
 
 
 @pytest.mark.parametrize("case", BAD)
 def test_bad_runs_are_refused_and_leave_nothing(tmp_path, case):
-    told, extra, words = BAD[case]
+    message, extra, words = BAD[case]
     with pytest.raises(InputError, match=words):
-        commit_run(tmp_path, made.recording(), told, None, extra)
+        commit_run(tmp_path, samples.recording(), message, None, extra)
     assert tree(tmp_path) == []
 
 
 @pytest.mark.parametrize("robot", ["../x", "", "A"])
 def test_a_robot_that_is_no_slug_makes_no_folder(tmp_path, robot):
     with pytest.raises(InputError, match="is not a robot's name"):
-        commit_run(tmp_path, made.recording(robot=robot), made.manifest())
+        commit_run(tmp_path, samples.recording(robot=robot), samples.manifest())
     assert tree(tmp_path) == []
 
 
@@ -166,14 +162,14 @@ def test_a_failure_while_writing_leaves_no_run(tmp_path, monkeypatch):
 
     monkeypatch.setattr("warehouse.files.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
-        made.commit(tmp_path)
+        samples.commit(tmp_path)
     assert tree(tmp_path) == []
     monkeypatch.undo()
-    assert read_run(tmp_path, made.commit(tmp_path)).dof == 2
+    assert read_run(tmp_path, samples.commit(tmp_path)).dof == 2
 
 
 def test_a_record_is_kept_once_with_its_tables_and_files(tmp_path):
-    run = made.commit(tmp_path)
+    run = samples.commit(tmp_path)
     curve = pa.table({"x": [1.0, None, float("nan")], "log": ["a", "b", "c"]})
     words = (tmp_path, "reports", {"robot": "r", "kind": "demo"}, {"curve": curve})
     page = {"report.html": b"<html>"}
@@ -212,7 +208,7 @@ def test_bad_records_are_refused_and_leave_nothing(tmp_path, kind, record, more,
 
 
 def test_the_beginning_of_an_id_is_enough_if_it_is_one(tmp_path):
-    runs = {made.commit(tmp_path, seed, rows=2) for seed in range(17)}
+    runs = {samples.commit(tmp_path, seed, rows=2) for seed in range(17)}
     model = commit_record(tmp_path, "models", {"stage": "nominal"})
     for id in (*runs, model):
         assert find(tmp_path, id).id == id

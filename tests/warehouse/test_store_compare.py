@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.layout import find, with_parents
 from warehouse.query.store import lineage_tree, open_store
 from warehouse.verify import compare_channels, compare_values, differing_channels
@@ -46,16 +46,18 @@ def test_other_lengths_and_missing_channels_are_told():
 def test_records_are_compared_value_by_value():
     one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
     two = {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]}
-    found = compare_values(one, two)
-    assert [(c.name, c.largest) for c in found] == [("a.b[1]", 0.5), ("c", None)]
+    changes = compare_values(one, two)
+    assert [(c.name, c.largest) for c in changes] == [("a.b[1]", 0.5), ("c", None)]
     assert compare_values(json.loads("[0.1]"), [0.1]) == []
     assert len(compare_values({"x": 0.0}, {"x": -0.0})) == 1
 
 
 @pytest.fixture
 def store(tmp_path):
-    runs = [made.commit(tmp_path, seed) for seed in range(2)]
-    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), {"theta": [1]}, runs)
+    runs = [samples.commit(tmp_path, seed) for seed in range(2)]
+    id = samples.store_verdict(
+        tmp_path, samples.verdict([runs[1]]), {"theta": [1]}, runs
+    )
     return tmp_path, runs, id
 
 

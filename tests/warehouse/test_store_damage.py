@@ -6,7 +6,7 @@ import pytest
 
 import warehouse
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import flip
 from warehouse.files import SUMS, read_unsummed, write_parquet, write_sums
 from warehouse.layout import find_run
@@ -19,8 +19,10 @@ SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
 @pytest.fixture
 def store(tmp_path):
     folder = tmp_path / "store"
-    runs = [made.commit(folder, seed) for seed in range(3)]
-    last = made.store_verdict(folder, made.verdict([runs[1]]), {"theta": [1]}, runs[:2])
+    runs = [samples.commit(folder, seed) for seed in range(3)]
+    last = samples.store_verdict(
+        folder, samples.verdict([runs[1]]), {"theta": [1]}, runs[:2]
+    )
     return folder, runs, last
 
 
@@ -54,8 +56,8 @@ def test_verify_finds_every_flipped_bit_and_nothing_in_a_whole_store(store):
 def test_verify_names_a_file_that_is_gone(store, name):
     folder, runs, _ = store
     (find_run(folder, runs[1]).folder / name).unlink()
-    (told,) = [e.faults for e in damaged(folder) if e.id == runs[1]]
-    assert [name in line and "missing" in line for line in told] == [True]
+    (fault,) = [e.faults for e in damaged(folder) if e.id == runs[1]]
+    assert [name in line and "missing" in line for line in fault] == [True]
 
 
 def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
@@ -82,11 +84,11 @@ def test_no_flipped_bit_changes_an_answer_silently(store):
         flip(path, int(at) % len(good), int(rng.integers(8)))
         with warehouse.open(folder) as opened:
             try:
-                told = opened.sql(every)
+                answer = opened.sql(every)
             except InputError as error:
-                told = str(error)
-        assert told == right or runs[1] in told, f"byte {at}"
-        noticed += told != right
+                answer = str(error)
+        assert answer == right or runs[1] in answer, f"byte {at}"
+        noticed += answer != right
         path.write_bytes(good)
     assert noticed > 0.8 * len(places)
 
@@ -94,12 +96,12 @@ def test_no_flipped_bit_changes_an_answer_silently(store):
 def test_a_file_that_a_query_names_is_checked_before_it_is_read(store):
     folder, runs, _ = store
     row = find_run(folder, runs[1]).row
-    asked = f"SELECT dof FROM read_parquet('{row}')"
+    query = f"SELECT dof FROM read_parquet('{row}')"
     with warehouse.open(folder) as opened:
-        assert opened.sql(asked).to_pylist() == [{"dof": 2}]
+        assert opened.sql(query).to_pylist() == [{"dof": 2}]
         flip(row)
         with pytest.raises(InputError, match=rf"{runs[1]}.* is damaged"):
-            opened.sql(asked)
+            opened.sql(query)
         with pytest.raises(InputError, match="is damaged"):
             opened.sql(f"SELECT dof FROM read_parquet('{row.parent}/*.parquet')")
 

@@ -39,9 +39,9 @@ def test_what_json_cannot_hold_is_refused(value, words):
 def test_a_run_id_has_twenty_hex_digits_and_changes_with_every_part():
     parts = ({"seed": 1}, "ab" * 32, "cd" * 32)
     others = [({"seed": 2}, *parts[1:]), (parts[0], None, parts[2]), (*parts[:2], "x")]
-    made = {ids.run_id(*p) for p in (parts, *others)}
-    assert len(made) == 4
-    assert all(ids.check_id(id) == id and len(id) == 20 for id in made)
+    hashes = {ids.run_id(*p) for p in (parts, *others)}
+    assert len(hashes) == 4
+    assert all(ids.check_id(id) == id and len(id) == 20 for id in hashes)
     # Written down: an id that changes with a release would orphan every store.
     assert ids.run_id(*parts) == "99998db9eaa09fd955ac"
 

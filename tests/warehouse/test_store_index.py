@@ -8,21 +8,21 @@ import pytest
 
 import warehouse
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
 from warehouse.layout import find_run
 from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
-ASKED = f"{SUMS} GROUP BY run_id ORDER BY run_id"
+QUERY = f"{SUMS} GROUP BY run_id ORDER BY run_id"
 
 
 def test_the_index_may_have_more_or_fewer_rows_than_there_are_runs(tmp_path):
-    ids = [made.commit(tmp_path, seed) for seed in range(4)]
-    assert sorted(r["run_id"] for r in ask(tmp_path, ASKED)) == sorted(ids)
+    ids = [samples.commit(tmp_path, seed) for seed in range(4)]
+    assert sorted(r["run_id"] for r in ask(tmp_path, QUERY)) == sorted(ids)
     assert [p.name for p in (tmp_path / "_index").iterdir()] == ["runs.parquet"]
     shutil.rmtree(find_run(tmp_path, ids[-1]).folder)
-    more = made.commit(tmp_path, 20)
+    more = samples.commit(tmp_path, 20)
     rows = ask(tmp_path, "FROM runs")
     assert sorted(row["run_id"] for row in rows) == sorted([*ids[:-1], more])
 
@@ -39,22 +39,22 @@ def files_up_to(size):
 
 
 def test_a_full_disk_fails_the_run_and_not_the_store(tmp_path):
-    first = made.commit(tmp_path, 0)
+    first = samples.commit(tmp_path, 0)
     with files_up_to(30_000), pytest.raises(OSError, match="too large"):
-        made.commit(tmp_path, 1, rows=5000)
-    assert [r["run_id"] for r in ask(tmp_path, ASKED)] == [first]
+        samples.commit(tmp_path, 1, rows=5000)
+    assert [r["run_id"] for r in ask(tmp_path, QUERY)] == [first]
     assert list((tmp_path / "_staging").iterdir()) == []
-    again = made.commit(tmp_path, 1, rows=5000)
-    assert {r["run_id"]: r["n"] for r in ask(tmp_path, ASKED)} == {
+    again = samples.commit(tmp_path, 1, rows=5000)
+    assert {r["run_id"]: r["n"] for r in ask(tmp_path, QUERY)} == {
         first: 50,
         again: 5000,
     }
 
 
 def test_a_full_disk_does_not_stop_questions(tmp_path):
-    ids = [made.commit(tmp_path, seed) for seed in range(3)]
+    ids = [samples.commit(tmp_path, seed) for seed in range(3)]
     with files_up_to(100):
-        assert [r["run_id"] for r in ask(tmp_path, ASKED)] == sorted(ids)
+        assert [r["run_id"] for r in ask(tmp_path, QUERY)] == sorted(ids)
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):

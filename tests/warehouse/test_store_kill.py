@@ -8,7 +8,7 @@ import pytest
 
 import warehouse
 from tests.waiting import PATIENCE
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.store_campaign import RUNS, campaign
 from warehouse.layout import list_folders
 from warehouse.runs import open_seal, read_run
@@ -25,7 +25,6 @@ def processes():
 
 
 def check(store):
-    """All that is visible is whole."""
     with warehouse.open(store) as opened:
         rows = opened.sql(
             "SELECT run_id, count(t) AS n FROM runs LEFT JOIN samples USING (run_id) "
@@ -37,8 +36,8 @@ def check(store):
     assert {row["n"] for row in rows} <= {50}
     ids = [row["run_id"] for row in rows]
     for id in ids:
-        assert read_run(store, id).dof == made.DOF
-        assert open_seal(store, id).truth["q"].shape == (50, made.DOF)
+        assert read_run(store, id).dof == samples.DOF
+        assert open_seal(store, id).truth["q"].shape == (50, samples.DOF)
     return ids
 
 

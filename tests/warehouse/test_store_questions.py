@@ -6,7 +6,7 @@ import pyarrow as pa
 import pytest
 
 import warehouse
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.commit import commit_record, commit_run
 from warehouse.query.views import NAMED
@@ -15,24 +15,24 @@ from warehouse.schema import VIEWS, arrow_schema
 
 
 def measured(seed):
-    log = made.recording(seed)
+    log = samples.recording(seed)
     when = f"2026-03-0{seed - 9}T08:00:00Z"
     about = {"robot_hash": "0" * 64, "serial": "A7", "recorded_at": when}
     return log, about | {"tags": ["cell=4", "after service"], "trajectory": "welding"}
 
 
 @pytest.fixture(scope="module")
-def told(tmp_path_factory):
+def campaign(tmp_path_factory):
     """A store: a campaign, two imported runs, three diagnoses, an alarm."""
     store = tmp_path_factory.mktemp("asked") / "store"
-    runs = [made.commit(store, k, campaign="march") for k in range(3)]
+    runs = [samples.commit(store, k, campaign="march") for k in range(3)]
     imported = [commit_run(store, *measured(seed)) for seed in (10, 11)]
     quarantine(store, runs[2], "bumped")
     logs = [imported[0]]
     roles = {"fit": [runs[0], imported[1]], "held_out": logs}
-    first = made.store_verdict(store, made.verdict(logs), MODEL, roles)
-    nothing = made.verdict(runs[:1], verdict="unknown", effects=[])
-    second = made.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
+    first = samples.store_verdict(store, samples.verdict(logs), MODEL, roles)
+    nothing = samples.verdict(runs[:1], verdict="unknown", effects=[])
+    second = samples.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
     row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
     row |= {"fault": "gain drop", "kind": "model", "score": 1.5, "until": 0.2}
     table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["alarms"][1:]))
@@ -42,8 +42,8 @@ def told(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def ask(told):
-    with warehouse.open(told[0]) as opened:
+def ask(campaign):
+    with warehouse.open(campaign[0]) as opened:
         yield lambda query, **values: opened.sql(query, values).to_pylist()
 
 
@@ -51,9 +51,9 @@ def named(ask, name, **values):
     return ask(NAMED[name][1], **values)
 
 
-def test_runs_say_what_made_them_and_for_what(told, ask):
+def test_runs_say_what_made_them_and_for_what(campaign, ask):
     rows = {r["run_id"]: r for r in ask("FROM runs")}
-    one, other = rows[told[1][0]], rows[told[2][0]]
+    one, other = rows[campaign[1][0]], rows[campaign[2][0]]
     assert (one["campaign"], other["campaign"]) == ("march", None)
     assert one["machine"]
     assert one["version"]
@@ -68,8 +68,8 @@ def test_figures_have_their_unit(ask):
     assert None not in units.values()
 
 
-def test_a_verdict_has_a_row_for_each_finding_and_run(told, ask):
-    _, runs, imported, (first, second) = told
+def test_a_verdict_has_a_row_for_each_finding_and_run(campaign, ask):
+    _, runs, imported, (first, second) = campaign
     query = "FROM verdicts WHERE diagnosis_id = $id"
     rows = ask(query, id=first)
     payload = [r for r in rows if r["effect"] == "payload"]
@@ -93,21 +93,21 @@ def test_the_trend_by_week(ask):
     assert date(2026, 3, 2) in {r["week"] for r in rows}
 
 
-def test_the_first_run_with_an_effect(told, ask):
+def test_the_first_run_with_an_effect(campaign, ask):
     rows = named(ask, "first_run_with", effect="payload")
     by_serial = {r["serial"]: r["run_id"] for r in rows}
-    assert by_serial == {None: told[1][0], "A7": told[2][1]}
+    assert by_serial == {None: campaign[1][0], "A7": campaign[2][1]}
     assert named(ask, "first_run_with", effect="spring") == []
 
 
-def test_what_is_open_and_what_is_latest(told, ask):
+def test_what_is_open_and_what_is_latest(campaign, ask):
     (row,) = named(ask, "open_verdicts")
-    assert (row["diagnosis_id"], row["verdict"]) == (told[3][1], "unknown")
+    assert (row["diagnosis_id"], row["verdict"]) == (campaign[3][1], "unknown")
     (latest,) = named(ask, "latest_verdicts")
-    assert (latest["diagnosis_id"], latest["effect"]) == (told[3][1], None)
+    assert (latest["diagnosis_id"], latest["effect"]) == (campaign[3][1], None)
 
 
-def test_runs_by_robot_and_motion(told, ask):
+def test_runs_by_robot_and_motion(campaign, ask):
     rows = named(ask, "runs_per_robot")
     assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
         (None, "fourier", 2),
@@ -119,7 +119,7 @@ def identified(store, serial, day, value):
     """A model of one arm, of a run that was recorded on a day in May."""
     about = {"serial": serial, "recorded_at": f"2026-05-{day:02}T01:00:00Z"}
     about |= {"robot_hash": "0" * 64, "trajectory": "fourier"}
-    run = commit_run(store, made.recording(100 * ord(serial[0]) + day), about)
+    run = commit_run(store, samples.recording(100 * ord(serial[0]) + day), about)
     row = {"name": "coulomb", "joint": 1, "value": value, "std": 0.1, "unit": "N m"}
     row["status"] = "fitted"
     error = {"joint": 1, "stage": "identified", "metric": "filtered", "value": value}
@@ -145,9 +145,9 @@ def fleet(tmp_path_factory):
     for arm, day in (("A7", 8), ("A7", 7), ("B18", 7)):
         run, _ = identified(store, arm, day, levels[arm] + day / 100)
         sure = arm == "B18" or day == 7
-        document = made.verdict([run], verdict="effects" if sure else "unknown")
+        document = samples.verdict([run], verdict="effects" if sure else "unknown")
         roles = {"fit": [run]}
-        id = made.store_verdict(store, document, {**MODEL, "of": run}, roles)
+        id = samples.store_verdict(store, document, {**MODEL, "of": run}, roles)
         diagnosed[arm, day] = id
     with warehouse.open(store) as opened:
         yield lambda query, **each: opened.sql(query, each).to_pylist(), diagnosed
@@ -192,9 +192,9 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     assert got >= {("A7", "identification"), ("B18", "identification")}
 
 
-def test_errors_before_and_after_and_of_the_twin(told, ask):
+def test_errors_before_and_after_and_of_the_twin(campaign, ask):
     before_after = {tuple(r.values())[3:] for r in named(ask, "before_after")}
-    assert (told[3][0], "effects", 20.0, 8.6, 5.6) in before_after
+    assert (campaign[3][0], "effects", 20.0, 8.6, 5.6) in before_after
     assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
     assert named(ask, "twin_error")
 

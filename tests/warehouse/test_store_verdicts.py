@@ -4,7 +4,7 @@ import pyarrow as pa
 import pytest
 
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.layout import read_record
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
@@ -13,16 +13,16 @@ MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
 @pytest.fixture
 def runs(tmp_path):
     kinds = ("fourier", "welding", "cyclic", "welding")
-    return [made.commit(tmp_path, seed, kind) for seed, kind in enumerate(kinds)]
+    return [samples.commit(tmp_path, seed, kind) for seed, kind in enumerate(kinds)]
 
 
 def ask(store, query):
-    return [tuple(row.values()) for row in made.ask(store, query)]
+    return [tuple(row.values()) for row in samples.ask(store, query)]
 
 
 def test_a_verdict_fills_the_views(tmp_path, runs):
-    verdict = made.verdict([runs[1]])
-    id = made.store_verdict(tmp_path, verdict, MODEL, runs[:2])
+    verdict = samples.verdict([runs[1]])
+    id = samples.store_verdict(tmp_path, verdict, MODEL, runs[:2])
     ((robot, said, model, scale, left),) = ask(
         tmp_path,
         "SELECT robot, verdict, model_id, nominal_scale, unexplained FROM diagnoses",
@@ -43,7 +43,7 @@ def test_a_verdict_fills_the_views(tmp_path, runs):
 def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
     tmp_path, runs
 ):
-    id = made.store_verdict(tmp_path, made.verdict(runs[:1]), MODEL, runs)
+    id = samples.store_verdict(tmp_path, samples.verdict(runs[:1]), MODEL, runs)
     rows = ask(tmp_path, 'FROM effects ORDER BY "order", joints')
     assert rows == [
         (id, 1, "payload", [2], "mass", 2.9, 0.1, "kg", 0.97),
@@ -54,19 +54,19 @@ def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
 
 
 def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
-    id = made.store_verdict(tmp_path, made.verdict([runs[1]]), MODEL, runs)
+    id = samples.store_verdict(tmp_path, samples.verdict([runs[1]]), MODEL, runs)
     rows = ask(
         tmp_path,
         "SELECT run_id, trajectory, joint, stage, metric, value FROM errors "
         f"WHERE source_id = '{id}'",
     )
     assert all(row[:2] == (runs[1], "welding") for row in rows)
-    told = {row[2:5]: row[5] for row in rows}
+    errors = {row[2:5]: row[5] for row in rows}
     # Three metrics for two joints and three stages, two of them for all joints too.
-    assert len(told) == len(rows) == 3 * 2 * 3 + 2 * 3
-    assert told[1, "nominal", "held_out"] == 21.0
-    assert told[2, "augmented", "moving"] == 5.0
-    assert told[None, "identified", "filtered"] == 8.6
+    assert len(errors) == len(rows) == 3 * 2 * 3 + 2 * 3
+    assert errors[1, "nominal", "held_out"] == 21.0
+    assert errors[2, "augmented", "moving"] == 5.0
+    assert errors[None, "identified", "filtered"] == 8.6
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_errors_over_several_runs_name_none_of_them(
 ):
     logs = [runs[k] for k in held_out]
     roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
-    id = made.store_verdict(tmp_path, made.verdict(logs), MODEL, roles)
+    id = samples.store_verdict(tmp_path, samples.verdict(logs), MODEL, roles)
     query = "SELECT DISTINCT run_id, trajectory FROM errors WHERE source_id = "
     assert ask(tmp_path, f"{query}'{id}'") == [(run, motion)]
 
@@ -88,8 +88,8 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
     row |= {"stage": "augmented", "metric": "held_out", "value": 4.5}
     tables = {"errors": pa.Table.from_pylist([row]), "curves": pa.table({"x": [1.0]})}
     more = {"sentences": ["A payload."]}
-    words = (made.verdict(runs[1:]), MODEL, runs, more, tables)
-    id = made.store_verdict(tmp_path, *words)
+    words = (samples.verdict(runs[1:]), MODEL, runs, more, tables)
+    id = samples.store_verdict(tmp_path, *words)
     assert ask(tmp_path, "SELECT value FROM errors WHERE value = 4.5") == [(4.5,)]
     assert read_record(tmp_path, id)["sentences"] == ["A payload."]
     folder = tmp_path / "diagnoses" / f"diagnosis_id={id}"
@@ -99,5 +99,7 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
 
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
-        made.store_verdict(tmp_path, made.verdict(), MODEL, [runs[0], "ffffffffffff"])
+        samples.store_verdict(
+            tmp_path, samples.verdict(), MODEL, [runs[0], "ffffffffffff"]
+        )
     assert ask(tmp_path, "FROM models") == []

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from flows.storage.diagnosis import store_report
 from tests.flows.report_outcomes import given_value
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.commit import ADOPTED, Adoption, commit_adoption, commit_record
 from warehouse.layout import read_record
 from warehouse.schema import rows_table
@@ -34,32 +34,30 @@ OFF = given_value("viscous", 1)
 def fill(
     store: Path, stored: bytes = STORED, files: Mapping[str, bytes] | None = None
 ) -> Nights:
-    """Put runs, two diagnoses, a report, a proposal, an alarm and a refusal into it."""
-    runs = tuple(made.commit(store, seed) for seed in range(4))
-    missing = diagnose(store, runs[:2], made.verdict())
+    runs = tuple(samples.commit(store, seed) for seed in range(4))
+    missing = diagnose(store, runs[:2], samples.verdict())
     nothing = diagnose(
         store,
         runs[2:],
-        made.verdict(verdict="none", effects=[], robot=EVIL, changes=[OFF]),
+        samples.verdict(verdict="none", effects=[], robot=EVIL, changes=[OFF]),
     )
     about = {"robot": "two_link", "kind": "nightly"}
     page = store_report(store, about, missing, {"report.html": stored, **(files or {})})
-    asked = {**about, "kind": "proposal", "parent": None, "findings": []}
-    side = store_report(store, asked, missing, {"proposal.html": STORED})
+    proposal = {**about, "kind": "proposal", "parent": None, "findings": []}
+    side = store_report(store, proposal, missing, {"proposal.html": STORED})
     ids = [each.name.removeprefix("report_id=") for each in (page, side)]
     rows = rows_table("alarms", [alarm(runs[0])])
-    told = {"robot": "two_link", "kind": "monitor"}
+    monitoring = {"robot": "two_link", "kind": "monitor"}
     parents = {"watched": [runs[0]]}
-    watched = commit_record(store, "validations", told, {"alarms": rows}, parents)
+    watched = commit_record(store, "validations", monitoring, {"alarms": rows}, parents)
     turned = {"robot": "two_link", "kind": "refused", "verdict": "bad.csv: no <t>"}
     commit_record(store, "validations", turned)
     return Nights(store, runs, missing, nothing, *ids, watched)
 
 
 def diagnose(store: Path, runs: tuple[str, ...], document: dict) -> str:
-    """Store a diagnosis of some runs, the last one held out."""
     document["error"]["logs"] = list(runs[-1:])
-    return made.store_verdict(store, document, {"theta": [len(runs)]}, list(runs))
+    return samples.store_verdict(store, document, {"theta": [len(runs)]}, list(runs))
 
 
 def alarm(run: str) -> dict:
@@ -69,7 +67,6 @@ def alarm(run: str) -> dict:
 
 
 def adopt(store: Path, diagnosis: str, note: str = "") -> str:
-    """Give the robot the model of a diagnosis."""
     model = read_record(store, diagnosis)["model_id"]
     who = {"who": "ann", "note": note, "before": 20.0, "after": 5.6}
     return commit_adoption(

@@ -32,7 +32,6 @@ LINKS = """[...document.querySelectorAll("a[href]")].map((a) => a.href)
 
 @pytest.fixture(scope="module")
 def served(tmp_path_factory):
-    """A store of some nights, and its server as `modelgap up` starts it."""
     nights = fill(tmp_path_factory.mktemp("seen") / "store", THIEF)
     home = prefect_home(nights.store)
     with serving(home) as running:
@@ -46,7 +45,6 @@ def tab(tmp_path):
 
 
 def opened(tab, address: str) -> None:
-    """Open a page and wait until it is there."""
     tab.open(address)
     ready = f"location.href === '{address}' && document.readyState"
     tab.wait(f"({ready}) === 'complete'", f"{address} is open")
@@ -115,5 +113,7 @@ def test_a_reader_narrows_the_index_and_the_address_keeps_it(tmp_path, tab, widt
 def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
     tab.log_in(served.running.ui, served.key)
     opened(tab, f"{served.running.pages}/report_id={served.nights.report}/report.html")
-    told = json.loads(tab.wait("document.title[0] === '{' && document.title", "tried"))
-    assert told == {"key": "refused", "asked": "refused"}
+    document = json.loads(
+        tab.wait("document.title[0] === '{' && document.title", "tried")
+    )
+    assert document == {"key": "refused", "asked": "refused"}

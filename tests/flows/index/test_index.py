@@ -18,7 +18,6 @@ def page(store) -> str:
 
 
 def rows(text: str) -> list[list[str]]:
-    """The cells of the table as a reader sees them."""
     body = text[text.index("<tbody>") : text.index("</tbody>")]
     lines = re.findall(r"<tr>(.*?)</tr>", body)
     cells = [re.findall(r"<t[hd].*?>(.*?)</t[hd]>", line) for line in lines]
@@ -27,22 +26,22 @@ def rows(text: str) -> list[list[str]]:
 
 def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
     text = page(nights.store)
-    found = {row[3]: row for row in rows(text)}
-    assert set(found) == {
+    states = {row[3]: row for row in rows(text)}
+    assert set(states) == {
         "something missing",
         "values off",
         "waits for a decision",
         "alarm",
         "log refused",
     }
-    when, night, robot, _, words, error = found["something missing"]
+    when, night, robot, _, words, error = states["something missing"]
     assert night == f"{night_of(datetime.fromisoformat(when))}"
     assert robot == "two_link"
     assert words.startswith("two_link #1: The model lacks a payload")
     assert error == "20.0 → 5.6 %"
-    assert f"modelgap adopt {nights.missing[:8]}" in found["waits for a decision"][4]
-    assert found["alarm"][4] == "in 1 run: joint 2: torque gain drop"
-    assert found["log refused"][4] == "bad.csv: no &lt;t&gt;"
+    assert f"modelgap adopt {nights.missing[:8]}" in states["waits for a decision"][4]
+    assert states["alarm"][4] == "in 1 run: joint 2: torque gain drop"
+    assert states["log refused"][4] == "bad.csv: no &lt;t&gt;"
     assert 'data-filters="1,2,3"' in text
 
 

@@ -17,7 +17,7 @@ from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, Truth, logs, truth
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse.commit import commit_record, commit_run
 from warehouse.query.store import open_store
 from warehouse.runs import keep_robot
@@ -47,13 +47,12 @@ def project(own_folder):
 
 
 def measured(project, seed: int, *tags: str) -> str:
-    """Store a run as an inbox does; returns its id."""
     arm = project.arm(project.robot("cell"))
-    log = made.recording(seed, robot=arm.name)
+    log = samples.recording(seed, robot=arm.name)
     about = {"source": "imported", "kind": "log", "robot_hash": arm.content_hash}
-    told = {**about, "tags": list(tags), "log": {"file": f"monday_{seed}.csv"}}
+    manifest = {**about, "tags": list(tags), "log": {"file": f"monday_{seed}.csv"}}
     keep_robot(project.store, project.word(project.robot("cell")), arm)
-    return commit_run(project.store, log, told)
+    return commit_run(project.store, log, manifest)
 
 
 @pytest.fixture
@@ -76,28 +75,27 @@ def morning(project):
         for k in range(ALARMS)
     ]
     table = {"alarms": rows_table("alarms", rows)}
-    told = {"robot": arm.name, "kind": "monitor"}
+    monitoring = {"robot": arm.name, "kind": "monitor"}
     parents = {"watched": list(loads), "calibration": healthy}
-    commit_record(store, "validations", told, table, parents)
+    commit_record(store, "validations", monitoring, table, parents)
     folder = project.folder / "in"
     folder.mkdir()
     (folder / "bad.csv").write_text("t,q1\n0,1\n")
     (inbox, _) = inboxes(project)
     (taken,) = import_all(inbox, list_logs(folder), lambda runs: None)
     assert taken.status == "refused"
-    verdict = made.verdict(robot=arm.name)
+    verdict = samples.verdict(robot=arm.name)
     id = diagnose(store, loads, verdict)
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
     commit_record(
         store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)}
     )
-    asked = {"robot": arm.name, "kind": "proposal", "parent": None, "findings": []}
-    store_report(store, asked, id, {"proposal.html": b"<html>"})
+    proposal = {"robot": arm.name, "kind": "proposal", "parent": None, "findings": []}
+    store_report(store, proposal, id, {"proposal.html": b"<html>"})
     return id, loads, healthy
 
 
 def seen(store) -> str:
-    """What a reader sees of the index of the store."""
     page = page_at(store, "index.html").decode()
     page = re.sub(r"<(style|script)>.*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)
     return re.sub(r"\s+", " ", page)
@@ -128,7 +126,7 @@ def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     new = measured(project, 9)
     batch = new_runs(project.store, project.arm(table), table)
     assert (batch.runs, sorted(batch.request.baseline)) == ((new,), sorted(healthy))
-    assert robot_of_runs(project, [made.commit(project.store, 3)]) is None
+    assert robot_of_runs(project, [samples.commit(project.store, 3)]) is None
 
 
 def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, morning):
@@ -152,10 +150,10 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    told = inbox_reason(why)
-    assert there in told
-    assert gone not in told
-    assert ('under [[inbox]]: map = "COLUMNS.toml"' in told) == ("--map" in why)
+    reason = inbox_reason(why)
+    assert there in reason
+    assert gone not in reason
+    assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)
 
 
 def loaded(log, known):
@@ -184,10 +182,10 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
     (places[0] / "bad.csv").write_text("t,q1\n0,1\n")
     capsys.readouterr()
     assert main(["inbox", "--once"]) == 0
-    said = capsys.readouterr().out
-    assert "4 of 4 new runs alarm" in said
-    assert "lacks a payload at the flange" in said
-    assert "(4 new runs against 8 healthy runs)" in said
+    output = capsys.readouterr().out
+    assert "4 of 4 new runs alarm" in output
+    assert "lacks a payload at the flange" in output
+    assert "(4 new runs against 8 healthy runs)" in output
     with open_store(project.store) as opened:
         rows = opened.sql("SELECT verdict FROM diagnoses ORDER BY created").to_pylist()
     assert [row["verdict"] for row in rows] == ["none", "effects"]

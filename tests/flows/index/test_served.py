@@ -32,16 +32,16 @@ def app(nights):
 
 
 def get(app, path: str, *given, **more):
-    asked = scope(path=path, given=given, **more) | {"raw_path": path.encode()}
-    start, *rest = answer(app, asked)
+    request = scope(path=path, given=given, **more) | {"raw_path": path.encode()}
+    start, *rest = answer(app, request)
     headers = {k.decode(): v.decode() for k, v in start["headers"]}
     return start["status"], headers, b"".join(part["body"] for part in rest)
 
 
 @pytest.mark.parametrize("given", [[], [signed("modelgap:guessed")]])
 def test_who_has_no_key_is_asked_for_it_and_sees_nothing(app, nights, given):
-    told = {get(app, path, *given)[2] for path in (INDEX, "/pages/none")}
-    assert len(told) == 1  # not even whether there is such a page
+    bodies = {get(app, path, *given)[2] for path in (INDEX, "/pages/none")}
+    assert len(bodies) == 1  # not even whether there is such a page
     status, headers, body = get(app, INDEX, *given)
     assert (status, headers["content-security-policy"]) == (401, MADE)
     assert headers["www-authenticate"].startswith("Basic realm=")
@@ -81,12 +81,12 @@ def test_what_is_made_runs_no_script_but_ours(app):
     _, headers, body = get(app, INDEX, signed())
     own = hash_of(script("filter.js"))
     assert f"script-src {own};" in headers["content-security-policy"]
-    found = Attributes()
-    found.feed(body.decode())
-    assert {"a", "main", "h1"} <= found.tags
+    tags = Attributes()
+    tags.feed(body.decode())
+    assert {"a", "main", "h1"} <= tags.tags
     assert body.count(b"<script") == 1
-    assert not {"iframe", "img", "form"} & found.tags
-    assert not {name for name in found.names if name.startswith("on")}
+    assert not {"iframe", "img", "form"} & tags.tags
+    assert not {name for name in tags.names if name.startswith("on")}
 
 
 def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights):
@@ -134,7 +134,7 @@ def test_other_files_of_a_report_are_no_pages(tmp_path):
     )
     app = with_pages(prefect, OURS, nights.store)
     place = f"/pages/report_id={nights.report}"
-    told = get(app, f"{place}/truth.json", signed())
-    assert told[1]["content-type"] == "application/json"
-    assert told[1]["content-security-policy"] == MADE
+    response = get(app, f"{place}/truth.json", signed())
+    assert response[1]["content-type"] == "application/json"
+    assert response[1]["content-security-policy"] == MADE
     assert get(app, f"{place}/a.svg", signed())[0] == 404

@@ -47,7 +47,6 @@ trajectory = "welding"
 
 @pytest.fixture(scope="module")
 def csv(tmp_path_factory):
-    """Two logs as the text of a CSV file."""
     path = tmp_path_factory.mktemp("csv") / "log.csv"
     return [
         (write_csv(path, log), path.read_text())[1]
@@ -57,7 +56,6 @@ def csv(tmp_path_factory):
 
 @pytest.fixture
 def place(own_folder):
-    """A project with an inbox."""
     (own_folder / "arm.urdf").write_text(urdf_text(AXES))
     (own_folder / "modelgap.toml").write_text(TEXT)
     (own_folder / "in").mkdir()
@@ -204,10 +202,10 @@ def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good
     strange = os.fsencode(place / "in") + b"/" + name
     Path(os.fsdecode(strange)).write_text(csv[0] if good else "t,q1\n0,2\n")
     assert main(["inbox", "--once", "--import-only"]) == 0
-    told = capsys.readouterr().out
+    output = capsys.readouterr().out
     words = "2 stored, 0 known, 0 refused" if good else "0 stored, 0 known, 2 refused"
-    assert f"{words}, 0 waiting" in told
-    assert "\x1b" not in told
+    assert f"{words}, 0 waiting" in output
+    assert "\x1b" not in output
     assert list_logs(place / "in") == {}
     notes = [p for p in Path("in").rglob("*.txt")]
     assert len(notes) == (0 if good else 2)

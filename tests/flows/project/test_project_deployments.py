@@ -43,8 +43,8 @@ def by_name(project):
 
 
 def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
-    found = by_name(project)
-    cell = found["cell"]
+    deployed = by_name(project)
+    cell = deployed["cell"]
     assert cell["entrypoint"].endswith(".diagnose_new")
     assert cell["parameters"] == {"project": str(project.folder), "robot": "cell"}
     assert cell["schedules"] == [
@@ -53,9 +53,9 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
     (trigger,) = cell["triggers"]
     assert trigger["match"] == {"prefect.resource.id": "modelgap.inbox.cell"}
     for name in ("monitor", "alarm"):
-        assert found[name]["parameters"] == {"project": str(project.folder)}
-    assert set(found["alarm"]["triggers"][0]["parameters"]) == {"runs", "good"}
-    assert found["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
+        assert deployed[name]["parameters"] == {"project": str(project.folder)}
+    assert set(deployed["alarm"]["triggers"][0]["parameters"]) == {"runs", "good"}
+    assert deployed["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
     assert inbox_of(project) == "inbox/inbox"
     assert every_of(project) == ("diagnose-new/cell", "nightly/trial")
 
@@ -81,8 +81,8 @@ def test_every_entrypoint_of_a_project_is_a_flow(project):
         text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
         body = ast.parse(text).body
         defined = {n.name for n in body if isinstance(n, ast.FunctionDef)}
-        made = (t for n in body if isinstance(n, ast.Assign) for t in n.targets)
-        defined |= {target.id for target in made if isinstance(target, ast.Name)}
+        targets = (t for n in body if isinstance(n, ast.Assign) for t in n.targets)
+        defined |= {target.id for target in targets if isinstance(target, ast.Name)}
         assert name in defined, each["entrypoint"]
 
 
@@ -99,15 +99,15 @@ def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
 
 
 def test_deployments_that_are_not_wanted_any_more_go():
-    def made(name, entrypoint, tags):
+    def deployment(name, entrypoint, tags):
         return SimpleNamespace(name=name, entrypoint=entrypoint, id=name, tags=tags)
 
     deleted = []
     client = SimpleNamespace(
         read_deployments=lambda: [
-            made("a", "m.f", ["modelgap"]),
-            made("b", "m.f", ["modelgap"]),
-            made("c", "x.y", []),
+            deployment("a", "m.f", ["modelgap"]),
+            deployment("b", "m.f", ["modelgap"]),
+            deployment("c", "x.y", []),
         ],
         delete_deployment=deleted.append,
     )

@@ -19,7 +19,6 @@ HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
 
 @pytest.fixture
 def place(own_folder):
-    """A folder with the URDF of an arm, to work in."""
     (own_folder / "arm.urdf").write_text(urdf_text(AXES))
     return own_folder
 
@@ -63,12 +62,12 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
     }
     own = {"robot", "inbox"}
     for name, kind in kinds.items():
-        said = dict(
+        defaults = dict(
             re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M)
         )
         fields = kind.__pydantic_fields__
-        assert set(said) == set(fields) - (own if name == "" else set())
-        for key, value in said.items():
+        assert set(defaults) == set(fields) - (own if name == "" else set())
+        for key, value in defaults.items():
             if fields[key].is_required() or key in ("port", "simulated"):
                 continue
             (tmp_path / "one.toml").write_text(f"key = {value}\n")

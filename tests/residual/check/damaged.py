@@ -33,8 +33,8 @@ def clean_logs(name: str, seed: int = 3, hidden=(), families=MIXED) -> tuple:
 def edited(logs, **changes) -> list[Recording]:
     out = []
     for log in logs:
-        made = {k: change(np.array(getattr(log, k))) for k, change in changes.items()}
-        out.append(replace(log, **made))
+        arrays = {k: change(np.array(getattr(log, k))) for k, change in changes.items()}
+        out.append(replace(log, **arrays))
     return out
 
 

@@ -1,7 +1,6 @@
 """Signs, orders and units that cannot be are found by the physics of the motion."""
 
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 import pytest
@@ -68,9 +67,6 @@ def test_an_arm_of_another_build_is_the_wrong_robot():
     assert fault.repairs == ()
 
 
-EXAMPLE = Path(__file__).parents[3] / "examples" / "hidden"
-
-
 def test_a_time_twice_as_long_is_found_by_weight_against_inertia():
     robot, logs = clean_logs("small")
     (fault,) = check_logs(robot, edited(logs, t=times(2))).faults
@@ -126,8 +122,8 @@ def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
     wrong = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
     (fault,) = check_logs(with_gravity(robot, wrong), logs).faults
     assert (fault.kind, fault.joints, fault.certain) == ("mounting", (), True)
-    found = np.array(fault.repairs[0].gravity) / 9.81
-    assert np.degrees(np.arccos(min(1.0, -found[2]))) < 3.0  # masses are off by 2 %
+    direction = np.array(fault.repairs[0].gravity) / 9.81
+    assert np.degrees(np.arccos(min(1.0, -direction[2]))) < 3.0  # masses are off by 2 %
 
 
 def test_currents_beside_another_order_or_mounting_are_two_faults():

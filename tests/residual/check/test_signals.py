@@ -33,8 +33,8 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
     logs = plain_logs(arm(), [0, 1], 0.0, count=2)
     tau = np.array(logs[1].tau)
     tau[400, 1] = size
-    found = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
-    assert [(f.kind, f.joints, f.log) for f in found.faults] == [
+    report = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
+    assert [(f.kind, f.joints, f.log) for f in report.faults] == [
         ("spike", (2,), "log1")
     ]
 
@@ -167,11 +167,11 @@ def dead(log, joint):
 @pytest.mark.parametrize("joint", [2, 5])
 def test_an_angle_that_never_changes_while_its_torque_moves_is_told(joint):
     robot, logs = clean_logs("irb140")
-    found = check_logs(robot, [dead(logs[0], joint), *logs[1:]]).faults
-    assert [(f.kind, f.joints, f.log) for f in found] == [
+    faults = check_logs(robot, [dead(logs[0], joint), *logs[1:]]).faults
+    assert [(f.kind, f.joints, f.log) for f in faults] == [
         ("constant", (joint,), logs[0].id)
     ]
-    assert "columns of q in --map" in found[0].evidence
+    assert "columns of q in --map" in faults[0].evidence
 
 
 def test_it_is_certain_where_torque_speed_or_reference_are_those_of_a_moving_joint():
@@ -179,8 +179,8 @@ def test_it_is_certain_where_torque_speed_or_reference_are_those_of_a_moving_joi
     assert kinds(robot, [dead(log, 2)]) == [("constant", (2,), True)]
     qd = np.gradient(log.q, log.t, axis=0)
     for also in ({"qd": qd}, {"q_ref": log.q}):
-        said = kinds(robot, [replace(dead(log, 6), **also)])
-        assert ("constant", (6,), True) in said
+        faults = kinds(robot, [replace(dead(log, 6), **also)])
+        assert ("constant", (6,), True) in faults
 
 
 @pytest.mark.parametrize("joint", [1, 3])
@@ -203,5 +203,5 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
         logs.append(log)
     assert kinds(robot, logs) == []
     if joint == 3:
-        (found,) = kinds(robot, [replace(log, tau=1e3 * log.tau) for log in logs])
-        assert found == ("torque_unit", (), True)
+        (fault,) = kinds(robot, [replace(log, tau=1e3 * log.tau) for log in logs])
+        assert fault == ("torque_unit", (), True)

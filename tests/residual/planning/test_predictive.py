@@ -108,10 +108,10 @@ def test_the_same_columns_on_every_motion_are_twins_and_a_part_of_them_is_a_case
     x[:, 3] = -2 * x[:, 2]  # one column twice
     a, b = rival(rng, [0, 2], [2]), rival(rng, [0, 3], [3], "b")
     wide = rival(rng, [0, 3, 4], [3, 4], "wide")
-    asked = question(contest(a, b, wide))
-    found = twins_of(asked, x)
-    assert found == {(0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 1, 2)}
-    seen = outlook(asked, x.T @ x, found)
+    open_question = question(contest(a, b, wide))
+    twins = twins_of(open_question, x)
+    assert twins == {(0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 1, 2)}
+    seen = outlook(open_question, x.T @ x, twins)
     assert set(seen.nats) == {(0, 2, 0), (0, 2, 1)}
     assert min(seen.nats.values()) > 0
 
@@ -124,17 +124,17 @@ def test_twins_are_a_matter_of_nats_at_the_found_size(size):
     x[:, 3] = x[:, 2] + 0.03 * x[:, 3]
     a, b = rival(rng, [0, 2], [2]), rival(rng, [0, 3], [3], "b")
     a, b = (replace(r, mean=np.array([0.0, 10 * size])) for r in (a, b))
-    asked = question(contest(a, b))
+    open_question = question(contest(a, b))
     one, other = x[:, 2], x[:, 3]
     apart = one - other * (one @ other) / (other @ other)
     nats = 0.5 * (10 * size) ** 2 * (apart @ apart)
-    assert ((0, 0, 1) in twins_of(asked, x)) == (nats < 6.0)
+    assert ((0, 0, 1) in twins_of(open_question, x)) == (nats < 6.0)
     assert (nats < 1) == (size < 0.5)  # both sides are looked at
 
 
 def test_the_chance_is_the_share_of_logs_that_settle_it(case):
     rng, x, a, b = case
-    asked = question(contest(a, b, enough=3.0))
+    open_question = question(contest(a, b, enough=3.0))
     gram = x.T @ x
     settled, leads = [], []
     for true, other in ((a, b), (b, a)):
@@ -142,7 +142,7 @@ def test_the_chance_is_the_share_of_logs_that_settle_it(case):
         lead = density(x, true).logpdf(y) - density(x, other).logpdf(y)
         settled.append((lead >= 3).mean())
         leads.append(lead)
-    sure = prospect(asked, gram, frozenset(), np.random.default_rng(1))
+    sure = prospect(open_question, gram, frozenset(), np.random.default_rng(1))
     assert sure.chance == pytest.approx(np.mean(settled), abs=0.07)  # of 400 draws each
     assert 0.05 < sure.chance < 0.95
     low, high = np.quantile(np.concatenate(leads), [0.43, 0.57])
@@ -153,6 +153,6 @@ def test_a_motion_that_repeats_counts_like_the_whole_of_it(case):
     rng, *_ = case
     opening, period = rng.normal(size=(20, 1, 3)), rng.normal(size=(30, 1, 3))
     short = Course(np.concatenate([opening, period]), 10.0, 2.0, 0.5)
-    whole = Course(np.concatenate([opening, *[period] * 4]), 10.0, 0.0, 0.5)
+    long = Course(np.concatenate([opening, *[period] * 4]), 10.0, 0.0, 0.5)
     for seconds in (0.7, 3.0, 5.0, 5.6, 9.3, 13.9):
-        np.testing.assert_allclose(short.gram(seconds), whole.gram(seconds), atol=1e-9)
+        np.testing.assert_allclose(short.gram(seconds), long.gram(seconds), atol=1e-9)

@@ -7,7 +7,7 @@ import numpy as np
 from benchmarks.loop_parts.next import logged_products
 from residual.planning.promise import Course, promised, settled_by, structural_twins
 from residual.verdict.result import Alternative, Place
-from tests.residual.planning.asked import SECONDS, asked, logs
+from tests.residual.planning.questions import SECONDS, logs, robot_and_question
 
 RATE = 50.0  # Hz
 
@@ -23,7 +23,7 @@ def shrunk_to(question, size):
 
 
 def test_a_spring_of_some_size_is_no_twin_of_a_balancer_and_a_tiny_one_is():
-    _, question = asked("spring", 2)
+    _, question = robot_and_question("spring", 2)
     assert structural_twins(question) == set()
     assert promised(question) is not None
     tiny = shrunk_to(question, 0.01)
@@ -32,13 +32,13 @@ def test_a_spring_of_some_size_is_no_twin_of_a_balancer_and_a_tiny_one_is():
 
 
 def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
-    _, question = asked("spring", 2)
+    _, question = robot_and_question("spring", 2)
     named = [Place("spring", (3,)), Place("offset", (1,))]
     sets = ((Place("offset", (1,)), Place("balancer", (3,))), (Place("offset", (1,)),))
     others = [Alternative(one, -1.0, "motion") for one in sets]
 
-    def by(asked):
-        return [a.separated_by for a in settled_by(asked, named, others)]
+    def by(robot_and_question):
+        return [a.separated_by for a in settled_by(robot_and_question, named, others)]
 
     assert by(question) == ["motion", "motion"]
     assert by(shrunk_to(question, 0.01)) == ["nothing", "motion"]
@@ -46,7 +46,7 @@ def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
 
 def test_a_planned_motion_is_seen_as_its_log_will_be():
     """Nothing is filtered where a motion is planned; its log is, and has noise."""
-    _, question = asked("spring", 2)
+    _, question = robot_and_question("spring", 2)
     _, (log, _) = logs("spring", 2)
     ((seen, _),) = logged_products(question, log, [SECONDS])
     q = np.column_stack([np.convolve(c, np.ones(9) / 9, "same") for c in log.q.T])

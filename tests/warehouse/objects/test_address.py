@@ -94,10 +94,10 @@ def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
         "[profile cell]\nregion = eu-1\nendpoint_url = http://127.0.0.1:9\n"
     )
     monkeypatch.setenv("AWS_PROFILE", "cell")
-    made = bucket.settings()
-    keys = made["credential_provider"]()
+    settings = bucket.settings()
+    keys = settings["credential_provider"]()
     assert (keys["access_key_id"], keys["secret_access_key"]) == ("mine", "secret")
-    assert (made["region"], made["endpoint"]) == ("eu-1", "http://127.0.0.1:9")
+    assert (settings["region"], settings["endpoint"]) == ("eu-1", "http://127.0.0.1:9")
 
 
 def test_without_keys_it_says_which_are_missing():

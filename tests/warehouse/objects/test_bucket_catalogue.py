@@ -5,7 +5,7 @@ import pyarrow.parquet as pq
 import pytest
 
 import warehouse
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import folder_for
 from warehouse import layout
 from warehouse.layout import list_folders
@@ -13,29 +13,28 @@ from warehouse.schema import KINDS
 
 
 def fill(store, count, start=0):
-    return {made.commit(store, seed) for seed in range(start, start + count)}
+    return {samples.commit(store, seed) for seed in range(start, start + count)}
 
 
-def whole(bucket, tmp_path):
+def row_count(bucket, tmp_path):
     """How many rows the one file of the catalogue has."""
     (tmp_path / "rows.parquet").write_bytes(bucket.get("_index/runs.parquet"))
     return pq.read_metadata(tmp_path / "rows.parquet").num_rows
 
 
-def asked(store):
+def run_ids(store):
     with warehouse.open(store) as opened:
         return set(opened.sql("SELECT run_id FROM runs").column(0).to_pylist())
 
 
 def listed(store):
-    ids = asked(store)
+    ids = run_ids(store)
     assert sorted(ids) == list(list_folders(store, "runs"))
     return ids
 
 
 @pytest.fixture
 def began(store):
-    """A store with a catalogue of three runs."""
     ids = fill(store, 3)
     assert listed(store) == ids
     return ids
@@ -62,7 +61,7 @@ def test_of_two_that_join_at_once_no_record_is_lost(
         real(key, data)
 
     monkeypatch.setattr(memory, "put", slow)
-    assert asked(folder_for(memory, tmp_path / "cache" / "other")) == began | more
+    assert run_ids(folder_for(memory, tmp_path / "cache" / "other")) == began | more
     assert len(between) == 2
     last = folder_for(memory, tmp_path / "cache" / "last")
     assert listed(last) == began | more | set(between[1:])
@@ -79,7 +78,7 @@ def test_the_whole_index_may_be_deleted_or_damaged(store, memory, began, tmp_pat
     assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began
     memory.put("_index/runs.parquet", b"PAR1")
     assert listed(folder_for(memory, tmp_path / "cache" / "third")) == began
-    assert whole(memory, tmp_path) == 3
+    assert row_count(memory, tmp_path) == 3
 
 
 def test_rows_of_another_version_are_read_from_their_records(

@@ -6,7 +6,7 @@ import pytest
 
 import warehouse
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from warehouse import remote
 from warehouse.bucket import open_bucket
 from warehouse.verify import verify_all
@@ -52,12 +52,12 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
         warehouse.open(bucket_store)
-    run = made.commit(remote.local_folder(bucket_store), 1)
+    run = samples.commit(remote.local_folder(bucket_store), 1)
     monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
     remote.forget_buckets()
     with warehouse.open(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
         assert [v.faults for v in verify_all(opened.path) if v.faults] == []
     assert rows.to_pylist() == [
-        {"run_id": run, "q": pytest.approx(made.recording(1).q[:, 0].mean())}
+        {"run_id": run, "q": pytest.approx(samples.recording(1).q[:, 0].mean())}
     ]

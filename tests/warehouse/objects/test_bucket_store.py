@@ -8,7 +8,7 @@ import pytest
 
 import warehouse
 from residual.errors import InputError
-from tests.warehouse import store_samples as made
+from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
 from warehouse import remote
 from warehouse.commit import (
@@ -31,7 +31,6 @@ def faults(store):
 
 
 def forget_copies(store, bucket, tmp_path, name="other"):
-    """Look at a bucket as another machine does."""
     return folder_for(bucket, tmp_path / "cache" / name)
 
 
@@ -42,7 +41,7 @@ def keys(bucket, prefix=""):
 def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
     store, memory, tmp_path
 ):
-    here, there = made.commit(tmp_path / "folder", 3), made.commit(store, 3)
+    here, there = samples.commit(tmp_path / "folder", 3), samples.commit(store, 3)
     assert there == here
     folder = find(tmp_path / "folder", here).folder
     (key,) = [k for k in keys(memory, "samples") if "part-0" in k]
@@ -51,16 +50,18 @@ def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
     one, two = (read_run(place, here) for place in (tmp_path / "folder", other))
     for name in ("t", "q", "tau", "q_ref"):
         assert np.array_equal(getattr(one, name), getattr(two, name))
-    assert open_seal(other, here).spec == made.sealed(3).spec
+    assert open_seal(other, here).spec == samples.sealed(3).spec
     assert faults(other) == []
     assert {v.kind for v in verify_all(other)} >= {"runs", "sealed", "made_with"}
 
 
 def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tmp_path):
     for place in (tmp_path / "folder", store):
-        run = made.commit(place, 1)
-        made.commit(place, 2, robot="other")
-        made.store_verdict(place, made.verdict([run]), {"stage": "augmented"}, [run])
+        run = samples.commit(place, 1)
+        samples.commit(place, 2, robot="other")
+        samples.store_verdict(
+            place, samples.verdict([run]), {"stage": "augmented"}, [run]
+        )
     queries = (
         "SELECT * EXCLUDE created FROM runs ORDER BY run_id",
         "FROM samples ORDER BY run_id, t",
@@ -88,8 +89,8 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
 
 
 def every_commit(store):
-    run = made.commit(store, 5)
-    made.store_verdict(store, made.verdict([run]), {"stage": "augmented"}, [run])
+    run = samples.commit(store, 5)
+    samples.store_verdict(store, samples.verdict([run]), {"stage": "augmented"}, [run])
     quarantine(store, run, "for a test")
     return run
 
@@ -124,7 +125,7 @@ def check(store):
         assert opened.damaged == ()
     for id in runs:
         assert has_seal(store, id)
-        assert read_run(store, id).dof == made.DOF
+        assert read_run(store, id).dof == samples.DOF
     assert count == 50 * len(runs)
     return len(runs), *(len(list_folders(store, k)) for k in ALL[1:])
 
@@ -133,7 +134,7 @@ def test_a_server_that_ignores_conditions_is_refused(memory, tmp_path):
     careless = Careless(memory._store, "s3://careless")
     place = folder_for(careless, tmp_path / "cache" / "careless")
     with pytest.raises(InputError, match=r"s3://careless ignores the condition"):
-        made.commit(place)
+        samples.commit(place)
     assert keys(memory) == [IDENTITY]
 
 
@@ -141,22 +142,22 @@ def test_two_writers_of_one_id_with_other_bits_leave_one_whole_record(
     store, memory, tmp_path, monkeypatch
 ):
     # As on two processors: one spec, and samples that differ in the last digit.
-    log = made.recording(1)
-    run = made.commit(store, 1)
+    log = samples.recording(1)
+    run = samples.commit(store, 1)
     second = folder_for(memory, tmp_path / "cache" / "second")
-    changed = made.recording(2, q_ref=log.q)
+    changed = samples.recording(2, q_ref=log.q)
     with monkeypatch.context() as both:
         # Neither sees the other before its last put.
         both.setattr("warehouse.commit._is_there", lambda *_: False)
-        again = commit_run(second, changed, made.manifest(1), made.sealed(1))
+        again = commit_run(second, changed, samples.manifest(1), samples.sealed(1))
     assert again == run
     assert len([k for k in keys(memory, "samples") if "part-0" in k]) == 2
-    assert np.array_equal(read_run(second, run).q, made.recording(1).q)
+    assert np.array_equal(read_run(second, run).q, samples.recording(1).q)
     assert faults(store) == []
 
 
 def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
-    run, whole = made.commit(store, 1), made.commit(store, 2)
+    run, sound = samples.commit(store, 1), samples.commit(store, 2)
     (key,) = [k for k in keys(memory, "samples") if run in k and "part-0" in k]
     data = bytearray(memory.get(key))
     data[len(data) // 2] ^= 1
@@ -168,7 +169,7 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
         with pytest.raises(InputError, match="damaged in the bucket"):
             opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')), sum(t) FROM samples")
         kept = opened.sql("SELECT DISTINCT run_id FROM samples", without_damaged=True)
-        assert kept.column(0).to_pylist() == [whole]
+        assert kept.column(0).to_pylist() == [sound]
     assert [(kind, id) for kind, id, _ in faults(other)] == [("runs", run)]
 
 
@@ -186,20 +187,20 @@ def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
 def test_another_store_at_the_same_address_is_not_taken_for_the_first(
     store, memory, tmp_path
 ):
-    run = made.commit(store)
+    run = samples.commit(store)
     memory.delete(keys(memory))
     place = folder_for(memory, store)
     assert not place.is_dir()
     remote.forget_buckets()
     folder_for(memory, store)
-    new = made.commit(store, 7)
+    new = samples.commit(store, 7)
     assert list_folders(store, "runs").keys() == {new}
     with pytest.raises(InputError, match="Nothing in s3://memory/store"):
         find(store, run)
 
 
 def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_path):
-    run = made.commit(store)
+    run = samples.commit(store)
     (key,) = keys(memory, "commits/samples")
     sums = json.loads(memory.get(key))
     sums["files"]["../../../../evil"] = sums["files"]["_run.parquet"]

@@ -34,5 +34,5 @@ def seen(effect, seed):
 
 
 @cache
-def asked(effect, seed):
+def robot_and_question(effect, seed):
     return logs(effect, seed)[0], open_question(*seen(effect, seed))
