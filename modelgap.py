@@ -39,7 +39,7 @@ if TYPE_CHECKING:  # for editors
     from residual.errors import InputError
     from residual.identification.estimate import Options
     from residual.model.model import Model
-    from residual.model.record import load_model
+    from residual.model.model_files import load_model
     from residual.recording import Recording
     from residual.robot.robot import Robot
     from residual.verdict.result import ErrorTables, Finding, Parameter, Verdict
@@ -55,7 +55,7 @@ _NAMES = {
     "residual.errors": "InputError",
     "residual.identification.estimate": "Options",
     "residual.model.model": "Model",
-    "residual.model.record": "load_model",
+    "residual.model.model_files": "load_model",
     "residual.recording": "Recording",
     "residual.robot.robot": "Robot",
 }

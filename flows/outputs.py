@@ -13,8 +13,8 @@ from rich.console import Console
 from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
-from residual.errors import InputError, plain
-from residual.robot.robot import split_word
+from residual.errors import InputError, strip_control_characters
+from residual.robot.robot import parse_robot_reference
 
 
 def json_text(document: Mapping) -> str:
@@ -54,7 +54,7 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
 
 def check_outside(option: str, file: str | None, store: Path) -> None:
     """Raise InputError for a file among the records of a store."""
-    from warehouse.schema import FOLDERS
+    from warehouse.view_schema import FOLDERS
 
     place, store = Path(file or store).resolve(), store.resolve()
     # The folder of a store may hold other files too.
@@ -79,14 +79,16 @@ def check_new_folder(option: str, place: Path) -> None:
         )
 
 
-def read_files(words: Iterable[str], *files: str | None) -> list[Path]:
+def list_input_files(words: Iterable[str], *files: str | None) -> list[Path]:
     """Return the files that a command may read, with and without a log window."""
-    words = [place for word in words for place in {word, split_word(word)[0]}]
+    words = [
+        place for word in words for place in {word, parse_robot_reference(word)[0]}
+    ]
     windowless = (word.rpartition("@")[0] for word in words)
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
 
-def in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
+def place_in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
     """Return files by path in a folder, which is created if it does not exist."""
     Path(folder).mkdir(exist_ok=True)
     return {Path(folder) / name: content for name, content in files.items()}
@@ -105,7 +107,7 @@ def _can_write(place: Path) -> bool:
         return False
 
 
-def write_all(contents: Mapping[Path, str | bytes]) -> None:
+def write_files(contents: Mapping[Path, str | bytes]) -> None:
     """Write files, each whole or not at all.
 
     Args:
@@ -137,10 +139,15 @@ def _write(path: Path, data: bytes) -> None:
         raise
 
 
-def say(console: Console, *lines: str) -> None:
+def print_plain(console: Console, *lines: str) -> None:
     """Print lines as they are, without markup."""
     for line in lines:
-        console.print(plain(line), markup=False, highlight=False, soft_wrap=True)
+        console.print(
+            strip_control_characters(line),
+            markup=False,
+            highlight=False,
+            soft_wrap=True,
+        )
 
 
 # Called with the stage and the fraction done.
@@ -149,7 +156,9 @@ Clock = Callable[[], float]
 PAUSE = 15.0  # s between two lines of progress in a log file
 
 
-def plain_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progress:
+def print_progress_lines(
+    say: Callable[[str], None], clock: Clock = monotonic
+) -> Progress:
     """Return a function that prints progress as lines, at most one per PAUSE.
 
     Args:
@@ -166,7 +175,7 @@ def plain_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progres
 
 
 @contextmanager
-def progress_bar() -> Iterator[Progress]:
+def show_progress_bar() -> Iterator[Progress]:
     """Show a progress bar until the block ends.
 
     Yields:
@@ -175,7 +184,9 @@ def progress_bar() -> Iterator[Progress]:
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield plain_lines(lambda line: print(line, file=sys.stderr, flush=True))
+        yield print_progress_lines(
+            lambda line: print(line, file=sys.stderr, flush=True)
+        )
         return
     bar = Bar(
         BarColumn(bar_width=24),

@@ -13,7 +13,7 @@ from typing import Annotated, Any, Literal, Self
 from cyclopts import Parameter, Token
 
 from residual.errors import InputError
-from residual.robot.robot import word_of
+from residual.robot.robot import format_robot_reference
 
 _PLACES = ("columns", "store")
 _OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")  # go into the robot word
@@ -192,7 +192,7 @@ class Request:
 
 
 @dataclass(frozen=True, slots=True)
-class OfRobot(Request):
+class RobotRequest(Request):
     """A request about one robot; the options of its file go into the robot word."""
 
     _: KW_ONLY
@@ -235,13 +235,13 @@ class OfRobot(Request):
     def __post_init__(self) -> None:
         how = [getattr(self, name) for name in _OF_ROBOT]
         if any(how) and self.robot:
-            object.__setattr__(self, "robot", word_of(self.robot, *how))
-            for field in fields(OfRobot)[1:]:
+            object.__setattr__(self, "robot", format_robot_reference(self.robot, *how))
+            for field in fields(RobotRequest)[1:]:
                 object.__setattr__(self, field.name, field.default)
 
 
 @dataclass(frozen=True, slots=True)
-class Check(OfRobot):
+class Check(RobotRequest):
     """Check logs."""
 
     logs: GivenWords = ()
@@ -251,7 +251,7 @@ class Check(OfRobot):
 
 
 @dataclass(frozen=True, slots=True)
-class Map(OfRobot):
+class Map(RobotRequest):
     """Draft the column map of a log.
 
     Attributes:
@@ -265,7 +265,7 @@ class Map(OfRobot):
 
 
 @dataclass(frozen=True, slots=True)
-class Diagnose(OfRobot):
+class Diagnose(RobotRequest):
     """Diagnose logs.
 
     Attributes:
@@ -292,7 +292,7 @@ class Diagnose(OfRobot):
 
 
 @dataclass(frozen=True, slots=True)
-class Identify(OfRobot):
+class Identify(RobotRequest):
     """Identify a model from logs.
 
     Attributes:
@@ -322,7 +322,7 @@ class Identify(OfRobot):
 
 
 @dataclass(frozen=True, slots=True)
-class Calibrate(OfRobot):
+class Calibrate(RobotRequest):
     """Fit look-up tables to logs.
 
     Attributes:
@@ -350,7 +350,7 @@ class Calibrate(OfRobot):
 
 
 @dataclass(frozen=True, slots=True)
-class Import(OfRobot):
+class Import(RobotRequest):
     """Import logs as runs of the store.
 
     Attributes:
@@ -418,7 +418,7 @@ class Monitor(Request):
 
 
 @dataclass(frozen=True, slots=True)
-class Next(OfRobot):
+class Next(RobotRequest):
     """Choose the next motion for a verdict.
 
     Attributes:

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.bucket import is_address
+from warehouse.bucket import is_bucket_address
 
 HEALTHY = "healthy"  # tag of the runs of a healthy arm, unless a project sets another
 PROJECT = "modelgap.toml"  # file of a project
@@ -25,18 +25,18 @@ ONE_THREAD = {
 }
 
 
-def store_folder(option: str | None = None) -> Path:
+def resolve_store_folder(option: str | None = None) -> Path:
     """Return the store: --store, $MODELGAP_STORE, that of modelgap.toml, or ./store.
 
     Args:
         option: A folder, or s3://BUCKET/PREFIX, for which the local folder is returned
-            (`warehouse.remote`).
+            (`warehouse.remote_store`).
     """
     word = str(option or os.environ.get(STORE) or _of_project())
-    if is_address(word):
-        from warehouse.remote import local_folder
+    if is_bucket_address(word):
+        from warehouse.remote_store import find_local_copy
 
-        return local_folder(word)
+        return find_local_copy(word)
     place = Path(word).resolve()
     for folder in (place, *place.parents):
         if folder.exists():
@@ -46,7 +46,7 @@ def store_folder(option: str | None = None) -> Path:
     return place
 
 
-def page_link(address: str, otherwise: Path) -> str:
+def build_page_address(address: str, otherwise: Path) -> str:
     """Return the address of a page of the store, such as "index.html"."""
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()
@@ -61,7 +61,7 @@ def _of_project() -> str:
     return named if isinstance(named, str) and named else "store"
 
 
-def cores() -> int:
+def count_cores() -> int:
     """Return the number of cores that this process may use."""
     if hasattr(os, "sched_getaffinity"):
         return len(os.sched_getaffinity(0))
@@ -97,7 +97,7 @@ def prefect_home(store: Path) -> Path:
     return home
 
 
-def quiet_prefect(home: Path) -> dict[str, str]:
+def build_prefect_environment(home: Path) -> dict[str, str]:
     """Return the environment in which Prefect sends nothing and writes to `home` only.
 
     It must be set before Prefect is imported.

@@ -12,18 +12,18 @@ from typing import Annotated, Any, Literal, NamedTuple
 import numpy as np
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
 
-from residual.errors import InputError, check_keys, shortened, shown
+from residual.errors import InputError, check_keys, quote_value, shorten_value
 from residual.model.dynamics import AS_MEASURED
-from sim.engine.records import (
+from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
-    Noise,
     PlantEffect,
     PlantSpec,
-    Rates,
+    SampleRates,
+    SensorNoise,
     TrajectorySpec,
 )
-from warehouse.toml import checked, read_toml
+from warehouse.toml_records import build_toml_record, read_toml
 
 # Strict: TOML has types, so "7" for 7 or true for 1 is an error. Arrays are lists.
 _List = BeforeValidator(lambda v: tuple(v) if isinstance(v, list) else v)
@@ -155,23 +155,23 @@ class ExperimentSpec(SpecTable):
         table = self.trajectory
         seed = table.seed
         if seed is None:
-            seed = derived_seed(self.seed, "reference")
+            seed = derive_seed(self.seed, "reference")
         return TrajectorySpec(
             table.kind, table.duration, table.periods, seed, table.coefficients
         )
 
-    def log_rates(self) -> Rates:
+    def log_rates(self) -> SampleRates:
         """Rates of controller and log."""
-        return Rates(self.rates.control, self.rates.log)
+        return SampleRates(self.rates.control, self.rates.log)
 
     def plant_spec(self) -> PlantSpec:
         """The sealed half for the plant."""
         table = self.plant
-        seed = derived_seed(self.seed, "plant") if table.seed is None else table.seed
+        seed = derive_seed(self.seed, "plant") if table.seed is None else table.seed
         return PlantSpec(
             effects=tuple(effect.record() for effect in table.effect),
             scatter=table.scatter,
-            noise=Noise(table.noise.torque, table.noise.encoder),
+            noise=SensorNoise(table.noise.torque, table.noise.encoder),
             seed=seed,
             salt=table.salt,
             background=table.background,
@@ -179,7 +179,7 @@ class ExperimentSpec(SpecTable):
         )
 
 
-def derived_seed(seed: int, name: str) -> int:
+def derive_seed(seed: int, name: str) -> int:
     """Return the independent seed of a purpose, such as "reference"."""
     digest = hashlib.sha256(f"{seed}/{name}".encode()).digest()
     return int.from_bytes(digest[:4], "little")
@@ -187,10 +187,10 @@ def derived_seed(seed: int, name: str) -> int:
 
 def load_spec(path: str | Path) -> ExperimentSpec:
     """Read and check a SPEC.toml."""
-    return experiment_of(read_toml(path), path)
+    return parse_spec(read_toml(path), path)
 
 
-def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
+def parse_spec(content: dict, path: str | Path) -> ExperimentSpec:
     """Check the content of a SPEC.toml; robot files are relative to its folder."""
     for table in ("grid", "random"):
         if table in content:
@@ -198,7 +198,7 @@ def experiment_of(content: dict, path: str | Path) -> ExperimentSpec:
                 f"{Path(path).name} has [{table}], so it is a campaign. "
                 f"Run modelgap campaign {path}."
             )
-    spec = checked(ExperimentSpec, content, Path(path).name)
+    spec = build_toml_record(ExperimentSpec, content, Path(path).name)
     beside = Path(path).parent / spec.robot
     if not Path(spec.robot).is_absolute() and _exists(beside):
         return spec.model_copy(update={"robot": str(beside)})
@@ -217,14 +217,16 @@ _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
 
 
-class Entry(NamedTuple):
+class CampaignEntry(NamedTuple):
     """One experiment of a campaign."""
 
     label: str  # its changes, for people
     spec: ExperimentSpec
 
 
-def load_campaign(path: str | Path, seed: int | None = None) -> tuple[Entry, ...]:
+def load_campaign(
+    path: str | Path, seed: int | None = None
+) -> tuple[CampaignEntry, ...]:
     """Read a campaign and return its experiments.
 
     [grid] combines every list with every other. [random] draws `count` experiments:
@@ -251,7 +253,8 @@ def _grid_changes(grid: Any) -> list[Change]:
     for keys, values in axes:
         if not isinstance(values, list) or not values:
             raise InputError(
-                f"{_where('grid', keys)} is {shown(values)}, expected a list of values."
+                f"{_where('grid', keys)} is {quote_value(values)}, expected a list "
+                f"of values."
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
@@ -267,18 +270,22 @@ def _grid_changes(grid: Any) -> list[Change]:
 def _random_changes(draws: Any, content: dict) -> list[Change]:
     count = draws.pop("count", None) if isinstance(draws, dict) else None
     if type(count) is not int or not 1 <= count <= MOST:
-        raise InputError(f"[random] count is {shown(count)}, expected 1 to {MOST}.")
+        raise InputError(
+            f"[random] count is {quote_value(count)}, expected 1 to {MOST}."
+        )
     axes = list(_leaves(draws, "random"))
     seed = content.get("seed", 0)
     if type(seed) is not int or seed < 0:
-        raise InputError(f"seed is {shown(seed)}, expected a whole number, 0 or more.")
+        raise InputError(
+            f"seed is {quote_value(seed)}, expected a whole number, 0 or more."
+        )
     changes = []
     for i in range(count):
-        change: Change = [(("seed",), derived_seed(seed, f"random/{i}"))]
+        change: Change = [(("seed",), derive_seed(seed, f"random/{i}"))]
         for keys, values in axes:
             # A stream per key and draw: another key does not change these draws.
             name = f"random/{i}/{'.'.join(keys)}"
-            rng = np.random.default_rng(derived_seed(seed, name))
+            rng = np.random.default_rng(derive_seed(seed, name))
             change.append((keys, _draw(values, keys, rng)))
         changes.append(change)
     return changes
@@ -290,14 +297,15 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     where = _where("random", keys)
     if not isinstance(values, dict):
         raise InputError(
-            f"{where} is {shown(values)}, expected a list or {{low, high}}."
+            f"{where} is {quote_value(values)}, expected a list or {{low, high}}."
         )
     check_keys(values, _RANGE, where)
     low, high = values.get("low"), values.get("high")
     numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
     if not numbers or not low < high or (values.get("log") and low <= 0):
         raise InputError(
-            f"{where} is low {shown(low)} to high {shown(high)}, expected low < high"
+            f"{where} is low {quote_value(low)} to high {quote_value(high)}, "
+            f"expected low < high"
             f"{' and low > 0 for log' if values.get('log') else ''}."
         )
     if values.get("log"):
@@ -308,12 +316,12 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
 
 
 def _where(table: str, keys: tuple[str, ...]) -> str:
-    return f"[{table}] {shortened('.'.join(keys))}"
+    return f"[{table}] {shorten_value('.'.join(keys))}"
 
 
 def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
     if not isinstance(table, dict):
-        raise InputError(f"{where} is {shown(table)}, expected a table.")
+        raise InputError(f"{where} is {quote_value(table)}, expected a table.")
     for key, value in table.items():
         if isinstance(value, dict) and not {"low", "high"} & set(value):
             yield from (((key, *inner), v) for inner, v in _leaves(value, where))
@@ -321,7 +329,7 @@ def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
             yield (key,), value
 
 
-def _entry(content: dict, change: Change, path: str | Path) -> Entry:
+def _entry(content: dict, change: Change, path: str | Path) -> CampaignEntry:
     changed = deepcopy(content)
     for keys, value in change:
         _put(changed, keys, value, ".".join(keys))
@@ -331,7 +339,7 @@ def _entry(content: dict, change: Change, path: str | Path) -> Entry:
         else f"{'.'.join(keys)}={value}"
         for keys, value in change
     )
-    return Entry(" ".join(words), experiment_of(changed, path))
+    return CampaignEntry(" ".join(words), parse_spec(changed, path))
 
 
 def _put(place: Any, keys: tuple[str, ...], value: Any, name: str) -> None:

@@ -29,7 +29,7 @@ from threadpoolctl import threadpool_limits
 
 from flows.settings import ONE_THREAD
 from residual.errors import InputError, ModelgapError, RunError
-from warehouse.bucket import is_loopback
+from warehouse.bucket import is_loopback_host
 
 RUNNER, TRUST = "MODELGAP_RUNNER", "MODELGAP_TRUST_NETWORK"
 DASK = "dask"
@@ -45,7 +45,7 @@ class JobResult:
     error: BaseException | None = None  # why it failed, None if it did not
 
 
-def spread(
+def run_jobs(
     executor: Executor, work: Callable[[Any], Any], jobs: Sequence[Any]
 ) -> Iterator[JobResult]:
     """Yield the results of jobs in the order in which they finish.
@@ -72,7 +72,7 @@ def run_job(work: Callable, *arguments: Any) -> Any:
         raise RunError(f"{type(error).__name__}: {error}") from error
 
 
-class Processes(ThreadPoolExecutor):
+class ProcessExecutor(ThreadPoolExecutor):
     """Threads with a process each; a job whose process dies is a ChildProcessError."""
 
     def __init__(self, workers: int) -> None:
@@ -134,7 +134,7 @@ class InlineExecutor(Executor):
         return future
 
 
-def chosen_runner() -> str | None:
+def read_runner_setting() -> str | None:
     """Return where flows run their tasks, by $MODELGAP_RUNNER.
 
     Returns:
@@ -152,7 +152,7 @@ def chosen_runner() -> str | None:
         raise InputError(
             f"${RUNNER} is '{word}', expected threads, dask or dask://HOST:PORT."
         )
-    if not is_loopback(parts[1].strip("[]")) and os.environ.get(TRUST) != "1":
+    if not is_loopback_host(parts[1].strip("[]")) and os.environ.get(TRUST) != "1":
         raise InputError(
             f"${RUNNER} is '{word}', on the network: Dask runs any code that is sent "
             f"to it, without encryption. If you trust that network, set {TRUST}=1."

@@ -64,7 +64,7 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     valid = sorted(valid)
     if name in valid:
         return name
-    shown = shortened(name)
+    shown = shorten_value(name)
     near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     raise UnknownNameError(
@@ -72,13 +72,13 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     )
 
 
-def shortened(value: object) -> str:
+def shorten_value(value: object) -> str:
     """Return a value as a message has it: a line of it says enough."""
     text = str(value)
     return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
 
 
-def plain(text: str) -> str:
+def strip_control_characters(text: str) -> str:
     """Return a stranger's text so that it does nothing to a terminal or an encoder.
 
     What steers a terminal stands as its escape; lines and tabs stay.
@@ -86,10 +86,10 @@ def plain(text: str) -> str:
     return CONTROL.sub(lambda match: repr(match[0])[1:-1], text)
 
 
-def shown(value: object) -> str:
+def quote_value(value: object) -> str:
     """Return a value as Python writes it, shortened: texts in quotes, others bare."""
     try:
-        return shortened(repr(value))
+        return shorten_value(repr(value))
     except ValueError:  # Python writes no number of more than 4300 digits
         return "a number of thousands of digits"
 
@@ -101,14 +101,14 @@ def check_keys(table: Iterable[str], valid: Iterable[str], where: str) -> None:
         check_name(key, valid, f"key in {where}")
 
 
-def listed(values: Iterable, form: str = "") -> str:
+def join_with_commas(values: Iterable, format_spec: str = "") -> str:
     """Return values as a list: '1, 2, 5'."""
-    return ", ".join(format(value, form) for value in values)
+    return ", ".join(format(value, format_spec) for value in values)
 
 
-def joints_listed(numbers: Sequence[int]) -> str:
+def format_joint_numbers(numbers: Sequence[int]) -> str:
     """Return joints, from 1, as a sentence has them: 'joint 2', 'joints 2, 3'."""
-    return f"joint{'s' if len(numbers) > 1 else ''} {listed(numbers)}"
+    return f"joint{'s' if len(numbers) > 1 else ''} {join_with_commas(numbers)}"
 
 
 def check_nesting(content: Content, where: str) -> Content:
@@ -156,7 +156,7 @@ LACKING = {
 }
 
 
-def not_installed(module: str) -> InputError:
+def build_missing_package_error(module: str) -> InputError:
     """Return the error for a package that not every machine has."""
     package, cure = LACKING[module]
     return InputError(f"This needs {package}; it is not installed here. {cure}.")

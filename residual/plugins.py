@@ -8,7 +8,7 @@ from residual.errors import InputError
 
 
 @cache
-def plugins(group: str) -> dict[str, Any]:
+def load_plugins(group: str) -> dict[str, Any]:
     """Return what other packages give under the entry points of a group, by name.
 
     Args:

@@ -25,26 +25,26 @@ def is_number(value: Any) -> TypeGuard[float]:
     )
 
 
-def percent(value: Any) -> str:
+def format_percent(value: Any) -> str:
     """Return an error that is already in per cent: 4.7 becomes '4.7 %'."""
     if not is_number(value):
         return MISSING
-    return f"{bare_percent(value)} %"
+    return f"{format_percent_number(value)} %"
 
 
-def bare_percent(value: Any) -> str:
+def format_percent_number(value: Any) -> str:
     """Return a percentage without its sign, for columns whose heading has it."""
     if not is_number(value):
         return MISSING
     return f"{value:.1f}" if abs(value) < 99.95 else f"{value:.0f}"
 
 
-def fraction(value: Any) -> str:
+def format_fraction(value: Any) -> str:
     """Return a fraction of one as per cent: 0.04 becomes '4.0 %'."""
-    return percent(100 * value) if is_number(value) else MISSING
+    return format_percent(100 * value) if is_number(value) else MISSING
 
 
-def probability(value: Any) -> str:
+def format_probability(value: Any) -> str:
     """Return a probability as per cent; never 100 %, since no data give that."""
     if not is_number(value):
         return MISSING
@@ -53,7 +53,7 @@ def probability(value: Any) -> str:
     return f"{100 * value:.0f} %" if value >= 0.01 else "< 1 %"
 
 
-def number(value: Any) -> str:
+def format_number(value: Any) -> str:
     """Return a number to three significant digits, without needless zeros."""
     if not is_number(value):
         return MISSING
@@ -62,14 +62,14 @@ def number(value: Any) -> str:
     return f"{value:.3g}"
 
 
-def unit_text(unit: Any) -> str:
+def format_unit(unit: Any) -> str:
     """Return a unit as printed: '^2' raised, empty for a pure number."""
     if not isinstance(unit, str) or unit.strip() in ("", "-", MISSING, "1"):
         return ""
     return re.sub(r"\^([23])", lambda hit: _SUPERSCRIPT[hit[1]], unit.strip())
 
 
-def along(unit: str) -> str:
+def convert_to_sliding_unit(unit: str) -> str:
     """Return the unit of a joint that slides for that of one that turns.
 
     What is per angle is per length, and what is a torque is a force: "N m s/rad"
@@ -80,15 +80,15 @@ def along(unit: str) -> str:
     return unit
 
 
-def measured(value: Any, std: Any = None, unit: Any = None) -> str:
+def format_uncertain_value(value: Any, std: Any = None, unit: Any = None) -> str:
     """Return 'value ± std unit', cut at the second digit of the std.
 
     A std of zero, or none, gives the value alone to three digits.
     """
     if not is_number(value):
         return MISSING
-    text = _with_std(value, std) if is_number(std) and std > 0 else number(value)
-    return f"{text} {unit_text(unit)}".strip()
+    text = _with_std(value, std) if is_number(std) and std > 0 else format_number(value)
+    return f"{text} {format_unit(unit)}".strip()
 
 
 def _with_std(value: float, std: float) -> str:
@@ -105,16 +105,16 @@ def _with_std(value: float, std: float) -> str:
     return f"{rounded[0]:.{shown}f} ± {rounded[1]:.{shown}f}"
 
 
-def plain(value: object) -> object:
+def convert_to_plain_values(value: object) -> object:
     """Return plain Python values; what is not a finite number becomes None."""
     if isinstance(value, Mapping):
-        return {k: plain(v) for k, v in value.items()}
+        return {k: convert_to_plain_values(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
-        return [plain(v) for v in value]
+        return [convert_to_plain_values(v) for v in value]
     if isinstance(value, np.ndarray):
-        return plain(value.tolist())
+        return convert_to_plain_values(value.tolist())
     if isinstance(value, np.generic):
-        return plain(value.item())
+        return convert_to_plain_values(value.item())
     if isinstance(value, float) and not np.isfinite(value):
         return None
     return value
@@ -124,7 +124,7 @@ def plain(value: object) -> object:
 CONSTANT = 1e-12
 
 
-def as_block(values: Array, name: str) -> Array:
+def check_block(values: Array, name: str) -> Array:
     """Return a block (n, k) as float64, finite; (n,) is one column."""
     block = np.asarray(values, dtype=float)
     block = block[:, None] if block.ndim == 1 else block
@@ -142,9 +142,9 @@ def as_block(values: Array, name: str) -> Array:
     return block
 
 
-def as_rows(X: Array, names: Sequence[str], source: str) -> Array:
+def check_rows(X: Array, names: Sequence[str], source: str) -> Array:
     """Return rows of the variables of something that is made; whose says what."""
-    X = as_block(X, "X")
+    X = check_block(X, "X")
     if X.shape[1] != len(names):
         raise InputError(
             f"X has {X.shape[1]} columns, {source} {len(names)}: {', '.join(names)}. "
@@ -153,9 +153,9 @@ def as_rows(X: Array, names: Sequence[str], source: str) -> Array:
     return X
 
 
-def as_pair(X: Array, Y: Array) -> tuple[Array, Array]:
+def check_block_pair(X: Array, Y: Array) -> tuple[Array, Array]:
     """Return both blocks, checked, of equally many rows."""
-    X, Y = as_block(X, "X"), as_block(Y, "Y")
+    X, Y = check_block(X, "X"), check_block(Y, "Y")
     if len(X) != len(Y):
         raise InputError(
             f"X has {len(X)} rows and Y {len(Y)}: give one row of Y for each of X."
@@ -163,7 +163,9 @@ def as_pair(X: Array, Y: Array) -> tuple[Array, Array]:
     return X, Y
 
 
-def as_names(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
+def check_column_names(
+    names: Sequence[str] | None, count: int, letter: str
+) -> tuple[str, ...]:
     """Return one name per column, made up where none are given."""
     chosen = tuple(names) if names else tuple(f"{letter}{i + 1}" for i in range(count))
     if len(chosen) != count:
@@ -195,7 +197,7 @@ def check_count(value: int, low: int, high: int, name: str, remedy: str) -> int:
     return int(value)
 
 
-def frozen(array: Array) -> Array:
+def make_read_only(array: Array) -> Array:
     """Return the array, read-only."""
     array.setflags(write=False)
     return array

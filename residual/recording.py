@@ -95,7 +95,7 @@ def _kept_safe(value: object) -> bool:
     return True
 
 
-def usual_speed(recording: Recording, stride: int, share: float) -> Array:
+def compute_speed_quantile(recording: Recording, stride: int, share: float) -> Array:
     """Return the speed that a share of a log's samples stay below [rad/s]. (dof,).
 
     A speed is taken over a stride of samples, so that noise does not count.

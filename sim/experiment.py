@@ -16,34 +16,46 @@ from residual.errors import InputError
 from residual.recording import Array, Recording
 from residual.robot.files import DeclaredEffect
 from residual.robot.robot import Robot
-from sim.engine.records import (
+from sim.engine.plant_records import (
     PlantRun,
     PlantSpec,
-    Rates,
-    Reference,
-    motion_label,
-    stream,
+    ReferenceMotion,
+    SampleRates,
+    create_random_stream,
+    format_motion_label,
 )
-from sim.plant import tables as at
-from sim.plant.arm import build_arm
-from sim.plant.background import logged
-from sim.plant.catalogue import acting, of_drives
-from sim.plant.sensors import WHITE_TORQUE, encoder, hold_frozen, reported, torque_noise
-from sim.plant.sizes import sizes
-from sim.plant.stepping import Law, Trace, drive, replay, simulate
+from sim.plant import step_tables as at
+from sim.plant.closed_loop import (
+    Law,
+    SimulationTrace,
+    build_and_simulate,
+    build_open_loop_controller,
+    simulate_closed_loop,
+)
+from sim.plant.effect_catalogue import list_drive_effects, resolve_effects
+from sim.plant.joint_background import simulate_torque_logging
+from sim.plant.plant_arm import build_plant_arm
+from sim.plant.sensors import (
+    WHITE_TORQUE,
+    draw_torque_noise,
+    repeat_frozen_readings,
+    simulate_encoder,
+    simulate_torque_report,
+)
+from sim.plant.typical_sizes import estimate_typical_sizes
 
 _NOMINAL = PlantSpec(scatter=0.0)
 _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
 LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
-def twin_of(robot: Robot, reference: Reference) -> Trace:
+def simulate_nominal_twin(robot: Robot, reference: ReferenceMotion) -> SimulationTrace:
     """Simulate the nominal model, friction as declared, in closed loop."""
-    return drive(robot, reference, _NOMINAL)
+    return build_and_simulate(robot, reference, _NOMINAL)
 
 
-def twin_errors(
-    log: Recording, plant: Trace, twin: Trace, every: int
+def compute_twin_errors(
+    log: Recording, plant: SimulationTrace, twin: SimulationTrace, stride: int
 ) -> Mapping[str, Array]:
     """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
 
@@ -51,20 +63,22 @@ def twin_errors(
     on the motors, without the noise of the log; accelerations are their differences.
 
     Args:
-        every: Control steps per sample of the log.
+        stride: Control steps per sample of the log.
     """
     rate = plant.rows[:, at.READING_RATE]
     dt = plant.t[1] - plant.t[0]
     change = np.diff(rate, axis=0, append=rate[-1:]) / dt
     return {
-        "e_q": log.q - twin.rows[::every, at.Q],
-        "e_qd": rate[::every] - twin.rows[::every, at.QD],
-        "e_qdd": (change - twin.qdd)[::every],
-        "e_tau": log.tau - twin.rows[::every, at.DRIVE],
+        "e_q": log.q - twin.rows[::stride, at.Q],
+        "e_qd": rate[::stride] - twin.rows[::stride, at.QD],
+        "e_qdd": (change - twin.qdd)[::stride],
+        "e_tau": log.tau - twin.rows[::stride, at.DRIVE],
     }
 
 
-def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -> Array:
+def measure_tracking_errors(
+    robot: Robot, reference: ReferenceMotion, plant: PlantSpec, torque: Array
+) -> Array:
     """Drive the arm by given torques with plain feedback; return how it tracks.
 
     The better the model that computed the torques, the smaller the error: the
@@ -73,12 +87,12 @@ def track(robot: Robot, reference: Reference, plant: PlantSpec, torque: Array) -
     Returns:
         Read minus wanted position [rad]. Shape (n, dof).
     """
-    trace = drive(robot, reference, plant, command=torque)
+    trace = build_and_simulate(robot, reference, plant, command=torque)
     return trace.rows[:, at.READING] - reference.q
 
 
-def open_loop(
-    robot: Robot, reference: Reference, torque: Array, window: float
+def simulate_open_loop_windows(
+    robot: Robot, reference: ReferenceMotion, torque: Array, window: float
 ) -> Array:
     """Let the nominal model run free under given torques, a window at a time.
 
@@ -89,7 +103,7 @@ def open_loop(
     Returns:
         Simulated minus measured position [rad]. Shape (n, dof).
     """
-    arm, error = build_arm(robot, _NOMINAL), np.zeros_like(reference.q)
+    arm, error = build_plant_arm(robot, _NOMINAL), np.zeros_like(reference.q)
     length = max(2, round(window / (reference.t[1] - reference.t[0])))
     for first in range(0, len(reference.t), length):
         part = slice(first, first + length)
@@ -97,13 +111,15 @@ def open_loop(
             break
         own = (x[part] for x in (reference.q, reference.qd, reference.qdd))
         t = reference.t[part] - reference.t[first]
-        piece = Reference(reference.kind, t, *own, None)
-        trace = simulate(arm, piece, replay(torque[part]))
+        piece = ReferenceMotion(reference.kind, t, *own, None)
+        trace = simulate_closed_loop(
+            arm, piece, build_open_loop_controller(torque[part])
+        )
         error[part] = trace.rows[:, at.Q] - piece.q
     return error
 
 
-def logged_reference(log: Recording) -> Reference:
+def build_logged_reference(log: Recording) -> ReferenceMotion:
     """Return the reference of a log at the rate of the controller.
 
     A cubic spline through the logged positions, since the controller needs their
@@ -114,14 +130,14 @@ def logged_reference(log: Recording) -> Reference:
             f"{log.id} has no reference (q_ref): a twin has nothing to be driven along."
         )
     step = float(np.median(np.diff(log.t)))
-    dt = step / max(1, round(Rates().control * step))
+    dt = step / max(1, round(SampleRates().control * step))
     t = np.arange(round(log.duration / dt) + 1) * dt
     spline = CubicSpline(log.t - log.t[0], log.q_ref, axis=0)
     q, qd, qdd = (spline(t, order) for order in range(3))
-    return Reference(LOGGED, t, q, qd, qdd, None)
+    return ReferenceMotion(LOGGED, t, q, qd, qdd, None)
 
 
-def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
+def compute_log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
 
     The twin is the robot as described. What its description says nothing of, dry and
@@ -130,8 +146,8 @@ def log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     may ask more of them than there is. Speeds that are not logged, and accelerations,
     are differences.
     """
-    reference = logged_reference(log)
-    twin = twin_of(_as_described(robot), reference)
+    reference = build_logged_reference(log)
+    twin = simulate_nominal_twin(_as_described(robot), reference)
     qd = np.gradient(log.q, log.t, axis=0) if log.qd is None else log.qd
     measured = {"e_q": log.q, "e_qd": qd, "e_tau": log.tau}
     measured["e_qdd"] = np.gradient(qd, log.t, axis=0)
@@ -148,7 +164,7 @@ def _as_described(robot: Robot) -> Robot:
     """The same with nothing where the description is silent; left out, the usual."""
     silent = {
         effect.name: DeclaredEffect({effect.amount[0]: np.full(robot.dof, _NOTHING)})
-        for effect in of_drives()
+        for effect in list_drive_effects()
         if not getattr(robot.declared.get(effect.name), "values", None)
     }
     unlimited = np.full(robot.dof, np.inf)
@@ -158,9 +174,9 @@ def _as_described(robot: Robot) -> Robot:
 
 def run_experiment(
     robot: Robot,
-    reference: Reference,
+    reference: ReferenceMotion,
     plant: PlantSpec,
-    rates: Rates = Rates(),  # noqa: B008  frozen
+    rates: SampleRates = SampleRates(),  # noqa: B008  frozen
     start: float = 0.0,
     command: Array | Law | None = None,
 ) -> PlantRun:
@@ -176,23 +192,27 @@ def run_experiment(
             reference [N m], shape (n, dof), or a law of computed torque.
     """
     _check(reference, rates, robot.dof)
-    trace = drive(robot, reference, plant, start, command)
+    trace = build_and_simulate(robot, reference, plant, start, command)
     every = round(rates.control / rates.log)
-    log = log_of(trace, reference, plant, rates, start)
+    log = record_plant_log(trace, reference, plant, rates, start)
     # The twin follows what was asked for until the arm was stopped; usually all of it.
     names, steps = ("t", "q", "qd", "qdd"), len(trace.t)
     followed = {name: getattr(reference, name)[:steps] for name in names}
-    twin = twin_of(robot, replace(reference, **followed))
-    truth = dict(truth_of(trace, every))
+    twin = simulate_nominal_twin(robot, replace(reference, **followed))
+    truth = dict(extract_hidden_channels(trace, every))
     # Sealed with the truth at each sample, which takes a few bytes in a column.
     background = trace.arm.background
     for name, value in background.drawn.items() if background is not None else ():
         truth[f"background_{name}"] = np.tile(value, (len(log.t), 1))
-    return PlantRun(log, truth, twin_errors(log, trace, twin, every))
+    return PlantRun(log, truth, compute_twin_errors(log, trace, twin, every))
 
 
-def log_of(
-    trace: Trace, reference: Reference, plant: PlantSpec, rates: Rates, start: float
+def record_plant_log(
+    trace: SimulationTrace,
+    reference: ReferenceMotion,
+    plant: PlantSpec,
+    rates: SampleRates,
+    start: float,
 ) -> Recording:
     """Return encoder positions, reported torque and reference at the log's rate.
 
@@ -200,31 +220,33 @@ def log_of(
         start: Of the log on the clock of the session [s].
     """
     every = round(rates.control / rates.log)
-    label, arm = motion_label(reference, start), trace.arm
+    label, arm = format_motion_label(reference, start), trace.arm
     t, q = trace.t[::every], trace.rows[::every, at.READING]
     if plant.noise.encoder > 0:
-        rng = stream(plant.seed, f"encoder/{label}")
-        q = encoder(q, rng, plant.noise.encoder)
-    hidden = acting(plant.effects)
-    q = hold_frozen(q, t, hidden)
-    tau = reported(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
-    span = sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
-    rng = stream(plant.seed, f"torque/{label}")
-    tau = logged(
-        arm.background, tau + torque_noise(len(t), span, rates.log, rng), rates.log
+        rng = create_random_stream(plant.seed, f"encoder/{label}")
+        q = simulate_encoder(q, rng, plant.noise.encoder)
+    hidden = resolve_effects(plant.effects)
+    q = repeat_frozen_readings(q, t, hidden)
+    tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
+    span = estimate_typical_sizes(arm.robot).torque * (
+        plant.noise.torque / WHITE_TORQUE
+    )
+    rng = create_random_stream(plant.seed, f"torque/{label}")
+    tau = simulate_torque_logging(
+        arm.background, tau + draw_torque_noise(len(t), span, rates.log, rng), rates.log
     )
     q_ref = reference.q[: len(trace.t) : every]
     return Recording("", arm.robot.name, start + t, q, tau, q_ref=q_ref)
 
 
-def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
+def extract_hidden_channels(trace: SimulationTrace, stride: int) -> Mapping[str, Array]:
     """Return what no robot logs, at every n-th step.
 
     Torques add up: tau_motor = tau_rigid + tau_rotor + tau_friction + every explicit
     tau_<effect>, where tau_rigid is computed afresh from the motion. tau_drive is what
     the drives believe to give, tau_gear what the gears pass on.
     """
-    rows = trace.rows[::every]
+    rows = trace.rows[::stride]
     names = {
         "q": at.Q,
         "qd": at.QD,
@@ -240,14 +262,14 @@ def truth_of(trace: Trace, every: int) -> Mapping[str, Array]:
         "temperature": at.TEMPERATURE,
     }
     truth = {name: rows[:, row].copy() for name, row in names.items()}
-    truth["qdd"] = trace.qdd[::every].copy()
-    truth["tau_rigid"] = trace.rigid(every)
+    truth["qdd"] = trace.qdd[::stride].copy()
+    truth["tau_rigid"] = trace.rigid(stride)
     for i, channel in enumerate(trace.channels):
         truth[f"tau_{channel}"] = rows[:, at.CHANNELS + i].copy()
     return truth
 
 
-def _check(reference: Reference, rates: Rates, dof: int) -> None:
+def _check(reference: ReferenceMotion, rates: SampleRates, dof: int) -> None:
     ratio = rates.control / rates.log
     if ratio < 1 or abs(ratio - round(ratio)) > 1e-9:
         raise InputError(

@@ -12,7 +12,7 @@ from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
 from tests.checkout import changed, listing
-from warehouse import remote
+from warehouse import remote_store
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
 # processes with two BLAS threads each fight over two cores.
@@ -98,6 +98,6 @@ def s3_server():
 def bucket_store(s3_server, tmp_path, monkeypatch):
     for name, value in s3.variables(s3_server, tmp_path / "cache").items():
         monkeypatch.setenv(name, value)
-    remote.forget_buckets()
+    remote_store.close_buckets()
     yield s3.new_bucket(s3_server)
-    remote.forget_buckets()
+    remote_store.close_buckets()

@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
 
 RATE = 200.0  # Hz
@@ -60,7 +60,7 @@ def with_load(model: pin.Model, mass: float, at: np.ndarray) -> pin.Model:
 def sizes(robot: Robot, model: pin.Model) -> tuple[np.ndarray, np.ndarray]:
     """Usual torque and speed of each joint, the same in all logs. Shapes (dof,)."""
     probe = motion(robot, 20.0, np.random.default_rng(0))
-    usual = np.sqrt((inverse_dynamics(model, *probe[1:]) ** 2).mean(axis=0))
+    usual = np.sqrt((compute_inverse_dynamics(model, *probe[1:]) ** 2).mean(axis=0))
     speed = np.sqrt((probe[2] ** 2).mean(axis=0))
     return np.maximum(usual, 0.05 * usual.max()), speed
 
@@ -77,7 +77,7 @@ def logs(robot, model, names, seed, hidden=None, seconds=20.0, friction=0.1):
     usual, speed = sizes(robot, model)
     for name in names:
         t, q, qd, qdd = motion(robot, seconds, rng)
-        tau = inverse_dynamics(model, q, qd, qdd)
+        tau = compute_inverse_dynamics(model, q, qd, qdd)
         tau += friction * usual * (np.tanh(qd / (0.005 * speed)) + 0.6 * qd / speed)
         if hidden is not None:
             tau += hidden(q, qd, qdd)

@@ -28,7 +28,7 @@ from residual.verdict.result import (
     Verdict,
 )
 from tests.residual.test_model_record import model_of
-from warehouse.commit import commit_run
+from warehouse.record_commit import commit_run
 
 ROOT = Path(__file__).parents[1]
 HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "matplotlib", "rich")

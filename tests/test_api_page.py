@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 import modelgap as mg
-from warehouse.commit import commit_run
+from warehouse.record_commit import commit_run
 
 ROOT = Path(__file__).parents[1]
 _FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE

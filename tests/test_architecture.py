@@ -15,7 +15,7 @@ from pathlib import Path
 
 import pytest
 
-from residual.effects import registry
+from residual.effects import load_effects
 
 ROOT = Path(__file__).parents[1]
 ROOMS = ("flows", "residual", "sim", "warehouse")
@@ -23,8 +23,8 @@ ROOMS = ("flows", "residual", "sim", "warehouse")
 # What only some may import of others.
 ONLY = {
     "prefect": ("flows/",),
-    "pybullet": ("sim/engine/bullet.py",),
-    "pybullet_data": ("sim/engine/bullet.py",),
+    "pybullet": ("sim/engine/pybullet_world.py",),
+    "pybullet_data": ("sim/engine/pybullet_world.py",),
     "cvxpy": (),
     "duckdb": ("warehouse/", "flows/"),
     "pyarrow": ("warehouse/", "flows/"),
@@ -228,7 +228,7 @@ def test_no_effect_is_named_outside_its_file():
         (_name(path), text)
         for path in product
         if not _name(path).startswith(NAMED_BY_FILES)
-        for text in _strings(path) & set(registry())
+        for text in _strings(path) & set(load_effects())
     }
     assert named == set(HOMONYMS)
     assert len(HOMONYMS) <= 10

@@ -12,7 +12,7 @@ from flows.cli import main
 from flows.service.state import DATABASE, database_url
 from flows.service.up import _CANCEL, _WAIT
 from tests.checkout import ROOT
-from warehouse.bucket import is_loopback
+from warehouse.bucket import is_loopback_host
 
 TEXT = (ROOT / "Containerfile").read_text(encoding="utf-8")
 LINES = TEXT.replace("\\\n", " ").splitlines()
@@ -40,7 +40,7 @@ def test_it_runs_as_nobody_special_and_listens_on_loopback():
     (command,) = _values("CMD")
     words = json.loads(command)
     assert words[0] == "up"
-    assert is_loopback(words[words.index("--host") + 1])
+    assert is_loopback_host(words[words.index("--host") + 1])
     assert "--trust-network" not in TEXT
     assert _values("USER") == ["modelgap"]
     assert not _values("EXPOSE")
@@ -65,7 +65,7 @@ def test_the_compose_file_builds_ours_and_shows_nothing_to_the_network():
     )
     assert own["volumes"] == [f"./store:{_values('VOLUME')[0]}"]
     assert set(own["depends_on"]) == {"database"}
-    assert all(is_loopback(port.partition(":")[0]) for port in database["ports"])
+    assert all(is_loopback_host(port.partition(":")[0]) for port in database["ports"])
 
 
 def test_the_unit_starts_a_command_that_stays_and_is_started_again():

@@ -7,18 +7,18 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.steps.export import targets
-from residual.effects import registry
+from flows.steps.export import list_export_targets
+from residual.effects import load_effects
 from residual.errors import InputError
-from residual.plugins import plugins
+from residual.plugins import load_plugins
 from tests.residual.arms import arm, urdf_text
 from tests.residual.test_model_record import model_of
 from warehouse.logs import read_log
 
 PACKAGE = '''
 from residual.effects.base import Effect, local
-from residual.export.export import ModelExport, to_json
-from warehouse.logs.tables import LogFile
+from residual.export.model_export import ModelExport, to_json
+from warehouse.logs.log_tables import LogFile
 import numpy as np
 
 SIZE = Effect(
@@ -60,8 +60,8 @@ def install(tmp_path, monkeypatch):
     """Return a function that puts a package with entry points on the path."""
 
     def forget():
-        plugins.cache_clear()
-        registry.cache_clear()
+        load_plugins.cache_clear()
+        load_effects.cache_clear()
         importlib.invalidate_caches()
         sys.modules.pop("gadgets", None)
 
@@ -81,14 +81,14 @@ def install(tmp_path, monkeypatch):
 
 
 def test_without_a_package_there_is_nothing_but_ours():
-    plugins.cache_clear()
+    load_plugins.cache_clear()
     for group in ("effects", "readers", "exporters"):
-        assert plugins(f"modelgap.{group}") == {}
+        assert load_plugins(f"modelgap.{group}") == {}
 
 
 def test_an_effect_of_a_package_is_one_of_the_registry(install, capsys):
     install()
-    assert list(registry())[-1] == "gadget"
+    assert list(load_effects())[-1] == "gadget"
     robot = arm()
     model = model_of(["gadget"], robot)
     assert "gadget" in repr(model)
@@ -111,7 +111,7 @@ def test_a_reader_of_a_package_is_asked_before_ours(install):
 def test_an_exporter_of_a_package_is_a_target(install, monkeypatch, capsys):
     folder = install()
     monkeypatch.chdir(folder)
-    assert "poem" in targets()
+    assert "poem" in list_export_targets()
     model_of(["viscous"]).save("model.json")
     assert main(["export", "model.json", "--to", "poem", "--out", "out"]) == 0
     assert any((folder / "out").iterdir())
@@ -131,7 +131,7 @@ def test_a_broken_plug_in_is_named_with_its_package(install, name):
     entries, message = BROKEN[name]
     install(entries)
     with pytest.raises(InputError, match=message):
-        (registry if "effects" in entries else targets)()
+        (load_effects if "effects" in entries else list_export_targets)()
 
 
 def test_a_command_says_so_and_ends(install, monkeypatch, capsys):

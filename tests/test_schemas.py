@@ -7,13 +7,13 @@ import tomllib
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
 
-from residual.effects import vocabulary
+from residual.effects import list_effect_parameters
 from residual.errors import InputError
-from residual.robot.files import read_robot_toml
+from residual.robot.files import parse_robot_settings
 from residual.verdict.document import from_json
 from scripts.docs_site.schemas import schemas
 from tests.checkout import ROOT
-from warehouse.logs.columns import load_columns
+from warehouse.logs.column_map import read_column_map
 
 FROZEN = [
     ROOT / "tests" / "frozen" / f"{n}.json" for n in ("effects", "none", "unknown")
@@ -62,7 +62,7 @@ def test_the_example_of_a_verdict_fits_its_schema_and_is_read():
 def test_the_example_of_a_robot_has_every_key_of_the_schema_and_is_read():
     robot = example("logs.md", "## robot.toml")
     validate("robot", robot)
-    read_robot_toml(robot, 2, "robot.toml", vocabulary())
+    parse_robot_settings(robot, 2, "robot.toml", list_effect_parameters())
     tables = schemas()["schemas/robot.json"]["properties"]
     assert set(tables) - set(robot) == {"columns"}
     for name in ("robot", "joints", "couplings", "chain", "prior"):
@@ -85,7 +85,7 @@ def test_reader_and_schema_refuse_the_same_robot(wrong):
     with pytest.raises(ValidationError):
         validate("robot", wrong)
     with pytest.raises(InputError):
-        read_robot_toml(wrong, 2, "robot.toml", vocabulary())
+        parse_robot_settings(wrong, 2, "robot.toml", list_effect_parameters())
 
 
 def test_a_map_of_columns_fits_and_a_slip_in_it_does_not(tmp_path):
@@ -97,10 +97,10 @@ def test_a_map_of_columns_fits_and_a_slip_in_it_does_not(tmp_path):
         validate("columns", wrong)
     path = tmp_path / "COLUMNS.toml"
     path.write_text(text, encoding="utf-8")
-    assert load_columns(path).signals["q"].sign == (1, -1)
+    assert read_column_map(path).signals["q"].sign == (1, -1)
     path.write_text('q = {columns = ["a", "b"], sgn = [1, -1]}', encoding="utf-8")
     with pytest.raises(InputError):
-        load_columns(path)
+        read_column_map(path)
 
 
 def test_a_spec_fits_and_a_slip_in_it_does_not():

@@ -28,36 +28,36 @@ _RETRIES, _PATIENCE = 4, timedelta(seconds=60)
 _NO_BUCKET = "NoSuchBucket"
 
 
-def is_address(word: str) -> bool:
+def is_bucket_address(text: str) -> bool:
     """Return whether a word is an address rather than a folder: "scheme:/..."."""
-    return _SCHEME.match(word) is not None
+    return _SCHEME.match(text) is not None
 
 
-def parse_address(word: str) -> tuple[str, str]:
+def parse_bucket_address(address: str) -> tuple[str, str]:
     """Return the bucket and the prefix in an address such as s3://bucket/prefix."""
-    scheme, _, path = word.partition("://")
+    scheme, _, path = address.partition("://")
     bucket, _, prefix = path.rstrip("/").partition("/")
     parts = prefix.split("/") if prefix else []
     plain = all(p not in (".", "..") and _PART.fullmatch(p) for p in parts)
     if scheme.lower() != "s3" or not _BUCKET.fullmatch(bucket) or not plain:
         raise InputError(
-            f"--store {word}: expected a folder, or s3://BUCKET/PREFIX; a folder of "
-            f"that name is ./{word}. BUCKET has 3 to 63 small letters, digits, dots "
+            f"--store {address}: expected a folder, or s3://BUCKET/PREFIX; a folder of "
+            f"that name is ./{address}. BUCKET has 3 to 63 small letters, digits, dots "
             "and hyphens, PREFIX letters, digits and . _ = - between slashes."
         )
     return bucket, prefix
 
 
-def settings() -> dict:
+def read_bucket_settings() -> dict:
     """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
     keys, profile = _profile() if not os.environ.get("AWS_ACCESS_KEY_ID") else ({}, {})
     names = map(os.environ.get, ("AWS_REGION", "AWS_DEFAULT_REGION"))
     region = next(filter(None, names), None) or profile.get("region") or "us-east-1"
-    endpoint = _endpoint(endpoint_url() or profile.get("endpoint_url"))
+    endpoint = _endpoint(read_endpoint_url() or profile.get("endpoint_url"))
     return {"region": region, **keys, **endpoint}
 
 
-def endpoint_url() -> str | None:
+def read_endpoint_url() -> str | None:
     """Return the endpoint that the variables name, None for that of AWS."""
     names = ("AWS_ENDPOINT_URL_S3", "AWS_ENDPOINT_URL", "AWS_ENDPOINT")
     return next((os.environ[name] for name in names if os.environ.get(name)), None)
@@ -68,7 +68,7 @@ def _endpoint(url: str | None) -> dict:
         return {}
     parts = urlsplit(url)
     may = os.environ.get("AWS_ALLOW_HTTP", "").lower() in ("1", "true")
-    plain = parts.scheme == "http" and (may or is_loopback(parts.hostname or ""))
+    plain = parts.scheme == "http" and (may or is_loopback_host(parts.hostname or ""))
     if not parts.hostname or not (plain or parts.scheme == "https"):
         raise InputError(
             f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or "
@@ -80,7 +80,7 @@ def _endpoint(url: str | None) -> dict:
     )
 
 
-def is_loopback(host: str) -> bool:
+def is_loopback_host(host: str) -> bool:
     """Return whether a host name is this machine."""
     try:
         return host == "localhost" or ipaddress.ip_address(host).is_loopback
@@ -178,13 +178,15 @@ class Bucket:
             ) from error
 
 
-def open_bucket(word: str) -> Bucket:
+def open_bucket(address: str) -> Bucket:
     """Return the bucket of an address; makes no request."""
-    bucket, prefix = parse_address(word)
+    bucket, prefix = parse_bucket_address(address)
     try:
         from obstore.store import S3Store
     except ImportError as error:
         raise InputError(_SCALE) from error
     retries = {"max_retries": _RETRIES, "retry_timeout": _PATIENCE}
-    store = S3Store(bucket, prefix=prefix or None, retry_config=retries, **settings())
+    store = S3Store(
+        bucket, prefix=prefix or None, retry_config=retries, **read_bucket_settings()
+    )
     return Bucket(store, f"s3://{bucket}/{prefix}".rstrip("/"))

@@ -17,8 +17,8 @@ from modulefinder import ModuleFinder
 from pathlib import Path
 
 from residual.errors import InputError
-from warehouse.files import replace_file
-from warehouse.remote import fetch_file
+from warehouse.remote_store import fetch_file
+from warehouse.store_files import replace_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
@@ -41,13 +41,13 @@ BUILT = Path(__file__).with_name("commit.txt")
 MADE_WITH = "made_with"
 
 
-def is_checkout(root: Path = ROOT) -> bool:
+def is_source_checkout(root: Path = ROOT) -> bool:
     """Whether this is a checkout of ours, not one of a project that has us inside."""
-    return bool(git(root, "ls-files", "--", "warehouse/__init__.py"))
+    return bool(run_git(root, "ls-files", "--", "warehouse/__init__.py"))
 
 
 @cache
-def uncommitted(root: Path = ROOT) -> dict | None:
+def describe_uncommitted_files(root: Path = ROOT) -> dict | None:
     """Return how the code differs from its commit: which files, and a hash of it all.
 
     Returns:
@@ -55,10 +55,10 @@ def uncommitted(root: Path = ROOT) -> dict | None:
         where this is no checkout.
     """
     paths = ("--", *WATCHED)
-    diff = git(root, "diff", "--no-ext-diff", "--binary", "HEAD", *paths)
-    changed = git(root, "diff", "--name-only", "--relative", "-z", "HEAD", *paths)
-    new = git(root, "ls-files", "--others", "--exclude-standard", "-z", *paths)
-    if not is_checkout(root) or diff is None or changed is None or new is None:
+    diff = run_git(root, "diff", "--no-ext-diff", "--binary", "HEAD", *paths)
+    changed = run_git(root, "diff", "--name-only", "--relative", "-z", "HEAD", *paths)
+    new = run_git(root, "ls-files", "--others", "--exclude-standard", "-z", *paths)
+    if not is_source_checkout(root) or diff is None or changed is None or new is None:
         return None
     added = [name for name in new.decode("utf-8", "replace").split("\0") if name]
     files = [*filter(None, changed.decode("utf-8", "replace").split("\0")), *added]
@@ -70,7 +70,7 @@ def uncommitted(root: Path = ROOT) -> dict | None:
     }
 
 
-def git(root: Path, *words: str) -> bytes | None:
+def run_git(root: Path, *words: str) -> bytes | None:
     """Return what git says; None where there is none, or it refuses."""
     try:
         done = subprocess.run(
@@ -85,24 +85,26 @@ def git(root: Path, *words: str) -> bytes | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Provenance:
+class CodeProvenance:
     """Code and environment of this process."""
 
     code_hash: str  # hash of the plant's code, part of the id of every run
-    commit: str | None  # commit in git, None where this is no checkout
+    find_code_commit: str | None  # commit in git, None where this is no checkout
     # Whether the code differs from that commit; None where there is none.
     dirty: bool | None
     lock_hash: str | None  # hash of requirements.lock, None where there is none
     environment_hash: str  # hash of all installed packages and their versions
     # Versions of Python, of this program and the libraries that compute.
     versions: dict[str, str]
-    program_hash: str  # hash of all our code, which decides what derived records say
-    uncommitted: Mapping | None  # how the code differs from the commit
+    hash_program_code: (
+        str  # hash of all our code, which decides what derived records say
+    )
+    describe_uncommitted_files: Mapping | None  # how the code differs from the commit
     machine: str  # kind of system and processor
 
 
 @cache
-def provenance() -> Provenance:
+def read_code_provenance() -> CodeProvenance:
     """Return code and environment as they were when first asked for.
 
     Not again later: what runs is what was loaded, not what was edited since.
@@ -110,27 +112,27 @@ def provenance() -> Provenance:
     installed = _installed()
     lock = ROOT / "requirements.lock"
     versions = {name: installed[name] for name in _TOLD if name in installed}
-    ours = is_checkout()
-    changes = git(ROOT, "status", "--porcelain", "--", *PACKAGES) if ours else None
+    ours = is_source_checkout()
+    changes = run_git(ROOT, "status", "--porcelain", "--", *PACKAGES) if ours else None
     # Which processor, too: linear algebra takes another path on another one.
     machine, lines = f"{platform.system()} {platform.machine()}", []
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
     names = [line.partition(":")[2] for line in lines if line.startswith("model name")]
-    return Provenance(
-        code_hash=plant_code_hash(),
-        commit=commit() if ours else None,
+    return CodeProvenance(
+        code_hash=hash_plant_code(),
+        commit=find_code_commit() if ours else None,
         dirty=None if changes is None else bool(changes.strip()),
         lock_hash=_sha256(lock.read_bytes()) if lock.is_file() else None,
-        environment_hash=_sha256(packages()),
+        environment_hash=_sha256(list_installed_packages()),
         versions={"python": platform.python_version(), **versions},
-        program_hash=program_hash(),
-        uncommitted=uncommitted(),
+        program_hash=hash_program_code(),
+        uncommitted=describe_uncommitted_files(),
         machine=f"{machine}, {names[0].strip()}" if names else machine,
     )
 
 
-def origin_columns(manifest: Mapping) -> dict:
+def build_origin_columns(manifest: Mapping) -> dict:
     """Return the columns of ``runs`` that say what code made it, where, for what."""
     origin = manifest.get("provenance") or {}
     return {
@@ -142,27 +144,27 @@ def origin_columns(manifest: Mapping) -> dict:
 
 
 @cache
-def packages() -> bytes:
+def list_installed_packages() -> bytes:
     """Return all installed packages, one line each as in name==version."""
     versions = sorted(_installed().items())
     return "\n".join(f"{name}=={version}" for name, version in versions).encode()
 
 
 @cache
-def program_hash(root: Path = ROOT) -> str:
+def hash_program_code(root: Path = ROOT) -> str:
     """Return the hash of all our code, 64 hex digits."""
     files = {p for name in PACKAGES for p in (root / name).rglob("*") if _counts(p)}
     return _hash_files(files, root)
 
 
 @cache
-def plant_code_hash(root: Path = ROOT) -> str:
+def hash_plant_code(root: Path = ROOT) -> str:
     """Return the hash of all that decides what a simulated run is, 64 hex digits.
 
     That is ``sim/`` and the modules of ``residual/`` that it imports, directly or
     through others. Libraries are not in it: an upgrade makes no run a new one.
     """
-    return _hash_files(plant_files(root), root)
+    return _hash_files(list_plant_files(root), root)
 
 
 def _hash_files(files: Iterable[Path], root: Path) -> str:
@@ -173,7 +175,7 @@ def _hash_files(files: Iterable[Path], root: Path) -> str:
     return total.hexdigest()
 
 
-def plant_files(root: Path = ROOT) -> tuple[Path, ...]:
+def list_plant_files(root: Path = ROOT) -> tuple[Path, ...]:
     """Return the files that ``plant_code_hash`` is of, in order."""
     files = {p for p in (root / "sim").rglob("*") if _counts(p)}
     finder = ModuleFinder([str(root)])
@@ -199,10 +201,10 @@ def _sha256(content: bytes) -> str:
     return hashlib.sha256(content).hexdigest()
 
 
-def commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
+def find_code_commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
     """Return the commit of the code that runs; None where nobody knows it."""
-    if is_checkout(root):
-        answer = git(root, "rev-parse", "HEAD")
+    if is_source_checkout(root):
+        answer = run_git(root, "rev-parse", "HEAD")
         return answer.decode("ascii").strip() if answer else None
     try:
         return built.read_text(encoding="ascii").strip() or None
@@ -210,42 +212,42 @@ def commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
         return None
 
 
-def version_text() -> str:
+def format_version() -> str:
     """Return '0.1.0 (commit 1234567)', as `modelgap --version` prints it."""
     try:
         number = version("modelgap")
     except PackageNotFoundError:
         number = "not installed"
-    revision = commit()
+    revision = find_code_commit()
     return f"{number} (commit {revision[:12] if revision else 'unknown'})"
 
 
-def keep_packages(store: Path) -> None:
+def store_package_list(store: Path) -> None:
     """Put the list of installed packages into the store, where it is not yet."""
-    target = store / MADE_WITH / _list_name(asdict(provenance()))
+    target = store / MADE_WITH / _list_name(asdict(read_code_provenance()))
     if not target.is_file():
-        replace_file(store, target, packages())
+        replace_file(store, target, list_installed_packages())
 
 
-def read_packages(store: Path, origin: Mapping) -> dict[str, str] | None:
+def read_package_versions(store: Path, origin: Mapping) -> dict[str, str] | None:
     """Return versions by package; None where they were not kept."""
     path = store / MADE_WITH / _list_name(origin)
     fetch_file(path)
     try:
-        check_packages(path.name, path.read_bytes())
+        check_package_list(path.name, path.read_bytes())
         lines = path.read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError, InputError):
         return None
     return dict(line.split("==", 1) for line in lines if "==" in line)
 
 
-def check_packages(name: str, content: bytes) -> None:
+def check_package_list(name: str, content: bytes) -> None:
     """Check that a list of packages is what its name says."""
     if name.endswith(".txt") and name != f"packages-{_sha256(content)}.txt":
         raise InputError(f"{name} is damaged: its content has another hash.")
 
 
-def describe_uncommitted(origin: Mapping) -> str:
+def format_uncommitted_change(origin: Mapping) -> str:
     """Say which uncommitted change a record was made with, in one line."""
     changes, commit = origin.get("uncommitted"), (origin.get("commit") or "")[:12]
     if changes is None:

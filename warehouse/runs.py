@@ -13,25 +13,36 @@ from residual.errors import InputError, ModelgapError
 from residual.recording import Recording
 from residual.robot.robot import (
     Robot,
-    built_in_folder,
-    built_in_robots,
+    find_built_in_folder,
+    list_built_in_robots,
     load_robot,
-    split_word,
+    parse_robot_reference,
 )
-from warehouse.commit import SPEC, TRUTH, Seal, sealed_hash
-from warehouse.files import (
-    check_file,
-    publish,
-    read_cell,
+from warehouse.record_commit import SPEC, TRUTH, SealedTruth, hash_sealed_spec
+from warehouse.record_ids import (
+    ID_DIGITS,
+    build_seal_path,
+    check_record_id,
+    hash_arrays,
+)
+from warehouse.remote_store import (
+    fetch_file,
+    fetch_record,
+    format_store_name,
+    list_folder_names,
+    record_exists,
+)
+from warehouse.store_catalogue import find_run
+from warehouse.store_files import (
+    create_staging_folder,
+    publish_folder,
     read_parquet,
+    read_row_text,
     replace_file,
-    staging_folder,
-    to_arrays,
+    table_to_arrays,
+    verify_file,
 )
-from warehouse.ids import ID_DIGITS, check_id, data_hash, seal_folder
-from warehouse.layout import find_run
-from warehouse.remote import fetch_file, fetch_record, has_record, names_in, store_name
-from warehouse.schema import KINDS, QUARANTINE, SAMPLES_FILE
+from warehouse.view_schema import KINDS, QUARANTINE, SAMPLES_FILE
 
 _OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
 
@@ -42,13 +53,13 @@ def read_manifest(store: Path, run_id: str) -> dict:
 
 
 def _manifest(folder: Path) -> dict:
-    return json.loads(read_cell(folder / KINDS["runs"].row, "manifest"))
+    return json.loads(read_row_text(folder / KINDS["runs"].row, "manifest"))
 
 
 def read_run(store: Path, run_id: str) -> Recording:
     """Return what was logged in a run, bit for bit as it was committed."""
     run = find_run(store, run_id)
-    channels = check_samples(run.folder)
+    channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
     logged = {name: channels[name] for name in _OF_RECORDING if name in channels}
     return Recording(id=run.id, robot=robot, **logged)
@@ -56,14 +67,14 @@ def read_run(store: Path, run_id: str) -> Recording:
 
 def read_channels(store: Path, run_id: str) -> dict:
     """Return all channels of a run by name, the errors of the twin among them."""
-    return check_samples(find_run(store, run_id).folder)
+    return read_verified_channels(find_run(store, run_id).folder)
 
 
-def check_samples(folder: Path) -> dict:
+def read_verified_channels(folder: Path) -> dict:
     """Return the channels in a folder of a run, held against its record's hash."""
     path = folder / SAMPLES_FILE
-    arrays = to_arrays(read_parquet(path))
-    if data_hash(arrays) != _manifest(folder)["data_hash"]:
+    arrays = table_to_arrays(read_parquet(path))
+    if hash_arrays(arrays) != _manifest(folder)["data_hash"]:
         raise InputError(
             f"{path} is damaged: its values are not those that were committed. "
             "Take its folder out of the store."
@@ -73,33 +84,35 @@ def check_samples(folder: Path) -> dict:
 
 def has_seal(store: Path, run_id: str) -> bool:
     """Return whether the hidden half of a run is in the store."""
-    return has_record(seal_folder(store, run_id))
+    return record_exists(build_seal_path(store, run_id))
 
 
-def open_seal(store: Path, run_id: str) -> Seal:
+def open_seal(store: Path, run_id: str) -> SealedTruth:
     """Open the hidden half of a run: for reruns and for judging verdicts, only.
 
     Raises:
         InputError: If the run has no seal, or the seal is not the one that was hashed.
     """
     run = find_run(store, run_id)
-    folder = seal_folder(store, run.id)
-    if not has_record(folder):
-        raise InputError(f"Run {run.id} has no sealed half in {store_name(store)}.")
-    check_file(folder / SPEC)
+    folder = build_seal_path(store, run.id)
+    if not record_exists(folder):
+        raise InputError(
+            f"Run {run.id} has no sealed half in {format_store_name(store)}."
+        )
+    verify_file(folder / SPEC)
     try:
         spec = json.loads((folder / SPEC).read_bytes())
     except ValueError as error:
         raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
     manifest = _manifest(run.folder)
-    truth = to_arrays(read_parquet(folder / TRUTH))
+    truth = table_to_arrays(read_parquet(folder / TRUTH))
     hashed = manifest["sealed_sha256"], manifest["truth_hash"]
-    if (sealed_hash(spec), data_hash(truth)) != hashed:
+    if (hash_sealed_spec(spec), hash_arrays(truth)) != hashed:
         raise InputError(
             f"The seal of run {run.id} is broken: {folder} is not the seal that was "
             "hashed when the run was made."
         )
-    return Seal(spec, truth)
+    return SealedTruth(spec, truth)
 
 
 # Descriptions of robots that do not come with the program, kept with their runs.
@@ -112,16 +125,19 @@ def open_seal(store: Path, run_id: str) -> Seal:
 ROBOTS, TOML = "robots", "robot.toml"
 
 
-def keep_robot(store: Path, word: str, robot: Robot) -> None:
+def store_robot_description(store: Path, reference: str, robot: Robot) -> None:
     """Put the description of a robot into the store, unless it is built in."""
-    target = robot_folder(store, robot.content_hash)
-    built_in, place = word in built_in_robots(), Path(split_word(word)[0])
-    if has_record(target) or (
-        built_in and load_robot(word).content_hash == robot.content_hash
+    target = build_robot_path(store, robot.content_hash)
+    built_in, place = (
+        reference in list_built_in_robots(),
+        Path(parse_robot_reference(reference)[0]),
+    )
+    if record_exists(target) or (
+        built_in and load_robot(reference).content_hash == robot.content_hash
     ):
         return
-    path = Path(str(built_in_folder(word))) if built_in else place
-    with staging_folder(store, "robot") as folder:
+    path = Path(str(find_built_in_folder(reference))) if built_in else place
+    with create_staging_folder(store, "robot") as folder:
         try:
             # Its arm alone: a file of several, a xacro or an MJCF is read once.
             urdf = folder / f"{robot.name}.urdf"
@@ -134,7 +150,7 @@ def keep_robot(store: Path, word: str, robot: Robot) -> None:
             return
         # Edited since it was loaded: then there is nothing to keep.
         if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
-            publish(folder, target)
+            publish_folder(folder, target)
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:
@@ -158,33 +174,34 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
     return f"[robot]\n{line}\n{text or ''}"
 
 
-def robot_of_hash(store: Path, content_hash: str) -> str:
+def find_robot_by_hash(store: Path, content_hash: str) -> str:
     """Return the word for the robot of a hash: a built-in name, or its kept folder."""
-    for name in built_in_robots():
+    for name in list_built_in_robots():
         if load_robot(name).content_hash == content_hash:
             return name
-    folder = robot_folder(store, content_hash)
+    folder = build_robot_path(store, content_hash)
     if fetch_record(folder):
         return str(folder)
     raise InputError(
-        f"No description of the robot {content_hash[:8]} is in {store_name(store)}. "
+        f"No description of the robot {content_hash[:8]} is in "
+        f"{format_store_name(store)}. "
         "Import a log of it again with --robot, which keeps it."
     )
 
 
-def robot_word(store: Path, word: str, content_hash: str | None) -> str:
+def find_used_robot(store: Path, reference: str, content_hash: str | None) -> str:
     """Return what to load a robot from, such that it is the one that was used.
 
     Args:
         content_hash: Its hash then; None where that is not known.
     """
     try:
-        if content_hash in (None, load_robot(word).content_hash):
-            return word
-        why = f"{word} describes another robot now"
+        if content_hash in (None, load_robot(reference).content_hash):
+            return reference
+        why = f"{reference} describes another robot now"
     except ModelgapError as error:
         why = str(error)
-    kept = robot_folder(store, content_hash or "")
+    kept = build_robot_path(store, content_hash or "")
     if fetch_record(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
@@ -193,7 +210,7 @@ def robot_word(store: Path, word: str, content_hash: str | None) -> str:
     )
 
 
-def robot_folder(store: Path, content_hash: str) -> Path:
+def build_robot_path(store: Path, content_hash: str) -> Path:
     """Return where a description is kept."""
     if len(content_hash) != 64 or set(content_hash) - set("0123456789abcdef"):
         raise InputError(f"'{content_hash}' is not the hash of a robot.")
@@ -208,7 +225,7 @@ def _hash(folder: str) -> str | None:
         return None
 
 
-def quarantine(store: Path, run_id: str, reason: str) -> Path:
+def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
     """Mark a run as not to be used; the run itself stays unchanged.
 
     Returns:
@@ -225,15 +242,15 @@ def quarantine(store: Path, run_id: str, reason: str) -> Path:
     return target
 
 
-def quarantined(store: Path) -> frozenset[str]:
+def list_quarantined_runs(store: Path) -> frozenset[str]:
     """Return the ids of all runs with a tombstone."""
-    names = names_in(store, QUARANTINE)
+    names = list_folder_names(store, QUARANTINE)
     names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
     ids = (name.removeprefix("run_id=") for name in names)
-    return frozenset(check_id(id) for id in ids if len(id) == ID_DIGITS)
+    return frozenset(check_record_id(id) for id in ids if len(id) == ID_DIGITS)
 
 
-def tombstone(store: Path, run_id: str) -> str | None:
+def read_quarantine_reason(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
     path = _tombstone(store, run_id)
     fetch_file(path)
@@ -246,4 +263,4 @@ def tombstone(store: Path, run_id: str) -> str | None:
 
 
 def _tombstone(store: Path, run_id: str) -> Path:
-    return store / QUARANTINE / f"run_id={check_id(run_id)}.json"
+    return store / QUARANTINE / f"run_id={check_record_id(run_id)}.json"

@@ -14,12 +14,17 @@ from benchmarks.harness.logs import PAUSE, RATE, sensed
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot, robot_from_texts
-from sim.draw import draw_hidden, light_arm
-from sim.engine.records import Hidden, PlantEffect, Reference, stream
-from sim.plant.catalogue import multiplied
+from residual.robot.robot import Robot, build_robot, load_robot
+from sim.effect_draws import draw_light_arm, draw_plant_effect
+from sim.engine.plant_records import (
+    PlantEffect,
+    ReferenceMotion,
+    SyntheticEffect,
+    create_random_stream,
+)
+from sim.plant.effect_catalogue import scale_effect_parameters
 from sim.plant.sensors import WHITE_TORQUE
-from sim.plant.sizes import sizes, usual_limits
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 Array = np.ndarray
 
@@ -46,11 +51,13 @@ class Arm:
     @property
     def robot(self) -> Robot:
         """Its description, with values of friction and rotors."""
-        return six() if self.kind == SIX else light_arm(self.seed)
+        return six() if self.kind == SIX else draw_light_arm(self.seed)
 
     def plant(self, effects: Sequence[PlantEffect]) -> Plant:
         """Return the arm itself with what changed."""
-        hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
+        hidden = tuple(
+            SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects
+        )
         return Plant(self.robot, hidden, self.seed, scatter=self.off)
 
 
@@ -71,7 +78,7 @@ def six() -> Robot:
     for table in content["declared"].values():
         table.pop("assumed")
         table.pop("source")
-    return robot_from_texts(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
+    return build_robot(robot.name, robot.urdf, json.dumps(content, sort_keys=True))
 
 
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
@@ -86,17 +93,19 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
     return Logs(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
 
 
-def motion(arm: Arm, name: str, family: str, seconds: float) -> Reference:
-    rng = stream(arm.seed, f"motion/{name}")
-    return make_motion(family, usual_limits(arm.robot), seconds, RATE, rng)
+def motion(arm: Arm, name: str, family: str, seconds: float) -> ReferenceMotion:
+    rng = create_random_stream(arm.seed, f"motion/{name}")
+    return make_motion(
+        family, compute_usual_motion_range(arm.robot), seconds, RATE, rng
+    )
 
 
 def record(
-    arm: Arm, plant: Plant, name: str, path: Reference, start: float
+    arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float
 ) -> Recording:
     """Return what the sensors make of one motion."""
     torque = true_torque(plant, path, name, start)
-    span = sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
+    span = estimate_typical_sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)
     return Recording(name, arm.robot.name, start + path.t, *signals)
 
@@ -119,17 +128,17 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     made: list[PlantEffect] = []
     joints = np.arange(1, arm.robot.dof + 1)
     if rng.uniform() < _LOADS:
-        usual = draw_hidden(arm.robot, rng, PAYLOAD)
+        usual = draw_plant_effect(arm.robot, rng, PAYLOAD)
         values = dict(usual.parameters)
         weight = sum(body.mass for body in list(arm.robot.model.inertias)[1:])
         mass = weight * rng.uniform(*_LOAD)
-        sized = multiplied(PAYLOAD, values, mass / values["mass"])
+        sized = scale_effect_parameters(PAYLOAD, values, mass / values["mass"])
         made.append(PlantEffect(PAYLOAD, usual.joints, tuple(sorted(sized.items()))))
     links = rng.choice(joints[1:-1], size=int(rng.integers(0, 3)), replace=False)
     for link in links:
         scale = float(rng.uniform(*_LINK) * rng.choice([-1, 1]))
         made.append(PlantEffect(LINK, (int(link),), (("scale", scale),)))
-    given = sizes(arm.robot)
+    given = estimate_typical_sizes(arm.robot)
     for joint in rng.choice(joints, size=int(rng.integers(0, 3)), replace=False):
         kind = str(rng.choice(list(DRIVES)))
         size = float(rng.uniform(*_DRIVE) * getattr(given, kind)[joint - 1])
@@ -138,7 +147,7 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     return [effect for effect in made if _share_of(arm, first, effect) >= _LEAST]
 
 
-def _share_of(arm: Arm, path: Reference, effect: PlantEffect) -> float:
+def _share_of(arm: Arm, path: ReferenceMotion, effect: PlantEffect) -> float:
     """Rms torque of an effect as a share of its joint's, where it is largest."""
     there, bare = (
         true_torque(arm.plant(effects), path, "share").tau

@@ -7,12 +7,12 @@ from time import perf_counter
 from benchmarks.attribution_parts import arms
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, members, paired
-from flows.specs import derived_seed
+from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import reported_joints
+from residual.effects import number_reported_joints
 from residual.verdict.document import to_json
 from residual.verdict.result import Verdict
-from sim.engine.records import PlantEffect, stream
+from sim.engine.plant_records import PlantEffect, create_random_stream
 
 
 def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
@@ -77,9 +77,9 @@ class Task:
     @property
     def drawn_arm(self) -> arms.Arm:
         """The arm with its noise."""
-        noise = derived_seed(self.seed, f"noise/{self.name}")
+        noise = derive_seed(self.seed, f"noise/{self.name}")
         # Arms whose values are off by more are other arms: a case is a draw.
-        seed = derived_seed(self.seed, f"arm/{self.arm}/{self.off}")
+        seed = derive_seed(self.seed, f"arm/{self.arm}/{self.off}")
         return arms.Arm(self.arm, self.off / 100, seed, noise, self.quick)
 
 
@@ -104,7 +104,9 @@ def run(task: Task) -> dict:
 def _row(task: Task) -> dict:
     arm, effects = task.drawn_arm, []
     if task.group == SETS:
-        rng = stream(derived_seed(task.seed, f"changes/{task.name}"), "changes")
+        rng = create_random_stream(
+            derive_seed(task.seed, f"changes/{task.name}"), "changes"
+        )
         effects = arms.draw_set(arm, rng)
     made = arms.make(arm, effects)
     start = perf_counter()
@@ -123,7 +125,7 @@ def planted(effects: Sequence[PlantEffect], arm: arms.Arm) -> list[Name]:
     """Return what changed in the convention of the verdict."""
     dof = arm.robot.dof
     return [
-        Name(e.name, tuple(sorted(reported_joints(e.name, e.joints, dof))))
+        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, dof))))
         for e in effects
     ]
 

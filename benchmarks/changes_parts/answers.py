@@ -14,11 +14,11 @@ from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, matched, members
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import reported_joints
+from residual.effects import number_reported_joints
 from residual.errors import ModelgapError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.plant.catalogue import main_parameter
+from sim.plant.effect_catalogue import find_main_parameter
 
 # Effects whose parameters no log tells by themselves: no size is compared.
 _NO_SIZE = ("presliding", "warmup")
@@ -96,7 +96,7 @@ def record(slot: draw.Slot) -> tuple[arms.Case, Logs]:
         # The torque of a sum over a pair acts on the first joint.
         joints = effect.joints[:1] if effect.name == "x_cogging_sum" else effect.joints
         if not effect.name.startswith("x_"):
-            joints = reported_joints(effect.name, joints, robot.dof)
+            joints = number_reported_joints(effect.name, joints, robot.dof)
         truth = Name(effect.name, tuple(sorted(joints))), values
     factor = arms.warmed(case) if slot.group == draw.DRIFT else None
     return case, Logs(robot, first, second[:count], second[count:], truth, factor)
@@ -183,7 +183,7 @@ def compare(truth: tuple[Name, Mapping] | None, answer: Answer) -> dict:
 
 def _estimate(truth: tuple[Name, Mapping], claim: Claim | None) -> dict:
     """Return the main parameter of the change, where its very name is stated."""
-    key = main_parameter(truth[0].effect, truth[1])
+    key = find_main_parameter(truth[0].effect, truth[1])
     value, std = claim.values.get(str(key), (None, None)) if claim else (None, None)
     true = float(truth[1][key]) if key else None
     z = None

@@ -17,9 +17,9 @@ from benchmarks.synthetic import quasi_static
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.records import Hidden, PlantEffect, stream
-from sim.plant.background import logged
-from sim.plant.sizes import usual_limits
+from sim.engine.plant_records import PlantEffect, SyntheticEffect, create_random_stream
+from sim.plant.joint_background import simulate_torque_logging
+from sim.plant.typical_sizes import compute_usual_motion_range
 
 Array = np.ndarray
 
@@ -97,7 +97,7 @@ def _plant(case: Case, changed: bool = False) -> quasi_static.Plant:
     hidden = ()
     if changed and case.effect:
         parameters = dict(case.effect.parameters)
-        hidden = (Hidden(case.effect.name, case.effect.joints, parameters),)
+        hidden = (SyntheticEffect(case.effect.name, case.effect.joints, parameters),)
     return quasi_static.Plant(robot_of(case.arm), hidden, case.plant, case.background)
 
 
@@ -112,14 +112,16 @@ def _records(
         (*case.second, *case.held_out) if second else case.first
     ):
         label = f"{epoch}_{place}_{part.source}"
-        rng = stream(part.seed, "motion")
-        motion = make_motion(part.source, usual_limits(robot), part.duration, RATE, rng)
+        rng = create_random_stream(part.seed, "motion")
+        motion = make_motion(
+            part.source, compute_usual_motion_range(robot), part.duration, RATE, rng
+        )
         worked = case.worked[second] + start
         torque = quasi_static.true_torque(plant, motion, label, start, True, worked)
         q, tau = torque.reading, torque.tau
         if not exact:
             q, tau = sensed(robot, torque, label, case.noise)
-        tau = logged(background, tau, RATE)
+        tau = simulate_torque_logging(background, tau, RATE)
         t = _LATER * second + start + motion.t
         factor = None
         if torque.background is not None:

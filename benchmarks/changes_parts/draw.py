@@ -8,10 +8,10 @@ import numpy as np
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.sizes import shares, size_of, solved
 from residual.errors import ModelgapError
-from residual.robot.dynamics import inverse_dynamics
-from sim.draw import draw_hidden
-from sim.engine.records import PlantEffect, stream
-from sim.plant.catalogue import multiplied
+from residual.robot.dynamics import compute_inverse_dynamics
+from sim.effect_draws import draw_plant_effect
+from sim.engine.plant_records import PlantEffect, create_random_stream
+from sim.plant.effect_catalogue import scale_effect_parameters
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"
@@ -86,7 +86,7 @@ def draw(slot: Slot) -> arms.Case:
         arm, first, second = real.epochs(slot.group == LOAD)[slot.index]
         return arms.Case(arm, first=first, second=second)
     for attempt in range(_TRIES):
-        rng = stream(slot.seed, f"changes/{slot.name}/{attempt}")
+        rng = create_random_stream(slot.seed, f"changes/{slot.name}/{attempt}")
         case = _arm(slot, rng)
         if not slot.target:
             return case
@@ -141,7 +141,7 @@ def _changed(
 ) -> arms.Case | None:
     """Return the case with a change of a size, None where the arm cannot have it."""
     robot, model = arms.robot_of(case.arm), arms.true_model(case)
-    usual = draw_hidden(robot, rng, name)
+    usual = draw_plant_effect(robot, rng, name)
     bare = replace(case, held_out=())
     plain = arms.record(bare, arms.SECOND, exact=True)
 
@@ -150,7 +150,7 @@ def _changed(
         if name in _GROWS:
             values[_GROWS[name]] *= factor
         else:
-            values = multiplied(name, values, factor)
+            values = scale_effect_parameters(name, values, factor)
         return PlantEffect(name, usual.joints, tuple(sorted(values.items())))
 
     def size_at(factor: float) -> float | None:
@@ -163,7 +163,7 @@ def _changed(
             return None  # an arm that cannot move
 
         def rigid(*motion):
-            return inverse_dynamics(model, *motion)
+            return compute_inverse_dynamics(model, *motion)
 
         pairs = zip(logs, plain, strict=True)
         return size_of([shares(rigid, *pair) for pair in pairs], usual.joints)

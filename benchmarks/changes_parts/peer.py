@@ -270,15 +270,18 @@ def _log(model: pin.Model, log: Recording) -> _Log:
     q = filtered(log.q)
     qd = np.gradient(q, step, axis=0)
     qdd = np.gradient(qd, step, axis=0)
-    inertial = dynamics.regressor(model, q, qd, qdd)
-    load = np.abs(filtered(inertial @ dynamics.inertial_parameters(model)))
+    inertial = dynamics.compute_inertial_regressor(model, q, qd, qdd)
+    load = np.abs(filtered(inertial @ dynamics.read_inertial_parameters(model)))
     common, local, moves = [], [], []
     for j in range(model.nv):
         own = _friction(q[:, j], qd[:, j], load[:, j])
         common.append(filtered(np.column_stack([inertial[:, j], own]))[::every])
         local.append(filtered(_candidates(q[:, j], qd[:, j], load[:, j]))[::every])
         moves.append(_moves(qd[:, j], filtered, every))
-    tilt = [dynamics.gravity_torque(model, q, _G * np.eye(3)[axis]) for axis in (0, 1)]
+    tilt = [
+        dynamics.compute_gravity_torque(model, q, _G * np.eye(3)[axis])
+        for axis in (0, 1)
+    ]
     shared = {
         "payload": inertial[:, :, -dynamics.PER_LINK :],
         "base_tilt": np.stack(tilt, axis=2),

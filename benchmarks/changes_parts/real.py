@@ -19,7 +19,7 @@ from benchmarks.measured_parts.arms import (
     robot_of,
 )
 from residual.recording import Recording
-from residual.robot.dynamics import inertial_parameters, regressor
+from residual.robot.dynamics import compute_inertial_regressor, read_inertial_parameters
 
 ARMS = (UR10E, KR300, LWR4, UR10)
 _RUNS = {KR300: ("run_A", "run_B", "run_C"), LWR4: ("run_1", "run_2", "run_3")}
@@ -78,13 +78,15 @@ def plain_body(arm: str) -> Body:
         rows = slice(None, None, max(1, round(0.02 / (at.t[1] - at.t[0]))))
         own = (np.tanh(at.qd / 0.02), at.qd, at.qdd, np.ones_like(at.q))
         local = [each[rows, :, None] * np.eye(dof) for each in own]
-        inertial = regressor(model, at.q[rows], at.qd[rows], at.qdd[rows])
+        inertial = compute_inertial_regressor(
+            model, at.q[rows], at.qd[rows], at.qdd[rows]
+        )
         columns.append(np.concatenate([inertial, *local], axis=2))
         torque.append(at.tau[rows])
         moves.append(moving(at)[rows])
     x, tau, kept = (np.concatenate(each) for each in (columns, torque, moves))
     rms = np.sqrt((tau**2).mean(axis=0))
-    known = np.concatenate([inertial_parameters(model), np.zeros(4 * dof)])
+    known = np.concatenate([read_inertial_parameters(model), np.zeros(4 * dof)])
     left = ((tau - x @ known) / rms)[kept]
     x = (x / rms[:, None])[kept]
     size = np.linalg.norm(x, axis=0) + 1e-9

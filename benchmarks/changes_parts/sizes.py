@@ -16,7 +16,7 @@ import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Recording
-from residual.robot.dynamics import regressor
+from residual.robot.dynamics import compute_inertial_regressor
 from residual.robot.robot import Robot
 
 Array = np.ndarray
@@ -142,7 +142,7 @@ class Body:
 
     def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Return the torque of its rigid body [N m]. Shape (n, dof)."""
-        return regressor(self.robot.model, q, qd, qdd) @ self.theta
+        return compute_inertial_regressor(self.robot.model, q, qd, qdd) @ self.theta
 
 
 @dataclass(frozen=True, eq=False, slots=True)

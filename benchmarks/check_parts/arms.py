@@ -12,10 +12,16 @@ from benchmarks.measured_parts.arms import absent, read_logs, robot_of
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics
-from residual.robot.robot import Robot, load_robot, robot_from_texts
-from sim.engine.records import Noise, PlantSpec, Reference, TrajectorySpec, stream
-from sim.plant.sizes import usual_limits
+from residual.robot.dynamics import compute_inverse_dynamics
+from residual.robot.robot import Robot, build_robot, load_robot
+from sim.engine.plant_records import (
+    PlantSpec,
+    ReferenceMotion,
+    SensorNoise,
+    TrajectorySpec,
+    create_random_stream,
+)
+from sim.plant.typical_sizes import compute_usual_motion_range
 from warehouse.logs import read_log
 
 Array = np.ndarray
@@ -62,18 +68,22 @@ def synthetic(name: str, seed: int) -> Host:
     plant = Plant(robot, (), seed)
     logs = []
     for i, family in enumerate(FAMILIES):
-        rng = stream(seed, f"motion/{name}/{family}")
-        motion = make_motion(family, usual_limits(robot), DURATION, RATE, rng)
+        rng = create_random_stream(seed, f"motion/{name}/{family}")
+        motion = make_motion(
+            family, compute_usual_motion_range(robot), DURATION, RATE, rng
+        )
         start = i * (DURATION + PAUSE)
         logs.append(recorded(plant, motion, f"{name}_{family}", start))
     return Host(name, robot, tuple(logs), plant)
 
 
-def recorded(plant: Plant, motion: Reference, label: str, start: float) -> Recording:
+def recorded(
+    plant: Plant, motion: ReferenceMotion, label: str, start: float
+) -> Recording:
     """Return the log of a motion, by the sensors of all synthetic arms."""
     robot, seed = plant.robot, plant.seed
     torque = true_torque(plant, motion, label, start)
-    rng = stream(seed, f"speed/{label}")
+    rng = create_random_stream(seed, f"speed/{label}")
     speed = motion.qd + SPEED_NOISE * rng.normal(size=motion.qd.shape)
     signals = sensed(robot, torque, label, seed)
     log = Recording(label, robot.name, start + motion.t, *signals)
@@ -82,7 +92,7 @@ def recorded(plant: Plant, motion: Reference, label: str, start: float) -> Recor
 
 def _in_engine(seed: int) -> tuple[Recording, ...]:
     """Return two logs of the built-in arm in the physics engine, under control."""
-    robot, plant = load_robot("irb140"), PlantSpec((), noise=Noise(), seed=seed)
+    robot, plant = load_robot("irb140"), PlantSpec((), noise=SensorNoise(), seed=seed)
     logs = []
     for i, family in enumerate(FAMILIES[:2]):
         spec = TrajectorySpec(family, DURATION, 2, 100 * seed + i)
@@ -138,7 +148,7 @@ def chain(
                 e=effort * shrink,
             )
         )
-    return robot_from_texts(name, "".join([*parts, "</robot>"]), "{}")
+    return build_robot(name, "".join([*parts, "</robot>"]), "{}")
 
 
 @lru_cache(maxsize=1)
@@ -222,4 +232,4 @@ def differ(
 
 def _model_torque(host: Host, t: Array, q: Array) -> Array:
     qd = np.gradient(q, t, axis=0)
-    return inverse_dynamics(host.robot.model, q, qd, np.gradient(qd, t, axis=0))
+    return compute_inverse_dynamics(host.robot.model, q, qd, np.gradient(qd, t, axis=0))

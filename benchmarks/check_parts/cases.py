@@ -20,11 +20,11 @@ from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
 from benchmarks.synthetic.other_forms import FORMS
 from flows.inputs.read import LogSets
-from flows.steps.check import check
+from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.engine.records import stream
-from sim.plant.catalogue import kinds
+from sim.engine.plant_records import create_random_stream
+from sim.plant.effect_catalogue import list_plant_effects
 
 _READING = (
     "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
@@ -98,7 +98,7 @@ def _faults(task: Task) -> list[dict]:
     for kind in _QUICK_KINDS if task.quick else FAULTS:
         for size in range(1 if task.quick else SIZES):
             arm = host(task.host, task.seed)
-            rng = stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
+            rng = create_random_stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
             faulty = FAULTS[kind](arm, size, rng)
             if faulty is not None:
                 about = {"group": task.group, "host": arm.name, "seed": task.seed}
@@ -109,13 +109,13 @@ def _faults(task: Task) -> list[dict]:
 
 def _clean(task: Task) -> list[dict]:
     arm = host(task.host, task.seed)
-    rng = stream(task.seed, f"held/{arm.name}")
+    rng = create_random_stream(task.seed, f"held/{arm.name}")
     every = (arm, reports.with_held_joint(arm, rng))
     return [_sound(arm.robot, arm.logs, task, "") for arm in every if arm is not None]
 
 
 def _effects(task: Task) -> list[dict]:
-    robot, rng = the_arm(), stream(task.seed, f"check/{task.host}")
+    robot, rng = the_arm(), create_random_stream(task.seed, f"check/{task.host}")
     form = task.host in FORMS
     name = FORMS[task.host][0] if form else task.host
     effect = draw_sized(robot, rng, name, None, ())
@@ -126,7 +126,7 @@ def _effects(task: Task) -> list[dict]:
 
 def _arm_for(name: str) -> str:
     """The kind of arm that can have an effect: some only the one in the engine."""
-    return SYNTHETIC if kinds()[name].on_synthetic else PYBULLET
+    return SYNTHETIC if list_plant_effects()[name].supports_synthetic_arm else PYBULLET
 
 
 def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> dict:
@@ -135,7 +135,7 @@ def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> 
 
     def timed() -> dict:
         begun = perf_counter()
-        report = check(LogSets(robot, tuple(logs)))
+        report = check_log_sets(LogSets(robot, tuple(logs)))
         return about | reported(report) | {"seconds": round(perf_counter() - begun, 3)}
 
     return guarded(about, timed)

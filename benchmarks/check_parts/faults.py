@@ -16,8 +16,8 @@ from benchmarks.check_parts.arms import (
     tables_of,
 )
 from benchmarks.synthetic.motions import make_motion
-from sim.engine.records import Reference
-from sim.plant.sizes import usual_limits
+from sim.engine.plant_records import ReferenceMotion
+from sim.plant.typical_sizes import compute_usual_motion_range
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -114,9 +114,9 @@ def lockstep(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
         return None
     dof = host.robot.dof
     joints = some(rng, dof, (2, dof // 2, dof)[size])
-    space = usual_limits(host.robot)
+    space = compute_usual_motion_range(host.robot)
 
-    def couple(motion: Reference) -> Reference:
+    def couple(motion: ReferenceMotion) -> ReferenceMotion:
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         lead = joints[0] - 1
         for j in (joint - 1 for joint in joints[1:]):
@@ -124,7 +124,7 @@ def lockstep(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
             ratio = min(ratio, space.velocity[j] / space.velocity[lead])
             q[:, j] = space.centre[j] + ratio * (q[:, lead] - space.centre[lead])
             qd[:, j], qdd[:, j] = ratio * qd[:, lead], ratio * qdd[:, lead]
-        return Reference(motion.kind, motion.t, q, qd, qdd, None)
+        return ReferenceMotion(motion.kind, motion.t, q, qd, qdd, None)
 
     return _in_motion(host, rng, "lockstep", joints, couple)
 
@@ -135,9 +135,9 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
         return None
     dof = host.robot.dof
     joints = some(rng, dof, (1, dof // 2, dof)[size])
-    space, rate = usual_limits(host.robot), 2 * np.pi / 3.0
+    space, rate = compute_usual_motion_range(host.robot), 2 * np.pi / 3.0
 
-    def one_way(motion: Reference) -> Reference:
+    def one_way(motion: ReferenceMotion) -> ReferenceMotion:
         q, qd, qdd, t = motion.q.copy(), motion.qd.copy(), motion.qdd.copy(), motion.t
         for j in (joint - 1 for joint in joints):
             speed = 2 * space.amplitude[j] / t[-1]
@@ -146,7 +146,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
             q[:, j] = low + speed * t + swing * np.sin(rate * t)
             qd[:, j] = speed + swing * rate * np.cos(rate * t)
             qdd[:, j] = -swing * rate**2 * np.sin(rate * t)
-        return Reference(motion.kind, t, q, qd, qdd, None)
+        return ReferenceMotion(motion.kind, t, q, qd, qdd, None)
 
     return _in_motion(host, rng, "no_reversal", joints, one_way)
 
@@ -154,7 +154,9 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 def _in_motion(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
-        motion = make_motion("fourier", usual_limits(host.robot), DURATION, RATE, rng)
+        motion = make_motion(
+            "fourier", compute_usual_motion_range(host.robot), DURATION, RATE, rng
+        )
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
     return FaultyLogs(kind, joints, [table_of(log) for log in logs])

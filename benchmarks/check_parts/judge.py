@@ -12,10 +12,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.check_parts.arms import SIGNALS, FaultyLogs, Host, Table, table_of
-from flows.inputs.read import LogSets, read_sets
-from flows.steps.check import check
+from flows.inputs.read import LogSets, read_log_sets
+from flows.steps.check import check_log_sets
 from residual.check.result import Fault, LogCheck
-from residual.robot.robot import Robot, robot_from_texts
+from residual.robot.robot import Robot, build_robot
 
 _ROUNDING = 1e-3
 _TURNED = 0.052  # of gravity: 3 degrees
@@ -27,7 +27,7 @@ def compare(arm: Host, faulty: FaultyLogs) -> dict:
         place, robot = Path(folder), given_robot(arm, faulty)
         sets = read(place, faulty.tables, robot)
         begun = perf_counter()
-        report = check(sets)
+        report = check_log_sets(sets)
         seconds = round(perf_counter() - begun, 3)
         repairs = list(dict.fromkeys(f.repair for f in report.faults if f.repair))
         exact = _exact(repairs, faulty, arm, robot, place)
@@ -44,7 +44,7 @@ def given_robot(arm: Host, faulty: FaultyLogs) -> Robot:
     """Return the robot as it is given with faulty logs."""
     toml = json.loads(arm.robot.toml) | tomllib.loads(faulty.toml)
     urdf = faulty.urdf or arm.robot.urdf
-    return robot_from_texts(arm.robot.name, urdf, json.dumps(toml, sort_keys=True))
+    return build_robot(arm.robot.name, urdf, json.dumps(toml, sort_keys=True))
 
 
 def read(
@@ -60,7 +60,7 @@ def read(
         path = folder / f"log_{i}.parquet"
         pq.write_table(pa.table(names), path)
         words.append(str(path))
-    return read_sets((words, (), ()), robot, columns, folder, to_check=True)
+    return read_log_sets((words, (), ()), robot, columns, folder, to_check=True)
 
 
 def reported(report: LogCheck) -> dict:

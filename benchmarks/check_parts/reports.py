@@ -21,9 +21,9 @@ from benchmarks.check_parts.arms import (
 )
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
-from residual.robot.dynamics import gravity_torque, inverse_dynamics
-from residual.signals.filters import low_pass
-from sim.plant.sizes import sizes, usual_limits
+from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
+from residual.signals.filters import filter_low_pass
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -40,7 +40,7 @@ def gravity_removed(host: Host, size: int, rng: Rng) -> FaultyLogs:
     model, share = host.robot.model, (1.0, 1.05, 0.9)[size]
 
     def change(table: Table) -> Table:
-        weight = gravity_torque(model, table["q"], model.gravity.linear)
+        weight = compute_gravity_torque(model, table["q"], model.gravity.linear)
         return table | {"tau": table["tau"] - share * weight}
 
     return FaultyLogs("gravity_removed", (), [change(t) for t in tables_of(host)])
@@ -59,11 +59,11 @@ def commanded(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     """Torque is the model's for the reference, without or with friction."""
     if size == 2:
         return None
-    tables, friction = [], sizes(host.robot)
+    tables, friction = [], estimate_typical_sizes(host.robot)
     for log in host.logs:
         rate, even, q = _planned(log)
-        qd, qdd = (low_pass(q, 0.2 * rate, rate, order=k) for k in (1, 2))
-        tau = inverse_dynamics(host.robot.model, q, qd, qdd)
+        qd, qdd = (filter_low_pass(q, 0.2 * rate, rate, order=k) for k in (1, 2))
+        tau = compute_inverse_dynamics(host.robot.model, q, qd, qdd)
         if size:
             slow = 0.02 * np.sqrt(np.mean(qd**2, axis=0)) + 1e-9
             tau = tau + friction.coulomb * np.tanh(qd / slow) + friction.viscous * qd
@@ -88,8 +88,8 @@ def _planned(log: Recording) -> tuple[float, Array, Array]:
     rate = 1 / float(np.median(np.diff(log.t)))
     even = np.arange(log.t[0], log.t[-1], 1 / rate)
     if log.q_ref is not None:
-        return rate, even, low_pass(_at(even, log.t, log.q_ref), _PLANNED, rate)
-    smooth = low_pass(_at(even, log.t, log.q), _SMOOTH, rate)
+        return rate, even, filter_low_pass(_at(even, log.t, log.q_ref), _PLANNED, rate)
+    smooth = filter_low_pass(_at(even, log.t, log.q), _SMOOTH, rate)
     return rate, even, _at(even + _LAG, even, smooth)
 
 
@@ -123,7 +123,9 @@ def with_held_joint(host: Host, rng: Rng) -> Host | None:
         return None
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(family, usual_limits(host.robot), DURATION, RATE, rng)
+        motion = make_motion(
+            family, compute_usual_motion_range(host.robot), DURATION, RATE, rng
+        )
         joint = int(rng.integers(host.robot.dof))
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         q[:, joint], qd[:, joint], qdd[:, joint] = q[0, joint], 0.0, 0.0

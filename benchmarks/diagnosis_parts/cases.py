@@ -33,21 +33,21 @@ from benchmarks.hidden.score import (
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
-from flows.specs import derived_seed
+from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
-from sim.engine.records import (
-    Hidden,
-    Noise,
+from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
+    SensorNoise,
+    SyntheticEffect,
     TrajectorySpec,
-    stream,
+    create_random_stream,
 )
-from sim.plant.catalogue import kinds, unnamed
-from sim.plant.sizes import sizes, usual_limits
+from sim.plant.effect_catalogue import list_plant_effects, list_unnamed_effects
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 
@@ -102,13 +102,17 @@ def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Lo
 
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     robot = the_arm()
-    hidden = tuple(Hidden(e.name, e.joints, dict(e.parameters)) for e in effects)
+    hidden = tuple(
+        SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects
+    )
     plant = Plant(robot, hidden, arm)
     logs = []
     for place, family in enumerate((*plan.fit, *plan.held_out)):
         name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
-        rng = stream(motion, f"motion/{name}")
-        made = make_motion(family, usual_limits(robot), plan.duration, RATE, rng)
+        rng = create_random_stream(motion, f"motion/{name}")
+        made = make_motion(
+            family, compute_usual_motion_range(robot), plan.duration, RATE, rng
+        )
         start = place * (plan.duration + PAUSE)
         torque = true_torque(plant, made, name, start)
         signals = sensed(robot, torque, name, arm)
@@ -118,17 +122,17 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
 
 def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
     """Return the parameters relative to the declared values, as a verdict has them."""
-    values, known = dict(effect.parameters), kinds().get(effect.name)
+    values, known = dict(effect.parameters), list_plant_effects().get(effect.name)
     if known is not None and known.of_drive:
         key, field = known.amount[0], known.of_drive
         joint = effect.joints[0] - 1
-        true, told = true_friction(plant), sizes(plant.robot)
+        true, told = true_friction(plant), estimate_typical_sizes(plant.robot)
         values[key] += float(getattr(true, field)[joint] - getattr(told, field)[joint])
     return values
 
 
 def _pybullet(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
-    plant, logs = PlantSpec(effects, noise=Noise(), seed=arm), []
+    plant, logs = PlantSpec(effects, noise=SensorNoise(), seed=arm), []
     for place, family in enumerate((*plan.fit, *plan.held_out)):
         spec = TrajectorySpec(family, plan.duration, 2, 100 * motion + place)
         start = place * (plan.duration + PAUSE)
@@ -191,7 +195,7 @@ def benches(tasks: Sequence[Task]) -> list[Task]:
     unique = {(t.data, t.motion) for t in tasks if t.group != "nulls"}
     return [
         # An arm and noise of its own, not those of a case.
-        Task("bench", "", data, motion, derived_seed(motion, "bench"))
+        Task("bench", "", data, motion, derive_seed(motion, "bench"))
         for data, motion in sorted(unique)
     ]
 
@@ -239,7 +243,7 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 
 
 def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
-    robot, rng = the_arm(), stream(task.arm, f"{task.group}/{task.hides}")
+    robot, rng = the_arm(), create_random_stream(task.arm, f"{task.group}/{task.hides}")
     if task.group in ("bench", "nulls"):
         return NOTHING, []
     if task.group == "unknown":
@@ -290,8 +294,8 @@ def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> l
 
 def _task(group: str, hides: str, first: int, seed: int) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
-    known = kinds().get(hides)
-    engine = (known is not None and not known.on_synthetic) or (
+    known = list_plant_effects().get(hides)
+    engine = (known is not None and not known.supports_synthetic_arm) or (
         fifth and group in ("singles", "unknown")
     )
     # Nulls are cheap to vary: each has motions of its own.
@@ -304,7 +308,7 @@ def _quick(group: str, seed: int) -> list[Task]:
     few = {
         "singles": ("offset", "stribeck"),
         "nulls": ("",),
-        "unknown": (unnamed()[0],),
+        "unknown": (list_unnamed_effects()[0],),
         "pairs": ("",),
         "forms": ("one_way_viscous",),
         "detection": ("offset",),

@@ -13,7 +13,7 @@ from typing import Any
 
 from benchmarks.harness.figures import CRASHES, Figures, figure, one_blas_thread
 from benchmarks.harness.origin import ROOT, STORE, circumstances, code_hash, save
-from flows.workers import Processes, spread
+from flows.workers import ProcessExecutor, run_jobs
 
 Rows = Sequence[Mapping]
 QUICK_SEEDS = "1:1"
@@ -118,10 +118,10 @@ def run_kept(
     todo = [name for name in jobs if name not in known]
     if len(todo) < len(jobs):
         print(f"{len(jobs) - len(todo)} of {len(jobs)} finished before", flush=True)
-    with pool or Processes(2) as pool, path.open("a", encoding="utf-8") as file:
+    with pool or ProcessExecutor(2) as pool, path.open("a", encoding="utf-8") as file:
         # An interruption may have cut off the last line.
         file.write("\n" if path.stat().st_size else "")
-        done = spread(pool, work, [jobs[name] for name in todo])
+        done = run_jobs(pool, work, [jobs[name] for name in todo])
         for count, job in enumerate(done, start=1):
             name, value = todo[job.index], job.value
             if job.error is not None:

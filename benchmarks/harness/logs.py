@@ -9,11 +9,17 @@ import numpy as np
 from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.records import PlantSpec, Rates, Reference, TrajectorySpec, stream
+from sim.engine.plant_records import (
+    PlantSpec,
+    ReferenceMotion,
+    SampleRates,
+    TrajectorySpec,
+    create_random_stream,
+)
 from sim.experiment import run_experiment
-from sim.plant.sensors import ENCODER_STEP, encoder, torque_noise
-from sim.plant.sizes import sizes
-from sim.trajectories import make_reference
+from sim.plant.sensors import ENCODER_STEP, draw_torque_noise, simulate_encoder
+from sim.plant.typical_sizes import estimate_typical_sizes
+from sim.trajectories import plan_reference_motion
 
 Array = np.ndarray
 RATE, CONTROL, PAUSE = 250.0, 1000.0, 10.0  # Hz, Hz, s between two logs
@@ -33,10 +39,12 @@ def sensed(
     Name of the log and seed make the noise; that of a torque goes by the range of its
     joint [N m], which is the usual one or given. Encoders have a step [rad].
     """
-    rng = stream(seed, f"torque/{label}")
-    span = sizes(robot).torque if span is None else span
-    tau = torque.tau + torque_noise(len(torque.tau), span, rate, rng)
-    return encoder(torque.reading, stream(seed, f"encoder/{label}"), step), tau
+    rng = create_random_stream(seed, f"torque/{label}")
+    span = estimate_typical_sizes(robot).torque if span is None else span
+    tau = torque.tau + draw_torque_noise(len(torque.tau), span, rate, rng)
+    return simulate_encoder(
+        torque.reading, create_random_stream(seed, f"encoder/{label}"), step
+    ), tau
 
 
 def in_engine(
@@ -47,15 +55,15 @@ def in_engine(
     name: str | None = None,
 ) -> Recording:
     """Return the log of one motion of an arm in the physics engine."""
-    rates = Rates(CONTROL, RATE)
+    rates = SampleRates(CONTROL, RATE)
     made = run_experiment(robot, reference(spec, robot.name), plant, rates, start)
     return made.log if name is None else replace(made.log, id=name)
 
 
 @lru_cache(maxsize=32)
-def reference(spec: TrajectorySpec, robot: str = "irb140") -> Reference:
+def reference(spec: TrajectorySpec, robot: str = "irb140") -> ReferenceMotion:
     """Return a motion of a built-in arm at the rate of its controller."""
-    return make_reference(load_robot(robot), spec, CONTROL)
+    return plan_reference_motion(load_robot(robot), spec, CONTROL)
 
 
 def write_csv(path: Path, log: Recording) -> Path:

@@ -6,14 +6,20 @@ from functools import cache
 
 import numpy as np
 
-from residual.effects import registry, reported_joints
+from residual.effects import load_effects, number_reported_joints
 from residual.robot.robot import Robot
 from residual.verdict.result import Detectable
-from sim.draw import draw_hidden
-from sim.engine.records import PlantEffect, PlantSpec
-from sim.plant.arm import build_arm
-from sim.plant.catalogue import amount, kinds, multiplied, stated, unnamed
-from sim.plant.sizes import maker_of
+from sim.effect_draws import draw_plant_effect
+from sim.engine.plant_records import PlantEffect, PlantSpec
+from sim.plant.effect_catalogue import (
+    compute_effect_amount,
+    convert_stated_size,
+    list_plant_effects,
+    list_unnamed_effects,
+    scale_effect_parameters,
+)
+from sim.plant.plant_arm import build_plant_arm
+from sim.plant.typical_sizes import read_nominal_drives
 
 CLEAR = 3.0  # multiples of the minimum detectable size from which one ought to see it
 ROUNDING = 1e-6
@@ -44,11 +50,11 @@ def vocabulary(robot: Robot) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """
     named = [
         name
-        for name, effect in sorted(registry().items())
-        if name in kinds() and effect.candidates(robot.dof)
+        for name, effect in sorted(load_effects().items())
+        if name in list_plant_effects() and effect.candidates(robot.dof)
     ]
     # A broken sensor is the monitor's matter, and some of its faults have names here.
-    return tuple(named), tuple(sorted(unnamed()))
+    return tuple(named), tuple(sorted(list_unnamed_effects()))
 
 
 def smallest(minimum: Minimum, name: str, joints: Sequence[int]) -> Detectable | None:
@@ -74,26 +80,30 @@ def draw_sized(
         multiple: Wanted size in minimum detectable ones, None for the usual one.
         minimum: ``minimum_detectable`` of a verdict on the same motion.
     """
-    drawn = draw_hidden(robot, rng, name)
+    drawn = draw_plant_effect(robot, rng, name)
     values = dict(drawn.parameters)
-    usual = amount(name, values)
-    least = smallest(minimum, name, reported_joints(name, drawn.joints, robot.dof))
+    usual = compute_effect_amount(name, values)
+    least = smallest(
+        minimum, name, number_reported_joints(name, drawn.joints, robot.dof)
+    )
     if multiple is None or usual is None or least is None:
         return drawn
-    wanted = min(multiple * stated(name, float(least.value)), MOST * usual)
-    sized = multiplied(name, values, wanted / usual)
+    wanted = min(multiple * convert_stated_size(name, float(least.value)), MOST * usual)
+    sized = scale_effect_parameters(name, values, wanted / usual)
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
 
 
 def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
-    joints = reported_joints(effect.name, effect.joints, robot.dof)
-    there = amount(effect.name, dict(effect.parameters))
+    joints = number_reported_joints(effect.name, effect.joints, robot.dof)
+    there = compute_effect_amount(effect.name, dict(effect.parameters))
     if not there:
         return Hidden(effect, joints, None, None)
     least = smallest(minimum, effect.name, joints)
-    multiple = there / stated(effect.name, float(least.value)) if least else None
-    return Hidden(effect, joints, stated(effect.name, there), multiple)
+    multiple = (
+        there / convert_stated_size(effect.name, float(least.value)) if least else None
+    )
+    return Hidden(effect, joints, convert_stated_size(effect.name, there), multiple)
 
 
 def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
@@ -102,11 +112,11 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
     Friction and rotors of an arm are scattered about what its maker says. What they
     differ by is no part of the effect that was hidden, but of what is found.
     """
-    base, maker = build_arm(robot, plant).base, maker_of(robot)
+    base, maker = build_plant_arm(robot, plant).base, read_nominal_drives(robot)
     out = []
     for effect in plant.effects:
         values = dict(effect.parameters)
-        what = kinds()[effect.name]
+        what = list_plant_effects()[effect.name]
         if what.of_drive:
             there, known = (getattr(x, what.of_drive) for x in (base, maker))
             joint = effect.joints[0] - 1

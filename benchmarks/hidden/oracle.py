@@ -9,28 +9,33 @@ from collections.abc import Sequence
 import numpy as np
 
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import Candidates, Task, refine_shape
-from residual.effects import registry
+from residual.diagnosis.search import Candidates, SearchTask, refine_last_shape
+from residual.effects import load_effects
 from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
-from residual.evidence.columns import Group
+from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, as_model, fit, physical
-from residual.evidence.priors import first_design, priors
+from residual.evidence.fit import (
+    Fit,
+    build_fitted_model,
+    fit_jointly,
+    keep_physical_terms,
+)
+from residual.evidence.priors import build_first_design, list_first_priors
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import Errors, compare, prepare_held_out
+from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.model import Model
 from residual.model.nominal import (
-    Logs,
-    Nominal,
-    declared_names,
-    prepare_logs,
-    start_nominal,
+    FitLogs,
+    NominalModel,
+    build_free_nominal,
+    choose_declared_effects,
+    prepare_fit_logs,
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.splitting import session_clock
-from residual.signals.track import Filters
+from residual.signals.splitting import find_session_start
+from residual.signals.track import FilterSettings
 
 Told = tuple[str, tuple[int, ...]]
 
@@ -40,7 +45,7 @@ def oracle(
     recordings: Sequence[Recording],
     held_out: Sequence[Recording],
     effects: Sequence[Told],
-) -> tuple[Model, Errors]:
+) -> tuple[Model, ErrorSums]:
     """Fit the effects that one is told of, and predict the held-out logs.
 
     Args:
@@ -49,15 +54,15 @@ def oracle(
     Raises:
         UnknownNameError: If there is no such effect.
     """
-    clock = session_clock([*recordings, *held_out])
-    logs = prepare_logs(robot, recordings, clock, Filters())
-    nominal = start_nominal(logs, declared_names(robot, None))
+    clock = find_session_start([*recordings, *held_out])
+    logs = prepare_fit_logs(robot, recordings, clock, FilterSettings())
+    nominal = build_free_nominal(logs, choose_declared_effects(robot, None))
     wanted = [pair for told in effects for pair in placed(*told, robot.dof)]
-    task, fitted = _best(first_design(logs, nominal), logs, nominal, wanted)
+    task, fitted = _best(build_first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
-        named = physical(as_model(nominal, fitted))
-        design = first_design(logs, nominal, named)
+        named = keep_physical_terms(build_fitted_model(nominal, fitted))
+        design = build_first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
     found = SearchOutcome(
@@ -65,7 +70,7 @@ def oracle(
     )
     model = found.model(fitted).model
     proof = prepare_held_out(held_out, nominal.model)
-    errors, _ = compare({"told": model}, proof, Filters())
+    errors, _ = compute_model_errors({"told": model}, proof, FilterSettings())
     return model, errors["told"]
 
 
@@ -75,7 +80,7 @@ def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joi
     Args:
         joints: From 1.
     """
-    effect = registry()[check_name(name, registry(), "effect")]
+    effect = load_effects()[check_name(name, load_effects(), "effect")]
     on = tuple(sorted(j - 1 for j in joints))
     if effect.scope in ("global", "flange"):
         return [(effect, *effect.candidates(dof))]
@@ -84,10 +89,10 @@ def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joi
 
 def _best(
     design: Design,
-    logs: Logs,
-    nominal: Nominal,
+    logs: FitLogs,
+    nominal: NominalModel,
     wanted: Sequence[tuple[Effect, Joints]],
-) -> tuple[Task, Fit]:
+) -> tuple[SearchTask, Fit]:
     """Return the fit under the prior that these logs are likeliest under."""
     # Columns do not depend on the prior: made anew for each of a score of priors, they
     # would fill the memory. Of each effect those of every shape that a search begins
@@ -99,23 +104,23 @@ def _best(
             design.add([PlacedEffect(effect, joints, shape) for shape in shapes])
         )
     runs = []
-    for prior in priors(design, nominal):
-        task = Task(design, prior, Candidates((), {}), THRESHOLDS)
+    for prior in list_first_priors(design, nominal):
+        task = SearchTask(design, prior, Candidates((), {}), THRESHOLDS)
         runs.append((task, _fitted(task, grid)))
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
     worth = [
-        fit(design, task.prior, fitted.members, counted, rounds=4).score
+        fit_jointly(design, task.prior, fitted.members, counted, rounds=4).score
         for task, fitted in runs
     ]
     return runs[int(np.argmax(worth))]
 
 
-def _fitted(task: Task, grid: Sequence[Sequence[Group]]) -> Fit:
+def _fitted(task: SearchTask, grid: Sequence[Sequence[CandidateColumns]]) -> Fit:
     """Fit all of them, the shape of each searched as in a diagnosis."""
     current = task.start()
     for groups in grid:
         trials = [task.fit((*current.members, g), current) for g in groups]
         best = max(trials, key=lambda trial: trial.score)
-        members = refine_shape(task, best.members, current)
+        members = refine_last_shape(task, best.members, current)
         current = task.settle(task.fit(members, current))
     return current

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 from benchmarks.hidden.draw import Hidden
 from residual.verdict.result import Finding, Place, Verdict
-from sim.plant.catalogue import kinds, main_parameter
+from sim.plant.effect_catalogue import find_main_parameter, list_plant_effects
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
 
@@ -92,7 +92,7 @@ def _parts(truths: Sequence[Name], hits: Sequence[Claim | None]) -> set[Name]:
         Name(part, truth.joints)
         for truth, hit in zip(truths, hits, strict=False)
         if hit is not None
-        for part in kinds()[truth.effect].also
+        for part in list_plant_effects()[truth.effect].also
     }
 
 
@@ -237,7 +237,7 @@ def case_row(
 
 def estimate(claim: Claim | None, true: Mapping[str, float]) -> dict:
     """Return the main parameter of what was rightly named, beside its truth."""
-    key = main_parameter(claim.name.effect, true) if claim else None
+    key = find_main_parameter(claim.name.effect, true) if claim else None
     known = claim.finding.parameters.get(key) if claim else None
     value, std = (None, None) if known is None else known.pairs[claim.place or 0]
     if value is None or std is None:

@@ -9,19 +9,24 @@ from benchmarks.synthetic.motions import make_motion
 from residual.identification.estimate import Options
 from residual.identification.identify import (
     Identification,
-    consistent,
+    compute_torque_errors,
+    find_consistent_parameters,
     identify,
-    torque_errors,
 )
 from residual.model.model import Model
 from residual.recording import Recording
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.track import prepare
-from sim.engine.records import Noise, PlantSpec, Rates, stream
+from residual.signals.track import build_tracks
+from sim.engine.plant_records import (
+    PlantSpec,
+    SampleRates,
+    SensorNoise,
+    create_random_stream,
+)
 from sim.experiment import run_experiment
-from sim.plant.arm import build_arm
-from sim.plant.sizes import usual_limits
+from sim.plant.plant_arm import build_plant_arm
+from sim.plant.typical_sizes import compute_usual_motion_range
 
 Array = np.ndarray
 
@@ -38,25 +43,27 @@ def plant_logs(seed: int, noise: float = 0.015) -> tuple[list, list]:
 
 
 def true_coefficients(model: Model, seed: int) -> np.ndarray:
-    arm = build_arm(ROBOT, _plant(seed, 0.015))
+    arm = build_plant_arm(ROBOT, _plant(seed, 0.015))
     of = {
         "viscous": arm.base.viscous,
         "coulomb": arm.base.coulomb,
         "rotor_inertia": arm.base.rotor,
     }
     effects = [of[t.effect.name][t.joints[0]] for t in model.terms]
-    return np.concatenate([inertial_parameters(arm.model), effects])
+    return np.concatenate([read_inertial_parameters(arm.model), effects])
 
 
 def _plant(seed: int, noise: float) -> PlantSpec:
-    return PlantSpec((), _SCATTER, Noise(torque=noise), seed)
+    return PlantSpec((), _SCATTER, SensorNoise(torque=noise), seed)
 
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
-    rng = stream(1000 * seed + number, f"motion/{family}")
-    motion = make_motion(family, usual_limits(ROBOT), _DURATION, 1000.0, rng)
+    rng = create_random_stream(1000 * seed + number, f"motion/{family}")
+    motion = make_motion(
+        family, compute_usual_motion_range(ROBOT), _DURATION, 1000.0, rng
+    )
     start = 2 * _DURATION * number
-    log = run_experiment(ROBOT, motion, _plant(seed, noise), Rates(), start).log
+    log = run_experiment(ROBOT, motion, _plant(seed, noise), SampleRates(), start).log
     return Recording(f"{family}{number}", log.robot, log.t, log.q, log.tau)
 
 
@@ -100,7 +107,7 @@ def _identified(seed: int) -> dict[str, float]:
     fit, held_out = plant_logs(seed)
     result = identify(ROBOT, fit)
     robust = identify(ROBOT, fit, options=Options("irls"))
-    bodies = consistent(result)
+    bodies = find_consistent_parameters(result)
     truth = true_coefficients(result.nominal, seed)
     theta = result.base.mapping @ truth
     fitted = result.estimate.sd > 0
@@ -114,7 +121,7 @@ def _identified(seed: int) -> dict[str, float]:
     share = result.estimate.theta[friction] / theta[friction] - 1
     models = {"nominal": result.nominal, "free": result.model}
     models |= {"irls": robust.model, "consistent": bodies.model}
-    errors = torque_errors(models, held_out)
+    errors = compute_torque_errors(models, held_out)
     return {
         **{name: errors[name].overall("filtered") for name in models},
         "recovered": _recovered(result, truth, held_out),
@@ -129,7 +136,7 @@ def _recovered(result: Identification, truth: np.ndarray, held_out: list) -> flo
     """Torque by which the model is off the truth, over that of the nominal model."""
     true, misses = result.nominal.with_coefficients(truth), []
     for model in (result.model, result.nominal):
-        tracks, _ = prepare(held_out, model.filters, model.speed_floor)
+        tracks, _ = build_tracks(held_out, model.filters, model.speed_floor)
         gaps = [model.torque_on(t) - true.torque_on(t) for t in tracks]
         misses.append(float(np.linalg.norm(np.concatenate(gaps))))
     return misses[0] / misses[1]

@@ -17,31 +17,40 @@ from benchmarks.harness.cases import guarded
 from benchmarks.harness.figures import NO_BAR, Figures, figure, undecided
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
-from flows.specs import derived_seed
+from flows.specs import derive_seed
 from flows.steps.next import Ranking, rank_motions
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import reported_joints
-from residual.planning.promise import (
-    Contest,
+from residual.effects import number_reported_joints
+from residual.planning.next_experiment import (
+    OpenQuestion,
     Pair,
-    Question,
-    Refit,
-    every_column,
-    log_evidence,
-    promised,
-    structural_twins,
+    RivalContest,
+    RivalUpdate,
+    all_torque_columns,
+    find_inseparable_pairs,
+    predict_best_motion,
+    rival_log_evidence,
 )
 from residual.recording import Array, Recording
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from residual.signals.track import prepare
+from residual.signals.track import build_tracks
 from residual.verdict.result import Diagnosis, Place
-from sim.draw import draw_hidden, usual_effects
-from sim.engine.geometry import MARGIN, body, clearances
-from sim.engine.records import PlantEffect, PlantSpec, TrajectorySpec, stream
-from sim.trajectories import make_reference
-from sim.trajectories.excitation import draw, shrunk, written
-from sim.trajectories.limits import workspace
+from sim.effect_draws import draw_plant_effect, list_drawable_effects
+from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
+from sim.engine.plant_records import (
+    PlantEffect,
+    PlantSpec,
+    TrajectorySpec,
+    create_random_stream,
+)
+from sim.trajectories import plan_reference_motion
+from sim.trajectories.excitation import (
+    draw_feasible_series,
+    export_series_coefficients,
+    scale_series,
+)
+from sim.trajectories.planning_limits import build_workspace
 
 SECONDS = 20.0  # of an experiment
 DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
@@ -106,7 +115,7 @@ _FINE = 2000.0  # Hz, finer than the checks that a motion is planned with
 class Search:
     """A question, and the pairs of it that no motion tells apart."""
 
-    question: Question
+    question: OpenQuestion
     twins: frozenset[Pair]
 
 
@@ -139,7 +148,9 @@ def _row(seed: int) -> dict:
         return {"seed": seed, "open": False}
     truth = Place(
         case.effect.name,
-        tuple(reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
+        tuple(
+            number_reported_joints(case.effect.name, case.effect.joints, _robot().dof)
+        ),
     )
     ranking = rank_motions(case.search.question, _robot(), SECONDS, seed)
     assert ranking is not None
@@ -169,7 +180,7 @@ def _row(seed: int) -> dict:
 
 
 def _motions(ranking: Ranking, seed: int) -> dict[str, TrajectorySpec]:
-    chance, best = stream(seed, "random"), derived_seed(seed, "d")
+    chance, best = create_random_stream(seed, "random"), derive_seed(seed, "d")
     return {
         DESIGNED: ranking.best.spec,
         RANDOM: _fourier(chance, SECONDS, 1.0),
@@ -180,30 +191,31 @@ def _motions(ranking: Ranking, seed: int) -> dict[str, TrajectorySpec]:
 def _kept(spec: TrajectorySpec) -> bool:
     """Whether a motion keeps the arm's own limits, looked at closely."""
     robot = _robot()
-    made = make_reference(robot, spec, _FINE)
-    torque = inverse_dynamics(robot.model, made.q, made.qd, made.qdd)
+    made = plan_reference_motion(robot, spec, _FINE)
+    torque = compute_inverse_dynamics(robot.model, made.q, made.qd, made.qdd)
     return bool(
         (made.q >= robot.lower).all()
         and (made.q <= robot.upper).all()
         and (np.abs(made.qd) <= robot.velocity_limit).all()
         and (np.abs(torque) <= robot.torque_limit).all()
-        and clearances(body(robot.model), made.q[::10]).min() >= MARGIN
+        and compute_clearances(build_arm_capsules(robot.model), made.q[::10]).min()
+        >= MARGIN
     )
 
 
 def _drawn(seed: int) -> Case | None:
     robot = _robot()
     for number in range(_TRIES):
-        rng = stream(derived_seed(seed, f"arm/{number}"), "hidden")
-        name = str(rng.choice(usual_effects()))
-        effect = draw_hidden(robot, rng, name)
-        plant = PlantSpec(effects=(effect,), seed=derived_seed(seed, f"plant/{number}"))
+        rng = create_random_stream(derive_seed(seed, f"arm/{number}"), "hidden")
+        name = str(rng.choice(list_drawable_effects()))
+        effect = draw_plant_effect(robot, rng, name)
+        plant = PlantSpec(effects=(effect,), seed=derive_seed(seed, f"plant/{number}"))
         specs = [_fourier(rng, FIRST, POOR) for _ in range(2)]
         logs = tuple(_log(plant, s, 30.0 * i) for i, s in enumerate(specs))
         first = diagnose(robot, logs[:1], held_out=logs[1:])
         question = first.question
-        if first.effects and question.contests and promised(question):
-            search = Search(question, structural_twins(question))
+        if first.effects and question.contests and predict_best_motion(question):
+            search = Search(question, find_inseparable_pairs(question))
             return Case(plant, effect, logs, search)
     return None
 
@@ -245,7 +257,7 @@ def _leads(search: Search, truth: Place, log: Recording) -> list[float] | None:
 
 
 def logged_products(
-    question: Question, recording: Recording, until: Sequence[float]
+    question: OpenQuestion, recording: Recording, until: Sequence[float]
 ) -> list[tuple[Array, Array]]:
     """Return X' X and X' y of a log up to some times from its first sample, whitened.
 
@@ -255,9 +267,9 @@ def logged_products(
         until: Times [s].
     """
     floor, model = question.signals.speed_floor, question.nominal
-    (track,), _ = prepare([recording], model.filters, floor)
+    (track,), _ = build_tracks([recording], model.filters, floor)
     state = question.seen_with.observe(track)
-    columns = track.filter(every_column(question, state))
+    columns = track.filter(all_torque_columns(question, state))
     y = track.tau - track.filter(model.torque_on(track))
     root = np.sqrt(question.signals.information * track.moving)
     t = track.t[:: track.step] - track.t[0]
@@ -270,7 +282,7 @@ def logged_products(
 
 
 def realised(
-    contest: Contest, gram: Array, products: Array, true: int, other: int
+    contest: RivalContest, gram: Array, products: Array, true: int, other: int
 ) -> float:
     """Log Bayes factor that a log did bring [nats].
 
@@ -280,7 +292,9 @@ def realised(
         true: Index of the rival that it speaks for where positive.
     """
     values = [
-        log_evidence(products[:, None], gram, Refit.of(contest.rivals[i], gram))[0]
+        rival_log_evidence(
+            products[:, None], gram, RivalUpdate.of(contest.rivals[i], gram)
+        )[0]
         for i in (true, other)
     ]
     return float(values[0] - values[1])
@@ -294,7 +308,7 @@ def _seconds(leads: list[float] | None) -> float | None:
     return float(_STEP * (1 + enough[0])) if len(enough) else SECONDS
 
 
-def _lead(question: Question, pair: Pair, gram, products) -> float:
+def _lead(question: OpenQuestion, pair: Pair, gram, products) -> float:
     c, a, b = pair
     contest = question.contests[c]
     return contest.lead(a, b) + realised(contest, gram, products, a, b)
@@ -319,8 +333,10 @@ def _pairs(search: Search, truth: Place) -> list[Pair]:
 
 def _fourier(rng: np.random.Generator, seconds: float, size: float) -> TrajectorySpec:
     """Return a random Fourier motion of a share of the size that the limits allow."""
-    series = shrunk(draw(workspace(_robot(), seconds / 2), rng), size)
-    return TrajectorySpec("fourier", seconds, 2, 0, written(series))
+    series = scale_series(
+        draw_feasible_series(build_workspace(_robot(), seconds / 2), rng), size
+    )
+    return TrajectorySpec("fourier", seconds, 2, 0, export_series_coefficients(series))
 
 
 def _log(plant: PlantSpec, spec: TrajectorySpec, start: float) -> Recording:

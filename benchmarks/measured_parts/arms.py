@@ -22,10 +22,10 @@ from benchmarks.harness.origin import ROOT
 from residual.calibration.nominal_pls import fit_nominal_pls
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics, regressor
-from residual.robot.robot import Robot, load_robot, robot_from_texts
-from residual.signals.track import Filters, Track, prepare
-from warehouse.logs import load_columns, read_log
+from residual.robot.dynamics import compute_inertial_regressor, compute_inverse_dynamics
+from residual.robot.robot import Robot, build_robot, load_robot
+from residual.signals.track import FilterSettings, Track, build_tracks
+from warehouse.logs import read_column_map, read_log
 
 Array = np.ndarray
 
@@ -41,8 +41,8 @@ def peer_errors(
     100 ||tau - tau_hat|| / ||tau||, both sides filtered, edges dropped. PLSR: tables
     of q, qd and qdd on the torque that the rigid body of the robot file misses.
     """
-    tracks, speed_floor = prepare(fit, Filters())
-    proof, _ = prepare(held_out, Filters(), speed_floor, full_rate=True)
+    tracks, speed_floor = build_tracks(fit, FilterSettings())
+    proof, _ = build_tracks(held_out, FilterSettings(), speed_floor, full_rate=True)
     x, tau = _rows(robot, tracks)
     x_proof, tau_proof = _rows(robot, proof)
     miss = tau_proof - x_proof @ _solve(x.reshape(-1, x.shape[2]), tau.ravel())
@@ -59,9 +59,9 @@ def _states(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
     states, torque = [], []
     for track in tracks:
         motion = (track.q, track.qd, track.qdd)
-        rigid = track.filter(inverse_dynamics(robot.model, *motion))
-        states.append(np.hstack([x[:: track.step] for x in motion])[track.inner])
-        torque.append((track.tau - rigid)[track.inner])
+        rigid = track.filter(compute_inverse_dynamics(robot.model, *motion))
+        states.append(np.hstack([x[:: track.step] for x in motion])[track.valid])
+        torque.append((track.tau - rigid)[track.valid])
     return np.concatenate(states), np.concatenate(torque)
 
 
@@ -69,13 +69,13 @@ def _rows(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
     """Return filtered columns (n, dof, p) and torque (n, dof) outside the edges."""
     columns, torque = [], []
     for track in tracks:
-        y = regressor(robot.model, track.q, track.qd, track.qdd)
+        y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
         ones = np.ones_like(track.q)
         each = (track.qdd, track.qd, np.sign(track.qd), ones)
         own = [values[:, :, None] * np.eye(robot.dof) for values in each]
         filtered = track.filter(np.concatenate([y, *own], axis=2))
-        columns.append(filtered[track.inner])
-        torque.append(track.tau[track.inner])
+        columns.append(filtered[track.valid])
+        torque.append(track.tau[track.valid])
     return np.concatenate(columns), np.concatenate(torque)
 
 
@@ -172,7 +172,7 @@ def robot_of(arm: str) -> Robot:
         # A placeholder, as the README of the logs says.
         urdf = urdf.replace('velocity="0.1"', 'velocity="10"')
         gravity = GRAVITY.get(arm, [0, 0, -9.81])
-        return robot_from_texts(arm, urdf, json.dumps({"robot": {"gravity": gravity}}))
+        return build_robot(arm, urdf, json.dumps({"robot": {"gravity": gravity}}))
     return load_robot(folder_of(arm) / f"{arm}.urdf")
 
 
@@ -181,7 +181,7 @@ def read_logs(
 ) -> list[Recording]:
     """Read files of an arm, or windows of them, by its COLUMNS.toml if it has one."""
     known = folder_of(arm) / columns
-    read = load_columns(known) if known.exists() else None
+    read = read_column_map(known) if known.exists() else None
     logs = [read_log(f"{folder_of(arm) / f}", robot_of(arm), read)[0] for f in files]
     signs = np.array(SIGNS.get(arm, 1.0))
     return [replace(log, tau=signs * log.tau) for log in logs]

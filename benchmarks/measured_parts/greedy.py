@@ -12,9 +12,9 @@ from itertools import pairwise
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot.dynamics import regressor
+from residual.robot.dynamics import compute_inertial_regressor
 from residual.robot.robot import Robot
-from residual.signals.track import Filters, prepare
+from residual.signals.track import FilterSettings, build_tracks
 
 Array = np.ndarray
 Name = tuple[str, int]  # effect and joint from 1
@@ -66,16 +66,19 @@ class _Selection:
 
     @classmethod
     def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
-        tracks, _ = prepare(list(logs), Filters())
+        tracks, _ = build_tracks(list(logs), FilterSettings())
         base = [_base(robot, track) for track in tracks]
         moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
         theta = _plain(base, tracks, moving)
         body = theta[: 10 * robot.dof]
-        load = [regressor(robot.model, t.q, t.qd, t.qdd) @ body for t in tracks]
+        load = [
+            compute_inertial_regressor(robot.model, t.q, t.qd, t.qdd) @ body
+            for t in tracks
+        ]
         blocks, named = [], {}
         for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
             named = dict(_named(track, torque))
-            inner = track.inner
+            inner = track.valid
             every = {key: track.filter(columns) for key, columns in named.items()}
             tau = track.tau
             for part in np.array_split(np.flatnonzero(inner), BLOCKS):
@@ -127,7 +130,7 @@ class _Selection:
 
 def _base(robot: Robot, track) -> Array:
     """Columns that are always there, on the rows of a log. Shape (n, dof, p)."""
-    y = regressor(robot.model, track.q, track.qd, track.qdd)
+    y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
     way = np.tanh(track.qd / STANDSTILL)
     each = (track.qdd, track.qd, way, np.ones_like(track.q))
     own = [values[:, :, None] * np.eye(robot.dof) for values in each]

@@ -14,14 +14,20 @@ from benchmarks.harness.figures import FEW, Figures, all_partial, figure
 from benchmarks.harness.rates import at_least, at_most, share
 from residual.errors import InputError
 from residual.identification.identify import identify
-from residual.monitoring.monitor import calibrate
+from residual.monitoring.monitor import calibrate_monitor
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from sim.engine.records import PlantEffect, PlantSpec, Rates, TrajectorySpec, stream
-from sim.experiment import log_of
-from sim.plant.sizes import sizes
-from sim.plant.stepping import drive
-from sim.trajectories import make_reference
+from sim.engine.plant_records import (
+    PlantEffect,
+    PlantSpec,
+    SampleRates,
+    TrajectorySpec,
+    create_random_stream,
+)
+from sim.experiment import record_plant_log
+from sim.plant.closed_loop import build_and_simulate
+from sim.plant.typical_sizes import estimate_typical_sizes
+from sim.trajectories import plan_reference_motion
 
 ROBOT = load_robot("irb140")
 # Effect, its parameters on a joint of a torque range, and when an alarm is in time [s].
@@ -64,7 +70,7 @@ def sensor_figures(quick: bool) -> Figures:
                 for i in range(faulty)
             ]
             logs = [log for _, _, log in pool.map(record, good)]
-            monitor = calibrate(identify(ROBOT, logs).model, logs, 1.0)
+            monitor = calibrate_monitor(identify(ROBOT, logs).model, logs, 1.0)
             for _, _, log in pool.map(record, still):
                 alarms += len(monitor.watch(log))
                 hours += _DURATION / 3600
@@ -100,11 +106,15 @@ def _counts(hits: list[bool]) -> tuple[int, int]:
 
 def record(case: Case) -> tuple[int, float, Recording]:
     """Return joint (0 for none), onset on the clock of the log [s], and the log."""
-    rng = stream(case.number, f"monitoring/{case.arm}/{case.family}/{case.fault}")
+    rng = create_random_stream(
+        case.number, f"monitoring/{case.arm}/{case.family}/{case.fault}"
+    )
     while True:  # some draws break a limit of the arm
         spec = TrajectorySpec(case.family, _DURATION, 3, int(rng.integers(2**31)))
         try:
-            motion = make_reference(ROBOT, spec, Rates().control, optimised=False)
+            motion = plan_reference_motion(
+                ROBOT, spec, SampleRates().control, optimised=False
+            )
             break
         except InputError:
             continue
@@ -115,14 +125,20 @@ def record(case: Case) -> tuple[int, float, Recording]:
         while not moves:
             joint = int(rng.integers(1, ROBOT.dof + 1))
             onset = round(float(rng.uniform(first, latest)), 3)
-            k = round(onset * Rates().control)
+            k = round(onset * SampleRates().control)
             moves = np.ptp(motion.q[k : k + 100, joint - 1]) > _MOVES
             moves = moves or case.fault != "frozen"
         name, parameters, _ = FAULTS[case.fault]
         sign = float(rng.choice([-1.0, 1.0])) if name != "torque_gain" else 1.0
-        values = parameters(sizes(ROBOT).torque[joint - 1]).items()
+        values = parameters(estimate_typical_sizes(ROBOT).torque[joint - 1]).items()
         scaled = tuple((key, sign * float(value)) for key, value in values)
         effects = (PlantEffect(name, (joint,), scaled, onset),)
     plant = PlantSpec(effects, seed=case.arm)
-    log = log_of(drive(ROBOT, motion, plant, start), motion, plant, Rates(), start)
+    log = record_plant_log(
+        build_and_simulate(ROBOT, motion, plant, start),
+        motion,
+        plant,
+        SampleRates(),
+        start,
+    )
     return joint, start + onset, replace(log, id=f"{case.family} {case.number}")

@@ -20,24 +20,24 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
-from flows.specs import derived_seed
+from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry, reported_joints
+from residual.effects import load_effects, number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable
-from sim.draw import light_arm
-from sim.engine.records import (
-    Noise,
+from sim.effect_draws import draw_light_arm
+from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
-    Rates,
-    Reference,
+    ReferenceMotion,
+    SampleRates,
+    SensorNoise,
     TrajectorySpec,
-    stream,
+    create_random_stream,
 )
 from sim.experiment import run_experiment
-from sim.trajectories import make_reference
+from sim.trajectories import plan_reference_motion
 
 _KINDS = (*5 * (SINGLE,), PAIR, PAIR, NOTHING, NOTHING, UNKNOWN)  # of ten cases
 _FAMILIES, _EXPERIMENTS = ("fourier", "cyclic"), (3, 4, 5, 6)
@@ -103,7 +103,7 @@ def _rows(task: Task) -> dict:
     robot, number = _arm(task.seed), task.number
     kind, effects = _hidden(task.seed, number, [Detectable(**d) for d in task.minimum])
     there = [
-        Name(e.name, tuple(sorted(reported_joints(e.name, e.joints, robot.dof))))
+        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, robot.dof))))
         for e in effects
     ]
     # Which effect the arm has no more in each log after; none where it has none.
@@ -148,16 +148,18 @@ def summary(row: Mapping) -> str:
 @lru_cache(maxsize=4)
 def _arm(seed: int) -> Robot:
     """Return the built-in arm for odd seeds, and a drawn one for even ones."""
-    return load_robot("irb140") if seed % 2 else light_arm(derived_seed(seed, "arm/1"))
+    return (
+        load_robot("irb140") if seed % 2 else draw_light_arm(derive_seed(seed, "arm/1"))
+    )
 
 
-def _excitation(seed: int) -> tuple[tuple[str, ...], Noise]:
+def _excitation(seed: int) -> tuple[tuple[str, ...], SensorNoise]:
     """Draw the families of the logs to fit, and the noise; one is always Fourier."""
-    rng = stream(seed, "excitation/0")
+    rng = create_random_stream(seed, "excitation/0")
     count = int(rng.choice(_EXPERIMENTS))
     more = map(str, rng.choice(_FAMILIES, count - 1))
     fit = ("fourier", *more)
-    return fit, Noise(float(rng.choice(_TORQUE)), float(rng.choice(_ENCODER)))
+    return fit, SensorNoise(float(rng.choice(_TORQUE)), float(rng.choice(_ENCODER)))
 
 
 def _motions(task: Task) -> dict[str, tuple[TrajectorySpec, float]]:
@@ -171,15 +173,15 @@ def _motions(task: Task) -> dict[str, tuple[TrajectorySpec, float]]:
     ]
     out = {}
     for place, (name, kind) in enumerate(named):
-        seed = derived_seed(task.seed, f"excitation/0/{place}")
+        seed = derive_seed(task.seed, f"excitation/0/{place}")
         spec = TrajectorySpec(kind, task.seconds, seed=seed)
         out[name] = spec, place * (task.seconds + PAUSE)
     return out
 
 
 @lru_cache(maxsize=12)
-def _reference(seed: int, spec: TrajectorySpec) -> Reference:
-    return make_reference(_arm(seed), spec, CONTROL)
+def _reference(seed: int, spec: TrajectorySpec) -> ReferenceMotion:
+    return plan_reference_motion(_arm(seed), spec, CONTROL)
 
 
 def _logs(
@@ -192,14 +194,16 @@ def _logs(
         gone: Number of the effect that it has no more, by the logs after to record.
     """
     robot, (_, noise) = _arm(task.seed), _excitation(task.seed)
-    seed, out = derived_seed(task.seed, f"plant/{label}"), {}
+    seed, out = derive_seed(task.seed, f"plant/{label}"), {}
     for name, (spec, start) in _motions(task).items():
         if name[0] == "a" and name not in gone:
             continue
         left = tuple(e for i, e in enumerate(effects) if i != gone.get(name))
         plant = PlantSpec(left, noise=noise, seed=seed)
         reference = _reference(task.seed, spec)
-        made = run_experiment(robot, reference, plant, Rates(CONTROL, RATE), start)
+        made = run_experiment(
+            robot, reference, plant, SampleRates(CONTROL, RATE), start
+        )
         out[name] = replace(made.log, id=name, q_ref=None)
     parts: dict[str, dict] = {role: {} for role in "fha"}
     for name, log in out.items():
@@ -212,7 +216,7 @@ def _hidden(
     seed: int, number: int, minimum: Sequence[Detectable]
 ) -> tuple[str, tuple[PlantEffect, ...]]:
     """Draw what a case hides: its kind, and effects with joints and sizes."""
-    robot, rng = _arm(seed), stream(seed, f"hidden/{number}")
+    robot, rng = _arm(seed), create_random_stream(seed, f"hidden/{number}")
     kind, (known, unknown) = _KINDS[number], vocabulary(robot)
     if kind == UNKNOWN:
         return kind, (draw_sized(robot, rng, str(rng.choice(unknown)), None, minimum),)
@@ -230,7 +234,7 @@ def _same_thing(one: PlantEffect, other: PlantEffect) -> bool:
     """Whether two effects are one: of one name or one family, on a common joint."""
 
     def family(effect: PlantEffect) -> str:
-        known = registry().get(effect.name)
+        known = load_effects().get(effect.name)
         return (known and known.family) or effect.name
 
     apart = one.joints and other.joints and not set(one.joints) & set(other.joints)

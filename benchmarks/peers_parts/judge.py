@@ -14,8 +14,8 @@ import numpy as np
 
 from benchmarks.hidden.score import UNKNOWN, Name, paired
 from benchmarks.peers_parts.linear_model import Answer, Array
-from residual.effects import registry
-from residual.effects.base import Trait
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
 from residual.recording import Recording
 
 BLOCK, EDGE = 25, 5  # samples that are averaged; averages dropped at both ends
@@ -37,11 +37,11 @@ class Truth:
 
 def class_of(name: str) -> str:
     """Return "body", "joint" (friction and rotor) or "other"."""
-    effect = registry()[name]
-    if effect.carries == BODY or effect.of_link:
+    effect = load_effects()[name]
+    if effect.carries == BODY or effect.replaces_link:
         return BODY
     # Two joints that share a gear share its friction.
-    drive = Trait.FRICTION in effect.traits or effect.scope == "pair"
+    drive = EffectTrait.FRICTION in effect.traits or effect.scope == "pair"
     drive = drive or effect.carries == "acceleration"
     return JOINT if drive else OTHER
 

@@ -17,10 +17,10 @@ from unittest.mock import patch
 from benchmarks.harness.figures import FULL, Figures, figure, missing
 from benchmarks.harness.origin import ROOT
 from flows.requests import Campaign
-from flows.settings import prefect_home, quiet_prefect
+from flows.settings import build_prefect_environment, prefect_home
 from flows.steps import experiment as steps
 from flows.steps.experiment import PlannedExperiment
-from warehouse.ids import record_folder
+from warehouse.record_ids import build_record_path
 
 _BAR, _COUNT = 0.05, 100
 
@@ -45,16 +45,16 @@ def main(folder: Path) -> None:
     campaign, first = folder / "c.toml", folder / "first.toml"
     campaign.write_text(f"[grid]\nseed = {list(range(1, _COUNT + 1))}\n")
     first.write_text("[grid]\nseed = [0]\n")
-    os.environ.update(quiet_prefect(prefect_home(folder / "flow")))
+    os.environ.update(build_prefect_environment(prefect_home(folder / "flow")))
     # Prefect reads its settings when it is imported.
     from flows.pipelines.nightly import campaign as flow
 
     bare, store = folder / "bare", str(folder / "flow")
-    planned = steps.planned_of(Campaign(str(campaign), store=bare))
-    with patch.object(steps, "run_one", nap):
+    planned = steps.plan_campaign(Campaign(str(campaign), store=bare))
+    with patch.object(steps, "run_planned_experiment", nap):
         flow(str(first), store=store)  # starts Prefect's server
         times = {
-            "bare": _time(lambda: steps.run_all(planned, bare)),
+            "bare": _time(lambda: steps.run_campaign_experiments(planned, bare)),
             "flow": _time(lambda: flow(str(campaign), store=store)),
         }
     print(json.dumps(times))
@@ -63,7 +63,7 @@ def main(folder: Path) -> None:
 def nap(planned: PlannedExperiment, store: str) -> str:
     """Sleep for a second and leave only the folder of a run."""
     sleep(1.0)
-    record_folder(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)
+    build_record_path(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)
     return planned.run_id
 
 

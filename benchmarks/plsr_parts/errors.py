@@ -13,9 +13,9 @@ import numpy as np
 from benchmarks.harness.figures import FULL, NO_LOGS, Figures, figure, missing
 from benchmarks.harness.rates import rounded
 from benchmarks.measured_parts.arms import data_folder
-from residual.calibration.calibrate import Calibration, Settings, calibrate
-from residual.calibration.rows import Run
-from residual.calibration.scores import (
+from residual.calibration.calibrate import Calibration, CalibrationSettings, calibrate
+from residual.calibration.calibration_rows import CalibrationRun
+from residual.calibration.validation_scores import (
     DEFAULT,
     LS,
     NOTHING,
@@ -23,13 +23,19 @@ from residual.calibration.scores import (
     PLSR,
     RANDOM,
     RUN,
-    find,
+    find_model_score,
 )
 from residual.robot.robot import Robot, load_robot
-from sim.engine.records import Noise, PlantEffect, PlantSpec, Rates, TrajectorySpec
-from sim.experiment import run_experiment, twin_of
-from sim.plant import tables as at
-from sim.trajectories import make_reference
+from sim.engine.plant_records import (
+    PlantEffect,
+    PlantSpec,
+    SampleRates,
+    SensorNoise,
+    TrajectorySpec,
+)
+from sim.experiment import run_experiment, simulate_nominal_twin
+from sim.plant import step_tables as at
+from sim.trajectories import plan_reference_motion
 from warehouse.logs import read_log
 
 HALF, NOT_WORSE = 0.5, 1.03
@@ -52,28 +58,32 @@ def paper_set_figures(quick: bool) -> Figures:
     return out
 
 
-def frozen_runs(side: int) -> list[Run]:
+def frozen_runs(side: int) -> list[CalibrationRun]:
     """Return the six runs, against a twin without friction (0) or with it (1)."""
     return [_simulated(number)[side] for number in range(len(_FAMILIES))]
 
 
-def _calibrated_set(runs: list[Run]) -> Calibration:
-    return calibrate(_irb140(), runs, Settings(paper=True, views=False))
+def _calibrated_set(runs: list[CalibrationRun]) -> Calibration:
+    return calibrate(
+        _irb140(), runs, CalibrationSettings(paper=True, with_figures=False)
+    )
 
 
 @cache
-def _simulated(number: int) -> tuple[Run, Run]:
+def _simulated(number: int) -> tuple[CalibrationRun, CalibrationRun]:
     """One run, against a twin without friction and against one with it."""
     robot, family = _irb140(), _FAMILIES[number]
-    rates = Rates()
+    rates = SampleRates()
     spec = TrajectorySpec(family, 20.0, 2, _SEED + number)
-    reference = make_reference(robot, spec, rates.control)
+    reference = plan_reference_motion(robot, spec, rates.control)
     made = run_experiment(robot, reference, _plant(robot), rates, 30.0 * number)
     log = replace(made.log, id=f"{family} {number + 1}")
     every = round(rates.control / rates.log)
-    drive = twin_of(_without_friction(robot), reference).rows[::every, at.DRIVE]
-    bare = Run(log, family, {"e_tau": log.tau - drive[: len(log.t)]})
-    return bare, Run(log, family, made.twin)
+    drive = simulate_nominal_twin(_without_friction(robot), reference).rows[
+        ::every, at.DRIVE
+    ]
+    bare = CalibrationRun(log, family, {"e_tau": log.tau - drive[: len(log.t)]})
+    return bare, CalibrationRun(log, family, made.twin)
 
 
 def _without_friction(robot: Robot) -> Robot:
@@ -95,7 +105,9 @@ def _plant(robot: Robot) -> PlantSpec:
             PlantEffect("coulomb_asymmetry", (joint,), (("level", 0.1 * level),)),
             PlantEffect("load_friction", (joint,), (("coefficient", 0.05),)),
         ]
-    return PlantSpec(tuple(effects), scatter=0.0, noise=Noise(torque=0.01), seed=_SEED)
+    return PlantSpec(
+        tuple(effects), scatter=0.0, noise=SensorNoise(torque=0.01), seed=_SEED
+    )
 
 
 def _frozen_figures(calibration: Calibration) -> Figures:
@@ -108,8 +120,8 @@ def _frozen_figures(calibration: Calibration) -> Figures:
     out = {}
     for name, (scheme, model, at_most) in pairs.items():
         one, ls = (
-            find(calibration.scores, scheme, model),
-            find(calibration.scores, scheme, LS),
+            find_model_score(calibration.scores, scheme, model),
+            find_model_score(calibration.scores, scheme, LS),
         )
         ratios = one.rmsev / ls.rmsev
         told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
@@ -149,7 +161,9 @@ def measured_figures(quick: bool) -> Figures:
         paths = sorted((folder / arm).glob("*.csv"))
         logs = [read_log(str(p), robot)[0] for p in paths if _LOADED not in p.stem]
         calibration = calibrate(
-            robot, [Run(log) for log in logs], Settings(views=False)
+            robot,
+            [CalibrationRun(log) for log in logs],
+            CalibrationSettings(with_figures=False),
         )
         out[f"{arm}_default_over_none"] = over_none(calibration)
         out[f"{arm}_default_over_best"] = over_best(calibration)
@@ -158,7 +172,9 @@ def measured_figures(quick: bool) -> Figures:
 
 def over_none(calibration: Calibration) -> dict:
     """Compare the default form with no compensation, worst joint on unseen runs."""
-    one, none = (find(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING))
+    one, none = (
+        find_model_score(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING)
+    )
     ratios = one.rmsev / none.rmsev
     return figure(
         float(ratios.max()),
@@ -177,7 +193,7 @@ def over_best(calibration: Calibration) -> dict:
     ratios = {}
     for scheme in dict.fromkeys(one.scheme for one in calibration.scores):
         ours, *others = (
-            find(calibration.scores, scheme, model).overall
+            find_model_score(calibration.scores, scheme, model).overall
             for model in (DEFAULT, NOTHING, LS, PLSR)
         )
         ratios[scheme] = round(ours / min(others), 4)

@@ -4,7 +4,7 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.rates import cpu
-from residual.calibration.nominal_pls import NominalForm, NominalPls, fit_nominal_pls
+from residual.calibration.nominal_pls import NominalPls, NominalPlsForm, fit_nominal_pls
 
 RATE = 250.0  # Hz
 
@@ -60,7 +60,7 @@ def _with_friction(q, qd, qdd, rng) -> tuple[np.ndarray, np.ndarray]:
 
 _IKPLS, _SKLEARN, _EQUAL = 40.0, 500.0, 1e-9
 _SECONDS = 1.5
-_FORM = NominalForm()  # 22 levels, 15 components
+_FORM = NominalPlsForm()  # 22 levels, 15 components
 
 
 def fit_figures(quick: bool) -> Figures:

@@ -10,7 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from residual.recording import Recording
-from warehouse.commit import Seal, commit_record, commit_run
+from warehouse.record_commit import SealedTruth, commit_record, commit_run
 
 Array = np.ndarray
 
@@ -41,7 +41,7 @@ def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Arra
 def run(store: Path, seed: int) -> str:
     """Commit one small simulated run with its seal and return its id."""
     log, manifest, twin = small(seed)
-    sealed = Seal({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
+    sealed = SealedTruth({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
     return commit_run(store, log, manifest, sealed, twin)
 
 

@@ -15,11 +15,11 @@ from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked
 from benchmarks.store_parts.records import folder, small
 from residual.robot.robot import load_robot
-from sim.engine.records import Noise, PlantSpec, Rates, TrajectorySpec
+from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise, TrajectorySpec
 from sim.experiment import run_experiment
-from warehouse.commit import commit_run
-from warehouse.files import to_table, write_parquet
+from warehouse.record_commit import commit_run
 from warehouse.runs import read_run
+from warehouse.store_files import arrays_to_table, write_parquet
 
 ROWS = 10_000
 _BUSY = 3.0  # load, that of this benchmark included
@@ -29,11 +29,13 @@ def commit_figures(quick: bool) -> Figures:
     """Commit 40 s of the plant, in turn with a bare file that is not flushed."""
     rounds = 15 if quick else 60
     spec = TrajectorySpec("fourier", ROWS / 250, 2, 9)
-    plant = PlantSpec((), noise=Noise(), seed=9)
-    made = run_experiment(load_robot("irb140"), reference(spec), plant, Rates(), 0.0)
+    plant = PlantSpec((), noise=SensorNoise(), seed=9)
+    made = run_experiment(
+        load_robot("irb140"), reference(spec), plant, SampleRates(), 0.0
+    )
     log, twin = made.log, dict(made.twin)
     arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
-    table = to_table(arrays, {})
+    table = arrays_to_table(arrays, {})
     ours, bare = [], []
     with folder() as place:
         for seed in range(-2, rounds):
@@ -128,10 +130,12 @@ def _fill(place: Path, count: int) -> None:
 
 def _write(place: Path, start: int, end: int) -> None:
     # Ten thousand runs flushed one by one are a benchmark of the disk.
-    import warehouse.commit
-    import warehouse.files
+    import warehouse.record_commit
+    import warehouse.store_files
 
-    warehouse.files.sync = warehouse.commit.sync = lambda path: None
+    warehouse.store_files.flush_to_disk = warehouse.record_commit.flush_to_disk = (
+        lambda path: None
+    )
     for seed in range(start, end):
         log, manifest, twin = small(seed)
         commit_run(place, log, manifest, None, twin)

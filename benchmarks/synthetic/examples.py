@@ -17,8 +17,8 @@ from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.recording import Array
 from residual.robot.robot import load_robot
-from sim.draw import draw
-from sim.engine.records import Hidden, stream
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import SyntheticEffect, create_random_stream
 
 BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
 ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero
@@ -45,7 +45,7 @@ def write_hidden(folder: Path, seed: int, effect: str) -> list[Path]:
     """
     folder.mkdir(parents=True, exist_ok=True)
     robot = load_robot("irb140")
-    hidden = draw(robot, effect, stream(seed, f"draw/{effect}"))
+    hidden = draw_effect(robot, effect, create_random_stream(seed, f"draw/{effect}"))
     # 125 Hz: enough for a demonstration, half the size.
     plan = tuple(LogPlan(*log, rate=125.0) for log in _HIDDEN)
     paths = []
@@ -64,7 +64,7 @@ def write_hidden(folder: Path, seed: int, effect: str) -> list[Path]:
     return paths
 
 
-def write_workshop(folder: Path, seed: int, hidden: Hidden) -> list[Path]:
+def write_workshop(folder: Path, seed: int, hidden: SyntheticEffect) -> list[Path]:
     """Write four logs of the arm in that folder, in the controller's own units."""
     robot = load_robot(folder / "arm")
     plan = tuple(LogPlan(*log, duration=12.0, rate=100.0) for log in _WORKSHOP)
@@ -106,6 +106,6 @@ if __name__ == "__main__":
         joint, *given = rest
         pairs = (word.split("=") for word in given)
         values = {key: float(value) for key, value in pairs}
-        hides = Hidden(effect, (int(joint),), values)
+        hides = SyntheticEffect(effect, (int(joint),), values)
         written = write_workshop(Path(where), int(number), hides)
     print(*written, sep="\n")

@@ -11,12 +11,12 @@ from benchmarks.synthetic.quasi_static import (
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.draw import draw
-from sim.engine.records import Hidden, stream
-from sim.plant.background import logged
-from sim.plant.catalogue import kinds, of_drives
-from sim.plant.sensors import encoder, torque_noise
-from sim.plant.sizes import sizes, usual_limits
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
+from sim.plant.joint_background import simulate_torque_logging
+from sim.plant.sensors import draw_torque_noise, simulate_encoder
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 RATE = 250.0  # Hz
 DURATION = 20.0  # s
@@ -26,7 +26,7 @@ _FIT = ("fourier", "fourier", "cyclic", "slow_cyclic", *2 * ("move_stop_move",))
 _HELD_OUT = ("fourier", "move_stop_move", "cyclic")
 
 # Declared by default with unknown level: only a change against a baseline shows.
-CHANGES = tuple(effect.name for effect in of_drives())
+CHANGES = tuple(effect.name for effect in list_drive_effects())
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,7 +53,7 @@ class Case:
     declared: tuple[str, ...] | None
     # The hidden effect, None in a null case. One that is not declared at all stands
     # here with all its joints.
-    truth: Hidden | None
+    truth: SyntheticEffect | None
 
 
 def standard_plan(baseline: bool = False) -> tuple[LogPlan, ...]:
@@ -84,7 +84,7 @@ def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
             clock += _BETWEEN_SESSIONS if recordings else 0.0
             session = clock
         recordings.append(_record(plant, entry, seed, (clock, session)))
-        pause = stream(seed, f"pause/{entry.name}").uniform(*_PAUSE)
+        pause = create_random_stream(seed, f"pause/{entry.name}").uniform(*_PAUSE)
         clock = round(clock + entry.duration + pause, 3)
     return recordings
 
@@ -113,7 +113,11 @@ def standard_case(
         return _undeclared_case(robot, effect, seed, baseline)
     hidden = ()
     if effect is not None:
-        hidden = (draw(robot, effect, stream(seed, f"draw/{effect}"), joint),)
+        hidden = (
+            draw_effect(
+                robot, effect, create_random_stream(seed, f"draw/{effect}"), joint
+            ),
+        )
     plan = standard_plan(baseline or effect in CHANGES)
     plant = Plant(robot, hidden, seed)
     return _case(plant, plan, None, hidden[0] if hidden else None)
@@ -125,10 +129,10 @@ def _undeclared_case(
     if effect not in CHANGES:
         raise ValueError(f"Only {CHANGES} can be left undeclared, not {effect!r}.")
     plant = Plant(robot, (), seed)
-    change = kinds()[effect]
+    change = list_plant_effects()[effect]
     there = getattr(true_friction(plant), change.of_drive)
     parameters = {change.amount[0]: there}
-    truth = Hidden(effect, tuple(range(1, robot.dof + 1)), parameters)
+    truth = SyntheticEffect(effect, tuple(range(1, robot.dof + 1)), parameters)
     declared = tuple(name for name in CHANGES if name != effect)
     return _case(plant, standard_plan(baseline), declared, truth)
 
@@ -137,7 +141,7 @@ def _case(
     plant: Plant,
     plan: tuple[LogPlan, ...],
     declared: tuple[str, ...] | None,
-    truth: Hidden | None,
+    truth: SyntheticEffect | None,
 ) -> Case:
     recordings = make(plant, plan, plant.seed)
 
@@ -153,23 +157,30 @@ def _record(
     now, session = clock
     motion = make_motion(
         entry.family,
-        usual_limits(plant.robot),
+        compute_usual_motion_range(plant.robot),
         entry.duration,
         entry.rate,
-        stream(seed, f"motion/{entry.name}"),
+        create_random_stream(seed, f"motion/{entry.name}"),
     )
     active = session is not None
     start = now - session if active else 0.0
     worked = start if active else now
     torque = true_torque(plant, motion, entry.name, start, active, worked)
-    span = sizes(plant.robot).torque
-    noise = torque_noise(
-        len(motion.t), span, entry.rate, stream(seed, f"torque/{entry.name}")
+    span = estimate_typical_sizes(plant.robot).torque
+    noise = draw_torque_noise(
+        len(motion.t),
+        span,
+        entry.rate,
+        create_random_stream(seed, f"torque/{entry.name}"),
     )
     return Recording(
         id=entry.name,
         robot=plant.robot.name,
         t=now + motion.t,
-        q=encoder(torque.reading, stream(seed, f"encoder/{entry.name}")),
-        tau=logged(background_of(plant), torque.tau + noise, entry.rate),
+        q=simulate_encoder(
+            torque.reading, create_random_stream(seed, f"encoder/{entry.name}")
+        ),
+        tau=simulate_torque_logging(
+            background_of(plant), torque.tau + noise, entry.rate
+        ),
     )

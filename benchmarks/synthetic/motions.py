@@ -8,9 +8,16 @@ samples as well: they are imposed on bounds of the continuous curves.
 import numpy as np
 
 from residual.recording import Array
-from sim.engine.records import Reference
-from sim.plant.sizes import UsualLimits, draw_centre
-from sim.trajectories.curves import RAMP, Series, evaluate, move_time, peaks, quintic
+from sim.engine.plant_records import ReferenceMotion
+from sim.plant.typical_sizes import UsualMotionRange, draw_motion_centre
+from sim.trajectories.motion_curves import (
+    RAMP,
+    FourierSeries,
+    bound_series_peaks,
+    evaluate_quintic_move,
+    evaluate_ramped_series,
+    find_shortest_move_time,
+)
 
 FAMILIES = ("fourier", "cyclic", "slow_cyclic", "move_stop_move")
 _RAMP_PEAK = 1.875 / RAMP  # largest rate of the path speed [1/s]
@@ -20,11 +27,11 @@ _DWELL = (0.3, 0.9)  # s
 
 def make_motion(
     family: str,
-    space: UsualLimits,
+    space: UsualMotionRange,
     duration: float,
     rate: float,
     rng: np.random.Generator,
-) -> Reference:
+) -> ReferenceMotion:
     """Draw one motion of some seconds at a rate [Hz], which does not decide it.
 
     Raises:
@@ -40,26 +47,28 @@ def make_motion(
             curve = draw_cyclic(space, 10.0, 0.3, rng)
         case "move_stop_move":
             motion = move_stop_move(space, t, duration, rng)
-            return Reference(family, t, *motion, None)
+            return ReferenceMotion(family, t, *motion, None)
         case _:
             raise ValueError(f"No motion family {family!r}; there are {FAMILIES}.")
-    return Reference(family, t, *evaluate(curve, t, duration), None)
+    return ReferenceMotion(family, t, *evaluate_ramped_series(curve, t, duration), None)
 
 
 def draw_fourier(
-    space: UsualLimits, duration: float, rng: np.random.Generator
-) -> Series:
+    space: UsualMotionRange, duration: float, rng: np.random.Generator
+) -> FourierSeries:
     """Draw five harmonics; two periods fit into the duration."""
     dof = len(space.centre)
     order = np.arange(1, 6)[:, None]
     sine, cosine = rng.normal(size=(2, 5, dof)) / order
     period = (duration - RAMP) / 2
-    return _within(space, Series(draw_centre(space, rng), sine, cosine, period), 1.0)
+    return _within(
+        space, FourierSeries(draw_motion_centre(space, rng), sine, cosine, period), 1.0
+    )
 
 
 def draw_cyclic(
-    space: UsualLimits, period: float, share: float, rng: np.random.Generator
-) -> Series:
+    space: UsualMotionRange, period: float, share: float, rng: np.random.Generator
+) -> FourierSeries:
     """Draw strokes back and forth: 1 to 3 per period and joint, nearly triangular."""
     dof = len(space.centre)
     strokes = rng.permutation(np.arange(dof) // 2 % 3 + 1)
@@ -71,12 +80,12 @@ def draw_cyclic(
             angle = order // n * phase[joint]
             sine[order - 1, joint] = weight * np.cos(angle)
             cosine[order - 1, joint] = weight * np.sin(angle)
-    series = Series(draw_centre(space, rng), sine, cosine, period)
+    series = FourierSeries(draw_motion_centre(space, rng), sine, cosine, period)
     return _within(space, series, share)
 
 
 def move_stop_move(
-    space: UsualLimits, t: Array, duration: float, rng: np.random.Generator
+    space: UsualMotionRange, t: Array, duration: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw a program of moves and repeat it; return q, qd and qdd at times from 0.
 
@@ -85,7 +94,7 @@ def move_stop_move(
     """
     dof = len(space.centre)
     reach = 0.9 * space.amplitude * rng.uniform(-1, 1, (_POINTS, dof))
-    points = draw_centre(space, rng) + reach
+    points = draw_motion_centre(space, rng) + reach
     slower = rng.uniform(1.0, 1.5, _POINTS)
     dwells = rng.uniform(*_DWELL, _POINTS)
     q = np.tile(points[0], (len(t), 1))
@@ -93,22 +102,24 @@ def move_stop_move(
     now = dwells[0]
     for step in range(1, 1000):
         start, end = points[(step - 1) % _POINTS], points[step % _POINTS]
-        time = slower[step % _POINTS] * move_time(
+        time = slower[step % _POINTS] * find_shortest_move_time(
             end - start, space.velocity, space.acceleration
         )
         if now + time > duration - _DWELL[0]:
             break
         moving = (t >= now) & (t < now + time)
         x = ((t[moving] - now) / time)[:, None]
-        q[moving], qd[moving], qdd[moving] = quintic(start, end, time, x)
+        q[moving], qd[moving], qdd[moving] = evaluate_quintic_move(start, end, time, x)
         q[t >= now + time] = end
         now += time + dwells[step % _POINTS]
     return q, qd, qdd
 
 
-def _within(space: UsualLimits, series: Series, share: float) -> Series:
+def _within(
+    space: UsualMotionRange, series: FourierSeries, share: float
+) -> FourierSeries:
     """Scale each joint as large as its range (times share), speed and acceleration."""
-    position, velocity, acceleration = peaks(series)
+    position, velocity, acceleration = bound_series_peaks(series)
     scale = np.min(
         [
             share * space.amplitude / position,
@@ -117,6 +128,6 @@ def _within(space: UsualLimits, series: Series, share: float) -> Series:
         ],
         axis=0,
     )
-    return Series(
+    return FourierSeries(
         series.centre, scale * series.sine, scale * series.cosine, series.period
     )

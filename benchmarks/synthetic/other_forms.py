@@ -4,15 +4,15 @@ import numpy as np
 from numba import njit
 
 from residual.recording import Array
-from sim.effects import add
-from sim.effects.base import Effect, SyntheticState, Values
+from sim.effects import register_effects
+from sim.effects.effect import Effect, SyntheticMotion, Values
 from sim.effects.stribeck import stribeck
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)
 _HARDENING = 0.3  # 1/rad^2
 
 
-def lugre(state: SyntheticState, p: Values) -> Array:
+def lugre(state: SyntheticMotion, p: Values) -> Array:
     """Return a LuGre contact (Canudas de Wit 1995) whose level fades with speed.
 
     dz/dt = qd - |qd| z / (d g), torque = level z / d + damping dz/dt, with
@@ -26,13 +26,13 @@ def lugre(state: SyntheticState, p: Values) -> Array:
     return p["level"] * (z + _MICRO * p["displacement"] * rate)
 
 
-def hyperbolic_warmup(state: SyntheticState, p: Values) -> Array:
+def hyperbolic_warmup(state: SyntheticMotion, p: Values) -> Array:
     """Return level z / (1 + t / time_constant): slower than any exponential."""
     fade = 1.0 / (1.0 + state.t / p["time_constant"])
     return p["level"] * fade[:, None] * state.bristle
 
 
-def two_time_warmup(state: SyntheticState, p: Values) -> Array:
+def two_time_warmup(state: SyntheticMotion, p: Values) -> Array:
     """Return level z by half a fast exponential and half one four times as slow."""
     fast = np.exp(-state.t / p["time_constant"])
     slow = np.exp(-state.t / (4.0 * p["time_constant"]))
@@ -45,13 +45,13 @@ def leaning(load: Array, rate: float, p: Values) -> Array:
     return p["half_gap"] * np.tanh(load / (0.02 * usual))
 
 
-def cubic_cable(state: SyntheticState, p: Values) -> Array:
+def cubic_cable(state: SyntheticMotion, p: Values) -> Array:
     """Return stiffness (x + 0.3 x^3), x = q - rest: a bundle of hoses that hardens."""
     x = state.q - p["rest"]
     return p["stiffness"] * (x + _HARDENING * x**3)
 
 
-def one_way_viscous(state: SyntheticState, p: Values) -> Array:
+def one_way_viscous(state: SyntheticMotion, p: Values) -> Array:
     """Return 2 coefficient qd forwards and nothing backwards, blended by z."""
     return p["coefficient"] * state.qd * (1.0 + state.bristle)
 
@@ -88,7 +88,7 @@ EFFECTS = (
     Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}, law=cubic_cable),
     Effect("one_way_viscous", {"coefficient": "N m s/rad"}, law=one_way_viscous),
 )
-add(EFFECTS)
+register_effects(EFFECTS)
 
 # Effects of the vocabulary that each may be taken for.
 FORMS = {

@@ -12,22 +12,32 @@ import pinocchio as pin
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
-from sim.effects.base import SyntheticState, deflection
-from sim.engine import laws
-from sim.engine.records import CLEAN, BackgroundWord, Hidden, Reference, stream
-from sim.plant.background import (
+from sim.effects.effect import SyntheticMotion, compute_bristle_states
+from sim.engine import friction_laws
+from sim.engine.plant_records import (
+    CLEAN,
+    BackgroundWord,
+    ReferenceMotion,
+    SyntheticEffect,
+    create_random_stream,
+)
+from sim.plant.effect_catalogue import ActingEffect, apply_body_effects, resolve_effects
+from sim.plant.joint_background import (
     USUAL_SPEED,
-    Background,
     BackgroundTorque,
-    Rubbing,
-    added,
+    FrictionMotion,
+    JointBackground,
+    compute_background_torque,
     draw_background,
 )
-from sim.plant.catalogue import Acting, acting, changed
-from sim.plant.sensors import encoder_errors, reported
-from sim.plant.sizes import scatter, sizes, usual_limits
+from sim.plant.sensors import simulate_torque_report, sum_encoder_errors
+from sim.plant.typical_sizes import (
+    compute_usual_motion_range,
+    estimate_typical_sizes,
+    scatter_inertias,
+)
 
 _RIGID_SCATTER = 0.02
 # Friction that the robot declares is off by little; that of a bare URDF is anything.
@@ -40,12 +50,12 @@ class Plant:
     """A synthetic arm."""
 
     robot: Robot  # its nominal description, which is not quite true of it
-    hidden: tuple[Hidden, ...]  # the effects that its description lacks
+    hidden: tuple[SyntheticEffect, ...]  # the effects that its description lacks
     seed: int  # seed of what makes this arm differ from its description
     background: BackgroundWord = CLEAN  # what all joints have undeclared, at all times
     # How far its bodies, friction and rotors are off what the description says, as a
     # share; None for as far as those of any arm.
-    scatter: float | None = None
+    scatter_inertias: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -76,12 +86,17 @@ class Torque:
 def true_model(plant: Plant) -> pin.Model:
     """Return the rigid body of this arm without hidden effects."""
     relative = _RIGID_SCATTER if plant.scatter is None else plant.scatter
-    return scatter(plant.robot.model, relative, stream(plant.seed, "scatter"))
+    return scatter_inertias(
+        plant.robot.model, relative, create_random_stream(plant.seed, "scatter")
+    )
 
 
 def true_friction(plant: Plant) -> Friction:
     """Return base friction and rotors of this arm without hidden effects."""
-    usual, rng = sizes(plant.robot), stream(plant.seed, "friction")
+    usual, rng = (
+        estimate_typical_sizes(plant.robot),
+        create_random_stream(plant.seed, "friction"),
+    )
     relative = _DECLARED_SCATTER if plant.robot.declared else _UNKNOWN_SCATTER
     relative = relative if plant.scatter is None else plant.scatter
     factor = np.exp(relative * rng.normal(size=(3, plant.robot.dof)))
@@ -93,7 +108,7 @@ def true_friction(plant: Plant) -> Friction:
     )
 
 
-def background_of(plant: Plant) -> Background | None:
+def background_of(plant: Plant) -> JointBackground | None:
     """Return what all joints of this arm have undeclared, None if it is clean."""
     if plant.background == CLEAN:
         return None
@@ -103,7 +118,7 @@ def background_of(plant: Plant) -> Background | None:
 
 def true_torque(
     plant: Plant,
-    motion: Reference,
+    motion: ReferenceMotion,
     log: str,
     start: float = 0.0,
     active: bool = True,
@@ -121,25 +136,25 @@ def true_torque(
         worked: Usual work of the arm before the first sample [s], which left it warm;
             None for all of the session. Only a background feels it.
     """
-    hidden = acting(plant.hidden if active else ())
+    hidden = resolve_effects(plant.hidden if active else ())
     for effect in hidden:
-        if not effect.kind.on_synthetic:
+        if not effect.kind.supports_synthetic_arm:
             raise InputError(f"A synthetic arm cannot have '{effect.kind.name}'.")
-    model = changed(true_model(plant), hidden)
-    rigid = inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
-    loads = [e.kind.load(model, motion.q, e.p) for e in hidden if e.kind.load]
+    model = apply_body_effects(true_model(plant), hidden)
+    rigid = compute_inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
+    loads = [e.kind.load(model, motion.q, e.values) for e in hidden if e.kind.load]
     rigid += np.sum(loads, axis=0)
     friction, own = true_friction(plant), background_of(plant)
     drives, qd, qdd = _drives(hidden, motion, rigid, own)
-    z = deflection(drives, friction.displacement)
+    z = compute_bristle_states(drives, friction.displacement)
     base = friction.coulomb * z + friction.viscous * qd + friction.rotor * qdd
     parts = []
     for i, effect in enumerate(hidden):
-        rng = stream(plant.seed, f"effect/{i}/{effect.kind.name}/{log}")
+        rng = create_random_stream(plant.seed, f"effect/{i}/{effect.kind.name}/{log}")
         parts.append(_part(effect, motion, start, rigid, z, friction, rng))
     total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
     if own is not None:
-        rubbing = Rubbing(
+        rubbing = FrictionMotion(
             t=motion.t,
             q=drives,
             qd=qd,
@@ -147,20 +162,23 @@ def true_torque(
             load=rigid,
             coulomb=friction.coulomb,
             viscous=friction.viscous,
-            usual_speed=USUAL_SPEED * usual_limits(plant.robot).velocity,
+            usual_speed=USUAL_SPEED * compute_usual_motion_range(plant.robot).velocity,
             worked=start if worked is None else worked,
         )
-        more = added(own, rubbing)
+        more = compute_background_torque(own, rubbing)
         total, gain = total + more.torque, gain * (1.0 + own.gain)
-    tau = reported(total * gain, motion.t, hidden)
+    tau = simulate_torque_report(total * gain, motion.t, hidden)
     # What the encoders read of the angles of the motors.
-    shift, cos, sin = encoder_errors(hidden, plant.robot.dof)
+    shift, cos, sin = sum_encoder_errors(hidden, plant.robot.dof)
     reading = drives - (shift + cos * np.cos(drives) + sin * np.sin(drives))
     return Torque(rigid, base, tuple(parts), tau, reading, more)
 
 
 def _drives(
-    hidden: Sequence[Acting], motion: Reference, load: Array, own: Background | None
+    hidden: Sequence[ActingEffect],
+    motion: ReferenceMotion,
+    load: Array,
+    own: JointBackground | None,
 ) -> tuple[Array, Array, Array]:
     """Return position, speed and acceleration of the motors, which may lead.
 
@@ -172,7 +190,7 @@ def _drives(
         for j in joints if what.lead else ():
             q[:, j] += what.lead(load[:, j], rate, p)
     if own is not None:
-        q += laws.twisted(load, own.twist, own.span)
+        q += friction_laws.gear_twist_angle(load, own.twist, own.span)
     lead = q - motion.q
     first = np.gradient(lead, 1 / rate, axis=0)
     second = np.gradient(first, 1 / rate, axis=0)
@@ -180,8 +198,8 @@ def _drives(
 
 
 def _part(
-    effect: Acting,
-    motion: Reference,
+    effect: ActingEffect,
+    motion: ReferenceMotion,
     start: float,
     rigid: Array,
     z: Array,
@@ -192,7 +210,7 @@ def _part(
     torque, rows = np.zeros_like(rigid), list(effect.joints)
     if effect.kind.law is None:
         return torque
-    state = SyntheticState(
+    state = SyntheticMotion(
         t=start + motion.t,
         q=motion.q[:, rows],
         qd=motion.qd[:, rows],
@@ -203,11 +221,11 @@ def _part(
         displacement=friction.displacement[rows],
         rng=rng,
     )
-    torque[:, rows] = effect.kind.law(state, effect.p)
+    torque[:, rows] = effect.kind.law(state, effect.values)
     return torque
 
 
-def _gain(hidden: Sequence[Acting], dof: int) -> Array:
+def _gain(hidden: Sequence[ActingEffect], dof: int) -> Array:
     """Return reported over real torque of each joint. Shape (dof,)."""
     gain = np.ones(dof)
     for what, p, joints, _ in hidden:

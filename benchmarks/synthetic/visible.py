@@ -26,21 +26,27 @@ from benchmarks.hidden.draw import MOST
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from flows.steps import demo
 from residual.recording import Array
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from sim.draw import draw_hidden
-from sim.effects.base import Rng
-from sim.engine.laws import BRISTLE
-from sim.engine.records import (
+from sim.effect_draws import draw_plant_effect
+from sim.effects.effect import Rng
+from sim.engine.friction_laws import BRISTLE
+from sim.engine.plant_records import (
     HIDDEN,
-    Hidden,
     PlantEffect,
-    Reference,
+    ReferenceMotion,
+    SyntheticEffect,
     TrajectorySpec,
-    stream,
+    create_random_stream,
 )
-from sim.plant.catalogue import acting, amount, kinds, multiplied, of_drives
-from sim.trajectories import make_reference
+from sim.plant.effect_catalogue import (
+    compute_effect_amount,
+    list_drive_effects,
+    list_plant_effects,
+    resolve_effects,
+    scale_effect_parameters,
+)
+from sim.trajectories import plan_reference_motion
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least
 # Asked for: the arm that runs is a few per cent off its description, does not follow
@@ -58,14 +64,14 @@ _DRAWS, _STEPS = 24, 4
 class Stage:
     """A motion on which an effect is to be seen, of the arm without it."""
 
-    motion: Reference
+    motion: ReferenceMotion
     start: float  # session time of the first one [s]
     moves: Array  # where each joint moves, standstill well away, (n, dof)
     torque: Array  # torque of the arm as described, smooth [N m], (n, dof)
     residual: Array  # the same less what the rigid body takes [N m], (n, dof)
 
     @classmethod
-    def of(cls, robot: Robot, reference: Reference, start: float = 0.0) -> Self:
+    def of(cls, robot: Robot, reference: ReferenceMotion, start: float = 0.0) -> Self:
         """Return the stage of one motion, of an arm just as its description says."""
         r = reference
         rate = 1 / (r.t[1] - r.t[0])
@@ -85,9 +91,9 @@ def draw_visible(
     it, another of its name is drawn. Errors of angles may show less in any arm: of
     several that one is hidden that shows most.
     """
-    effect = draw_hidden(robot, stream, name)
+    effect = draw_plant_effect(robot, stream, name)
     best, most = effect, -1.0
-    if not kinds()[effect.name].on_synthetic:
+    if not list_plant_effects()[effect.name].supports_synthetic_arm:
         return best  # no torque of it is known but by the engine
     asked = _ASKED * (_OF_BRISTLES if _has_bristles(effect) else 1.0)
     for _ in range(_DRAWS):
@@ -96,7 +102,7 @@ def draw_visible(
             return larger
         if now > most:
             best, most = larger, now
-        effect = draw_hidden(robot, stream, effect.name)
+        effect = draw_plant_effect(robot, stream, effect.name)
     return best
 
 
@@ -118,39 +124,41 @@ def _enlarged(
 ) -> tuple[PlantEffect, float]:
     """Return the effect, as large as it must and an arm may have it, and its share."""
     larger, factor, now = effect, 1.0, share(robot, effect, stages)
-    grows = amount(effect.name, dict(effect.parameters)) is not None
+    grows = compute_effect_amount(effect.name, dict(effect.parameters)) is not None
     for _ in range(_STEPS):
         if now >= _ASKED or factor >= MOST or not grows:
             break
         # A little more, so that what grows less than in proportion arrives as well.
         factor = min(factor * 1.02 * _ASKED / max(now, 1e-9), MOST)
-        values = multiplied(effect.name, dict(effect.parameters), factor)
+        values = scale_effect_parameters(effect.name, dict(effect.parameters), factor)
         larger = PlantEffect(effect.name, effect.joints, tuple(sorted(values.items())))
         now = share(robot, larger, stages)
     return larger, now
 
 
-def _as_in_engine(effect: PlantEffect) -> tuple[Hidden, ...]:
+def _as_in_engine(effect: PlantEffect) -> tuple[SyntheticEffect, ...]:
     """Return what gives a synthetic arm the torque that the effect has in the engine.
 
     Bristles bear a part of the dry friction there, and come on top of it here.
     """
     p = dict(effect.parameters)
-    hidden = Hidden(effect.name, effect.joints, p)
+    hidden = SyntheticEffect(effect.name, effect.joints, p)
     if not _has_bristles(effect):
         return (hidden,)
     # By unit, since the drive's effects have their names in their own files.
-    dry = next(e for e in of_drives() if e.parameters[e.amount[0]] == "N m")
+    dry = next(e for e in list_drive_effects() if e.parameters[e.amount[0]] == "N m")
     borne = {dry.amount[0]: -p["level"]}
-    return hidden, Hidden(dry.name, effect.joints, borne)
+    return hidden, SyntheticEffect(dry.name, effect.joints, borne)
 
 
 def _has_bristles(effect: PlantEffect) -> bool:
-    kind, p, *_ = acting([effect])[0]
+    kind, p, *_ = resolve_effects([effect])[0]
     return bool(kind.friction) and kind.friction(p, 0.0)[0] == BRISTLE
 
 
-def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Array]:
+def _torques(
+    plant: Plant, motion: ReferenceMotion, start: float
+) -> tuple[Array, Array]:
     """Return torque, and torque less that of the rigid body where encoders read.
 
     Both without what is too fast to be seen [N m]. Shapes (n, dof).
@@ -160,7 +168,7 @@ def _torques(plant: Plant, motion: Reference, start: float) -> tuple[Array, Arra
     off = made.reading - motion.q
     first = np.gradient(off, step, axis=0)
     second = np.gradient(first, step, axis=0)
-    rigid = inverse_dynamics(
+    rigid = compute_inverse_dynamics(
         plant.robot.model, made.reading, motion.qd + first, motion.qdd + second
     )
     low = butter(4, 2 * _CUTOFF * step, output="sos")
@@ -179,8 +187,8 @@ def stages_of(seed: int) -> list[Stage]:
     The search for those takes as long as the experiments.
     """
     robot, stages = load_robot(demo.ROBOT), []
-    for _, start, motion in demo.motions(seed, demo.FIT):
-        reference = make_reference(robot, TrajectorySpec(**motion), _RATE, False)
+    for _, start, motion in demo.generate_motion_tables(seed, demo.FIT):
+        reference = plan_reference_motion(robot, TrajectorySpec(**motion), _RATE, False)
         stages.append(Stage.of(robot, reference, start))
     return stages
 
@@ -188,8 +196,10 @@ def stages_of(seed: int) -> list[Stage]:
 def larger(name: str, seed: int, stages: Sequence[Stage]) -> list | None:
     """Return what is hidden instead of the usual draw; None if that is visible."""
     robot = load_robot(demo.ROBOT)
-    usual = draw_hidden(robot, stream(seed, HIDDEN), name or None)
-    shown = draw_visible(robot, stream(seed, HIDDEN), stages, name or None)
+    usual = draw_plant_effect(robot, create_random_stream(seed, HIDDEN), name or None)
+    shown = draw_visible(
+        robot, create_random_stream(seed, HIDDEN), stages, name or None
+    )
     same = shown == usual
     return None if same else [shown.name, list(shown.joints), dict(shown.parameters)]
 
@@ -198,7 +208,7 @@ def main() -> None:
     """Write the table, a line for each draw."""
     table: dict[str, dict] = {
         name: {"seeds": OF_A_NAME if name else SEEDS, "larger": {}}
-        for name in ("", *sorted(kinds()))
+        for name in ("", *sorted(list_plant_effects()))
     }
     for seed in range(SEEDS):
         stages = stages_of(seed)

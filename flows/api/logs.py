@@ -7,22 +7,27 @@ from typing import Any
 
 import numpy as np
 
-from flows.inputs.read import LogSets, read_sets
-from flows.inputs.read import load as load_robot
-from flows.outputs import check_new_folder, write_all
-from flows.steps.check import check as check_sets
-from flows.steps.export import export_model, in_place
+from flows.inputs.read import LogSets, read_log_sets
+from flows.inputs.read import load_command_robot as load_robot
+from flows.outputs import check_new_folder, write_files
+from flows.steps.check import check_log_sets as check_sets
+from flows.steps.export import export_model, place_export_files
 from residual.check.result import LogCheck
-from residual.errors import InputError, shortened
-from residual.export.export import AnyModel, ModelExport
-from residual.model.compare import compare as core_compare
+from residual.errors import InputError, shorten_value
+from residual.export.model_export import AnyModel, ModelExport
+from residual.model.compare import compute_model_errors as core_compare
 from residual.model.compare import prepare_held_out
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict.result import ErrorTables, error_tables
-from warehouse.logs import ColumnMap, check_distinct, columns_of, read_table
+from residual.verdict.result import ErrorTables, tabulate_errors
+from warehouse.logs import (
+    ColumnMap,
+    check_logs_distinct,
+    choose_column_map,
+    read_memory_log,
+)
 
 __all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]
 Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
@@ -36,7 +41,7 @@ def check_robot(robot: Any) -> None:
         )
 
 
-def as_logs(name: str, logs: Any) -> tuple[Recording, ...]:
+def check_recordings(name: str, logs: Any) -> tuple[Recording, ...]:
     """Return one or several recordings as a tuple; InputError for anything else."""
     entries = (logs,) if isinstance(logs, str | Recording) else tuple(logs)
     for entry in entries:
@@ -50,7 +55,7 @@ def as_logs(name: str, logs: Any) -> tuple[Recording, ...]:
 
 def _kind(value: Any) -> str:
     text = isinstance(value, str)
-    return f"'{shortened(value)}'" if text else f"a {type(value).__name__}"
+    return f"'{shorten_value(value)}'" if text else f"a {type(value).__name__}"
 
 
 def read_logs(
@@ -80,18 +85,18 @@ def read_logs(
     alone = isinstance(logs, str | Path) or _is_table(logs)
     entries: list[Any] = [logs] if alone else list(logs)  # pyright: ignore
     files = [str(log) for log in entries if isinstance(log, str | Path)]
-    read = read_sets((files, (), ()), robot, columns and str(columns), store)
-    column_map, messages = columns_of(robot, columns), list(read.warnings)
+    read = read_log_sets((files, (), ()), robot, columns and str(columns), store)
+    column_map, messages = choose_column_map(robot, columns), list(read.warnings)
     of_files = iter(read.fit)
     out: list[Recording] = []
     for log in entries:
         if isinstance(log, str | Path):
             out.append(next(of_files))
         else:
-            one, about = read_table(log, robot, column_map, f"log {len(out) + 1}")
+            one, about = read_memory_log(log, robot, column_map, f"log {len(out) + 1}")
             messages += about.warnings
             out.append(one)
-    check_distinct(out)
+    check_logs_distinct(out)
     for message in messages:
         warnings.warn(message, stacklevel=2)
     return tuple(out)
@@ -127,7 +132,7 @@ def recording(
         shape = (columns["t"].size, *([] if name == "t" else [robot.dof]))
         if x.shape != shape:
             raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
-    log, about = read_table(columns, robot, ColumnMap(), id)
+    log, about = read_memory_log(columns, robot, ColumnMap(), id)
     for line in about.warnings:
         warnings.warn(line, stacklevel=2)
     return log
@@ -145,7 +150,7 @@ def compare(
     Returns:
         100·||tau - tau_hat||/||tau|| per joint and over all joints, by model.
     """
-    logs = as_logs("logs", logs)
+    logs = check_recordings("logs", logs)
     if not isinstance(models, Mapping) or not models or not logs:
         raise InputError(
             'Nothing to compare: give models by name, as {"with": model}, and a log.'
@@ -155,7 +160,7 @@ def compare(
     held_out = prepare_held_out(logs, base)
     errors, _ = core_compare(models, held_out, base.filters)
     cutoff = min(one.track.cutoff for one in held_out)
-    return error_tables(errors, cutoff, [log.id for log in logs])
+    return tabulate_errors(errors, cutoff, [log.id for log in logs])
 
 
 def export(
@@ -179,7 +184,7 @@ def export(
     check_new_folder("folder", Path(folder))
     exported = export_model(model, to, log)
     Path(folder).mkdir(exist_ok=True)
-    write_all(in_place(exported, folder))
+    write_files(place_export_files(exported, folder))
     return exported
 
 
@@ -207,8 +212,8 @@ def check(
     doubts = ()
     if words:
         place = columns and str(columns)
-        files = read_sets((words, (), ()), robot, place, None, to_check=True)
+        files = read_log_sets((words, (), ()), robot, place, None, to_check=True)
         doubts, recordings = files.doubts, [*recordings, *files.fit]
-    column_map = columns_of(robot, columns) or ColumnMap()
+    column_map = choose_column_map(robot, columns) or ColumnMap()
     sets = LogSets(robot, tuple(recordings), columns=column_map, doubts=doubts)
     return check_sets(sets)

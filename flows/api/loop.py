@@ -5,21 +5,25 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from flows.api.logs import as_logs
-from flows.api.results import Diagnosis, log_sets, with_methods
-from flows.outputs import Progress, write_all
-from flows.specs import experiment_of
+from flows.api.logs import check_recordings
+from flows.api.results import Diagnosis, build_log_sets, convert_to_subclass
+from flows.outputs import Progress, write_files
+from flows.specs import parse_spec
 from flows.steps.diagnose import diagnose_logs
-from flows.steps.experiment import as_csv, make, run_id_of
-from flows.steps.monitor import MonitoringResult, watch
-from flows.steps.next import check_length, rank_motions
+from flows.steps.experiment import (
+    compute_run_id,
+    format_reference_csv,
+    simulate_experiment,
+)
+from flows.steps.monitor import MonitoringResult, monitor_recordings
+from flows.steps.next import check_duration, rank_motions
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.engine.records import Reference
-from sim.trajectories import make_reference
-from warehouse.logs import check_distinct
+from sim.engine.plant_records import ReferenceMotion
+from sim.trajectories import plan_reference_motion
+from warehouse.logs import check_logs_distinct
 
 _DEFAULT: Mapping = MappingProxyType({})
 RATE = 250.0  # samples per second of a program [Hz]
@@ -38,13 +42,13 @@ class Experiment:
 
     diagnosis: Diagnosis
     plan: Mapping | None
-    reference: Reference | None
+    reference: ReferenceMotion | None
 
     def save_program(self, path: str | Path) -> None:
         """Write the motion as CSV for a controller; InputError where there is none."""
         if self.reference is None:
             raise InputError("There is no motion to write: no experiment is proposed.")
-        write_all({Path(path): as_csv(self.reference)})
+        write_files({Path(path): format_reference_csv(self.reference)})
 
 
 def simulate(spec: Mapping = _DEFAULT) -> Recording:
@@ -58,8 +62,8 @@ def simulate(spec: Mapping = _DEFAULT) -> Recording:
     Raises:
         InputError: If a key or value is not valid, or PyBullet is missing.
     """
-    checked = experiment_of(dict(spec), "spec")
-    return replace(make(checked).log, id=run_id_of(checked))
+    checked = parse_spec(dict(spec), "spec")
+    return replace(simulate_experiment(checked).log, id=compute_run_id(checked))
 
 
 def monitor(
@@ -82,10 +86,10 @@ def monitor(
     Raises:
         InputError: If there are too few healthy logs, or one is of another arm.
     """
-    given = as_logs("healthy", healthy), as_logs("watched", watched)
-    check_distinct([*given[0], *given[1]])
+    given = check_recordings("healthy", healthy), check_recordings("watched", watched)
+    check_logs_distinct([*given[0], *given[1]])
     sets = [{log.id: log for log in logs} for logs in given]
-    return watch(model, *sets, per_hour)
+    return monitor_recordings(model, *sets, per_hour)
 
 
 def next_experiment(
@@ -105,14 +109,14 @@ def next_experiment(
         seconds: Longest duration of the motion, 4 to 600 [s].
         seed: Seed of the motions.
     """
-    check_length(seconds)
-    logs = log_sets(robot, fit, baseline, held_out)
+    check_duration(seconds)
+    logs = build_log_sets(robot, fit, baseline, held_out)
     outcome = diagnose_logs(logs, progress=progress)
-    diagnosis = with_methods(Diagnosis, outcome)
+    diagnosis = convert_to_subclass(Diagnosis, outcome)
     if outcome.question is None:
         outcome = diagnose_logs(logs, progress=progress, alone=True)
     best = rank_motions(outcome.question, robot, seconds, seed, progress)
-    if best is None or best.best.outlook.hopeless:
+    if best is None or best.best.outlook.separates_nothing:
         return Experiment(diagnosis, None, None)
-    reference = make_reference(robot, best.best.spec, RATE)
+    reference = plan_reference_motion(robot, best.best.spec, RATE)
     return Experiment(diagnosis, best.document(None), reference)

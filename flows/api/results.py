@@ -8,18 +8,23 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from flows.api.logs import as_logs, check_robot
+from flows.api.logs import check_recordings, check_robot
 from flows.api.store import Table
 from flows.inputs.read import LogSets
-from flows.outputs import Progress, write_all
+from flows.outputs import Progress, write_files
 from flows.steps.calibrate import calibrate_logs
-from flows.steps.diagnose import diagnose_logs, known_robot
+from flows.steps.diagnose import apply_known_values, diagnose_logs
 from flows.steps.identify import identify_logs
 from flows.storage import calibration as calibrated
 from flows.storage import identification as identified
 from residual.calibration import calibrate as core
-from residual.calibration.rows import Run
-from residual.calibration.scores import DEFAULT, NOTHING, RUN, find
+from residual.calibration.calibration_rows import CalibrationRun
+from residual.calibration.validation_scores import (
+    DEFAULT,
+    NOTHING,
+    RUN,
+    find_model_score,
+)
 from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.identify import ValidatedIdentification
@@ -29,7 +34,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.verdict import result
 from residual.verdict.document import to_json
-from warehouse.logs import check_distinct
+from warehouse.logs import check_logs_distinct
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
 _FINDINGS = pa.schema(
@@ -46,12 +51,12 @@ _FINDINGS = pa.schema(
 _COLUMNS = ("name", "value", "sd", "nominal", "unit", "status", "joint", "is")
 
 
-def with_methods(kind: type, result: Any, **more: object) -> Any:
+def convert_to_subclass(subclass: type, result: Any, **more: object) -> Any:
     """Return a result of the core as the subclass of it that the API gives."""
-    return kind(*(getattr(result, field.name) for field in fields(result)), **more)
+    return subclass(*(getattr(result, field.name) for field in fields(result)), **more)
 
 
-def log_sets(
+def build_log_sets(
     robot: Robot,
     fit: Sequence[Recording],
     baseline: Sequence[Recording] = (),
@@ -60,10 +65,12 @@ def log_sets(
     """Return recordings by role; InputError for none to fit, or for shared samples."""
     check_robot(robot)
     named = {"fit": fit, "baseline": baseline, "held_out": held_out}
-    sets = LogSets(robot, **{name: as_logs(name, logs) for name, logs in named.items()})
+    sets = LogSets(
+        robot, **{name: check_recordings(name, logs) for name, logs in named.items()}
+    )
     if not sets.fit:
         raise InputError("No log to fit: give one recording or more.")
-    check_distinct([*sets.fit, *sets.baseline, *sets.held_out])
+    check_logs_distinct([*sets.fit, *sets.baseline, *sets.held_out])
     return sets
 
 
@@ -74,9 +81,9 @@ class Diagnosis(result.Diagnosis):
 
     def save_report(self, path: str | Path) -> None:
         """Write the report as one self-contained HTML file."""
-        from flows.report.diagnosis import render
+        from flows.report.diagnosis import render_diagnosis_page
 
-        write_all({Path(path): render(self, self.verdict.robot)})
+        write_files({Path(path): render_diagnosis_page(self, self.verdict.robot)})
 
     @property
     def nominal(self) -> Model:
@@ -145,9 +152,9 @@ def diagnose(
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of the logs is certain.
     """
-    logs = log_sets(robot, fit, baseline, held_out)
-    logs = replace(logs, robot=known_robot(robot, known or {}, logs.baseline))
-    return with_methods(
+    logs = build_log_sets(robot, fit, baseline, held_out)
+    logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
+    return convert_to_subclass(
         Diagnosis,
         diagnose_logs(logs, declared=declared, trust_log=trust_log, progress=progress),
     )
@@ -161,7 +168,7 @@ class Identification(ValidatedIdentification):
     @property
     def parameters(self) -> Table:
         """Base parameters: value, standard deviation, nominal value, unit, status."""
-        rows = pa.Table.from_pylist(identified.parameters(self))
+        rows = pa.Table.from_pylist(identified.build_parameter_rows(self))
         return Table(rows.select(_COLUMNS))
 
     @property
@@ -174,7 +181,7 @@ class Identification(ValidatedIdentification):
 
     def to_json(self) -> dict:
         """The result as JSON values (docs/method.md)."""
-        return identified.document(self)
+        return identified.build_identification_document(self)
 
     def __repr__(self) -> str:
         before, after = (
@@ -206,9 +213,9 @@ def identify(
             squares without a prior.
         consistent: Also find physically consistent inertias.
     """
-    sets = log_sets(robot, fit, held_out=held_out)
+    sets = build_log_sets(robot, fit, held_out=held_out)
     outcome = identify_logs(sets, declared, options, consistent, trust_log)
-    return with_methods(Identification, outcome)
+    return convert_to_subclass(Identification, outcome)
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -223,23 +230,27 @@ class Calibration(core.Calibration):
 
     def save_report(self, path: str | Path) -> None:
         """Write the report as one self-contained HTML file."""
-        from flows.report.calibration import render
+        from flows.report.calibration import render_calibration_page
 
-        write_all({Path(path): render(self, self.warnings)})
+        write_files({Path(path): render_calibration_page(self, self.warnings)})
 
     def to_json(self) -> dict:
         """The result as JSON values (docs/calibration.md)."""
-        from flows.report.calibration import sentences
+        from flows.report.calibration import describe_calibration
 
-        return calibrated.document(self, sentences(self), self.warnings, {})
+        return calibrated.build_calibration_document(
+            self, describe_calibration(self), self.warnings, {}
+        )
 
     @property
     def model(self) -> CorrectedModel | None:
         """The model with the tables; None where they correct a simulated twin."""
-        return core.corrected_model(self)
+        return core.build_corrected_model(self)
 
     def __repr__(self) -> str:
-        ours, none = (find(self.scores, RUN, model) for model in (DEFAULT, NOTHING))
+        ours, none = (
+            find_model_score(self.scores, RUN, model) for model in (DEFAULT, NOTHING)
+        )
         error = (
             f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
         )
@@ -261,9 +272,9 @@ def calibrate(
         figures: Also compute the figures that only the report shows, which take most
             of the time.
     """
-    sets = log_sets(robot, fit)
+    sets = build_log_sets(robot, fit)
     names = None if declared is None else tuple(declared)
-    settings = core.Settings(declared=names, views=figures)
-    runs = [Run(log) for log in sets.fit]
+    settings = core.CalibrationSettings(declared=names, with_figures=figures)
+    runs = [CalibrationRun(log) for log in sets.fit]
     outcome, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return with_methods(Calibration, outcome, warnings=warnings)
+    return convert_to_subclass(Calibration, outcome, warnings=warnings)

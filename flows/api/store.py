@@ -6,9 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 import pyarrow as pa
 
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from residual.errors import InputError
-from warehouse.query.views import NAMED
+from warehouse.query.sql_views import NAMED
 
 if TYPE_CHECKING:
     from warehouse.query.store import Store as StoreReader
@@ -128,4 +128,4 @@ def open_store(path: str | Path | None = None) -> Store:
     """
     from warehouse.query import store
 
-    return Store(store.open_store(store_folder(path and str(path))))
+    return Store(store.open_store(resolve_store_folder(path and str(path))))

@@ -15,7 +15,7 @@ from pathlib import Path
 from cyclopts import App, CycloptsError, Group
 from rich.console import Console
 
-from flows.outputs import check_writable, json_text, say, write_all
+from flows.outputs import check_writable, json_text, print_plain, write_files
 from residual.errors import (
     LACKING,
     LINE,
@@ -23,9 +23,9 @@ from residual.errors import (
     ModelgapError,
     NotAnIdError,
     RunError,
-    not_installed,
-    plain,
-    shortened,
+    build_missing_package_error,
+    shorten_value,
+    strip_control_characters,
 )
 
 _HELP = """Find what a robot's dynamic model is missing.
@@ -51,9 +51,9 @@ _SHORTER = {"models": "list"}  # modelgap model list
 
 
 def _version() -> str:
-    from warehouse.provenance import version_text
+    from warehouse.provenance import format_version
 
-    return version_text()
+    return format_version()
 
 
 app = App(
@@ -93,16 +93,16 @@ def _add(to: App, name: str, command: Sequence[str], **more: object) -> None:
 _register()
 
 
-def run(words: Sequence[str]) -> None:
+def run_command_line(arguments: Sequence[str]) -> None:
     """Run one command, given without the program's name; errors go to the caller."""
     # Cyclopts takes a lone "-" for an option unless "=" ties it to one.
-    tied = re.sub(r"(^|\0)--json\0-(?=\0|$)", r"\1--json=-", "\0".join(words))
-    words = tied.split("\0") if tied else []
-    _, chain, _ = app.parse_commands(words)
+    tied = re.sub(r"(^|\0)--json\0-(?=\0|$)", r"\1--json=-", "\0".join(arguments))
+    arguments = tied.split("\0") if tied else []
+    _, chain, _ = app.parse_commands(arguments)
     for each in chain:
         if each.default_command and not each.name[0].startswith("-"):
             each.help = None  # the help of one command is its whole docstring
-    app(words, exit_on_error=False, print_error=False, result_action="return_value")
+    app(arguments, exit_on_error=False, print_error=False, result_action="return_value")
 
 
 STDOUT = "-"
@@ -113,7 +113,7 @@ LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 Make = Callable[[], str | bytes]
 
 
-def check_between(option: str, value: float, low: float, high: float) -> None:
+def check_option_range(option: str, value: float, low: float, high: float) -> None:
     """Raise InputError for a number outside its range, or NaN."""
     if not low <= value <= high:
         raise InputError(f"{option} {value:g}: expected {low:g} to {high:g}.")
@@ -155,7 +155,7 @@ class Outputs:
 
     def say(self, *lines: str) -> None:
         """Print lines for people."""
-        say(self.console, *lines)
+        print_plain(self.console, *lines)
 
     def write(
         self,
@@ -177,7 +177,7 @@ class Outputs:
             for option, path in self.files.items()
         }
         contents |= more or {}
-        write_all(contents)
+        write_files(contents)
         self._written += contents
 
     def finish(self, *lines: str) -> None:
@@ -202,15 +202,16 @@ _INSTEAD = {
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
-def main(words: Sequence[str] | None = None) -> int:
+def main(arguments: Sequence[str] | None = None) -> int:
     """Run one command and return the exit code.
 
     Args:
-        words: Command line without the program's name; None for that of the process.
+        arguments: Command line without the program's name; None for that of the
+            process.
     """
     try:
         # Inside, so that an interruption while loading is caught too.
-        run(sys.argv[1:] if words is None else list(words))
+        run_command_line(sys.argv[1:] if arguments is None else list(arguments))
         sys.stdout.flush()
     except KeyboardInterrupt:
         return _print_error("interrupted", 130)
@@ -239,7 +240,7 @@ def _explain(error: Exception) -> int:
     message = " ".join(f"{type(error).__name__}: {error}".split())
     if number in _BAD_NAME or _LOOP in message:
         return _print_error(
-            f"{shortened(message)}. Expected the path of a file or a folder.", 2
+            f"{shorten_value(message)}. Expected the path of a file or a folder.", 2
         )
     if number in _FULL or _NO_SPACE in message:
         return _print_error(
@@ -259,10 +260,10 @@ def _file_hint(error: ModelgapError) -> str:
     """Return what to add where a file was given in place of an id."""
     if not isinstance(error, NotAnIdError):
         return ""
-    from residual.model.record import held_in
+    from residual.model.model_files import identify_file_content
 
     try:
-        kind = held_in(error.args[1])
+        kind = identify_file_content(error.args[1])
     except (OSError, ValueError):
         return ""
     return f"\nThe file holds {kind}. {_INSTEAD.get(kind, _INSTEAD[None])}"
@@ -273,13 +274,13 @@ def _missing_package(error: BaseException | None) -> Exception | None:
     while error is not None:
         if isinstance(error, ModuleNotFoundError):
             name = (error.name or "").partition(".")[0]
-            return not_installed(name) if name in LACKING else None
+            return build_missing_package_error(name) if name in LACKING else None
         error = error.__cause__
     return None
 
 
 def _print_error(text: str, code: int) -> int:
     # Text out of a log must not control the terminal.
-    short = _LONG_WORD.sub(lambda word: shortened(word[0]), text)
-    print(f"modelgap: {plain(short)}", file=sys.stderr)
+    short = _LONG_WORD.sub(lambda word: shorten_value(word[0]), text)
+    print(f"modelgap: {strip_control_characters(short)}", file=sys.stderr)
     return code

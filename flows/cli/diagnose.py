@@ -3,7 +3,7 @@
 from dataclasses import replace
 
 from flows.cli.app import Outputs
-from flows.outputs import progress_bar, read_files
+from flows.outputs import list_input_files, show_progress_bar
 from flows.requests import Diagnose, File, HeldOutWhere, Log, Where
 
 
@@ -49,38 +49,41 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it alone.
         save_model: File for the augmented model, for predict and export.
     """
-    from flows.inputs.read import chosen, load_for
-    from flows.report.diagnosis import print_diagnosis, render
-    from flows.report.page import origin_of_request
+    from flows.inputs.read import load_request_robot, select_request_runs
+    from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
+    from flows.report.page import describe_request_origin
     from flows.steps import diagnose as steps
-    from flows.steps.models import choose_for
-    from residual.model.record import to_text
+    from flows.steps.model_choice import choose_request_model
+    from residual.model.model_files import format_model
     from residual.verdict.document import to_json
 
-    request = chosen(request, logs, where, held_out_where)
-    robot = load_for(request)
-    choice = choose_for(request, robot)
+    request = select_request_runs(request, logs, where, held_out_where)
+    robot = load_request_robot(request)
+    choice = choose_request_model(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.baseline, *request.held_out, request.robot)
-    inputs = read_files(words, request.columns)
+    inputs = list_input_files(words, request.columns)
     files = {"--report": report, "--json": json, "--save-model": save_model}
     out = Outputs(files, inputs)
     read = steps.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
-    stored = steps.as_stored(read)
-    with progress_bar() as progress:
+    stored = steps.resolve_whole_runs(read)
+    with show_progress_bar() as progress:
         result = steps.diagnose(request, stored or read, progress)
     # Those of the logs were printed before the work.
     out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
-        origin = origin_of_request(request, str(report))
-        return render(result, result.verdict.robot, origin=origin)
+        origin = describe_request_origin(request, str(report))
+        return render_diagnosis_page(result, result.verdict.robot, origin=origin)
 
     out.write(
-        {"--report": page, "--save-model": lambda: to_text(result.models["augmented"])},
+        {
+            "--report": page,
+            "--save-model": lambda: format_model(result.models["augmented"]),
+        },
         lambda: to_json(result.verdict),
     )
     print_diagnosis(result, out.console)
-    kept = steps.keep(request, stored, result)[0] if stored else None
+    kept = steps.store_diagnosis(request, stored, result)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

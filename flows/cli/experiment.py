@@ -13,22 +13,22 @@ from flows.cli.app import (
     MOST_PERIODS,
     SEEDS,
     Outputs,
-    check_between,
+    check_option_range,
 )
-from flows.inputs.read import load, queried
-from flows.outputs import progress_bar, read_files, say
+from flows.inputs.read import load_command_robot, query_run_ids
+from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.report import experiments
 from flows.report.diagnosis import print_diagnosis, print_truth
-from flows.report.document import show
+from flows.report.document import print_parts
 from flows.report.experiments import (
-    alarm_table,
+    build_alarm_table,
+    build_motion_parts,
     describe_alarms,
-    motion_parts,
-    motion_png,
+    draw_motion_png,
 )
-from flows.report.experiments import plot as draw
+from flows.report.experiments import draw_monitoring_png as draw
 from flows.report.phrases import Demonstration
-from flows.report.stored import demo_page, hidden_effects
+from flows.report.stored_pages import parse_hidden_effects, store_demo_page
 from flows.requests import (
     Campaign,
     File,
@@ -37,29 +37,29 @@ from flows.requests import (
     Json,
     Monitor,
     Number,
-    OfRobot,
+    RobotRequest,
     RobotWord,
     Seconds,
     Store,
     Validate,
     Where,
 )
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from flows.specs import load_campaign, load_spec
 from flows.steps import demo as demonstration
 from flows.steps import experiment as steps
 from flows.steps import monitor as monitoring
 from flows.steps import validate as trial
-from flows.steps.diagnose import diagnose_runs, request_of
-from flows.steps.experiment import as_csv, refusal_of
-from flows.steps.models import chosen_to_watch
+from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
+from flows.steps.experiment import explain_infeasible_motion, format_reference_csv
+from flows.steps.model_choice import choose_monitor_model
 from flows.storage.diagnosis import read_outcome
 from residual.errors import InputError, RunError
-from sim.engine.bullet import animate
-from sim.engine.records import TrajectorySpec
-from sim.trajectories import make_reference
-from sim.trajectories.excitation import usage
-from warehouse.remote import store_name
+from sim.engine.plant_records import TrajectorySpec
+from sim.engine.pybullet_world import animate_reference
+from sim.trajectories import plan_reference_motion
+from sim.trajectories.excitation import compute_limit_usage
+from warehouse.remote_store import format_store_name
 
 DryRun = Annotated[
     Flag,
@@ -85,12 +85,15 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     Args:
         spec: SPEC.toml with robot, trajectory, plant with hidden effects, and rates.
     """
-    place, console = store_folder(store), Console()
-    (planned,) = steps.plan([(spec, load_spec(spec))], place)
+    place, console = resolve_store_folder(store), Console()
+    (planned,) = steps.plan_experiments([(spec, load_spec(spec))], place)
     _list([planned], console, dry_run)
     if not (dry_run or planned.stored):
-        steps.run(planned.spec, place)
-        say(console, f"stored in {store_name(place)}: modelgap show {planned.run_id}")
+        steps.simulate_and_store(planned.spec, place)
+        print_plain(
+            console,
+            f"stored in {format_store_name(place)}: modelgap show {planned.run_id}",
+        )
 
 
 def campaign(
@@ -116,26 +119,30 @@ def campaign(
         spec: The campaign file.
     """
     out = Outputs({"--json": json}, [Path(spec)])
-    place, console = store_folder(request.store), out.console
-    planned = steps.plan(load_campaign(spec), place, Path(spec).stem)
+    place, console = resolve_store_folder(request.store), out.console
+    planned = steps.plan_experiments(load_campaign(spec), place, Path(spec).stem)
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    count_text = f"{missing} to run, {len(planned) - missing} in {store_name(place)}"
-    say(console, f"{count_text}; {failing} will fail" if failing else count_text)
+    count_text = (
+        f"{missing} to run, {len(planned) - missing} in {format_store_name(place)}"
+    )
+    print_plain(
+        console, f"{count_text}; {failing} will fail" if failing else count_text
+    )
     if dry_run:
-        summary = steps.Summary(tuple(planned), refused)
-        out.write(document=lambda: steps.document(summary, done=False))
+        summary = steps.CampaignSummary(tuple(planned), refused)
+        out.write(document=lambda: steps.build_campaign_document(summary, done=False))
         out.finish()
         return
-    with progress_bar() as bar:
-        summary = steps.run_all(planned, place, bar)
-    out.write(document=lambda: steps.document(summary))
-    say(console, *(f"failed: {why}" for why in summary.failed.values()))
+    with show_progress_bar() as bar:
+        summary = steps.run_campaign_experiments(planned, place, bar)
+    out.write(document=lambda: steps.build_campaign_document(summary))
+    print_plain(console, *(f"failed: {why}" for why in summary.failed.values()))
     failed = len(summary.failed)
     out.finish(f"{missing - failed} stored, {failed} failed, {summary.seconds} s")
     if failed:
-        raise RunError(steps.advice(summary))
+        raise RunError(steps.advise_on_failures(summary))
 
 
 def _list(
@@ -143,17 +150,17 @@ def _list(
 ) -> dict[str, str]:
     """List experiments, with their motions planned; returns why some will fail."""
     failing = {}
-    with progress_bar() as tell:
+    with show_progress_bar() as tell:
         for number, each in enumerate(planned):
             why = None
             if rehearsed and not each.stored:
                 tell(f"planning {each.label}", number / len(planned))
-                why = refusal_of(each)
+                why = explain_infeasible_motion(each)
             word = "is there" if each.stored else "fails" if why else "to run"
-            say(console, f"{each.run_id}  {word:8}  {each.label}")
+            print_plain(console, f"{each.run_id}  {word:8}  {each.label}")
             if why:
                 failing[each.run_id] = why
-                say(console, f"  {why}")
+                print_plain(console, f"  {why}")
     return failing
 
 
@@ -186,24 +193,27 @@ def validate(
         runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
-    out, place = Outputs({"--report": report}), store_folder(request.store)
+    out, place = Outputs({"--report": report}), resolve_store_folder(request.store)
     console, found = out.console, {}
-    runs = (*runs, *queried(request.store, where))
+    runs = (*runs, *query_run_ids(request.store, where))
     if not runs:
         raise InputError("No run to validate on. Name it: modelgap validate RUN")
     for run in runs:
         id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
-        stored = f"stored in {store_name(place)}: modelgap show {id}"
+        stored = f"stored in {format_store_name(place)}: modelgap show {id}"
         told = experiments.describe_validation(made)
-        figures = experiments.validation(made), experiments.both_ways(made)
-        show(console, *figures, told, *made.notes, stored)
-    out.write({"--report": lambda: experiments.validation_page(found)})
+        figures = (
+            experiments.build_validation_table(made),
+            experiments.build_model_table(made),
+        )
+        print_parts(console, *figures, told, *made.notes, stored)
+    out.write({"--report": lambda: experiments.render_validation_page(found)})
     out.finish()
 
 
 @dataclass(frozen=True, slots=True)
-class Trajectory(OfRobot):
+class Trajectory(RobotRequest):
     """Plan a motion.
 
     Attributes:
@@ -252,22 +262,25 @@ def trajectory(
         gif: GIF file of the moving arm.
     """
     files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
-    out = Outputs(files, read_files([request.robot]))
-    check_between("--duration", request.duration, 0.1, LONGEST)
-    check_between("--periods", request.periods, 1, MOST_PERIODS)
-    check_between("--rate", rate, 1, FASTEST)
-    check_between("--seed", request.seed, 0, SEEDS)
-    arm = load(request.robot)
+    out = Outputs(files, list_input_files([request.robot]))
+    check_option_range("--duration", request.duration, 0.1, LONGEST)
+    check_option_range("--periods", request.periods, 1, MOST_PERIODS)
+    check_option_range("--rate", rate, 1, FASTEST)
+    check_option_range("--seed", request.seed, 0, SEEDS)
+    arm = load_command_robot(request.robot)
     spec = TrajectorySpec(kind, request.duration, request.periods, request.seed)
-    motion = make_reference(arm, spec, rate)
+    motion = plan_reference_motion(arm, spec, rate)
     make = {
-        "--csv": lambda: as_csv(motion),
-        "--plot": lambda: motion_png(arm, motion),
-        "--gif": lambda: animate(arm, motion),
+        "--csv": lambda: format_reference_csv(motion),
+        "--plot": lambda: draw_motion_png(arm, motion),
+        "--gif": lambda: animate_reference(arm, motion),
     }
     # Before anything is printed, which may go into a pipe that closes.
     out.write(make)
-    show(out.console, *motion_parts(arm, motion, spec, rate, usage(arm, motion)))
+    print_parts(
+        out.console,
+        *build_motion_parts(arm, motion, spec, rate, compute_limit_usage(arm, motion)),
+    )
     out.finish()
 
 
@@ -286,24 +299,26 @@ def demo(*, request: demonstration.Demo = _DEMO) -> None:
     modelgap demo --effect spring --seed 3
     ```
     """
-    place, console = store_folder(request.store), Console()
-    check_between("--seed", request.seed, 0, SEEDS)
+    place, console = resolve_store_folder(request.store), Console()
+    check_option_range("--seed", request.seed, 0, SEEDS)
     request = replace(request, store=place)
     # Before anything is started, so that a wrong word is answered at once.
-    count = len(demonstration.specs(request))
+    count = len(demonstration.build_demo_specs(request))
     arm = f"the simulated {demonstration.ROBOT}, background {request.background}"
-    say(console, f"{count} experiments on {arm}, into {store_name(place)}")
-    with progress_bar() as progress:
+    print_plain(
+        console, f"{count} experiments on {arm}, into {format_store_name(place)}"
+    )
+    with show_progress_bar() as progress:
         runs = demonstration.run_experiments(request, progress)
-        ids = diagnose_runs(request_of(runs, place), progress)
-        hidden = demonstration.open_seal(runs, place)
-        page = demo_page(ids, runs["fit"][0], hidden, place)
+        ids = diagnose_stored_runs(build_diagnose_request(runs, place), progress)
+        hidden = demonstration.read_hidden_effects(runs, place)
+        page = store_demo_page(ids, runs["fit"][0], hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
     print_truth(
-        Demonstration(b"", "", hidden_effects(hidden), outcome.verdict), console
+        Demonstration(b"", "", parse_hidden_effects(hidden), outcome.verdict), console
     )
-    say(console, f"\nreport: {page}")
+    print_plain(console, f"\nreport: {page}")
 
 
 _MONITOR = Monitor()
@@ -336,14 +351,14 @@ def monitor(
         nominal: Use the nominal model of the robot, also where one is adopted.
         plot: PNG file for the scores over time.
     """
-    place = store_folder(request.store)
+    place = resolve_store_folder(request.store)
     out = Outputs({"--plot": plot})
-    choice = chosen_to_watch(model, place, nominal, runs)
+    choice = choose_monitor_model(model, place, nominal, runs)
     out.say(*choice.lines)
     request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
     id, outcome, watched = monitoring.monitor(request)
     if any(outcome.alarms.values()):
-        show(out.console, alarm_table(outcome, watched))
+        print_parts(out.console, build_alarm_table(outcome, watched))
     out.write({"--plot": lambda: draw(outcome, watched)})
     out.say(describe_alarms(outcome), *outcome.notes)
-    out.finish(f"stored in {store_name(place)}: modelgap show {id}")
+    out.finish(f"stored in {format_store_name(place)}: modelgap show {id}")

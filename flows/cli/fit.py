@@ -4,10 +4,15 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.inputs.read import chosen, load_for
-from flows.outputs import check_new_folder, in_folder, progress_bar, read_files
-from flows.report.document import show, wide_console
-from flows.report.models import identification as identified
+from flows.inputs.read import load_request_robot, select_request_runs
+from flows.outputs import (
+    check_new_folder,
+    list_input_files,
+    place_in_folder,
+    show_progress_bar,
+)
+from flows.report.document import print_parts, widen_piped_console
+from flows.report.models import build_identification_parts as identified
 from flows.requests import (
     Calibrate,
     File,
@@ -20,11 +25,13 @@ from flows.requests import (
 )
 from flows.steps import calibrate as calibration
 from flows.steps import identify as identification
-from flows.steps.models import choose_for
-from flows.storage.calibration import calibration_files
-from flows.storage.calibration import document as calibration_document
-from flows.storage.identification import document as identification_document
-from residual.model.record import robot_files
+from flows.steps.model_choice import choose_request_model
+from flows.storage.calibration import build_calibration_document as calibration_document
+from flows.storage.calibration import build_calibration_files
+from flows.storage.identification import (
+    build_identification_document as identification_document,
+)
+from residual.model.model_files import build_robot_folder
 
 
 def identify(
@@ -52,12 +59,12 @@ def identify(
             runs.
         export: New folder for the identified URDF and robot.toml, for --robot.
     """
-    request = chosen(request, logs, where, held_out_where)
-    robot = load_for(request)
-    choice = choose_for(request, robot)
+    request = select_request_runs(request, logs, where, held_out_where)
+    robot = load_request_robot(request)
+    choice = choose_request_model(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.held_out, request.robot)
-    out = Outputs({"--json": json}, read_files(words, request.columns))
+    out = Outputs({"--json": json}, list_input_files(words, request.columns))
     if export is not None:
         check_new_folder("--export", Path(export))
     read = identification.read_logs(request, robot)
@@ -66,8 +73,8 @@ def identify(
     files = {}
     if export is not None:
         about = f"identified from {' '.join(outcome.fit)}"
-        files = in_folder(export, robot_files(outcome.best, about))
-    show(wide_console(out.console), *identified(outcome))
+        files = place_in_folder(export, build_robot_folder(outcome.best, about))
+    print_parts(widen_piped_console(out.console), *identified(outcome))
     out.write(document=lambda: identification_document(outcome), more=files)
     out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
@@ -99,30 +106,36 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it alone.
         export: New folder for the tables, their model, and evaluators in NumPy and C.
     """
-    from flows.report.calibration import render, sentences, terminal_parts
+    from flows.report.calibration import (
+        build_terminal_parts,
+        describe_calibration,
+        render_calibration_page,
+    )
 
-    request = chosen(request, logs, where)
-    inputs = read_files((*request.logs, request.robot), request.columns)
+    request = select_request_runs(request, logs, where)
+    inputs = list_input_files((*request.logs, request.robot), request.columns)
     out = Outputs({"--report": report, "--json": json}, inputs)
     if export is not None:
         check_new_folder("--export", Path(export))
     read, runs = calibration.read_logs(request)
     if request.paper:
-        from flows.steps.experiment import with_twins
+        from flows.steps.experiment import add_twin_errors
 
-        runs = with_twins(read.robot, runs)
+        runs = add_twin_errors(read.robot, runs)
     out.say(*read.lines)
-    with progress_bar() as progress:
+    with show_progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
     result = done.calibration
     out.write(
-        {"--report": lambda: render(result, done.warnings)},
+        {"--report": lambda: render_calibration_page(result, done.warnings)},
         lambda: calibration_document(
-            result, sentences(result), done.warnings, done.stored
+            result, describe_calibration(result), done.warnings, done.stored
         ),
-        in_folder(export, calibration_files(result)) if export is not None else {},
+        place_in_folder(export, build_calibration_files(result))
+        if export is not None
+        else {},
     )
-    show(wide_console(out.console), *terminal_parts(done))
+    print_parts(widen_piped_console(out.console), *build_terminal_parts(done))
     if done.stored:
         model, validation = done.stored["model"], done.stored["validation"]
         out.say(f"stored: model {model}, validation {validation}")

@@ -6,20 +6,20 @@ from typing import Literal
 
 from rich.console import Console
 
-from flows.report.document import show, wide_console
+from flows.report.document import print_parts, widen_piped_console
 from flows.report.records import (
-    as_record,
-    comparison,
+    build_diff_record,
+    build_diff_tables,
+    build_rerun_record,
+    describe_rerun,
     print_tree,
-    rerun_lines,
-    rerun_record,
 )
 from flows.requests import Flag, Store
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.query.store import lineage_tree, open_store
+from warehouse.query.store import build_lineage_tree, open_store
 
 Shown = Literal["table", "json"]
 
@@ -42,11 +42,13 @@ def diff(
         two: Id of a second record of the same kind.
         format: Format of the output.
     """
-    difference = steps.diff(one, two, store_folder(store))
+    difference = steps.diff_records(one, two, resolve_store_folder(store))
     if format == "json":
-        print(json.dumps(as_record(difference), indent=2, ensure_ascii=False))
+        print(json.dumps(build_diff_record(difference), indent=2, ensure_ascii=False))
     else:
-        show(wide_console(Console(), 1000), *comparison(difference))
+        print_parts(
+            widen_piped_console(Console(), 1000), *build_diff_tables(difference)
+        )
 
 
 def lineage(
@@ -72,9 +74,9 @@ def lineage(
         format: Format of the output.
     """
     directions = {"made from": up or not down, "gave": down or not up}
-    with open_store(store_folder(store)) as opened:
+    with open_store(resolve_store_folder(store)) as opened:
         trees = {
-            words: lineage_tree(opened, id, words == "gave")
+            words: build_lineage_tree(opened, id, words == "gave")
             for words, shown in directions.items()
             if shown
         }
@@ -83,7 +85,7 @@ def lineage(
         print(json.dumps(document, indent=2))
         return
     for words, root in trees.items():
-        print_tree(root, words, wide_console(Console(), 1000))
+        print_tree(root, words, widen_piped_console(Console(), 1000))
 
 
 def rerun(
@@ -119,11 +121,11 @@ def rerun(
             of its values.
         format: Format of the output.
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     outcome = reruns.rerun(id, place, verify)
     if format == "json":
-        print(json.dumps(rerun_record(outcome), indent=2, ensure_ascii=False))
+        print(json.dumps(build_rerun_record(outcome), indent=2, ensure_ascii=False))
     else:
-        print("\n".join(rerun_lines(outcome)))
+        print("\n".join(describe_rerun(outcome)))
     if not outcome.reproduced and (verify or outcome.same_code):
         raise RunError(f"{outcome.kind} {outcome.id} was not reproduced.")

@@ -6,16 +6,16 @@ from pathlib import Path
 from rich.console import Console
 
 from flows.cli.app import Outputs
-from flows.outputs import read_files, say
-from flows.report.document import show
-from flows.report.records import channels, log_lines
-from flows.report.sentences import check_lines
+from flows.outputs import list_input_files, print_plain
+from flows.report.document import print_parts
+from flows.report.records import build_channel_table, describe_imported_log
+from flows.report.sentences import describe_check
 from flows.requests import Check, File, Flag, Import, Json, Log, Map
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from flows.steps import check as checking
 from flows.steps import imports
 from residual.errors import InputError
-from warehouse.remote import store_name
+from warehouse.remote_store import format_store_name
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:
@@ -35,12 +35,14 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
             FILE@60%:) or ids of stored runs.
     """
     request = replace(request, logs=logs)
-    out = Outputs({"--json": json}, read_files((*logs, request.robot), request.columns))
+    out = Outputs(
+        {"--json": json}, list_input_files((*logs, request.robot), request.columns)
+    )
     read = checking.read_logs(request)
     out.say(*read.lines[1:])
-    report = checking.check(read)
+    report = checking.check_log_sets(read)
     out.write(document=report.to_json)
-    out.say(*check_lines(report))
+    out.say(*describe_check(report))
     out.finish()
 
 
@@ -63,7 +65,7 @@ def map_(log: Log, *, request: Map, out: File = None) -> None:
         log: CSV, Parquet, ROS bag or MCAP file.
         out: File for the map; default: print it.
     """
-    files = read_files((log, request.robot))
+    files = list_input_files((log, request.robot))
     outputs = Outputs({"--out": out}, files)
     text = checking.draft_map(replace(request, log=log))
     if out is None:
@@ -98,19 +100,21 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         logs: Log files; FILE@0:16.5 is a window in seconds from the first sample.
         dry_run: Show the columns and the id, store nothing.
     """
-    place, console = store_folder(request.store), Console()
+    place, console = resolve_store_folder(request.store), Console()
     request = replace(request, logs=logs, store=place)
     arm, read = imports.read_logs(request)
-    say(console, *(f"{arm.name}: {note}" for note in arm.notes))
+    print_plain(console, *(f"{arm.name}: {note}" for note in arm.notes))
     for log in read:
         if dry_run:
-            show(console, channels(log))
-        say(console, *log_lines(log, arm, dry_run))
+            print_parts(console, build_channel_table(log))
+        print_plain(console, *describe_imported_log(log, arm, dry_run))
     sound, report = imports.check_logs(request, arm, read)
-    say(console, *(f"warning: {sentence}" for sentence in report.sentences))
+    print_plain(console, *(f"warning: {sentence}" for sentence in report.sentences))
     for log in () if dry_run else sound:
         id = imports.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
-        say(console, f"{id}  {log.summary.id}: {word} {store_name(place)}")
+        print_plain(
+            console, f"{id}  {log.summary.id}: {word} {format_store_name(place)}"
+        )
         if log.stored and (request.tags or request.recorded_at):
-            say(console, "  its tags and time stay as they were stored")
+            print_plain(console, "  its tags and time stay as they were stored")

@@ -8,21 +8,21 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import Outputs
-from flows.outputs import check_new_folder, check_outside, read_files, say
-from flows.report.document import show, wide_console
+from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
+from flows.report.document import print_parts, widen_piped_console
 from flows.report.models import (
     ADOPTED_KEY,
-    adoption_lines,
-    adoptions,
-    prediction,
+    build_adoption_table,
+    build_prediction_table,
+    describe_adoption,
 )
 from flows.requests import Export, File, Log, Predict, RobotName, Store, Text
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
 from residual.model.compare import WHOLE
-from warehouse.remote import store_name
+from warehouse.remote_store import format_store_name
 
 _DEFAULT = steps.Adopt()
 
@@ -41,15 +41,16 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     Args:
         robot: List one robot only: its name, file or folder.
     """
-    console, listed = wide_console(Console()), steps.list_adoptions(store, robot)
+    console, listed = widen_piped_console(Console()), steps.list_adoptions(store, robot)
     if not listed:
         subject = f"{robot} has" if robot else "Every robot has"
-        say(
+        print_plain(
             console,
-            f"{subject} its nominal model in {store_name(store_folder(store))}.",
+            f"{subject} its nominal model in "
+            f"{format_store_name(resolve_store_folder(store))}.",
         )
         return
-    show(console, adoptions(listed), ADOPTED_KEY)
+    print_parts(console, build_adoption_table(listed), ADOPTED_KEY)
 
 
 def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
@@ -68,7 +69,7 @@ def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
         id: Id of a diagnosis, or of its model.
     """
     number, judgment = steps.adopt(replace(request, model=id))
-    say(Console(), *adoption_lines(number, judgment))
+    print_plain(Console(), *describe_adoption(number, judgment))
 
 
 def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
@@ -86,7 +87,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
     now = "its nominal model"
     if restored.diagnosis_id is not None:
         now = f"the model of diagnosis {restored.diagnosis_id[:8]}"
-    say(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
+    print_plain(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
 
 
 def export(
@@ -119,17 +120,17 @@ def export(
         out: New folder for the files.
         json: File for the list of what is not exported; "-" prints it alone.
     """
-    check_outside("--out", out, store_folder(request.store))
+    check_outside("--out", out, resolve_store_folder(request.store))
     check_new_folder("--out", Path(out))
-    inputs = read_files((model, request.log or ""), request.columns)
+    inputs = list_input_files((model, request.log or ""), request.columns)
     outputs = Outputs({"--json": json}, inputs)
     exported = exporting.export(replace(request, model=model))
     Path(out).mkdir(exist_ok=True)
     outputs.write(
-        document=lambda: exporting.document(exported),
-        more=exporting.in_place(exported, out),
+        document=lambda: exporting.build_omissions_document(exported),
+        more=exporting.place_export_files(exported, out),
     )
-    outputs.say(*exporting.words(exported))
+    outputs.say(*exporting.describe_export(exported))
     outputs.finish()
 
 
@@ -151,20 +152,22 @@ def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -
             and tau_edited1... with --without.
         json: File for the errors as JSON; "-" prints it alone.
     """
-    check_outside("--out", out, store_folder(request.store))
+    check_outside("--out", out, resolve_store_folder(request.store))
     request = replace(request, logs=logs)
-    inputs = read_files((*logs, request.model), request.columns)
+    inputs = list_input_files((*logs, request.model), request.columns)
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if "--out" in outputs.files:
-        predicting.check_form(outputs.files["--out"])
-    model, read = predicting.read(request)
+        predicting.check_file_format(outputs.files["--out"])
+    model, read = predicting.read_model_and_logs(request)
     outputs.say(f"model: {model!r}", *read.lines[1:])
     made = predicting.predict(request, model, read)
     edited = [f"edited: {one!r}" for name, one in made.models.items() if name != WHOLE]
     outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
-    show(outputs.console, prediction(predicting.tables(made)))
+    print_parts(
+        outputs.console, build_prediction_table(predicting.build_error_tables(made))
+    )
     outputs.write(
-        {"--out": lambda: predicting.written(made, outputs.files["--out"])},
-        lambda: predicting.document(made, request),
+        {"--out": lambda: predicting.encode_samples(made, outputs.files["--out"])},
+        lambda: predicting.build_prediction_document(made, request),
     )
     outputs.finish()

@@ -3,17 +3,21 @@
 from dataclasses import replace
 from pathlib import Path
 
-from flows.cli.app import FASTEST, SEEDS, Outputs, check_between
-from flows.inputs.read import is_run
-from flows.outputs import progress_bar, read_files
-from flows.report.document import show
-from flows.report.experiments import comparison, nothing_open, proposal_lines
-from flows.report.sentences import sentences
+from flows.cli.app import FASTEST, SEEDS, Outputs, check_option_range
+from flows.inputs.read import is_run_id
+from flows.outputs import list_input_files, show_progress_bar
+from flows.report.document import print_parts
+from flows.report.experiments import (
+    build_ranking_table,
+    describe_best_motion,
+    explain_no_experiment,
+)
+from flows.report.sentences import list_headline_sentences
 from flows.requests import File, Hertz, Log, Next
-from flows.steps.experiment import as_csv
-from flows.steps.next import open_verdict, rank_motions
+from flows.steps.experiment import format_reference_csv
+from flows.steps.next import rank_motions, reopen_diagnosis
 from residual.verdict.document import to_json
-from sim.trajectories import make_reference
+from sim.trajectories import plan_reference_motion
 
 _DEFAULT = Next()
 
@@ -54,31 +58,33 @@ def next_(
     """
     request = replace(request, verdict=verdict, logs=logs)
     words = (*request.logs, *request.baseline, *request.held_out)
-    read = [] if is_run(verdict) else [Path(verdict)]
+    read = [] if is_run_id(verdict) else [Path(verdict)]
     options = {"--out": out, "--json": json}
-    outputs = Outputs(options, read + read_files(words, request.columns))
-    check_between("--rate", rate, 1, FASTEST)
-    check_between("--seed", request.seed, 0, SEEDS)
-    with progress_bar() as progress:
-        opened = open_verdict(request, progress)
+    outputs = Outputs(options, read + list_input_files(words, request.columns))
+    check_option_range("--rate", rate, 1, FASTEST)
+    check_option_range("--seed", request.seed, 0, SEEDS)
+    with show_progress_bar() as progress:
+        opened = reopen_diagnosis(request, progress)
         ranking = rank_motions(
             opened.question, opened.robot, request.seconds, request.seed, progress
         )
     outputs.say(*opened.lines)
     if not opened.reproduced:
-        headline = sentences(opened.diagnosis.verdict)[0]
+        headline = list_headline_sentences(opened.diagnosis.verdict)[0]
         outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
-    if ranking is None or ranking.best.outlook.hopeless:
-        outputs.say(*nothing_open(opened, ranking))
+    if ranking is None or ranking.best.outlook.separates_nothing:
+        outputs.say(*explain_no_experiment(opened, ranking))
         return
     plan = ranking.document(Path(out).name if out else None)
     outputs.write(
         {
-            "--out": lambda: as_csv(
-                make_reference(opened.robot, ranking.best.spec, rate)
+            "--out": lambda: format_reference_csv(
+                plan_reference_motion(opened.robot, ranking.best.spec, rate)
             )
         },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    show(outputs.console, *proposal_lines(ranking), comparison(ranking))
+    print_parts(
+        outputs.console, *describe_best_motion(ranking), build_ranking_table(ranking)
+    )
     outputs.finish()

@@ -6,25 +6,25 @@ from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
 
-from flows.inbox.new import diagnose_new
-from flows.inbox.take import (
+from flows.inbox.batches import diagnose_new_runs
+from flows.inbox.import_logs import (
     KNOWN,
     REFUSED,
     STORED,
     WAITING,
     Inbox,
-    import_all,
-    inboxes,
+    import_inbox_logs,
+    list_inboxes,
     list_logs,
-    unchanged_logs,
+    wait_for_unchanged_logs,
 )
-from flows.outputs import progress_bar
-from flows.project.read import Project, read_project, start
-from flows.report.sentences import headline
+from flows.outputs import show_progress_bar
+from flows.project.read import Project, create_project, read_project
+from flows.report.sentences import format_headline
 from flows.requests import Flag, RobotName
 from flows.settings import PROJECT
-from flows.steps.monitor import watch_new
-from residual.errors import InputError, plain
+from flows.steps.monitor import monitor_new_runs
+from residual.errors import InputError, strip_control_characters
 
 _PAUSE = 5.0  # s between two looks
 
@@ -48,7 +48,7 @@ def init(
         robot: Robot file, folder or built-in name. Default: the simulated IRB140.
         simulated: Run a nightly campaign on a simulated arm of this robot.
     """
-    project = start(folder, robot, simulated)
+    project = create_project(folder, robot, simulated)
     print(f"wrote {project.folder / PROJECT}")
     for inbox in project.table.inbox:
         print(f"logs of {inbox.robot} go into {project.path(inbox.folder)}")
@@ -78,7 +78,7 @@ def inbox(
         import_only: Do not monitor or diagnose.
     """
     project = read_project(folder)
-    of = inboxes(project)
+    of = list_inboxes(project)
     if not of:
         raise InputError(
             "modelgap.toml has no [[inbox]]. Add one with robot and folder, then again."
@@ -101,17 +101,19 @@ def _import_round(project: Project, of: Sequence[Inbox], import_only: bool) -> C
 
     def monitor(robot: str, runs: Sequence[str]) -> None:
         try:
-            outcome = watch_new(runs, project.store, tag=project.robot(robot).healthy)
+            outcome = monitor_new_runs(
+                runs, project.store, tag=project.robot(robot).healthy
+            )
         except InputError as error:
             _say(f"{robot}: not monitored: {error}")
             return
         if outcome.alarmed:
             _say(f"{robot}: alarms in {len(outcome.alarmed)} of {len(runs)} new runs")
 
-    for index, logs in unchanged_logs(of).items():
+    for index, logs in wait_for_unchanged_logs(of).items():
         report = partial(monitor, of[index].table.robot)
         report = (lambda _: None) if import_only else report
-        for number, log in enumerate(import_all(of[index], logs, report), 1):
+        for number, log in enumerate(import_inbox_logs(of[index], logs, report), 1):
             counts[log.status] += 1
             text = f"run {log.run}" if log.run else log.why
             _say(f"{number}/{len(logs)} {log.name}: {log.status}: {text}")
@@ -119,17 +121,17 @@ def _import_round(project: Project, of: Sequence[Inbox], import_only: bool) -> C
         if table.simulated:
             continue
         try:
-            with progress_bar() as progress:
-                done = diagnose_new(project, table.name, progress)
+            with show_progress_bar() as progress:
+                done = diagnose_new_runs(project, table.name, progress)
         except InputError as error:
             _say(f"{table.name}: not diagnosed: {error}")
             continue
         if done is not None:
             against = f"{len(done.batch.runs)} new runs against {done.batch.against}"
-            _say(f"{table.name}: {headline(done.verdict)} ({against})")
+            _say(f"{table.name}: {format_headline(done.verdict)} ({against})")
             _say(f"stored as a diagnosis: modelgap show {done.ids[0]}")
     return counts
 
 
 def _say(text: str) -> None:
-    print(plain(text), flush=True)
+    print(strip_control_characters(text), flush=True)

@@ -11,16 +11,27 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from flows.inbox.take import inboxes
-from flows.outputs import json_text, say
-from flows.project.deployments import deployments
-from flows.project.read import project_here
-from flows.report.document import ReportTable, show, wide_console, words_table
+from flows.inbox.import_logs import list_inboxes
+from flows.outputs import json_text, print_plain
+from flows.project.deployments import build_deployments
+from flows.project.read import read_current_project
+from flows.report.document import (
+    ReportTable,
+    build_text_table,
+    print_parts,
+    widen_piped_console,
+)
 from flows.requests import Flag, Seconds, Store
 from flows.service.state import CLIENT, DATABASE, KEY, ServiceRequest, check_request
-from flows.settings import API, PREFECT, prefect_home, quiet_prefect, store_folder
+from flows.settings import (
+    API,
+    PREFECT,
+    build_prefect_environment,
+    prefect_home,
+    resolve_store_folder,
+)
 from residual.errors import InputError, RunError
-from warehouse.remote import store_name
+from warehouse.remote_store import format_store_name
 
 if TYPE_CHECKING:
     from flows.service.api import Status
@@ -46,8 +57,8 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
     Args:
         foreground: Run until Ctrl-C, then stop everything; for service managers.
     """
-    place = store_folder(request.store)
-    project = project_here(place)
+    place = resolve_store_folder(request.store)
+    project = read_current_project(place)
     database = os.environ.get(DATABASE) or None
     request = replace(request, store=place, database=database, project=project)
     if project:
@@ -57,26 +68,26 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
         )
     check_request(request)
     _prepare(prefect_home(place))
-    from flows.service.up import stay
-    from flows.service.up import up as bring_up
+    from flows.service.up import start_service as bring_up
+    from flows.service.up import wait_for_stop_signal
 
-    folders = [inbox.folder for inbox in inboxes(project)] if project else []
+    folders = [inbox.folder for inbox in list_inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
     if request.trust_network:
         _say("warning: not encrypted; who listens in the network may run programs.")
     word = "already runs" if was_up else "is up"
     key = place / PREFECT / KEY
-    print(f"{store_name(place)} {word}: {running.ui}")
+    print(f"{format_store_name(place)} {word}: {running.ui}")
     print(f"it asks for the key: cat {quote(str(key))}")
     for folder in folders:
         print(f"logs go into {folder}")
-    named = [each["name"] for each in deployments(project)["deployments"]]
+    named = [each["name"] for each in build_deployments(project)["deployments"]]
     print(f"deployed: {', '.join(named)}; {running.workers} at once")
     print("for the command prefect:")
     print(f"  export {API}={running.url}")
     print(f'  export {CLIENT}="$(cat {quote(str(key))})"')
     if foreground:
-        stay(place, _say)
+        wait_for_stop_signal(place, _say)
     else:
         print(f"all reports: {running.pages}/index.html (user modelgap; the")
         print("password is the key behind the colon)")
@@ -96,13 +107,13 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     Args:
         json: Print JSON.
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     home = place / PREFECT
     if not home.is_dir():
         print('{"schema": 1, "healthy": false, "stopped": true}' if json else NOTHING)
-        raise RunError(f"{store_name(place)} is stopped. Start it: modelgap up")
+        raise RunError(f"{format_store_name(place)} is stopped. Start it: modelgap up")
     _prepare(home)
-    from flows.service.api import status as state_of
+    from flows.service.api import read_status as state_of
 
     state = state_of(home)
     if json:
@@ -110,9 +121,9 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     else:
         _print_status(state, place)
     if state.running is None or state.running.stopped:
-        raise RunError(f"{store_name(place)} is stopped. Start it: modelgap up")
+        raise RunError(f"{format_store_name(place)} is stopped. Start it: modelgap up")
     if state.wrong:
-        raise RunError(f"{store_name(place)}: {'; '.join(state.wrong)}.")
+        raise RunError(f"{format_store_name(place)}: {'; '.join(state.wrong)}.")
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
@@ -131,19 +142,19 @@ def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
     """
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     home, stopped = place / PREFECT, None
     if home.is_dir():
         _prepare(home)
-        from flows.service.up import down as stop
+        from flows.service.up import stop_service as stop
 
         stopped = stop(home, wait, _say)
-    print(f"{store_name(place)}: {'stopped' if stopped else NOTHING}")
+    print(f"{format_store_name(place)}: {'stopped' if stopped else NOTHING}")
 
 
 def _prepare(home: Path) -> None:
     """Set what Prefect takes when it is imported."""
-    os.environ.update(quiet_prefect(home))
+    os.environ.update(build_prefect_environment(home))
 
 
 def _say(text: str) -> None:
@@ -151,24 +162,24 @@ def _say(text: str) -> None:
 
 
 def _print_status(state: "Status", store: Path) -> None:
-    console = wide_console(Console())
+    console = widen_piped_console(Console())
     running = state.running
     if running is None or running.stopped:
-        say(console, f"{store_name(store)}: {NOTHING}")
+        print_plain(console, f"{format_store_name(store)}: {NOTHING}")
         return
     word = "answers" if state.server else "does not answer"
     lines = [f"server   {word}: {running.ui} (history: {running.database})"]
     lines += [f"worker   {state.worker}, {running.workers} flow(s) at once"]
     lines += [f"{name:8} {address}" for name, address in state.pages.items()]
     lines += [f"refused  {row['robot']}: {row['why']}" for row in state.refused]
-    say(console, *lines)
+    print_plain(console, *lines)
     if state.deployments:
         rows = [(d["name"], _due(d)) for d in state.deployments]
-        show(console, words_table(("deployment", "due next (UTC)"), rows))
+        print_parts(console, build_text_table(("deployment", "due next (UTC)"), rows))
     if state.runs:
         rows = [_run(run) for run in state.runs]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
-        show(console, ReportTable(heads, rows, text_columns=range(3)))
+        print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 
 
 def _due(deployment: Mapping) -> str:

@@ -11,15 +11,15 @@ import pyarrow as pa
 from cyclopts import Parameter
 
 from flows.cli.app import STDOUT
-from flows.outputs import check_outside, check_writable, write_all
-from flows.report.answers import (
-    as_bytes,
-    check_shown,
-    named_table,
-    print_table,
-    schema_table,
-    tell_damage,
-    values_of,
+from flows.outputs import check_outside, check_writable, write_files
+from flows.report.query_results import (
+    describe_query_values,
+    encode_query_result,
+    list_named_queries,
+    list_schema_columns,
+    print_damaged_files,
+    print_query_result,
+    refuse_binary_on_terminal,
 )
 from flows.requests import (
     File,
@@ -33,16 +33,16 @@ from flows.requests import (
     Tags,
     Text,
 )
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from residual.errors import InputError, check_name
-from warehouse.layout import find, read_record
 from warehouse.query import store as opening
-from warehouse.query.guard import LONGEST
+from warehouse.query.sql_guard import LONGEST
+from warehouse.query.sql_views import NAMED
+from warehouse.query.sql_views import quote_sql_text as quoted
 from warehouse.query.store import open_store
-from warehouse.query.views import NAMED
-from warehouse.query.views import text as quoted
-from warehouse.runs import quarantine as set_aside
-from warehouse.runs import read_manifest, tombstone
+from warehouse.runs import quarantine_run as set_aside
+from warehouse.runs import read_manifest, read_quarantine_reason
+from warehouse.store_catalogue import find_record, read_record
 
 _COLUMNS = (
     "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
@@ -63,13 +63,13 @@ def runs(limit: Number = 50, format: Format = "table", store: Store = None) -> N
     """
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
-    check_shown(format, None)
-    with open_store(store_folder(store)) as opened:
+    refuse_binary_on_terminal(format, None)
+    with open_store(resolve_store_folder(store)) as opened:
         latest = f"FROM runs ORDER BY created DESC, run_id LIMIT {limit}"
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
-        print_table(rows, format)
-        tell_damage(opened)
+        print_query_result(rows, format)
+        print_damaged_files(opened)
         for id in rows.column("run_id").to_pylist():
             try:
                 read_manifest(opened.path, id)
@@ -90,7 +90,7 @@ def verify(*, store: Store = None) -> None:
     """
     from flows.steps import diff as steps
 
-    for line in steps.verify(store_folder(store)):
+    for line in steps.find_damaged_files(resolve_store_folder(store)):
         print(line, flush=True)
 
 
@@ -109,9 +109,9 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
-    with open_store(store_folder(store)) as opened:
-        run_id = find(opened.path, id).id
-        reason_before = tombstone(opened.path, run_id)
+    with open_store(resolve_store_folder(store)) as opened:
+        run_id = find_record(opened.path, id).id
+        reason_before = read_quarantine_reason(opened.path, run_id)
         set_aside(opened.path, run_id, reason)
     text = (
         f"was in quarantine already: {reason_before}"
@@ -134,23 +134,23 @@ def show(
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    with open_store(store_folder(store)) as opened:
-        place = find(opened.path, id)
+    with open_store(resolve_store_folder(store)) as opened:
+        place = find_record(opened.path, id)
         record = {
             "kind": place.kind,
             "id": place.id,
             "folder": str(place.folder.relative_to(opened.path)),
             **_relatives(opened, place.id),
-            "quarantined": tombstone(opened.path, place.id),
+            "quarantined": read_quarantine_reason(opened.path, place.id),
             "content": read_record(opened.path, place.id),
         }
-        tell_damage(opened)
+        print_damaged_files(opened)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
     else:
-        from flows.report.records import record_lines
+        from flows.report.records import format_record_lines
 
-        print("\n".join(record_lines(record)))
+        print("\n".join(format_record_lines(record)))
 
 
 def _relatives(store: opening.Store, id: str) -> dict:
@@ -206,7 +206,7 @@ def sql(
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     if json is not None:
         if out or format != "table":
             raise InputError("--json sets format and file: omit --format and --out.")
@@ -216,23 +216,23 @@ def sql(
         raise InputError(_ONE_OF)
     if with_ and named is None:
         raise InputError("--with sets a value of a ready query: --named NAME.")
-    check_shown(format, out)
+    refuse_binary_on_terminal(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
     check_outside("--out", out, place)
     if not timeout > 0:
         raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
     limit = timeout if timeout <= threading.TIMEOUT_MAX else None
     if schema:
-        _write(schema_table(), format, out)
+        _write(list_schema_columns(), format, out)
         if out is None and format == "table":
             print()
-            print_table(named_table(), "table")
+            print_query_result(list_named_queries(), "table")
         return
     text, values = _query(query, named, with_)
     with open_store(place) as opened:
         rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
         _write(rows, format, out)
-        tell_damage(opened)
+        print_damaged_files(opened)
 
 
 def _query(
@@ -246,7 +246,7 @@ def _query(
         return query, {}
     name = check_name(named, NAMED, "named query")
     values = {key: value for key, _, value in (pair.partition("=") for pair in pairs)}
-    takes = values_of(name)
+    takes = describe_query_values(name)
     if set(values) != set(takes) or len(values) < len(pairs) or "" in values.values():
         words = " ".join(f"--with {key}=... ({about})" for key, about in takes.items())
         raise InputError(
@@ -257,7 +257,7 @@ def _query(
 
 def _write(rows: pa.Table, format: str, out: str | None) -> None:
     if out is None:
-        print_table(rows, format)
+        print_query_result(rows, format)
         return
-    write_all({Path(out): as_bytes(rows, format)})
+    write_files({Path(out): encode_query_result(rows, format)})
     print(f"wrote {out}: {len(rows)} {'row' if len(rows) == 1 else 'rows'}")

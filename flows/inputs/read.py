@@ -9,24 +9,29 @@ from pathlib import Path
 from typing import TypeVar
 
 from flows.requests import Request
-from flows.settings import store_folder
-from residual.effects import joint_properties, registry, vocabulary
-from residual.errors import InputError, check_name, shortened
+from flows.settings import resolve_store_folder
+from residual.effects import list_effect_parameters, load_effects, map_joint_properties
+from residual.errors import InputError, check_name, shorten_value
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot, with_serial, word_of
+from residual.robot.robot import (
+    Robot,
+    format_robot_reference,
+    load_robot,
+    set_serial_number,
+)
 from warehouse.logs import (
     ColumnMap,
-    Doubt,
+    LogDoubt,
     MissingColumnsError,
-    check_distinct,
-    columns_of,
-    read_any,
+    check_logs_distinct,
+    choose_column_map,
+    create_unique_labels,
     read_log,
-    unique_ids,
+    read_log_despite_doubts,
 )
-from warehouse.logs.ros import topics
-from warehouse.logs.window import split_spec
-from warehouse.runs import read_manifest, read_run, robot_of_hash
+from warehouse.logs.log_window import split_log_spec
+from warehouse.logs.ros_bags import list_joint_topics
+from warehouse.runs import find_robot_by_hash, read_manifest, read_run
 
 R = TypeVar("R", bound=Request)
 
@@ -48,7 +53,7 @@ class LogSets:
     columns: ColumnMap = field(default_factory=ColumnMap)  # how the files were read
     # Why logs can be none of this arm, with the label of the log; only where they were
     # read for a check.
-    doubts: tuple[tuple[str, Doubt], ...] = ()
+    doubts: tuple[tuple[str, LogDoubt], ...] = ()
 
     @property
     def lines(self) -> tuple[str, ...]:
@@ -64,13 +69,13 @@ class LogSets:
             f"{name}: {' '.join(log.id for log in logs) or '–'}"
             for name, logs in sets.items()
         )
-        return (use, *notes, *in_short(self.each))
+        return (use, *notes, *merge_equal_lines(self.each))
 
 
 _NAMED = 8  # logs of a line; a campaign has thousands
 
 
-def in_short(lines: Sequence[str]) -> tuple[str, ...]:
+def merge_equal_lines(lines: Sequence[str]) -> tuple[str, ...]:
     """Return one line for all logs that were read alike.
 
     Args:
@@ -92,7 +97,7 @@ def in_short(lines: Sequence[str]) -> tuple[str, ...]:
     return tuple(out)
 
 
-def read_sets(
+def read_log_sets(
     sets: tuple[Sequence[str], Sequence[str], Sequence[str]],
     robot: Robot,
     columns: str | None,
@@ -109,15 +114,15 @@ def read_sets(
             arm; without it they are an error.
         called: What the user calls the robot, for a line that is offered.
     """
-    place = store_folder(store)
-    column_map = columns_of(robot, columns) or ColumnMap()
-    read = read_any if to_check else read_log
+    place = resolve_store_folder(store)
+    column_map = choose_column_map(robot, columns) or ColumnMap()
+    read = read_log_despite_doubts if to_check else read_log
     words = [word for part in sets for word in part]
-    labels = iter(unique_ids([word for word in words if not is_run(word)]))
+    labels = iter(create_unique_labels([word for word in words if not is_run_id(word)]))
     logs: list[Recording] = []
     lines, warnings, runs, doubts = [], [], {}, []
     for word in words:
-        if is_run(word):
+        if is_run_id(word):
             run = read_run(place, word)
             if run.dof != robot.dof:
                 raise InputError(
@@ -129,14 +134,14 @@ def read_sets(
             size = f"{len(log.t)} samples, {log.duration:.2f} s"
             line = f"{run.id}: run of {log.robot}, {size}"
         else:
-            with offer_map(word, called):
+            with suggest_column_map(word, called):
                 log, understood = read(word, robot, column_map, next(labels))
             line = understood.text
             warnings += understood.warnings
             doubts += [(log.id, doubt) for doubt in understood.doubts]
         logs.append(log)
         lines.append(line)
-    check_distinct(logs)
+    check_logs_distinct(logs)
     remaining = iter(logs)
     parts = [tuple(next(remaining) for _ in part) for part in sets]
     about = (tuple(lines), tuple(warnings), runs, column_map, tuple(doubts))
@@ -144,7 +149,7 @@ def read_sets(
 
 
 @contextmanager
-def offer_map(log: str, robot: str) -> Iterator[None]:
+def suggest_column_map(log: str, robot: str) -> Iterator[None]:
     """Say of a log with other columns how a map of them is drafted."""
     try:
         yield
@@ -163,15 +168,15 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
         robot: Their robot; None for the one that the request names.
     """
     held_out = getattr(request, "held_out", ())
-    robot = robot or load_for(request)
+    robot = robot or load_request_robot(request)
     check_declared(getattr(request, "declared", None))
-    need_logs(request.logs, purpose, request.command)
+    require_logs(request.logs, purpose, request.command)
     sets = (request.logs, getattr(request, "baseline", ()), held_out)
     columns, store = request.columns, request.store
-    return read_sets(sets, robot, columns, store, True, called=request.robot)
+    return read_log_sets(sets, robot, columns, store, True, called=request.robot)
 
 
-def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
+def require_logs(words: Sequence[str], purpose: str, command: str) -> None:
     """Refuse a command without any log."""
     if not words:
         raise InputError(
@@ -179,7 +184,7 @@ def need_logs(words: Sequence[str], purpose: str, command: str) -> None:
         )
 
 
-def chosen(
+def select_request_runs(
     request: R,
     words: Sequence[str],
     where: str | None = None,
@@ -194,24 +199,24 @@ def chosen(
     Raises:
         InputError: If one is no condition, or no run fulfils it.
     """
-    sets = {"logs": (*words, *queried(request.store, where))}
+    sets = {"logs": (*words, *query_run_ids(request.store, where))}
     if held_out_where is not None:
-        proof = queried(request.store, held_out_where)
+        proof = query_run_ids(request.store, held_out_where)
         sets["held_out"] = (*request.held_out, *proof)
     return replace(request, **sets)
 
 
-def queried(store: str | Path | None, where: str | None) -> tuple[str, ...]:
+def query_run_ids(store: str | Path | None, where: str | None) -> tuple[str, ...]:
     """Return the ids of the runs that fulfil a condition; none where there is none."""
     if where is None:
         return ()
     # DuckDB, which no command without a condition needs.
-    from warehouse.query.store import runs_where
+    from warehouse.query.store import select_run_ids
 
-    return runs_where(store_folder(store), where)
+    return select_run_ids(resolve_store_folder(store), where)
 
 
-def is_run(word: str) -> bool:
+def is_run_id(word: str) -> bool:
     """Whether a word can only be the id of a run: no such file, and only hex digits."""
     return not Path(word).exists() and not set(word) - set("0123456789abcdef")
 
@@ -220,7 +225,7 @@ def is_run(word: str) -> bool:
 _INSTEAD: ContextVar[Mapping[str, str]] = ContextVar("instead", default={})  # noqa: B039
 
 
-def load(
+def load_command_robot(
     word: str | Path,
     *,
     chain: Sequence[str] = (),
@@ -241,14 +246,14 @@ def load(
     Raises:
         InputError: If the robot is not usable, or the logs are of several chains.
     """
-    word = word_of(word, chain, tip, xacro_args, package_dirs)
+    word = format_robot_reference(word, chain, tip, xacro_args, package_dirs)
     named = dict.fromkeys(names for log in logs if (names := _logged(log)))
     return _of_names(word, [*named])
 
 
 def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
     """Load a robot whose chain the names of joints, log by log, may say."""
-    effects, properties = vocabulary(), joint_properties()
+    effects, properties = list_effect_parameters(), map_joint_properties()
     word = _INSTEAD.get().get(word, word)
     robots = [load_robot(word, effects, properties, names) for names in (named or [()])]
     chains = {robot.joints for robot in robots}
@@ -264,15 +269,15 @@ def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
 def _logged(log: str) -> tuple[str, ...]:
     """Names of the joints that a log has, of all topics of a bag; () for none."""
     try:
-        path, _ = split_spec(log)
-        names = topics(path).values()
+        path, _ = split_log_spec(log)
+        names = list_joint_topics(path).values()
     except InputError:  # it is said by who reads it, with what it should be
         return ()
     return tuple(dict.fromkeys(n for some in names for n in some))
 
 
 @contextmanager
-def instead(words: Mapping[str, str]) -> Iterator[None]:
+def substitute_robot_files(words: Mapping[str, str]) -> Iterator[None]:
     """Load other files than the words say, for the time being."""
     token = _INSTEAD.set(words)
     try:
@@ -281,23 +286,23 @@ def instead(words: Mapping[str, str]) -> Iterator[None]:
         _INSTEAD.reset(token)
 
 
-def robot_of(runs: Sequence[str], store: Path) -> str:
+def read_run_robot(runs: Sequence[str], store: Path) -> str:
     """Return the name or file of the robot of some runs."""
     if not runs:
         raise InputError("No run given, expected one or more ids.")
     manifest = read_manifest(store, runs[0])
     if "spec" not in manifest:
-        return robot_of_hash(store, manifest["robot_hash"])
+        return find_robot_by_hash(store, manifest["robot_hash"])
     return manifest.get("robot") or manifest["spec"]["robot"]["name"]
 
 
-def load_for(request: Request) -> Robot:
+def load_request_robot(request: Request) -> Robot:
     """Load the robot of a request with logs, as `load_of` does."""
     logs = (*request.logs, *getattr(request, "held_out", ()))
-    return load_of(request.robot, logs, request.store)
+    return load_run_robot(request.robot, logs, request.store)
 
 
-def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
+def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
     """Load the robot of some runs, with the serial number that they were stored with.
 
     Args:
@@ -308,9 +313,9 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
         InputError: If the runs are of arms with different serial numbers, or of another
             one than robot.toml says; or there is no such run.
     """
-    place = store_folder(store)
-    manifests = {run: read_manifest(place, run) for run in runs if is_run(run)}
-    named = [names for run in runs if not is_run(run) and (names := _logged(run))]
+    place = resolve_store_folder(store)
+    manifests = {run: read_manifest(place, run) for run in runs if is_run_id(run)}
+    named = [names for run in runs if not is_run_id(run) and (names := _logged(run))]
     hashes = {m.get("robot_hash") for m in manifests.values()} - {None}
     robot = None
     if not named:
@@ -320,7 +325,7 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
     if robot is None or hashes - {robot.content_hash}:
         for hash in hashes:
             with suppress(InputError):  # of one that was not kept the word says all
-                named.append(load(robot_of_hash(place, hash)).joints)
+                named.append(load_command_robot(find_robot_by_hash(place, hash)).joints)
         robot = _of_names(word, list(dict.fromkeys(named)))
     for run, manifest in manifests.items():
         serial = manifest.get("serial")
@@ -329,16 +334,16 @@ def load_of(word: str, runs: Sequence[str], store: str | Path | None) -> Robot:
                 f"Run {run} is of {robot.name} {serial}, expected one of {robot.name} "
                 f"{robot.serial} like the rest. Give runs of one arm."
             )
-        robot = with_serial(robot, serial)
+        robot = set_serial_number(robot, serial)
     return robot
 
 
-def serial_of(run: str, store: str | Path | None) -> str | None:
+def read_run_serial(run: str, store: str | Path | None) -> str | None:
     """Return the serial number of the arm of a run, None where it has none."""
-    return read_manifest(store_folder(store), run).get("serial")
+    return read_manifest(resolve_store_folder(store), run).get("serial")
 
 
-def known_of(words: Sequence[str]) -> dict[str, float]:
+def parse_known_values(words: Sequence[str]) -> dict[str, float]:
     """Return the values of --known, such as "payload.mass=2.8", by name."""
     out = {}
     for word in words:
@@ -349,7 +354,8 @@ def known_of(words: Sequence[str]) -> dict[str, float]:
             equals = ""
         if not equals:
             raise InputError(
-                f"--known '{shortened(word)}': expected NAME.PARAMETER=NUMBER, such as "
+                f"--known '{shorten_value(word)}': expected NAME.PARAMETER=NUMBER, "
+                f"such as "
                 "payload.mass=2.8 or coulomb.2.level=8."
             )
     return out
@@ -358,4 +364,4 @@ def known_of(words: Sequence[str]) -> dict[str, float]:
 def check_declared(names: Sequence[str] | None) -> None:
     """Refuse names in --declared that no effect has."""
     for name in names or ():
-        check_name(name, registry(), "effect in --declared")
+        check_name(name, load_effects(), "effect in --declared")

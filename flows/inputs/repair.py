@@ -15,16 +15,16 @@ import numpy as np
 
 from residual.check.result import Repair
 from residual.robot.robot import Robot
-from warehouse.logs.columns import (
+from warehouse.logs.column_map import (
     LOGGED_UNITS,
     TIME_UNITS,
     UNITS,
     ColumnMap,
     SignalMap,
-    default_signal,
-    shorten,
+    abbreviate_column_names,
+    build_default_signal,
 )
-from warehouse.logs.draft import PRESETS, Draft
+from warehouse.logs.map_draft import PRESETS, ColumnMapDraft
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',
@@ -35,7 +35,7 @@ _EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit
 
 
-def repair_lines(
+def format_repair_lines(
     repairs: Iterable[Repair], robot: Robot, columns: ColumnMap
 ) -> str | None:
     """Return the lines that do some repairs, one for each signal.
@@ -50,7 +50,7 @@ def repair_lines(
     return None if not lines or None in lines else "\n".join(lines)
 
 
-def gravity_line(robot: Robot) -> str | None:
+def format_gravity_line(robot: Robot) -> str | None:
     """Return the line of robot.toml with gravity in m/s^2; None where it is so."""
     gravity = robot.model.gravity.linear
     size = float(np.linalg.norm(gravity))
@@ -65,7 +65,7 @@ def _gravity(gravity: Iterable[float]) -> str:
     return f"gravity = [{', '.join(f'{g + 0.0:.5g}' for g in gravity)}]"
 
 
-def place_of(lines: str) -> str:
+def describe_repair_file(lines: str) -> str:
     """Return where repair lines belong, in words."""
     return "robot.toml, [robot]" if lines.startswith("gravity") else "--map"
 
@@ -74,19 +74,21 @@ def _line(
     name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
 ) -> str | None:
     if name == "t":
-        return time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
+        return format_time_line(
+            math.prod(float(r.scale or 1.0) for r in repairs), columns
+        )
     if name == "robot":
         gravity = next((r.gravity for r in repairs if r.gravity), None)
         return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
-    signal = columns.signals.get(name) or default_signal(name, robot.dof)
+    signal = columns.signals.get(name) or build_default_signal(name, robot.dof)
     for repair in repairs:
         signal = _mended(name, signal, repair, robot)
         if signal is None:
             return None
-    return signal_line(name, signal)
+    return format_signal_line(name, signal)
 
 
-def time_line(scale: float, columns: ColumnMap) -> str:
+def format_time_line(scale: float, columns: ColumnMap) -> str:
     """Return the line of a map that says what time is.
 
     Args:
@@ -183,7 +185,7 @@ def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ..
     return unit, tuple(scale.tolist())
 
 
-def signal_line(name: str, signal: SignalMap) -> str:
+def format_signal_line(name: str, signal: SignalMap) -> str:
     """Return the line of a map that says what a signal is."""
     words = [f"columns = [{', '.join(map(_quoted, signal.columns))}]"]
     if signal.unit != next(iter(UNITS[name])):
@@ -198,11 +200,11 @@ def signal_line(name: str, signal: SignalMap) -> str:
     return f"{name} = {{{', '.join(words)}}}"
 
 
-def drafted(draft: Draft, log: str, robot: Robot) -> str:
+def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
     """Return the text of a drafted map, what is not certain as comments."""
     columns, format = draft.columns, draft.format
     about = f" Format: {PRESETS[format].about}." if format else ""
-    where = printable(Path(log).name)
+    where = escape_unprintable(Path(log).name)
     lines = [
         f"# Drafted by modelgap map from {where} for {robot.name}.{about}",
         "# Nothing was applied. What follows a question mark is not certain.",
@@ -210,7 +212,7 @@ def drafted(draft: Draft, log: str, robot: Robot) -> str:
 
     def line(name: str, text: str) -> None:
         doubts = draft.doubts.get(name, ())
-        lines.extend(f"# ? {name}: {printable(words)}" for words in doubts)
+        lines.extend(f"# ? {name}: {escape_unprintable(words)}" for words in doubts)
         lines.append(text)
 
     if columns.csv.decimal != ".":
@@ -218,14 +220,14 @@ def drafted(draft: Draft, log: str, robot: Robot) -> str:
     if format == "ros" and not columns.signals:
         line("bag", _bag_line(columns))
         return "\n".join([*lines, ""])
-    line("time", time_line(1.0, columns))
+    line("time", format_time_line(1.0, columns))
     for name, signal in columns.signals.items():
-        line(name, signal_line(name, signal))
+        line(name, format_signal_line(name, signal))
     for name in draft.missing:
         line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
     for name, signal in draft.optional.items():
-        line(name, f"# {signal_line(name, signal)}  # not needed")
-    rest = printable(shorten(draft.unread))[:_LONGEST]
+        line(name, f"# {format_signal_line(name, signal)}  # not needed")
+    rest = escape_unprintable(abbreviate_column_names(draft.unread))[:_LONGEST]
     lines += [f"# not read: {rest}"] if draft.unread else []
     return "\n".join([*lines, ""])
 
@@ -248,10 +250,10 @@ def _number(value: float) -> str:
 
 
 def _quoted(text: str) -> str:
-    return printable(json.dumps(text, ensure_ascii=False))
+    return escape_unprintable(json.dumps(text, ensure_ascii=False))
 
 
-def printable(text: str) -> str:
+def escape_unprintable(text: str) -> str:
     """Return a text in one line, what cannot be printed escaped as TOML does it."""
     return "".join(
         c

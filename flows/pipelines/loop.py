@@ -1,6 +1,6 @@
 """The flow propose, and the tasks that adopt or propose a model.
 
-To be imported under `flows.settings.quiet_prefect`.
+To be imported under `flows.settings.build_prefect_environment`.
 """
 
 from pathlib import Path
@@ -12,21 +12,31 @@ from prefect.input import RunInput
 from flows.pipelines import tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
-from flows.report.index import write_index
-from flows.report.models import adoption_lines, proposal_markdown, proposal_page
-from flows.report.page import origin_of_record
-from flows.settings import store_folder
-from flows.steps.adopt import Adopt, Proposal, judge, keep_proposal, known_already
+from flows.report.models import (
+    describe_adoption,
+    render_proposal_markdown,
+    render_proposal_page,
+)
+from flows.report.page import read_record_origin
+from flows.report.store_index import write_index
+from flows.settings import resolve_store_folder
+from flows.steps.adopt import (
+    Adopt,
+    Proposal,
+    find_same_proposal,
+    judge_adoption,
+    store_proposal,
+)
 from flows.steps.adopt import adopt as give
-from flows.steps.models import in_force
+from flows.steps.model_choice import choose_adopted_model
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 
 
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
-def model_in_force(runs: dict, store: str) -> str | None:
+def find_adopted_model(runs: dict, store: str) -> str | None:
     """Return the id of the diagnosis of the adopted model, and log it."""
-    choice = in_force(runs["fit"], Path(store))
+    choice = choose_adopted_model(runs["fit"], Path(store))
     get_run_logger().info(choice.line or "model: the nominal one")
     return choice.diagnosis
 
@@ -35,7 +45,7 @@ def model_in_force(runs: dict, store: str) -> str | None:
 def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     """Adopt or propose the model of a diagnosis; return the adoption or the page."""
     place, log = Path(store), get_run_logger()
-    judgment = judge(place, diagnosis)
+    judgment = judge_adoption(place, diagnosis)
     if judgment.doubts:
         say = log.warning if read_verdict(place, diagnosis).effects else log.info
         say(f"nothing to propose: {'; '.join(judgment.doubts)}")
@@ -43,25 +53,27 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")
     proposal = Proposal(judgment, read_verdict(place, judgment.diagnosis))
-    before = known_already(place, proposal)
+    before = find_same_proposal(place, proposal)
     if before:
         log.info(f"proposed already: modelgap show {before}")
         return None
-    sources = origin_of_record(place, diagnosis)
-    page = keep_proposal(place, proposal, proposal_page(proposal, sources).encode())
+    sources = read_record_origin(place, diagnosis)
+    page = store_proposal(
+        place, proposal, render_proposal_page(proposal, sources).encode()
+    )
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
-    text = proposal_markdown(proposal)
+    text = render_proposal_markdown(proposal)
     tasks.publish_link("proposal", page, text, "Side by side", about)
     tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
     return str(page)
 
 
-def question(diagnosis: str, store: str) -> str:
+def render_proposal(diagnosis: str, store: str) -> str:
     """Return a proposal as Markdown, with the current judgment of the gate."""
     place = Path(store)
-    judgment = judge(place, diagnosis)
-    return proposal_markdown(
+    judgment = judge_adoption(place, diagnosis)
+    return render_proposal_markdown(
         Proposal(judgment, read_verdict(place, judgment.diagnosis))
     )
 
@@ -73,20 +85,20 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
         return _adopt(diagnosis, Path(store), note)
     except InputError as error:
         get_run_logger().warning(str(error))
-        tasks.publish("adoption", (), [str(error)])
+        tasks.publish_text("adoption", (), [str(error)])
         return None
 
 
 def _adopt(diagnosis: str, store: Path, note: str) -> str:
     number, judgment = give(Adopt(diagnosis, note, store=store))
-    lines = adoption_lines(number, judgment)
+    lines = describe_adoption(number, judgment)
     for line in lines:
         get_run_logger().info(line)
-    tasks.publish("adoption", (diagnosis,), lines)
+    tasks.publish_text("adoption", (diagnosis,), lines)
     return number
 
 
-class Answer(RunInput):
+class ProposalAnswer(RunInput):
     """The answer to a proposal: whether to adopt the model, and a note."""
 
     adopt: bool = False
@@ -106,9 +118,9 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
     Returns:
         The number of the adoption, None where the answer was no.
     """
-    place = str(store_folder(store))
-    question_form = Answer.with_initial_data(
-        description=question(diagnosis, place), adopt=False, note=""
+    place = str(resolve_store_folder(store))
+    question_form = ProposalAnswer.with_initial_data(
+        description=render_proposal(diagnosis, place), adopt=False, note=""
     )
     answer = suspend_flow_run(wait_for_input=question_form, timeout=None, key="adopt")
     if not answer.adopt:

@@ -1,8 +1,8 @@
 """The flows nightly, campaign, monitor and verify.
 
-To be imported under `flows.settings.quiet_prefect`. prefect.yaml says when each starts,
-`$MODELGAP_RUNNER` where their tasks run. `store` is a folder; None is $MODELGAP_STORE,
-else ./store.
+To be imported under `flows.settings.build_prefect_environment`. prefect.yaml says when
+each starts, `$MODELGAP_RUNNER` where their tasks run. `store` is a folder; None is
+$MODELGAP_STORE, else ./store.
 """
 
 from contextlib import nullcontext
@@ -14,10 +14,10 @@ from prefect.runtime import flow_run
 from flows.pipelines import loop, tasks
 from flows.pipelines import project as projects
 from flows.requests import Campaign
-from flows.settings import HEALTHY, cores, store_folder
+from flows.settings import HEALTHY, count_cores, resolve_store_folder
 from flows.steps import diff as verification
 from flows.steps import experiment as campaigns
-from flows.workers import Processes, chosen_runner
+from flows.workers import ProcessExecutor, read_runner_setting
 from residual import one_blas_thread
 from residual.errors import RunError
 
@@ -29,7 +29,9 @@ _identify, _calibrate, _validate = (
     _analysis(step, task_run_name=step.__name__)
     for step in (tasks.identify, tasks.calibrate, tasks.validate)
 )
-_distributed = partial(flow, timeout_seconds=_NIGHT, task_runner=tasks.task_runner())
+_distributed = partial(
+    flow, timeout_seconds=_NIGHT, task_runner=tasks.choose_task_runner()
+)
 
 
 @_distributed(name="nightly", flow_run_name="nightly {campaign_file}")
@@ -54,19 +56,19 @@ def nightly(
         seed: Seed of the motions instead of that of the campaign; by default the
             scheduled time, such as 20261122020000. Every run stores it.
     """
-    place = str(store_folder(store))
+    place = str(resolve_store_folder(store))
     if seed is None:
         seed = int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")
     get_run_logger().info(f"to repeat this night: seed {seed}")
     request = Campaign(campaign_file, held_out, seed, store=place)
-    runs = campaigns.by_role(request, run_campaign(request))
+    runs = campaigns.group_runs_by_role(request, run_campaign(request))
     fit, proof = runs["fit"], runs["held_out"]
     beside = [
         _identify.submit(fit, proof, place),
         _calibrate.submit([*fit, *proof], place),
         _validate.submit(proof or fit, store=place),
     ]
-    ids = tasks.diagnose(runs, place, loop.model_in_force(runs, place))
+    ids = tasks.diagnose(runs, place, loop.find_adopted_model(runs, place))
     page = tasks.report(ids, place)
     projects.report_finding(ids[0], place, page)
     loop.adopt_or_propose(ids[0], place, auto)
@@ -84,23 +86,27 @@ def campaign(
     Raises:
         RunError: If some failed; the others are stored.
     """
-    place = str(store_folder(store))
+    place = str(resolve_store_folder(store))
     summary = run_campaign(Campaign(campaign_file, "", seed, store=place))
     if summary.failed:
-        raise RunError(campaigns.advice(summary))
+        raise RunError(campaigns.advise_on_failures(summary))
     return list(summary.stored)
 
 
-def run_campaign(request: Campaign) -> campaigns.Summary:
+def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
     """Submit the missing experiments; a failure stops no other."""
-    log, place = get_run_logger(), str(store_folder(request.store))
-    planned = campaigns.planned_of(request)
+    log, place = get_run_logger(), str(resolve_store_folder(request.store))
+    planned = campaigns.plan_campaign(request)
     missing = [each for each in planned if not each.stored]
     log.info(f"{len(missing)} to run, {len(planned) - len(missing)} in {place}")
     size = -(-len(missing) // _MOST) or 1
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     failed: dict[str, str] = {}
-    with Processes(cores()) if chosen_runner() is None else nullcontext() as executor:
+    with (
+        ProcessExecutor(count_cores())
+        if read_runner_setting() is None
+        else nullcontext() as executor
+    ):
         futures = []
         for batch in batches:
             more = f" and {len(batch) - 1} more" if len(batch) > 1 else ""
@@ -109,11 +115,13 @@ def run_campaign(request: Campaign) -> campaigns.Summary:
         for batch, future in zip(batches, futures, strict=True):
             outcome = future.result(raise_on_failure=False)
             if isinstance(outcome, BaseException):
-                failed |= campaigns.failures(batch, outcome, store_folder(place))
+                failed |= campaigns.explain_failures(
+                    batch, outcome, resolve_store_folder(place)
+                )
     for why in failed.values():
         log.warning(why)
-    summary = campaigns.Summary(tuple(planned), failed)
-    tasks.runs_committed(summary.new)
+    summary = campaigns.CampaignSummary(tuple(planned), failed)
+    tasks.send_runs_committed(summary.new)
     return summary
 
 
@@ -137,15 +145,15 @@ def monitor(
     Returns:
         The id of the record; none if there was nothing to compare with.
     """
-    tag = projects.tag_of(project, runs) if project else HEALTHY
-    return tasks.watch(runs, model, good or [], str(store_folder(store)), tag)
+    tag = projects.find_healthy_tag(project, runs) if project else HEALTHY
+    return tasks.watch(runs, model, good or [], str(resolve_store_folder(store)), tag)
 
 
 @flow(name="verify", flow_run_name="verify", timeout_seconds=_LIMIT)
 def verify(store: str | None = None) -> list[str]:
     """Check every byte of the store; return its summary, or fail."""
     log, out = get_run_logger(), []
-    for line in verification.verify(store_folder(store)):
+    for line in verification.find_damaged_files(resolve_store_folder(store)):
         log.info(line)
         out.append(line)
     return out

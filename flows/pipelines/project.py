@@ -1,7 +1,7 @@
 """The flows inbox and diagnose-new of a project.
 
-To be imported under `flows.settings.quiet_prefect`; `flows.project.deployments` has
-their schedules.
+To be imported under `flows.settings.build_prefect_environment`;
+`flows.project.deployments` has their schedules.
 """
 
 from collections import Counter
@@ -9,25 +9,25 @@ from pathlib import Path
 
 from prefect import flow, get_run_logger
 
-from flows.inbox.new import diagnose_new as diagnose_runs
-from flows.inbox.new import new_runs, robot_of_runs
-from flows.inbox.take import (
+from flows.inbox.batches import diagnose_new_runs as diagnose_runs
+from flows.inbox.batches import find_new_runs, find_project_robot
+from flows.inbox.import_logs import (
     KNOWN,
     REFUSED,
     STORED,
     WAITING,
-    import_all,
-    inboxes,
-    unchanged_logs,
+    import_inbox_logs,
+    list_inboxes,
+    wait_for_unchanged_logs,
 )
 from flows.pipelines import loop, tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
-from flows.project.deployments import resource
+from flows.project.deployments import build_robot_resource
 from flows.project.read import read_project
-from flows.report.document import words_table
-from flows.report.sentences import headline
-from flows.settings import HEALTHY, store_folder
+from flows.report.document import build_text_table
+from flows.report.sentences import format_headline
+from flows.settings import HEALTHY, resolve_store_folder
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 
@@ -41,10 +41,10 @@ _KINDS = (STORED, KNOWN, REFUSED, WAITING)
 def take(folder: str) -> dict:
     """Import the logs in the inboxes of a project, and send the events."""
     project, log = read_project(folder), get_run_logger()
-    of, sums, rows, fed = inboxes(project), Counter(), [], set()
-    for place, resting in unchanged_logs(of).items():
+    of, sums, rows, fed = list_inboxes(project), Counter(), [], set()
+    for place, resting in wait_for_unchanged_logs(of).items():
         robot = of[place].table.robot
-        for taken in import_all(of[place], resting, tasks.runs_committed):
+        for taken in import_inbox_logs(of[place], resting, tasks.send_runs_committed):
             sums[taken.status] += 1
             outcome = taken.run or taken.why
             log.info(f"{taken.name}: {taken.status}: {outcome}")
@@ -55,12 +55,12 @@ def take(folder: str) -> dict:
                 title = f"{robot}: {taken.name} was refused"
                 tasks.send_notice("refused", robot, title, taken.why)
     for robot in fed:
-        tasks.send_event(ARRIVED, {"robot": robot}, resource(robot))
+        tasks.send_event(ARRIVED, {"robot": robot}, build_robot_resource(robot))
     words = ", ".join(f"{sums[kind]} {kind}" for kind in _KINDS if sums[kind])
     if rows:
-        table = words_table(("log", "outcome", "run or reason"), rows)
-        tasks.publish("inbox", (), [f"Logs of the inboxes: {words}.", table])
-    tasks.rename(f"inbox: {words or 'empty'}")
+        table = build_text_table(("log", "outcome", "run or reason"), rows)
+        tasks.publish_text("inbox", (), [f"Logs of the inboxes: {words}.", table])
+    tasks.rename_flow_run(f"inbox: {words or 'empty'}")
     return {kind: sums[kind] for kind in _KINDS}
 
 
@@ -70,19 +70,19 @@ def diagnose(folder: str, robot: str) -> list[str]:
     project = read_project(folder)
     table = project.robot(robot)
     try:
-        batch = new_runs(project.store, project.arm(table), table)
+        batch = find_new_runs(project.store, project.arm(table), table)
         # The server may have been killed before their event started the monitoring.
         if batch and batch.unwatched:
             runs, store = list(batch.unwatched), str(project.store)
             tasks.watch(runs, None, [], store, table.healthy)
-            tasks.rename(f"{robot}: {len(batch.runs)} new runs")
+            tasks.rename_flow_run(f"{robot}: {len(batch.runs)} new runs")
         outcome = diagnose_runs(project, robot)
     except InputError as error:
-        tasks.rename(f"{robot}: not diagnosed")
+        tasks.rename_flow_run(f"{robot}: not diagnosed")
         tasks.send_notice("failed", robot, f"{robot}: not diagnosed", str(error))
         raise
     if outcome is None:
-        tasks.rename(f"{robot}: no new runs")
+        tasks.rename_flow_run(f"{robot}: no new runs")
         get_run_logger().info("no new runs")
         return []
     count, against = len(outcome.batch.runs), outcome.batch.against
@@ -90,9 +90,9 @@ def diagnose(folder: str, robot: str) -> list[str]:
     return list(outcome.ids)
 
 
-def tag_of(folder: str, runs: list[str]) -> str:
+def find_healthy_tag(folder: str, runs: list[str]) -> str:
     """Return the tag of healthy runs, of the robot of some runs."""
-    table = robot_of_runs(read_project(folder), runs)
+    table = find_project_robot(read_project(folder), runs)
     return table.healthy if table else HEALTHY
 
 
@@ -100,8 +100,8 @@ def report_finding(diagnosis: str, store: str, page: str) -> None:
     """Send the notice of a diagnosis that names effects."""
     verdict = read_verdict(Path(store), diagnosis)
     if verdict.effects:
-        title = f"{verdict.robot}: {headline(verdict)}"
-        link = tasks.link_of(Path(page))
+        title = f"{verdict.robot}: {format_headline(verdict)}"
+        link = tasks.build_page_link(Path(page))
         tasks.send_notice("finding", verdict.robot, title, ids=[diagnosis], page=link)
 
 
@@ -133,10 +133,10 @@ def diagnose_new(
         runs: Ids of runs with an alarm, instead of a robot.
         good: Ids of healthy runs of the arm.
     """
-    if project and runs and (table := robot_of_runs(read_project(project), runs)):
+    if project and runs and (table := find_project_robot(read_project(project), runs)):
         robot = table.name
     if project and robot:
-        tasks.rename(robot)
+        tasks.rename_flow_run(robot)
         ids, read = diagnose(project, robot), read_project(project)
         if not ids:
             return None
@@ -146,11 +146,11 @@ def diagnose_new(
         return page
     if not runs:
         raise InputError("diagnose-new needs a project with its robot, or runs.")
-    place = str(store_folder(store))
-    if tasks.diagnosed_already(runs, place):
+    place = str(resolve_store_folder(store))
+    if tasks.find_existing_diagnosis(runs, place):
         return None
     roles = {"fit": runs, "held_out": []}
-    roles["baseline"] = tasks.healthy(runs, good or [], place)
+    roles["baseline"] = tasks.select_healthy_runs(runs, good or [], place)
     ids = tasks.diagnose(roles, place)
     page = tasks.report(ids, place)
     report_finding(ids[0], place, page)

@@ -1,8 +1,8 @@
 """The tasks of the flows: steps with a name, a time limit, and retries.
 
-To be imported under `flows.settings.quiet_prefect`. Tasks take and return ids, paths.
-Prefect caches nothing: the ids of the store are the cache. Artifacts and events follow
-a commit; the store knows nothing of them.
+To be imported under `flows.settings.build_prefect_environment`. Tasks take and return
+ids, paths. Prefect caches nothing: the ids of the store are the cache. Artifacts and
+events follow a commit; the store knows nothing of them.
 """
 
 import os
@@ -21,16 +21,22 @@ from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
-from flows.inputs.read import robot_of
+from flows.inputs.read import read_run_robot
 from flows.project.deployments import ALARM, COMMITTED, NOTICE, STORE
-from flows.report import experiments, stored
-from flows.report.calibration import terminal_parts as calibrated_parts
+from flows.report import experiments, stored_pages
+from flows.report.calibration import build_terminal_parts as calibrated_parts
 from flows.report.document import ReportTable
-from flows.report.experiments import alarm_table, describe_alarms
-from flows.report.index import INDEX, title_of
-from flows.report.models import identification as identified_parts
-from flows.report.sentences import brief
-from flows.settings import HEALTHY, PAGES, cores, page_link, store_folder
+from flows.report.experiments import build_alarm_table, describe_alarms
+from flows.report.models import build_identification_parts as identified_parts
+from flows.report.sentences import format_brief_claim
+from flows.report.store_index import INDEX, title_diagnosis
+from flows.settings import (
+    HEALTHY,
+    PAGES,
+    build_page_address,
+    count_cores,
+    resolve_store_folder,
+)
 from flows.steps import calibrate as calibration
 from flows.steps import diagnose as diagnosis
 from flows.steps import experiment as campaigns
@@ -39,7 +45,7 @@ from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
 from flows.storage.diagnosis import read_verdict
-from flows.workers import DASK, InlineExecutor, chosen_runner, run_job
+from flows.workers import DASK, InlineExecutor, read_runner_setting, run_job
 from residual.errors import RunError
 
 _MOST = 200  # rows of a table
@@ -47,7 +53,9 @@ _TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
 _LONGEST = 200  # characters of the name of a flow run
 
 
-def publish(key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]) -> None:
+def publish_text(
+    key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]
+) -> None:
     """Show the outcome of a stage as one text, the same as its command prints.
 
     Args:
@@ -75,26 +83,26 @@ def publish_verdict(name: str, page: Path, words: str) -> None:
     Args:
         name: Robot, number and verdict in half a line.
     """
-    at = link_of(page)
+    at = build_page_link(page)
     create_link_artifact(at, "report", key="report", description=name)
     lines = [f"**{name}**", words, f"[Report]({at})"]
     if os.environ.get(PAGES):
-        lines[-1] += f" · [All reports]({page_link(INDEX, page)})"
+        lines[-1] += f" · [All reports]({build_page_address(INDEX, page)})"
     create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
 def publish_link(key: str, page: Path, words: str, link: str, about: str) -> None:
     """Show a text with a link to its page."""
-    text = f"{words}\n\n[{link}]({link_of(page)})"
+    text = f"{words}\n\n[{link}]({build_page_link(page)})"
     create_markdown_artifact(text, key=key, description=about)
 
 
-def link_of(page: Path) -> str:
+def build_page_link(page: Path) -> str:
     """Return where a browser finds a page that is a file of a report."""
-    return page_link(f"{page.parent.name}/{page.name}", page)
+    return build_page_address(f"{page.parent.name}/{page.name}", page)
 
 
-def runs_committed(ids: Sequence[str]) -> None:
+def send_runs_committed(ids: Sequence[str]) -> None:
     """Tell that runs are in the store; one event for a batch of them."""
     for start in range(0, len(ids), _TOGETHER):
         send_event(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
@@ -126,13 +134,13 @@ def send_notice(
     send_event(f"{NOTICE}.{kind}", payload | {"ids": list(ids), "page": page})
 
 
-def name_of(diagnosis: str, store: Path) -> str:
+def format_run_name(diagnosis: str, store: Path) -> str:
     """Return a diagnosis in half a line: "irb140 #2: load friction on joint 2, ..."."""
-    words = brief(read_verdict(store, diagnosis))
-    return f"{title_of(store, diagnosis)}: {words}"
+    words = format_brief_claim(read_verdict(store, diagnosis))
+    return f"{title_diagnosis(store, diagnosis)}: {words}"
 
 
-def rename(name: str) -> None:
+def rename_flow_run(name: str) -> None:
     """Give the flow run that we are in another name; nothing outside of one."""
     if flow_run.id is None:
         return
@@ -145,27 +153,30 @@ HOUR = 3600.0  # s
 task = partial(prefect_task, cache_policy=NO_CACHE, timeout_seconds=6 * HOUR)
 
 
-def task_runner() -> TaskRunner:
+def choose_task_runner() -> TaskRunner:
     """Return the task runner of flows: threads here, or Dask ($MODELGAP_RUNNER)."""
-    address = chosen_runner()
+    address = read_runner_setting()
     if address is None:
-        return ThreadPoolTaskRunner(max_workers=max(4, cores()))
+        return ThreadPoolTaskRunner(max_workers=max(4, count_cores()))
     from prefect_dask import DaskTaskRunner
 
     if address != DASK:
         return DaskTaskRunner(address=address)
-    cluster = {"n_workers": cores(), "threads_per_worker": 1, "host": "127.0.0.1"}
+    cluster = {"n_workers": count_cores(), "threads_per_worker": 1, "host": "127.0.0.1"}
     return DaskTaskRunner(cluster_kwargs=cluster | {"dashboard_address": None})
 
 
-def outside(_task: object, _run: object, state) -> bool:
+def is_temporary_failure(_task: object, _run: object, state) -> bool:
     """Whether a task failed for a temporary reason."""
-    return campaigns.outside(state.result(raise_on_failure=False))
+    return campaigns.is_outside_failure(state.result(raise_on_failure=False))
 
 
 # What is in the store is not run twice.
 again = partial(
-    task, retries=2, retry_delay_seconds=[10, 60], retry_condition_fn=outside
+    task,
+    retries=2,
+    retry_delay_seconds=[10, 60],
+    retry_condition_fn=is_temporary_failure,
 )
 
 
@@ -181,13 +192,15 @@ def experiment(
     Args:
         executor: Processes of this machine; None on a cluster.
     """
-    work = partial(campaigns.run_one, store=store)
+    work = partial(campaigns.run_planned_experiment, store=store)
     futures = [
         (executor or InlineExecutor()).submit(run_job, work, each) for each in batch
     ]
     ids = [future.result() for future in futures]
     for each, id in zip(batch, ids, strict=True):
-        if why := campaigns.misplaced(each, id, store_folder(store)):
+        if why := campaigns.explain_misplaced_run(
+            each, id, resolve_store_folder(store)
+        ):
             raise RunError(why)
     return ids
 
@@ -196,25 +209,25 @@ def identify(
     fit: list[str], held_out: list[str] | None = None, store: str | None = None
 ) -> None:
     """Identify the parameters of an arm from runs."""
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     request = requests.Identify(
         tuple(fit),
-        robot=robot_of(fit, place),
+        robot=read_run_robot(fit, place),
         held_out=tuple(held_out or ()),
         store=place,
     )
     logs = identification.read_logs(request)
     outcome, kept = identification.identify(request, logs)
-    publish("identify", [kept] if kept else [], identified_parts(outcome))
+    publish_text("identify", [kept] if kept else [], identified_parts(outcome))
 
 
 def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     """Fit look-up tables to runs; return the ids of the records."""
-    place = store_folder(store)
-    robot = robot_of(runs, place)
+    place = resolve_store_folder(store)
+    robot = read_run_robot(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
     done = calibration.calibrate(request, *calibration.read_logs(request))
-    publish("calibrate", list(done.stored.values()), calibrated_parts(done))
+    publish_text("calibrate", list(done.stored.values()), calibrated_parts(done))
     return list(done.stored.values())
 
 
@@ -226,45 +239,48 @@ def validate(
     Args:
         window: Length of a window of the open loop [s].
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     queue = (requests.Validate(id, window, place) for id in runs)
     results = {request.run: validation.validate(request) for request in queue}
     ids = [id for id, _ in results.values()]
-    publish("validate", ids, validated_parts(results))
+    publish_text("validate", ids, build_validation_parts(results))
     return ids
 
 
-def validated_parts(
+def build_validation_parts(
     validations: Mapping[str, tuple[str, validation.Validation]],
 ) -> list:
     """Return the tables and sentences of validations by run."""
     parts = []
     for run, (_, found) in validations.items():
-        parts += [f"Run {run}:", experiments.validation(found)]
-        parts += [experiments.both_ways(found), experiments.describe_validation(found)]
+        parts += [f"Run {run}:", experiments.build_validation_table(found)]
+        parts += [
+            experiments.build_model_table(found),
+            experiments.describe_validation(found),
+        ]
     return parts
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
 def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
     """Diagnose runs and store the verdict."""
-    request = diagnosis.request_of(runs, Path(store), model)
-    return list(diagnosis.diagnose_runs(request))
+    request = diagnosis.build_diagnose_request(runs, Path(store), model)
+    return list(diagnosis.diagnose_stored_runs(request))
 
 
-def diagnosed_already(runs: list[str], store: str) -> str | None:
+def find_existing_diagnosis(runs: list[str], store: str) -> str | None:
     """Return the diagnosis of some runs, None if there is none."""
-    diagnosis = monitoring.diagnosis_of(runs, Path(store))
+    diagnosis = monitoring.find_diagnosis(runs, Path(store))
     if diagnosis:
-        name = name_of(diagnosis, Path(store))
-        rename(f"explained already: {name}")
+        name = format_run_name(diagnosis, Path(store))
+        rename_flow_run(f"explained already: {name}")
         get_run_logger().info(f"diagnosis {diagnosis} has these runs")
     return diagnosis
 
 
-def healthy(runs: list[str], good: list[str], store: str) -> list[str]:
+def select_healthy_runs(runs: list[str], good: list[str], store: str) -> list[str]:
     """Return the tagged healthy runs of an arm, else the given ones without `runs`."""
-    tagged = monitoring.healthy_runs(runs, Path(store))
+    tagged = monitoring.find_healthy_runs(runs, Path(store))
     return list(tagged) or [run for run in good if run not in runs]
 
 
@@ -273,22 +289,22 @@ def watch(
     ids: list[str], model: str | None, good: list[str], store: str, tag: str = HEALTHY
 ) -> list[str]:
     """Monitor the sensors of runs; an alarm sends an event."""
-    new = monitoring.watch_new(ids, Path(store), model, good, tag)
+    new = monitoring.monitor_new_runs(ids, Path(store), model, good, tag)
     if new.record is None or new.result is None:
         get_run_logger().info(new.why)
-        publish("monitor", (), [f"{new.why} Nothing was monitored."])
-        rename(f"monitor: nothing monitored. {new.why}")
+        publish_text("monitor", (), [f"{new.why} Nothing was monitored."])
+        rename_flow_run(f"monitor: nothing monitored. {new.why}")
         return []
     parts = [
         describe_alarms(new.result),
         *new.result.notes,
-        alarm_table(new.result, new.watched),
+        build_alarm_table(new.result, new.watched),
     ]
-    publish("monitor", [new.record], parts)
+    publish_text("monitor", [new.record], parts)
     alarmed, count = new.alarmed, len(new.watched)
     summary = f"alarms in {len(alarmed)} of" if alarmed else "no alarm in"
     robot = new.result.monitor.model.robot.name
-    rename(f"{robot}: {summary} {count} new runs")
+    rename_flow_run(f"{robot}: {summary} {count} new runs")
     if alarmed:
         good = {"good_ids": list(new.result.calibration)}
         send_event(ALARM, {"record": new.record, "run_ids": list(alarmed)} | good)
@@ -300,8 +316,8 @@ def watch(
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
     """Write the report; it and the sentences of the verdict become artifacts."""
-    page = stored.diagnosis_page(ids, Path(store), "nightly")
-    name = name_of(ids[0], Path(store))
-    publish_verdict(name, page, stored.words(ids[1], Path(store)))
-    rename(name)
+    page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
+    name = format_run_name(ids[0], Path(store))
+    publish_verdict(name, page, stored_pages.read_headline(ids[1], Path(store)))
+    rename_flow_run(name)
     return str(page)

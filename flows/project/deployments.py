@@ -17,7 +17,7 @@ _WITH_PROJECT = ("monitor", "alarm")  # get the folder of the project
 _ENTRY = "flows.pipelines.project."
 
 
-def deployments(project: Project | None) -> dict[str, Any]:
+def build_deployments(project: Project | None) -> dict[str, Any]:
     """Return the content of a prefect.yaml, of the program or for a project."""
     text = (SHARED / "prefect.yaml").read_text(encoding="utf-8")
     content = yaml.safe_load(text)
@@ -32,7 +32,7 @@ def deployments(project: Project | None) -> dict[str, Any]:
     return content | {"deployments": [*base, *_project_deployments(project)]}
 
 
-def every_of(project: Project | None) -> tuple[str, ...]:
+def list_nightly_deployments(project: Project | None) -> tuple[str, ...]:
     """Return the nightly deployments, as "flow/name"."""
     if project is None:
         return (f"nightly/{_EXAMPLE_NIGHT}",)
@@ -42,13 +42,13 @@ def every_of(project: Project | None) -> tuple[str, ...]:
     )
 
 
-def inbox_of(project: Project | None) -> str | None:
+def find_inbox_deployment(project: Project | None) -> str | None:
     """Return the deployment of the inboxes, None if there are none."""
     has = project is not None and project.table.inbox
     return "inbox/inbox" if has else None
 
 
-def resource(robot: str) -> str:
+def build_robot_resource(robot: str) -> str:
     """Return the resource id of events on the logs of a robot."""
     return f"modelgap.inbox.{robot}"
 
@@ -86,7 +86,7 @@ def _real(project: Project, robot: RobotTable) -> dict:
     stored = {
         "type": "event",
         "enabled": True,
-        "match": {"prefect.resource.id": resource(robot.name)},
+        "match": {"prefect.resource.id": build_robot_resource(robot.name)},
         "expect": [STORED],
         "posture": "Reactive",
         "threshold": 1,

@@ -15,15 +15,20 @@ from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
-from flows.inputs.read import load
-from flows.outputs import write_all
-from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, store_folder
+from flows.inputs.read import load_command_robot
+from flows.outputs import write_files
+from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, resolve_store_folder
 from residual.errors import InputError
 from residual.robot.files import SERIAL, SLUG
-from residual.robot.robot import Robot, built_in_robots, split_word, with_serial
-from warehouse.bucket import is_address
-from warehouse.logs import ColumnMap, load_columns
-from warehouse.toml import checked, read_toml
+from residual.robot.robot import (
+    Robot,
+    list_built_in_robots,
+    parse_robot_reference,
+    set_serial_number,
+)
+from warehouse.bucket import is_bucket_address
+from warehouse.logs import ColumnMap, read_column_map
+from warehouse.toml_records import build_toml_record, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
 _WORD = re.compile(r"[\w.-]+(=[^\x00-\x1f]{0,60})?")
@@ -144,7 +149,9 @@ class Project:
     def store(self) -> Path:
         """The folder of the store; of a bucket the local one."""
         word = self.table.store
-        return store_folder(word) if is_address(word) else self.path(word)
+        return (
+            resolve_store_folder(word) if is_bucket_address(word) else self.path(word)
+        )
 
     def path(self, name: str) -> Path:
         """Return a path of the file, relative to its folder."""
@@ -160,13 +167,15 @@ class Project:
 
     def word(self, robot: RobotTable) -> str:
         """Return the robot as --robot takes it."""
-        is_built_in = robot.urdf in built_in_robots()
+        is_built_in = robot.urdf in list_built_in_robots()
         return robot.urdf if is_built_in else str(self.path(robot.urdf))
 
     def arm(self, robot: RobotTable) -> Robot:
         """Load a robot, with its serial number."""
         try:
-            return with_serial(load(self.word(robot)), robot.serial or None)
+            return set_serial_number(
+                load_command_robot(self.word(robot)), robot.serial or None
+            )
         except InputError as error:
             raise InputError(f"{PROJECT}: robot '{robot.name}': {error}") from error
 
@@ -183,7 +192,7 @@ class Project:
 
     def columns(self, inbox: InboxTable) -> ColumnMap:
         """Return the column map of an inbox."""
-        return load_columns(self.path(inbox.map)) if inbox.map else ColumnMap()
+        return read_column_map(self.path(inbox.map)) if inbox.map else ColumnMap()
 
 
 def read_project(folder: str | Path) -> Project:
@@ -191,7 +200,9 @@ def read_project(folder: str | Path) -> Project:
     file = Path(folder).resolve() / PROJECT
     if not file.is_file():
         raise InputError(f"No {PROJECT} in {file.parent}. Create one: modelgap init.")
-    project = Project(file.parent, checked(ProjectTable, read_toml(file), PROJECT))
+    project = Project(
+        file.parent, build_toml_record(ProjectTable, read_toml(file), PROJECT)
+    )
     for robot in project.table.robot:
         project.arm(robot)
         if robot.simulated:
@@ -201,7 +212,7 @@ def read_project(folder: str | Path) -> Project:
     return project
 
 
-def project_here(store: Path) -> Project | None:
+def read_current_project(store: Path) -> Project | None:
     """Return the project of the working directory, if a store belongs to it."""
     if not Path(PROJECT).is_file():
         return None
@@ -214,7 +225,7 @@ _PORTS = range(4200, 4300)
 INBOX = "inbox"
 
 
-def start(
+def create_project(
     folder: str | Path = ".", robot: str | None = None, simulated: bool = False
 ) -> Project:
     """Create a project.
@@ -232,10 +243,10 @@ def start(
             "modelgap init DIR."
         )
     word = robot or "irb140"
-    name = load(word).name
+    name = load_command_robot(word).name
     folder.mkdir(parents=True, exist_ok=True)
     text = _filled(name, _path_from(folder, word), simulated or robot is None)
-    write_all({file: text})
+    write_files({file: text})
     project = read_project(folder)
     for inbox in project.table.inbox:
         project.path(inbox.folder).mkdir(parents=True, exist_ok=True)
@@ -244,9 +255,9 @@ def start(
 
 def _path_from(folder: Path, word: str) -> str:
     """Return a robot word for the file: a path from its folder where it is inside."""
-    if word in built_in_robots():
+    if word in list_built_in_robots():
         return word
-    place, _ = split_word(word)
+    place, _ = parse_robot_reference(word)
     path, options = Path(place).resolve(), word.removeprefix(place)
     inside = path.is_relative_to(folder)
     return f"{path.relative_to(folder).as_posix() if inside else path}{options}"

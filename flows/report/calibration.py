@@ -5,14 +5,15 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from flows.report import charts
-from flows.report.document import Chart, Document, Note, ReportTable, Section, Strong
-from flows.report.page import render as render_page
-from flows.report.phrases import count_noun, sentence_case, texts
+from flows.report.document import BoldText, Chart, Document, Note, ReportTable, Section
+from flows.report.page import render_html as render_page
+from flows.report.phrases import capitalize_first, count_noun, read_page_texts
 from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
-from residual.calibration.choice import PLSR as LINES
-from residual.calibration.rows import PAPER
-from residual.calibration.scores import (
+from residual.calibration.calibration_rows import PAPER
+from residual.calibration.correction_choice import PLSR as LINES
+from residual.calibration.figure_data import INPUT, WHITE
+from residual.calibration.validation_scores import (
     BLOCK,
     DEFAULT,
     FAMILY,
@@ -24,20 +25,19 @@ from residual.calibration.scores import (
     RANDOM,
     RUN,
     SCHEMES,
-    Score,
-    find,
+    ModelScore,
+    find_model_score,
 )
-from residual.calibration.views import INPUT, WHITE
 
 HIDDEN = 1.25  # ratio from which a random split is said to hide something
 WORSE = 1.03  # ... from which one error is said to be above another
 
 
-def sentences(result: Calibration) -> tuple[str, ...]:
+def describe_calibration(result: Calibration) -> tuple[str, ...]:
     """Return the gain of the tables on unseen runs, then on other splits."""
 
-    def score(scheme: str, model: str) -> Score | None:
-        return find(result.scores, scheme, model)
+    def score(scheme: str, model: str) -> ModelScore | None:
+        return find_model_score(result.scores, scheme, model)
 
     lines = []
     ours, none, ls = (score(RUN, model) for model in (DEFAULT, NOTHING, LS))
@@ -72,28 +72,28 @@ def sentences(result: Calibration) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def _above(score: Score, reference: Score) -> str:
+def _above(score: ModelScore, reference: ModelScore) -> str:
     """The joints on which one error is above another, as a sentence; empty for none."""
     joints = [str(j + 1) for j in np.flatnonzero(score.rmsev > WORSE * reference.rmsev)]
     plural = "s" if len(joints) > 1 else ""
     return f" Worse on joint{plural} {', '.join(joints)}." if joints else ""
 
 
-def _p(score: Score) -> str:
+def _p(score: ModelScore) -> str:
     return f"{score.overall:.3g} %"
 
 
-_TEXT = texts()["calibration"]
+_TEXT = read_page_texts()["calibration"]
 
 
-def terminal_parts(outcome: StoredCalibration) -> list[str | ReportTable]:
+def build_terminal_parts(outcome: StoredCalibration) -> list[str | ReportTable]:
     """Return a calibration for the terminal: errors, how they are meant, warnings."""
     result = outcome.calibration
     return [
         _errors(result),
-        about_rows(result),
-        chosen_words(result),
-        *sentences(result),
+        describe_error_schemes(result),
+        describe_default_forms(result),
+        *describe_calibration(result),
         *(f"note: {n}" for n in result.notes),
         *(f"warning: {w}" for w in outcome.warnings),
     ]
@@ -112,7 +112,7 @@ def _errors(result: Calibration) -> ReportTable:
             each.overall for each in result.scores if each.scheme == score.scheme
         ]
         kind = (
-            Strong if score.overall == min(scheme_errors) else str
+            BoldText if score.overall == min(scheme_errors) else str
         )  # the best of its scheme
         cells = [
             kind(f"{_percent(v)} ({_percent(c)})")
@@ -132,7 +132,7 @@ def _percent(value: float) -> str:
     return "–" if not np.isfinite(value) else f"{value:.1f}"
 
 
-def about_rows(result: Calibration) -> str:
+def describe_error_schemes(result: Calibration) -> str:
     """Return the definitions of X and Y in a sentence."""
     rows = result.rows
     if rows.mode == PAPER:
@@ -153,7 +153,7 @@ def about_rows(result: Calibration) -> str:
     )
 
 
-def chosen_words(result: Calibration) -> str:
+def describe_default_forms(result: Calibration) -> str:
     """Return in a sentence the default form of each joint."""
     forms = []
     for joint, option in zip(result.rows.joints, result.chosen, strict=True):
@@ -166,7 +166,7 @@ def chosen_words(result: Calibration) -> str:
     return f"Default form, chosen on left-out {where}: {'; '.join(forms)}."
 
 
-def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
+def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
 
     def section(
@@ -175,7 +175,7 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
         parts = [charts, *more] if charts else ()
         return Section(id, heading, parts, _TEXT.get(id, ""))
 
-    words = sentences(result)
+    words = describe_calibration(result)
     logs = f"Logs: {', '.join(result.rows.labels)}."
     note = (
         "RMSEV on held-out rows, RMSEC in brackets on fitted rows, per cent of the "
@@ -185,7 +185,8 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
         note += "; the mean over subsets, as in the paper, in the last columns"
     note = f"{note}. {_TEXT['newness']}"
     below = Note(
-        f"{sentence_case(chosen_words(result))} {_TEXT['flatters']}", "soft spaced"
+        f"{capitalize_first(describe_default_forms(result))} {_TEXT['flatters']}",
+        "soft spaced",
     )
     loadings = [
         (
@@ -198,22 +199,34 @@ def render(result: Calibration, warnings: Sequence[str] = ()) -> str:
     ]
     heads = ("Motion", "Block", "Real components", "Largest loadings of the first")
     table = ReportTable(heads, loadings, text_columns=(0, 1, 3))
-    pca = components(result)
+    pca = chart_components(result)
     return render_page(
         Document(
             title=f"modelgap calibration: {result.robot}",
             about=f"modelgap calibration of {result.robot}",
             headline=words[0] if words else "A data-driven correction",
-            lead=[*words[1:], about_rows(result), logs],
+            lead=[*words[1:], describe_error_schemes(result), logs],
             warnings=warnings,
             sections=(
                 Section("table", "Models and schemes", [_errors(result), below], note),
-                section("bars", "Errors as bars (figure 10)", bars(result)),
-                section("time", "Corrections over time (figure 9)", over_time(result)),
+                section(
+                    "bars",
+                    "Errors as bars (figure 10)",
+                    chart_validation_errors(result),
+                ),
+                section(
+                    "time",
+                    "Corrections over time (figure 9)",
+                    chart_torque_over_time(result),
+                ),
                 section("pca", "Principal components (figures 4 to 6)", pca, table),
-                section("curves", "Components (figure 8)", curves(result)),
-                section("levels", "Levels (figure 12)", levels(result)),
-                Section("read", "How to read this page", [texts()["read_calibration"]]),
+                section("curves", "Components (figure 8)", chart_lookup_curves(result)),
+                section("levels", "Levels (figure 12)", chart_lookup_levels(result)),
+                Section(
+                    "read",
+                    "How to read this page",
+                    [read_page_texts()["read_calibration"]],
+                ),
                 Section("notes", "Notes", [result.notes]),
             ),
         )
@@ -230,22 +243,22 @@ MODEL_COLORS = {
 }
 _BLOCKS = {INPUT: "#0072b2", WHITE: "#b3b3b3"}
 _CLIP = 1.5  # times no compensation, above which bars are cut
-_RMSEV = charts.axis("RMSEV (%)", rangemode="tozero")
+_RMSEV = charts.build_axis("RMSEV (%)", rangemode="tozero")
 
 
 def _chart(
     title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None
 ) -> Chart:
-    plot = {"data": data, "layout": charts.layout(title, charts.axis(x), y)}
+    plot = {"data": data, "layout": charts.build_layout(title, charts.build_axis(x), y)}
     return Chart("", f"{title}: {alt}.", joint=joint, plot=plot)
 
 
-def bars(result: Calibration) -> list[Chart]:
+def chart_validation_errors(result: Calibration) -> list[Chart]:
     """Return errors as bars: schemes side by side, then joint by joint (figure 10)."""
     schemes = list(dict.fromkeys(score.scheme for score in result.scores))
     overall = {}
     for model in MODELS:
-        scores = [find(result.scores, scheme, model) for scheme in schemes]
+        scores = [find_model_score(result.scores, scheme, model) for scheme in schemes]
         overall[model] = [score and score.overall for score in scores]
     out = [_bars("All joints", [SCHEMES[name] for name in schemes], overall)]
     joints = [f"joint {j}" for j in result.rows.joints]
@@ -272,11 +285,11 @@ def _bars(title: str, at: list[str], rows: Mapping[str, Sequence]) -> Chart:
         f"{MODELS[m]} {', '.join(f'{v:.3g} %' for v in values if v is not None)}"
         for m, values in rows.items()
     )
-    y = charts.axis("RMSEV (%)", range=[0, max(top, 1e-6)])
+    y = charts.build_axis("RMSEV (%)", range=[0, max(top, 1e-6)])
     return _chart(title, "", y, data, text)
 
 
-def over_time(result: Calibration) -> list[Chart]:
+def chart_torque_over_time(result: Calibration) -> list[Chart]:
     """Return corrections of a run beside its residual, joint by joint (figure 9)."""
     unseen, out = result.unseen, []
     for column, joint in enumerate(result.rows.joints if unseen else ()):
@@ -284,19 +297,23 @@ def over_time(result: Calibration) -> list[Chart]:
         curves = {"residual": (charts.MEASURED, residual)}
         for name, values in unseen.corrections.items():
             curves[MODELS[name]] = MODEL_COLORS[name], values[:, column]
-        x = charts.packed(unseen.t)
+        x = charts.encode_values(unseen.t)
         data = [
-            {**charts.line(name, color, 1.0), "x": x, "y": charts.packed(values)}
+            {
+                **charts.line_style(name, color, 1.0),
+                "x": x,
+                "y": charts.encode_values(values),
+            }
             for name, (color, values) in curves.items()
         ]
         reach = 1.5 * float(np.abs(residual).max()) or 1.0
-        y = charts.axis("torque (N m)", range=[-reach, reach])
+        y = charts.build_axis("torque (N m)", range=[-reach, reach])
         alt = f"residual of {unseen.label} and corrections over time"
         out.append(_chart(f"Joint {joint}", "time (s)", y, data, alt, joint))
     return out
 
 
-def components(result: Calibration) -> list[Chart]:
+def chart_components(result: Calibration) -> list[Chart]:
     """Return explained variance, a chart for each motion family (figures 4 to 6)."""
     out = []
     for family in dict.fromkeys(block.family for block in result.blocks):
@@ -305,25 +322,29 @@ def components(result: Calibration) -> list[Chart]:
             color = _BLOCKS.get(block.block, "#d55e00")
             x = {"x": list(range(1, len(block.limit) + 1))}
             data.append(
-                charts.line(block.block, color) | x | {"y": block.explained.tolist()}
+                charts.line_style(block.block, color)
+                | x
+                | {"y": block.explained.tolist()}
             )
             if block.block != WHITE:
                 name, dash = f"{block.block}, chance", {"dash": "dash"}
-                style = charts.line(name, color, 1.0, line=dash)
+                style = charts.line_style(name, color, 1.0, line=dash)
                 data.append(style | x | {"y": block.limit.tolist()})
         alt = "; ".join(
             f"{o.block}: {o.explained[0]:.0f} % in the first" for o in blocks
         )
-        y = charts.axis("explained variance (%)", rangemode="tozero")
+        y = charts.build_axis("explained variance (%)", rangemode="tozero")
         out.append(_chart(family.replace("_", " "), "component", y, data, alt))
     return out
 
 
-def curves(result: Calibration) -> list[Chart]:
+def chart_lookup_curves(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of components of each model (figure 8)."""
     out = []
     for model in (PLSR, PAPER_FORM):
-        scores = [find(result.scores, scheme, model) for scheme in (RUN, RANDOM)]
+        scores = [
+            find_model_score(result.scores, scheme, model) for scheme in (RUN, RANDOM)
+        ]
         scores = [
             score for score in scores if score is not None and score.curve is not None
         ]
@@ -339,7 +360,7 @@ def curves(result: Calibration) -> list[Chart]:
     return out
 
 
-def levels(result: Calibration) -> list[Chart]:
+def chart_lookup_levels(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of levels, and its time (figure 12)."""
     sweep = result.sweep
     if sweep is None:
@@ -349,10 +370,12 @@ def levels(result: Calibration) -> list[Chart]:
     curves = {SCHEMES[name]: errors for name, errors in sweep.errors.items()}
     data = _by_joint(result, at, curves)
     times = {"x": at, "y": [round(s, 3) for s in sweep.seconds]}
-    y = charts.axis("processor time (s)", rangemode="tozero")
+    y = charts.build_axis("processor time (s)", rangemode="tozero")
     return [
         _chart("Error", "levels", _RMSEV, data, alt),
-        _chart("Time", "levels", y, [charts.line("time", charts.SOFT) | times], alt),
+        _chart(
+            "Time", "levels", y, [charts.line_style("time", charts.SOFT) | times], alt
+        ),
     ]
 
 
@@ -364,7 +387,9 @@ def _by_joint(
     for (name, errors), dash in zip(curves.items(), ("solid", "dash"), strict=False):
         for column, joint in enumerate(result.rows.joints):
             color = charts.JOINTS[column % len(charts.JOINTS)]
-            style = charts.line(f"joint {joint}, {name}", color, line={"dash": dash})
+            style = charts.line_style(
+                f"joint {joint}, {name}", color, line={"dash": dash}
+            )
             y = [_number(v) for v in errors[:, column]]
             data.append({**style, "x": at[: len(y)], "y": y})
     return data

@@ -7,10 +7,15 @@ from typing import Any
 import numpy as np
 
 from flows.report.document import Chart
-from flows.report.phrases import effect_named, listing, noun
-from flows.report.tables import METRICS, ErrorRow, error_rows, has_error
-from residual.model.compare import Cloud, LogProof
-from residual.quantity import bare_percent, fraction, is_number, percent
+from flows.report.phrases import find_effect, format_effect_noun, join_with_and
+from flows.report.tables import METRICS, ErrorRow, build_error_rows, has_error
+from residual.model.compare import FindingScatter, LogPrediction
+from residual.quantity import (
+    format_fraction,
+    format_percent,
+    format_percent_number,
+    is_number,
+)
 from residual.verdict.result import STAGES, Diagnosis
 
 Array = np.ndarray
@@ -19,7 +24,7 @@ _BIN_COUNTS = (24, 48, 96, 192)
 _LEAST_IN_BIN = 8
 
 
-def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
+def thin_to_extremes(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
     """Return a curve thinned to the two extremes of each bucket, so no peak is lost."""
     if len(t) <= 2 * buckets:
         return t, y
@@ -32,7 +37,7 @@ def envelope(t: Array, y: Array, buckets: int = 450) -> tuple[Array, Array]:
     return t[rows], y[rows]
 
 
-def spans(t: Array, flags: Array) -> list[tuple[float, float]]:
+def find_flagged_spans(t: Array, flags: Array) -> list[tuple[float, float]]:
     """Return (start, length) of each stretch of time where the flag is set."""
     ends = np.flatnonzero(np.diff(flags, prepend=False, append=False))
     last = len(t) - 1
@@ -42,7 +47,7 @@ def spans(t: Array, flags: Array) -> list[tuple[float, float]]:
     ]
 
 
-def draw(count: int, most: int) -> Array:
+def sample_rows(count: int, most: int) -> Array:
     """Return at most so many row numbers, drawn without a pattern, always the same.
 
     Every k-th row would beat with periodic motion and show shapes that are not there.
@@ -57,7 +62,7 @@ def _bins(x: Array, edges: Array) -> Array:
     return np.clip(np.searchsorted(edges, x, side="right") - 1, 0, len(edges) - 2)
 
 
-def edges(x: Array, fitted: Array) -> Array:
+def choose_bin_edges(x: Array, fitted: Array) -> Array:
     """Return bin edges fine enough for the fitted effect, with one at zero.
 
     A ripple of many periods needs narrow bins and a trend wide ones: the first count
@@ -80,7 +85,7 @@ def edges(x: Array, fitted: Array) -> Array:
     return bounds
 
 
-def medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]:
+def compute_bin_medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]:
     """Return the medians of x and y in each bin of x that is not thin."""
     bins = _bins(x, edges)
     groups = [np.flatnonzero(bins == i) for i in range(len(edges) - 1)]
@@ -109,13 +114,13 @@ Trace = dict[str, Any]
 Plot = dict[str, Any]
 
 
-def packed(values: Array) -> dict[str, str]:
+def encode_values(values: Array) -> dict[str, str]:
     """Return values as plotly reads them: four bytes each, as base64."""
     code = base64.b64encode(np.asarray(values, "<f4").tobytes()).decode()
     return {"dtype": "f4", "bdata": code}
 
 
-def over_time(t: Array, y: Array, most: int) -> Trace:
+def build_time_trace(t: Array, y: Array, most: int) -> Trace:
     """Return a curve over time, thinned to about so many points, broken at gaps.
 
     Args:
@@ -127,25 +132,30 @@ def over_time(t: Array, y: Array, most: int) -> Trace:
     gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1 if len(steps) else []
     xs, ys = [], []
     for rows in np.split(np.arange(len(t)), gaps):
-        x, values = envelope(t[rows], y[rows], max(8, most * len(rows) // (2 * len(t))))
+        x, values = thin_to_extremes(
+            t[rows], y[rows], max(8, most * len(rows) // (2 * len(t)))
+        )
         xs += [x, [x[-1]]]
         ys += [values, [np.nan]]
-    return {"x": packed(np.concatenate(xs)), "y": packed(np.concatenate(ys))}
+    return {
+        "x": encode_values(np.concatenate(xs)),
+        "y": encode_values(np.concatenate(ys)),
+    }
 
 
-def line(name: str, color: str, width: float = 1.5, **more: Any) -> Trace:
+def line_style(name: str, color: str, width: float = 1.5, **more: Any) -> Trace:
     """Return the style of a line, without its points."""
     style = {"color": color, "width": width, **more.pop("line", {})}
     return {"type": "scatter", "mode": "lines", "name": name, "line": style, **more}
 
 
-def dots(name: str, x: Array, y: Array, **marker: Any) -> Trace:
+def build_marker_trace(name: str, x: Array, y: Array, **marker: Any) -> Trace:
     """Return points, drawn as marks."""
-    place = {"x": packed(x), "y": packed(y), "marker": marker}
+    place = {"x": encode_values(x), "y": encode_values(y), "marker": marker}
     return {"type": "scatter", "mode": "markers", "name": name} | place
 
 
-def axis(title: str, **more: Any) -> dict[str, Any]:
+def build_axis(title: str, **more: Any) -> dict[str, Any]:
     """Return an axis with its title, which has the unit."""
     return {
         "title": {"text": title, "standoff": 6},
@@ -159,11 +169,11 @@ def axis(title: str, **more: Any) -> dict[str, Any]:
     }
 
 
-def layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
+def build_layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
     """Return the layout that all figures have."""
     return {
         "title": {
-            "text": escape(title),
+            "text": escape_plotly_markup(title),
             "x": 0,
             "xanchor": "left",
             "xref": "paper",
@@ -193,7 +203,7 @@ def layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
     }
 
 
-def escape(text: str) -> str:
+def escape_plotly_markup(text: str) -> str:
     """Return text in which plotly sees no markup."""
     return text.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
 
@@ -214,9 +224,9 @@ def _stages(diagnosis: Diagnosis) -> list[str]:
     return [stage for stage in STAGES if added or stage != "augmented"]
 
 
-def error_chart(diagnosis: Diagnosis) -> Chart | None:
+def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     """Return bars of the held-out error of each joint, while it moves."""
-    rows = [row for row in error_rows(diagnosis) if row.joint is not None]
+    rows = [row for row in build_error_rows(diagnosis) if row.joint is not None]
     metric = next((m for m in METRICS if has_error(rows, m, "identified")), None)
     if metric is None:
         return None
@@ -234,7 +244,9 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
             "x": names,
             "y": [round(min(v, top), 4) if is_number(v) else None for v in values],
             "text": [
-                f"{bare_percent(v)}{' ↑' if v > top else ''}" if is_number(v) else ""
+                f"{format_percent_number(v)}{' ↑' if v > top else ''}"
+                if is_number(v)
+                else ""
                 for v in values
             ],
             "textposition": "outside",
@@ -249,25 +261,25 @@ def error_chart(diagnosis: Diagnosis) -> Chart | None:
     if is_number(diagnosis.unexplained.noise_floor):
         floor = 100 * diagnosis.unexplained.noise_floor
         dash = {"color": MEASURED, "width": 1.2, "dash": "dash"}
-        data.append(line("noise alone", MEASURED, 1.2, line=dash))
+        data.append(line_style("noise alone", MEASURED, 1.2, line=dash))
         data[-1] |= {"x": names[:1], "y": [floor], "hoverinfo": "skip"}
         ends = {"xref": "paper", "x0": 0, "x1": 1, "y0": floor, "y1": floor}
         shapes.append({"type": "line", "line": dash, **ends})
-    y = axis("error (% of torque)", range=[0, 1.12 * top], fixedrange=True)
-    x = axis("", fixedrange=True)
+    y = build_axis("error (% of torque)", range=[0, 1.12 * top], fixedrange=True)
+    x = build_axis("", fixedrange=True)
     more = {"barmode": "group", "bargap": 0.25, "shapes": shapes}
     more["margin"] = {"l": 56, "r": 12, "t": 58, "b": 28}
     more["uniformtext"] = {"minsize": 9, "mode": "hide"}
     title = f"Error on unseen motion, {METRICS[metric]}"
     alt = f"Bars of the {title[0].lower()}{title[1:]}: " + "; ".join(
-        f"joint {row.joint} {percent(row.values[metric].get(stages[-1]))}"
+        f"joint {row.joint} {format_percent(row.values[metric].get(stages[-1]))}"
         for row in rows
     )
-    plot = {"data": data, "layout": layout(title, x, y, **more)}
+    plot = {"data": data, "layout": build_layout(title, x, y, **more)}
     return Chart("", alt, plot=plot, height=270)
 
 
-def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
+def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
     """Return the figures of each finding: residual over the variable of the effect."""
     usable = [c for c in diagnosis.clouds if len(c.x) > 1]
     charts = [_cloud_chart(c, len(usable), diagnosis) for c in usable]
@@ -275,7 +287,7 @@ def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
     for finding in diagnosis.effects:
         own_charts = [chart for chart in charts if chart.name == finding.name]
         # Two findings of one effect differ by their joints.
-        if effect_named(finding.name).variable is not None and finding.joints:
+        if find_effect(finding.name).variable is not None and finding.joints:
             own_charts = [
                 c for c in own_charts if c.joint in finding.joints
             ] or own_charts
@@ -283,13 +295,13 @@ def finding_charts(diagnosis: Diagnosis) -> list[list[Chart]]:
     return out
 
 
-def unexplained_charts(diagnosis: Diagnosis) -> list[Chart]:
+def chart_unexplained_residual(diagnosis: Diagnosis) -> list[Chart]:
     """Return the residual of each flagged joint, over what it depends on most."""
     usable = [c for c in diagnosis.residual_clouds if len(c.x) > 1]
     return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
 
 
-def _cloud_chart(cloud: Cloud, count: int, diagnosis: Diagnosis) -> Chart:
+def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Chart:
     """Return the residual over its variable with the effect through it.
 
     Args:
@@ -302,44 +314,53 @@ def _cloud_chart(cloud: Cloud, count: int, diagnosis: Diagnosis) -> Chart:
     if cloud.name:
         power = float(np.mean(cloud.residual**2))
         remaining = float(np.mean((cloud.residual - cloud.fitted) ** 2))
-        share = fraction(max(0.0, 1 - remaining / power) if power else None)
+        share = format_fraction(max(0.0, 1 - remaining / power) if power else None)
         caption = f"It explains {share} of the squared residual."
-        alt = f"Residual torque of {over}, and {noun(cloud.name)}. {caption}"
+        alt = (
+            f"Residual torque of {over}, and {format_effect_noun(cloud.name)}. "
+            f"{caption}"
+        )
     plot = _cloud_plot(cloud, min(_MOST_DOTS, _DOTS // count), unit)
     return Chart("", alt, caption, cloud.joint, cloud.name or None, plot)
 
 
-def _cloud_plot(cloud: Cloud, most: int, unit: str) -> Plot:
-    rows = draw(len(cloud.x), most)
+def _cloud_plot(cloud: FindingScatter, most: int, unit: str) -> Plot:
+    rows = sample_rows(len(cloud.x), most)
     x, y, fitted = cloud.x[rows], cloud.residual[rows], cloud.fitted[rows]
-    data = [dots("measured", x, y, color=SAMPLES, size=3.5, opacity=0.5)]
+    data = [build_marker_trace("measured", x, y, color=SAMPLES, size=3.5, opacity=0.5)]
     if np.ptp(cloud.fitted) > 0:
-        data.append(dots("explained", x, fitted, color=EXPLAINED, size=4))
-    middles = medians(cloud.x, cloud.residual, edges(cloud.x, cloud.fitted))
+        data.append(build_marker_trace("explained", x, fitted, color=EXPLAINED, size=4))
+    middles = compute_bin_medians(
+        cloud.x, cloud.residual, choose_bin_edges(cloud.x, cloud.fitted)
+    )
     edge = {"color": MEASURED, "width": 1.2}
-    data.append(dots("median", *middles, size=7, color="#ffffff", line=edge))
+    data.append(
+        build_marker_trace("median", *middles, size=7, color="#ffffff", line=edge)
+    )
     # Limits hold the fitted effect and 99 % of the points.
     low, high = np.quantile(cloud.residual, (0.005, 0.995))
     low, high = min(low, cloud.fitted.min()), max(high, cloud.fitted.max())
     pad = 0.08 * (high - low) or 1.0
     limits = [float(low - pad), float(high + pad)]
-    y_axis = axis(f"torque ({unit})", range=limits, zeroline=True)
+    y_axis = build_axis(f"torque ({unit})", range=limits, zeroline=True)
     y_axis["zerolinecolor"] = SOFT
     # The note of the section explains the marks.
     more = {"showlegend": False, "margin": {"l": 56, "r": 12, "t": 34, "b": 44}}
     variable = cloud.variable.replace("[", "(").replace("]", ")")
-    x_axis = axis(escape(variable))
+    x_axis = build_axis(escape_plotly_markup(variable))
     title = f"Joint {cloud.joint}"
-    return {"data": data, "layout": layout(title, x_axis, y_axis, **more)}
+    return {"data": data, "layout": build_layout(title, x_axis, y_axis, **more)}
 
 
-def motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
+def chart_held_out_motions(
+    diagnosis: Diagnosis,
+) -> tuple[list[tuple[str, list[Chart]]], int]:
     """Return (label and figures of held-out logs, number of logs not drawn).
 
     Of many logs those that the model predicts worst are drawn.
     """
 
-    def miss(proof: LogProof) -> float:
+    def miss(proof: LogPrediction) -> float:
         hat = proof.tau_hat.get("augmented", proof.tau_hat.get("identified", proof.tau))
         size = max(float(np.linalg.norm(proof.tau)), 1e-30)
         return float(np.linalg.norm(proof.tau - hat)) / size
@@ -379,40 +400,40 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
         )
         return not named and row.joint in flagged, value if is_number(value) else 0.0
 
-    rows = [row for row in error_rows(diagnosis) if row.joint]
+    rows = [row for row in build_error_rows(diagnosis) if row.joint]
     ordered = [row.joint for row in sorted(rows, key=gain, reverse=True)]
     return ordered or [*range(1, diagnosis.verdict.dof + 1)]
 
 
 def _curve_chart(
-    proof: LogProof, joint: int, stages: Sequence[str], most: int, unit: str
+    proof: LogPrediction, joint: int, stages: Sequence[str], most: int, unit: str
 ) -> Chart:
     """Return the torque of a joint over time, and below the residual of each model."""
     tau, size = proof.tau[:, joint - 1], np.linalg.norm(proof.tau[:, joint - 1])
-    traces = [line("measured", MEASURED, 2.6)]
-    traces[0] |= over_time(proof.t, tau, most)
+    traces = [line_style("measured", MEASURED, 2.6)]
+    traces[0] |= build_time_trace(proof.t, tau, most)
     errors = []
     # The nominal model on top and dotted: it often lies under the identified one.
     stages = [s for s in stages if s in proof.tau_hat]
     for stage in sorted(stages, key=lambda stage: stage == "nominal"):
         hat = proof.tau_hat[stage][:, joint - 1]
         dotted = {"line": {"dash": "dot"}} if stage == "nominal" else {}
-        style = line(LABELS[stage], COLORS[stage], 1.5, **dotted)
-        traces.append(style | over_time(proof.t, hat, most))
+        style = line_style(LABELS[stage], COLORS[stage], 1.5, **dotted)
+        traces.append(style | build_time_trace(proof.t, hat, most))
         if stage != "nominal":
             below = {"yaxis": "y2", "showlegend": False}
-            traces.append(style | below | over_time(proof.t, tau - hat, most))
+            traces.append(style | below | build_time_trace(proof.t, tau - hat, most))
         miss = 100 * np.linalg.norm(tau - hat) / size if size else None
-        errors.append(f"{stage} {percent(miss)}")
-    text = f"Joint {joint}, error over all samples: {listing(errors)}."
+        errors.append(f"{stage} {format_percent(miss)}")
+    text = f"Joint {joint}, error over all samples: {join_with_and(errors)}."
     alt = f"Measured and predicted torque of joint {joint} on log {proof.id}. {text}"
     span = [float(proof.t[0]), float(proof.t[-1])]
-    time = axis("time (s)", range=span, anchor="y2")
-    upper = axis(f"torque ({unit})", domain=[0.42, 1])
-    lower = axis(f"residual ({unit})", domain=[0, 0.34], zeroline=True)
+    time = build_axis("time (s)", range=span, anchor="y2")
+    upper = build_axis(f"torque ({unit})", domain=[0.42, 1])
+    lower = build_axis(f"residual ({unit})", domain=[0, 0.34], zeroline=True)
     lower["zerolinecolor"] = SOFT
     # Shaded at standstill: friction history sets its torque there.
-    standing = spans(proof.t, ~proof.moving[:, joint - 1])
+    standing = find_flagged_spans(proof.t, ~proof.moving[:, joint - 1])
     same = {"type": "rect", "yref": "paper", "y0": 0, "y1": 1, "layer": "below"}
     same |= {"fillcolor": STANDING, "line": {"width": 0}}
     shapes = [
@@ -420,6 +441,6 @@ def _curve_chart(
         for start, length in sorted(standing, key=lambda band: -band[1])[:_MOST_BANDS]
     ]
     more = {"yaxis2": lower, "shapes": shapes, "hovermode": "x"}
-    titled = layout(f"Joint {joint}", time, upper, **more)
+    titled = build_layout(f"Joint {joint}", time, upper, **more)
     plot = {"data": traces, "layout": titled}
     return Chart("", alt, text, joint, None, plot, 400)

@@ -11,44 +11,50 @@ from rich.console import Console
 
 from flows.report import charts, sentences, tables
 from flows.report.document import (
-    Beside,
     Chart,
     Document,
     Facts,
-    Fold,
+    FoldedParts,
     Heading,
+    HeadlineFigure,
     Note,
     Part,
     ReportTable,
     Section,
-    Tile,
-    line,
+    SideBySide,
+    build_text_table,
+    html_tag,
     print_document,
-    show,
-    tag,
-    words_table,
+    print_line,
+    print_parts,
 )
 from flows.report.page import Pairs
-from flows.report.page import render as render_page
+from flows.report.page import render_html as render_page
 from flows.report.phrases import (
     Demonstration,
+    build_truth_rows,
+    capitalize_first,
+    compare_with_truth,
     count_noun,
-    edit_sentences,
-    judge,
-    noun,
-    sentence_case,
-    texts,
-    truth_rows,
+    describe_edit_tests,
+    format_effect_noun,
+    read_page_texts,
 )
-from residual.quantity import MISSING, fraction, is_number, number, probability
+from residual.quantity import (
+    MISSING,
+    format_fraction,
+    format_number,
+    format_probability,
+    is_number,
+)
 from residual.verdict.result import Change, Diagnosis, Verdict
 
-_TEXT = texts()["diagnosis"]
+_TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
 _OPEN = 3  # figures of the first finding that are not
 
 
-def render(
+def render_diagnosis_page(
     result: Diagnosis,
     robot_name: str,
     demonstration: Demonstration | None = None,
@@ -59,7 +65,9 @@ def render(
     Args:
         origin: Where it comes from, and the command that makes it again.
     """
-    return render_page(document(result, robot_name, demonstration, origin))
+    return render_page(
+        build_diagnosis_document(result, robot_name, demonstration, origin)
+    )
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
@@ -68,13 +76,13 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     Args:
         console: Where to print; 80 columns and no color are enough.
     """
-    report = document(result, drawn=False)
+    report = build_diagnosis_document(result, drawn=False)
     first = ("missing", "given", "proof", "left", "sizes")
     print_document(console, report, first, ("else",))
-    line(console, "")
+    print_line(console, "")
 
 
-def document(
+def build_diagnosis_document(
     result: Diagnosis,
     robot: str = "",
     demonstration: Demonstration | None = None,
@@ -87,17 +95,19 @@ def document(
         drawn: Whether it has its figures, which no terminal needs.
     """
     verdict = result.verdict
-    first, *lead = sentences.sentences(verdict)
+    first, *lead = sentences.list_headline_sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
         _demonstration(demonstration),
-        _missing(result, charts.finding_charts(result) if drawn else ()),
-        _errors(result, charts.error_chart(result) if drawn else None),
-        _curves(result, *(charts.motions(result) if drawn else ((), 0))),
+        _missing(result, charts.chart_findings(result) if drawn else ()),
+        _errors(result, charts.chart_errors(result) if drawn else None),
+        _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
         _alternatives(result),
         _evidence(result),
         _nominal_values(verdict),
-        _unexplained(verdict, charts.unexplained_charts(result) if drawn else ()),
+        _unexplained(
+            verdict, charts.chart_unexplained_residual(result) if drawn else ()
+        ),
         _detectable(verdict),
         Section("notes", "Processing of the logs", [result.notes], open=False),
         _origin(verdict, origin),
@@ -108,67 +118,79 @@ def document(
         about=Markup("modelgap diagnosis of <b>{}</b>").format(robot),
         headline=first,
         lead=[" ".join(lead)] if lead else (),
-        tiles=tiles_of(result),
+        tiles=build_tiles(result),
         warnings=[*weak, *verdict.warnings],
         sections=sections,
     )
 
 
-def tiles_of(result: Diagnosis) -> tuple[Tile | None, ...]:
+def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
     """Return up to four figures: size, error, probability, remainder."""
     verdict, named, unexplained = result.verdict, result.effects, result.unexplained
     size = sure = remaining = None
     if len(named) == 1:
         (finding,) = named
-        name, value = tables.size_of(finding, verdict)
-        of = f"of {tables.title(finding, verdict)}"
-        size = Tile(sentence_case(name), value, of) if name else None
+        name, value = tables.format_first_size(finding, verdict)
+        of = f"of {tables.title_finding(finding, verdict)}"
+        size = HeadlineFigure(capitalize_first(name), value, of) if name else None
         alternative = (
-            f" or {tables.equivalents_text(finding, result)}"
+            f" or {tables.format_equivalents(finding, result)}"
             if finding.equivalent
             else ""
         )
-        note = f"that it is {noun(finding.name)}{alternative}"
-        sure = Tile("Probability", probability(finding.probability), note)
+        note = f"that it is {format_effect_noun(finding.name)}{alternative}"
+        sure = HeadlineFigure(
+            "Probability", format_probability(finding.probability), note
+        )
     elif named:
         confirmed = sum(finding.evidence.held_out == "confirmed" for finding in named)
         note = f"{confirmed} of them confirmed on unseen motion"
-        size = Tile("Effects found", str(len(named)), note)
+        size = HeadlineFigure("Effects found", str(len(named)), note)
         likely = [
             finding.probability for finding in named if is_number(finding.probability)
         ]
-        weakest = probability(min(likely, default=None))
-        sure = Tile("Probability", weakest, "of the least certain name")
-    stages = f"nominal → {sentences.with_findings(verdict) if named else 'refit'}"
-    fall = sentences.errors(verdict)
-    error = Tile("Error on unseen motion", fall or MISSING, f"of the torque, {stages}")
+        weakest = format_probability(min(likely, default=None))
+        sure = HeadlineFigure("Probability", weakest, "of the least certain name")
+    stages = (
+        f"nominal → {sentences.format_augmented_label(verdict) if named else 'refit'}"
+    )
+    fall = sentences.format_error_change(verdict)
+    error = HeadlineFigure(
+        "Error on unseen motion", fall or MISSING, f"of the torque, {stages}"
+    )
     if is_number(unexplained.fraction):
-        noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
+        noise = f"; noise alone is {format_fraction(unexplained.noise_floor)}"
         note = f"of the torque{noise if is_number(unexplained.noise_floor) else ''}"
-        remaining = Tile("Unexplained", fraction(unexplained.fraction), note)
+        remaining = HeadlineFigure(
+            "Unexplained", format_fraction(unexplained.fraction), note
+        )
     return size, error, sure, remaining
 
 
-def _fold(figures: Sequence[Chart], title: str, grid: bool = True) -> Fold | None:
+def _fold(
+    figures: Sequence[Chart], title: str, grid: bool = True
+) -> FoldedParts | None:
     """More figures, which open at a click; in a grid where they are small."""
     shown = f"{title} ({count_noun(len(figures), 'figure')})"
-    return Fold(shown, [figures] if grid else figures) if figures else None
+    return FoldedParts(shown, [figures] if grid else figures) if figures else None
 
 
-def truth(demonstration: Demonstration) -> list[Part]:
+def build_truth_parts(demonstration: Demonstration) -> list[Part]:
     """Return the hidden effect beside the named one."""
     title = "The seal, opened after the verdict was stored"
-    text, hidden = texts()["judged"], demonstration.hidden
+    text, hidden = read_page_texts()["judged"], demonstration.hidden
     return [
-        words_table(("", "hidden", "named"), truth_rows(demonstration), title),
-        Note(text[judge(hidden, demonstration.verdict)], "callout"),
+        build_text_table(
+            ("", "hidden", "named"), build_truth_rows(demonstration), title
+        ),
+        Note(text[compare_with_truth(hidden, demonstration.verdict)], "callout"),
         *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
     ]
 
 
 def print_truth(demonstration: Demonstration, console: Console) -> None:
     """Print the hidden effect beside the named one."""
-    show(console, *truth(demonstration), wrapped=True)
+    print_parts(console, *build_truth_parts(demonstration), wrapped=True)
 
 
 def _demonstration(demonstration: Demonstration | None) -> Section:
@@ -177,7 +199,7 @@ def _demonstration(demonstration: Demonstration | None) -> Section:
         alt = "The simulated arm moves through a part of one experiment"
         uri = "data:image/gif;base64," + base64.b64encode(demonstration.gif).decode()
         gif = [Chart(uri, alt, demonstration.caption)] if demonstration.gif else []
-        parts = [Beside((gif, truth(demonstration)))]
+        parts = [SideBySide((gif, build_truth_parts(demonstration)))]
     return Section("demonstration", "The experiment and the hidden effect", parts)
 
 
@@ -188,51 +210,54 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     note = _TEXT["clouds"] if any(figures) else ""
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
-        brief += tables.finding_lines(effect, result)
-    brief += sentences.other_sets(result.verdict) if result.effects else ()
-    brief += edit_sentences(result.verdict)
+        brief += tables.describe_finding(effect, result)
+    brief += (
+        sentences.describe_alternative_sets(result.verdict) if result.effects else ()
+    )
+    brief += describe_edit_tests(result.verdict)
     return Section("missing", "What is missing", parts, note, brief=brief)
 
 
 def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part | None]:
     """One finding: its effect on the torque, its size, its figures."""
     effect, verdict = result.effects[at], result.verdict
-    sentence = sentence_case("".join(result.sentences[at : at + 1]).strip())
+    sentence = capitalize_first("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
-    text: list[Part | None] = [sentence, tables.impact_sentence(result, effect)]
+    text: list[Part | None] = [sentence, tables.describe_impact(result, effect)]
     if effect.equivalent:
         alike = Markup(
             "<b>These logs cannot separate {} from {}.</b> The probability is that of "
             "all of them together; another motion may separate them."
         ).format(
-            noun(effect.name), tables.equivalents_text(effect, result, " or from ")
+            format_effect_noun(effect.name),
+            tables.format_equivalents(effect, result, " or from "),
         )
         text.append(Note(alike, "callout"))
     if effect.parameters or effect.combinations:
-        frame = tables.frame_words(effect, verdict.frames)
-        text.append(tables.parameter_table(effect, verdict))
+        frame = tables.describe_frame(effect, verdict.frames)
+        text.append(tables.build_parameter_table(effect, verdict))
         text.append(Note(f"Vectors are {frame}.") if frame else None)
-    title = sentence_case(tables.title(effect, verdict))
+    title = capitalize_first(tables.title_finding(effect, verdict))
     heading = Heading(f"{effect.order}. {title}")
     if len(figures) == 1:
-        return [heading, Beside((text, figures))]
+        return [heading, SideBySide((text, figures))]
     shown = _OPEN if at == 0 else 0
     more = "The other joints" if shown else "What it explains, joint by joint"
     return [heading, *text, figures[:shown], _fold(figures[shown:], more)]
 
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
-    rows = tables.error_rows(result)
+    rows = tables.build_error_rows(result)
     about = "Error on unseen motion, % of the measured torque"
-    table = tables.error_table(rows, tables.METRICS, about)
+    table = tables.build_error_table(rows, tables.METRICS, about)
     few = len(result.effects) < _MANY
     parts: list[Part | None] = [
         bars,
-        Fold("The errors of each joint", [table], few) if table else None,
+        FoldedParts("The errors of each joint", [table], few) if table else None,
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    brief = [tables.brief_errors(result, rows)]
+    brief = [tables.build_brief_error_table(result, rows)]
     return Section("proof", "Error on unseen motion", parts, note, brief=brief)
 
 
@@ -244,7 +269,9 @@ def _curves(
         note += _TEXT["undrawn"].format(count, count + undrawn)
     for at, (label, figures) in enumerate(motions, 1):
         number_of = f" {at}" if count > 1 else ""
-        title = Markup("Held-out motion{} {}").format(number_of, tag("code", label))
+        title = Markup("Held-out motion{} {}").format(
+            number_of, html_tag("code", label)
+        )
         first = 1 if at == 1 else 0
         more = "The other joints" if first else "All joints"
         parts += [Heading(title), *figures[:first]]
@@ -254,8 +281,8 @@ def _curves(
 
 
 def _alternatives(result: Diagnosis) -> Section:
-    parts: list[Part | None] = [sentences.other_sets(result.verdict)]
-    plan, brief = sentences.next_words(result.verdict), []
+    parts: list[Part | None] = [sentences.describe_alternative_sets(result.verdict)]
+    plan, brief = sentences.describe_next_experiment(result.verdict), []
     if plan:
         none = "No other set of effects explains these logs as well."
         parts += [none if result.effects and not parts[0] else None]
@@ -265,8 +292,8 @@ def _alternatives(result: Diagnosis) -> Section:
 
 
 def _evidence(result: Diagnosis) -> Section:
-    parts: list[Part] = [tables.evidence_table(result)] if result.effects else []
-    edits = edit_sentences(result.verdict)
+    parts: list[Part] = [tables.build_evidence_table(result)] if result.effects else []
+    edits = describe_edit_tests(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
     few = len(result.effects) < _MANY
@@ -274,14 +301,16 @@ def _evidence(result: Diagnosis) -> Section:
 
 
 def _nominal_values(verdict: Verdict) -> Section:
-    off, most = sentences.off(verdict), sentences.MOST_VALUES
+    off, most = sentences.list_wrong_values(verdict), sentences.MOST_VALUES
     heads = ("Value", "Nominal", "Identified", "Difference")
 
     def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        return words_table(heads, sentences.value_rows(changes, verdict), title)
+        return build_text_table(
+            heads, sentences.build_value_rows(changes, verdict), title
+        )
 
     title = f"All {len(verdict.changes)} values, nominal and identified"
-    folded = Fold(title, [table(verdict.changes)])
+    folded = FoldedParts(title, [table(verdict.changes)])
     if not off:
         parts = [_TEXT["none_off"], folded] if verdict.changes else ()
         return Section("given", "Nominal values", parts)
@@ -297,7 +326,7 @@ def _nominal_values(verdict: Verdict) -> Section:
 
 
 def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
-    text = " ".join(sentences.unexplained_words(verdict))
+    text = " ".join(sentences.describe_unexplained(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
     brief = [f"\n{text}" if text else ""]
     parts = [text, about, figures] if text else ()
@@ -305,7 +334,7 @@ def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
 
 
 def _detectable(verdict: Verdict) -> Section:
-    heads, rows = sentences.detectable_rows(verdict)
+    heads, rows = sentences.build_detectable_rows(verdict)
     heading, nothing = "Smallest detectable size of each effect", not verdict.effects
     if not rows:
         return Section("sizes", heading, ())
@@ -333,8 +362,11 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
 
 def _terms(verdict: Verdict) -> Section:
     """The terms of the page."""
-    cutoff = number(verdict.error.cutoff_hz)
+    cutoff = format_number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
-    terms = {word: text.format(cutoff=at) for word, text in texts()["reading"].items()}
+    terms = {
+        word: text.format(cutoff=at)
+        for word, text in read_page_texts()["reading"].items()
+    }
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
     return Section("read", "How to read this page", [terms, more], open=False)

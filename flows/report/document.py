@@ -12,15 +12,15 @@ from rich.padding import Padding
 from rich.table import Table as RichTable
 from rich.text import Text
 
-from flows.outputs import say
-from residual.errors import plain
+from flows.outputs import print_plain
+from residual.errors import strip_control_characters
 
 
-class Strong(str):
+class BoldText(str):
     """A bold line or cell; of several lines the first one is bold."""
 
 
-def tag(name: str, text: object, look: str = "") -> Markup:
+def html_tag(name: str, text: object, look: str = "") -> Markup:
     """Return text within a tag of a page, such as kbd."""
     start = Markup('<{} class="{}">').format(name, look) if look else f"<{name}>"
     return Markup("{}{}</{}>").format(Markup(start), text, name)
@@ -60,14 +60,14 @@ class ReportTable:
         return [*accumulate(columns for _, columns in self.groups)][:-1]
 
 
-def words_table(
+def build_text_table(
     heads: Sequence[str], rows: Sequence[Sequence[str]], title: str = ""
 ) -> ReportTable:
     """Return a table all of whose columns are words."""
     return ReportTable(heads, rows, title, text_columns=range(len(heads)))
 
 
-class Tile(NamedTuple):
+class HeadlineFigure(NamedTuple):
     """One figure at the head of a page: its label, its value, its meaning."""
 
     label: str
@@ -121,7 +121,7 @@ class Facts:
 
 
 @dataclass(frozen=True, slots=True)
-class Fold:
+class FoldedParts:
     """Parts that a page opens at a click."""
 
     title: str
@@ -130,16 +130,16 @@ class Fold:
 
 
 @dataclass(frozen=True, slots=True)
-class Beside:
+class SideBySide:
     """Columns of parts, side by side where there is room."""
 
     columns: Sequence[Sequence["Part"]]
 
 
 # Also a list, charts side by side, terms and their definitions.
-Part = (str | ReportTable | Chart | Note | Heading | Facts | Fold | Beside) | (
-    Sequence[Chart] | Sequence[str] | Mapping[str, str]
-)
+Part = (
+    str | ReportTable | Chart | Note | Heading | Facts | FoldedParts | SideBySide
+) | (Sequence[Chart] | Sequence[str] | Mapping[str, str])
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +178,7 @@ class Document:
     headline: str
     sections: Sequence[Section]
     lead: Sequence[str] = ()
-    tiles: Sequence[Tile | None] = ()
+    tiles: Sequence[HeadlineFigure | None] = ()
     warnings: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()
 
@@ -189,7 +189,7 @@ _WIDE = 200
 _NONE = ("", "–")
 
 
-def show(
+def print_parts(
     console: Console, *parts: str | ReportTable | Note | Heading, wrapped: bool = False
 ) -> None:
     """Print sentences and tables, one after the other.
@@ -203,11 +203,11 @@ def show(
         if isinstance(part, ReportTable):
             _print_table(console, part)
         elif isinstance(part, Heading):
-            line(console, f"\n{text}", "bold")
+            print_line(console, f"\n{text}", "bold")
         elif wrapped:
-            line(console, text, "bold" if isinstance(text, Strong) else "")
+            print_line(console, text, "bold" if isinstance(text, BoldText) else "")
         else:
-            say(console, text)
+            print_plain(console, text)
 
 
 def print_document(
@@ -222,26 +222,26 @@ def print_document(
         order: Ids of its sections.
         after_warnings: Ids of the sections that follow the warnings.
     """
-    line(console, "")
-    line(console, " ".join([document.headline, *document.lead]), "bold")
+    print_line(console, "")
+    print_line(console, " ".join([document.headline, *document.lead]), "bold")
     sections = {section.id: section for section in document.sections}
     for id in order:
-        show(console, *filter(None, sections[id].brief), wrapped=True)
+        print_parts(console, *filter(None, sections[id].brief), wrapped=True)
     for number, words in enumerate(document.warnings):
-        line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
+        print_line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
     for id in after_warnings:
-        show(console, *filter(None, sections[id].brief), wrapped=True)
+        print_parts(console, *filter(None, sections[id].brief), wrapped=True)
 
 
-def line(console: Console, text: str, style: str = "") -> None:
+def print_line(console: Console, text: str, style: str = "") -> None:
     """Print a sentence, wrapped at the width of the terminal, its indent kept."""
-    words = _readable(console, Text(plain(text), style=style))
+    words = _readable(console, Text(strip_control_characters(text), style=style))
     indent = len(words.plain) - len(words.plain.lstrip(" "))
     padded = Padding(words[indent:], (0, 0, 0, indent), expand=False)
     console.print(padded if indent else words)
 
 
-def wide_console(console: Console, width: int = _WIDE) -> Console:
+def widen_piped_console(console: Console, width: int = _WIDE) -> Console:
     """Return a console that cuts nothing: into a file or a pipe as wide as it needs."""
     return console if console.is_terminal else Console(file=console.file, width=width)
 
@@ -265,7 +265,7 @@ def _print_table(console: Console, table: ReportTable) -> None:
             drawn.add_section()
         drawn.add_row(*(_readable(console, _cell(cell)) for cell in row))
     if table.title:
-        show(console, Heading(table.title), wrapped=True)
+        print_parts(console, Heading(table.title), wrapped=True)
     if drawn.__rich_measure__(console, console.options).minimum <= console.width:
         console.print(drawn)
         return
@@ -273,13 +273,13 @@ def _print_table(console: Console, table: ReportTable) -> None:
     for first, *cells in table.rows:  # too narrow for columns: a row at a time
         pairs = zip(heads, cells, strict=True)
         words = ", ".join(f"{head} {cell}" for head, cell in pairs if cell not in _NONE)
-        show(console, Strong(first), f"  {words}", wrapped=True)
+        print_parts(console, BoldText(first), f"  {words}", wrapped=True)
 
 
 def _cell(text: str) -> Text:
     # As text, so that nothing in a name is taken for markup.
-    cell = Text(plain(text))
-    if isinstance(text, Strong):
+    cell = Text(strip_control_characters(text))
+    if isinstance(text, BoldText):
         cell.stylize("bold", 0, len(text.split("\n")[0]))
     return cell
 

@@ -9,20 +9,28 @@ from matplotlib import rc_context
 from matplotlib.figure import Figure
 
 from flows.report.charts import GRID, JOINTS, SOFT
-from flows.report.document import Document, ReportTable, Section, Strong
-from flows.report.page import render
-from flows.report.phrases import count_noun, joint_words, sentence_case, texts
-from flows.report.sentences import from_one_another, in_words
+from flows.report.document import BoldText, Document, ReportTable, Section
+from flows.report.page import render_html
+from flows.report.phrases import (
+    capitalize_first,
+    count_noun,
+    format_joints,
+    read_page_texts,
+)
+from flows.report.sentences import describe_place, describe_separation
 from flows.steps.monitor import MonitoringResult
-from flows.steps.next import OpenVerdict, Ranking
+from flows.steps.next import Ranking, ReopenedDiagnosis
 from flows.steps.validate import Validation
-from residual.planning.promise import separable_rivals, sure_words
-from residual.quantity import MISSING, fraction, probability
+from residual.planning.next_experiment import (
+    describe_settling_time,
+    list_separable_rivals,
+)
+from residual.quantity import MISSING, format_fraction, format_probability
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.engine.records import Reference, TrajectorySpec
-from sim.trajectories.excitation import Usage
-from sim.trajectories.limits import largest_torque
+from sim.engine.plant_records import ReferenceMotion, TrajectorySpec
+from sim.trajectories.excitation import LimitUsage
+from sim.trajectories.planning_limits import bound_nominal_torque
 
 _STYLE = {
     "text.parse_math": False,  # names of logs and columns are text, never formulas
@@ -54,7 +62,9 @@ class Panel(NamedTuple):
     log: bool = False
 
 
-def png(panels: Sequence[Panel], height: float, time: str = "time [s]") -> bytes:
+def draw_panels_png(
+    panels: Sequence[Panel], height: float, time: str = "time [s]"
+) -> bytes:
     """Return panels as PNG, each of that height [inch]."""
     with rc_context(_STYLE):
         figure = Figure((9.0, 0.6 + height * len(panels)), layout="constrained")
@@ -79,10 +89,10 @@ def png(panels: Sequence[Panel], height: float, time: str = "time [s]") -> bytes
     return out.getvalue()
 
 
-_TEXT = texts()["validation"]
+_TEXT = read_page_texts()["validation"]
 
 
-def validation(result: Validation) -> ReportTable:
+def build_validation_table(result: Validation) -> ReportTable:
     """Return the errors of a validation, a joint a row."""
     columns = {
         "open loop\n[mrad]": result.open_loop,
@@ -97,7 +107,7 @@ def validation(result: Validation) -> ReportTable:
     return ReportTable(("joint", *columns), rows, text_columns=())
 
 
-def both_ways(result: Validation) -> ReportTable:
+def build_model_table(result: Validation) -> ReportTable:
     """Return both directions of each model, a joint a row, and its mass matrix."""
     rows, dof = [], len(result.open_loop)
     driven = all(each.tracking is not None for each in result.models.values())
@@ -144,20 +154,20 @@ def describe_validation(result: Validation) -> str:
     )
 
 
-def validation_page(results: Mapping[str, Validation]) -> str:
+def render_validation_page(results: Mapping[str, Validation]) -> str:
     """Return the page of validations, by run."""
     sections = [
         Section(
             f"run-{run}",
             f"Run {run[:8]}",
-            [both_ways(each), validation(each)],
+            [build_model_table(each), build_validation_table(each)],
             _TEXT["both"],
         )
         for run, each in results.items()
     ]
     first, *more = (describe_validation(each) for each in results.values())
     notes = dict.fromkeys(note for each in results.values() for note in each.notes)
-    return render(
+    return render_html(
         Document(
             title="modelgap validation",
             about="modelgap validation",
@@ -172,8 +182,12 @@ _NEAR = 0.95  # share of a limit, shown bold
 _MOST = 4000  # samples drawn
 
 
-def motion_parts(
-    robot: Robot, reference: Reference, spec: TrajectorySpec, rate: float, used: Usage
+def build_motion_parts(
+    robot: Robot,
+    reference: ReferenceMotion,
+    spec: TrajectorySpec,
+    rate: float,
+    used: LimitUsage,
 ) -> list[str | ReportTable]:
     """Return a motion in words: its kind, its use of the limits, its excitation.
 
@@ -187,7 +201,7 @@ def motion_parts(
     columns = (used.range, used.speed, used.acceleration, used.torque)
     for joint, shares in enumerate(zip(*columns, strict=True), start=1):
         texts = (
-            (Strong if share > _NEAR else str)(f"{100 * share:.0f} %")
+            (BoldText if share > _NEAR else str)(f"{100 * share:.0f} %")
             if np.isfinite(share)
             else "no limit"
             for share in shares
@@ -211,7 +225,7 @@ def motion_parts(
     ]
 
 
-def motion_png(robot: Robot, reference: Reference) -> bytes:
+def draw_motion_png(robot: Robot, reference: ReferenceMotion) -> bytes:
     """Return curves of a motion as PNG: angles, and shares of the limits."""
     step = max(1, len(reference.t) // _MOST)
     motion = reference.t, reference.q, reference.qd, reference.qdd
@@ -220,7 +234,7 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
     if any(robot.prismatic):
         first = Panel(t, q, "position [rad or m]")
     panels = [first._replace(title=f"{reference.kind} motion of {robot.name}")]
-    torque = largest_torque(robot, q, qd, qdd)
+    torque = bound_nominal_torque(robot, q, qd, qdd)
     for name, unit, values, limit in (
         ("speed", "rad/s", qd, robot.velocity_limit),
         ("acceleration", "rad/s²", qdd, robot.acceleration_limit),
@@ -232,7 +246,7 @@ def motion_png(robot: Robot, reference: Reference) -> bytes:
             panels.append(Panel(t, share, label, levels=levels))
         else:
             panels.append(Panel(t, values, f"{name} [{unit}]"))
-    return png(panels, 1.95)
+    return draw_panels_png(panels, 1.95)
 
 
 _MOST_RUNS = 6  # runs in one picture
@@ -255,7 +269,7 @@ def describe_alarms(result: MonitoringResult) -> str:
     return f"{count_noun(len(alarms), 'alarm')} in {where}: {sensors} ({basis})."
 
 
-def alarm_table(
+def build_alarm_table(
     result: MonitoringResult, watched: Mapping[str, Recording]
 ) -> ReportTable:
     """Return the alarms, one a row."""
@@ -275,7 +289,9 @@ def alarm_table(
     return ReportTable(heads, rows, text_columns=(0, 3, 4))
 
 
-def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
+def draw_monitoring_png(
+    result: MonitoringResult, runs: Mapping[str, Recording]
+) -> bytes:
     """Return the score of each joint and the alarms as PNG.
 
     Args:
@@ -289,7 +305,7 @@ def plot(result: MonitoringResult, runs: Mapping[str, Recording]) -> bytes:
         title = f"run {id[:8]}"
         panel = Panel(t - t[0], values, "score / limit", title, (1.0,), marks, log=True)
         panels.append(panel)
-    return png(panels, 2.4, "time since the start of the run [s]")
+    return draw_panels_png(panels, 2.4, "time since the start of the run [s]")
 
 
 def _inseparable(ranking: Ranking) -> list[str]:
@@ -297,8 +313,8 @@ def _inseparable(ranking: Ranking) -> list[str]:
     lines = {}
     for c, a, b in sorted(ranking.twins):
         rivals = ranking.question.contests[c].rivals
-        one, other = in_words(rivals[a].place), in_words(rivals[b].place)
-        start = sentence_case(one)
+        one, other = describe_place(rivals[a].place), describe_place(rivals[b].place)
+        start = capitalize_first(one)
         if (c, b, a) not in ranking.twins:
             lines[
                 f"{start} is a special case of {other}: a motion can rule out the "
@@ -312,11 +328,11 @@ def _inseparable(ranking: Ranking) -> list[str]:
     return [*lines]
 
 
-def proposal_lines(ranking: Ranking) -> list[str]:
+def describe_best_motion(ranking: Ranking) -> list[str]:
     """Return the question that a motion settles, and its chance, a sentence each."""
     best, spec = ranking.best, ranking.best.spec
-    rivals = from_one_another(separable_rivals(ranking.question, best.outlook))
-    words = sure_words(spec.duration, best.after, best.prospect.chance)
+    rivals = describe_separation(list_separable_rivals(ranking.question, best.outlook))
+    words = describe_settling_time(spec.duration, best.after, best.prospect.chance)
     return [
         f"Next experiment: {spec.duration:g} s of {spec.kind} motion in "
         f"{count_noun(spec.periods, 'period')}, to separate {rivals}.",
@@ -327,14 +343,14 @@ def proposal_lines(ranking: Ranking) -> list[str]:
     ]
 
 
-def comparison(ranking: Ranking) -> ReportTable:
+def build_ranking_table(ranking: Ranking) -> ReportTable:
     """Return the ranked motions of the same length and limits."""
     rows = [
         (
             m.spec.kind.replace("_", " "),
             count_noun(m.spec.periods, "period"),
             MISSING if m.after is None else f"{m.after:.1f} s",
-            probability(m.prospect.chance),
+            format_probability(m.prospect.chance),
         )
         for m in ranking.ranked
     ]
@@ -343,7 +359,9 @@ def comparison(ranking: Ranking) -> ReportTable:
     return ReportTable(heads, rows, title)
 
 
-def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:
+def explain_no_experiment(
+    opened: ReopenedDiagnosis, ranking: Ranking | None
+) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:
@@ -352,7 +370,7 @@ def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:
     flagged = opened.diagnosis.verdict.unexplained.joints
     if ranking is None and flagged:
         return [
-            f"The residual on {joint_words(flagged)} is larger than noise, but no "
+            f"The residual on {format_joints(flagged)} is larger than noise, but no "
             "candidate effect explains any of it, so no motion could choose among "
             "them. The report of the diagnosis shows what it depends on."
         ]
@@ -362,10 +380,10 @@ def nothing_open(opened: OpenVerdict, ranking: Ranking | None) -> list[str]:
             "residual larger than noise."
         ]
     every = [r.place for c in opened.question.contests for r in c.rivals]
-    names = ", ".join(dict.fromkeys(map(in_words, every)))
+    names = ", ".join(dict.fromkeys(map(describe_place, every)))
     return [
         *_inseparable(ranking),
         f"No feasible motion separates {names}: the best one yields "
-        f"{fraction(ranking.best.outlook.share)} of the evidence needed. Try a "
+        f"{format_fraction(ranking.best.outlook.share)} of the evidence needed. Try a "
         "different payload or supply a known value (--known).",
     ]

@@ -4,25 +4,32 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.document import Document, ReportTable, Section, words_table
-from flows.report.page import Pairs, render
-from flows.report.phrases import texts
-from flows.report.sentences import sentences
+from flows.report.document import Document, ReportTable, Section, build_text_table
+from flows.report.page import Pairs, render_html
+from flows.report.phrases import read_page_texts
+from flows.report.sentences import list_headline_sentences
 from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
-from residual.errors import joints_listed
+from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
-from residual.quantity import bare_percent, number, percent, unit_text
+from residual.quantity import (
+    format_number,
+    format_percent,
+    format_percent_number,
+    format_unit,
+)
 from residual.verdict.result import ErrorTables
 
-_TEXT = texts()["proposal"]
+_TEXT = read_page_texts()["proposal"]
 
 METRICS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 _WHICH = {WHOLE: "", EDITED: "\nedited"}
 ADOPTED_KEY = "* the current model of its robot"
 
 
-def identification(outcome: ValidatedIdentification) -> list[str | ReportTable]:
+def build_identification_parts(
+    outcome: ValidatedIdentification,
+) -> list[str | ReportTable]:
     """Return an identification: parameters, fit, warnings, errors, consistency."""
     return [
         _parameters(outcome),
@@ -42,7 +49,7 @@ def _parameters(outcome: ValidatedIdentification) -> ReportTable:
         sds = [result.status[i], ""]
         if result.status[i] == "fitted":
             sds = [f"{estimate.sd[i]:.2g}", f"{100 * estimate.relative_sd[i]:.3g}"]
-        row = [base.words(i), unit_text(lead.unit), f"{result.nominal_theta[i]:.5g}"]
+        row = [base.words(i), format_unit(lead.unit), f"{result.nominal_theta[i]:.5g}"]
         row += [f"{estimate.theta[i]:.5g}", *sds]
         rows.append([*row, *([] if other is None else [f"{other[i]:.5g}"])])
     heads = ["parameter (sum of standard ones)", "unit", "nominal", "identified"]
@@ -55,7 +62,7 @@ def _fit(outcome: ValidatedIdentification) -> list[str]:
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
     lines = [
         f"{result.options.method} fit of {estimate.counts.sum()} moving rows, worth "
-        f"{estimate.independent.sum():.0f} independent ones; condition number "
+        f"{estimate.independent_rows.sum():.0f} independent ones; condition number "
         f"{estimate.condition:.3g}",
         f"noise per joint [N m]: {noise}",
     ]
@@ -88,7 +95,7 @@ def _errors(outcome: ValidatedIdentification) -> ReportTable:
 
 
 def _short(value: float) -> str:
-    return number(float(value)) if np.isfinite(value) else "–"
+    return format_number(float(value)) if np.isfinite(value) else "–"
 
 
 def _consistency(outcome: ValidatedIdentification) -> list[str]:
@@ -109,7 +116,7 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
     ]
 
 
-def prediction(errors: ErrorTables) -> ReportTable | str:
+def build_prediction_table(errors: ErrorTables) -> ReportTable | str:
     """Return errors per joint, of the model and of the edited model.
 
     Args:
@@ -123,16 +130,18 @@ def prediction(errors: ErrorTables) -> ReportTable | str:
     if not dof:
         return "The logs have no measured torque to compare with."
     rows = [
-        (str(j + 1), *(bare_percent(v and v[j]) for v in columns.values()))
+        (str(j + 1), *(format_percent_number(v and v[j]) for v in columns.values()))
         for j in range(dof)
     ]
     every = (errors.overall, errors.overall_filtered, errors.overall_moving)
-    rows.append(("all", *(bare_percent(of.get(n)) for of in every for n in names)))
+    rows.append(
+        ("all", *(format_percent_number(of.get(n)) for of in every for n in names))
+    )
     about = f"Error in % of torque ({', '.join(errors.logs)})"
     return ReportTable(["joint", *columns], rows, about)
 
 
-def adoptions(listed: Sequence[AdoptionEntry]) -> ReportTable:
+def build_adoption_table(listed: Sequence[AdoptionEntry]) -> ReportTable:
     """Return the adoptions, the first one first."""
     last = {(record.robot, record.serial): id for id, record, _ in listed}
     rows = [
@@ -149,20 +158,20 @@ def adoptions(listed: Sequence[AdoptionEntry]) -> ReportTable:
         for id, record, since in listed
     ]
     heads = ("no.", "since", "robot", "model", "held-out error", "action", "by", "note")
-    return words_table(heads, rows)
+    return build_text_table(heads, rows)
 
 
-def adoption_lines(number: str, review: Judgment) -> list[str]:
+def describe_adoption(number: str, review: Judgment) -> list[str]:
     """Return the adoption and the result of the gate, a line each."""
     return [
         f"adoption {int(number)}: the augmented model of diagnosis "
         f"{review.diagnosis[:8]} is now the model of {review.model.robot.name}; "
         "modelgap rollback restores the previous one",
-        *gate_lines(review),
+        *describe_gate_result(review),
     ]
 
 
-def gate_lines(review: Judgment) -> list[str]:
+def describe_gate_result(review: Judgment) -> list[str]:
     """Return the result of the gate for a model, a line each."""
     lines = [f"gate failed: {doubt}" for doubt in review.doubts]
     if review.check is None:
@@ -170,7 +179,7 @@ def gate_lines(review: Judgment) -> list[str]:
     errors = _fall(review.check.before, review.check.after)
     lines.append(f"error on unseen motion: {errors}")
     for finding in review.check.effects:
-        where = f" on {joints_listed(finding.joints)}" if finding.joints else ""
+        where = f" on {format_joint_numbers(finding.joints)}" if finding.joints else ""
         shown = "not confirmed by it"
         if finding.part is not None:
             shown = f"confirmed at {finding.part:.2f} times its size"
@@ -181,14 +190,14 @@ def gate_lines(review: Judgment) -> list[str]:
 def _fall(before: float | None, after: float | None) -> str:
     if before is None or after is None:
         return "–"
-    return f"{bare_percent(before)} → {percent(after)}"
+    return f"{format_percent_number(before)} → {format_percent(after)}"
 
 
 def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
     check, rows = proposal.judgment.check, []
     if check:
-        errors = bare_percent(check.before), bare_percent(check.after)
+        errors = format_percent_number(check.before), format_percent_number(check.after)
         rows.append(("error on unseen motion, %", *errors))
     rows += [
         (f"{finding.where}: {key}", "–", str(value))
@@ -198,37 +207,47 @@ def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     table = proposal.verdict.error.filtered
     before, after = (table.get(k) or () for k in ("nominal", "augmented"))
     return rows + [
-        (f"error of joint {joint}, filtered, %", bare_percent(a), bare_percent(b))
+        (
+            f"error of joint {joint}, filtered, %",
+            format_percent_number(a),
+            format_percent_number(b),
+        )
         for joint, (a, b) in enumerate(zip(before, after, strict=False), 1)
     ]
 
 
-def proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
+def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
     """Return the page of a proposal."""
     diagnosis, robot = proposal.judgment.diagnosis, proposal.verdict.robot
-    heads = ("", proposal.now, f"proposed: diagnosis {diagnosis[:8]}")
+    heads = ("", proposal.current_model, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
-        Section("two", "Comparison", [words_table(heads, _compared(proposal))]),
-        Section("gate", "Result of the gate", [gate_lines(proposal.judgment)]),
+        Section("two", "Comparison", [build_text_table(heads, _compared(proposal))]),
+        Section(
+            "gate", "Result of the gate", [describe_gate_result(proposal.judgment)]
+        ),
         Section(
             "answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]
         ),
     )
-    return render(
+    return render_html(
         Document(
             title=f"modelgap proposal: {robot}",
             about=f"modelgap proposal for {robot}",
             headline="A new model is proposed",
-            lead=sentences(proposal.verdict)[:1],
+            lead=list_headline_sentences(proposal.verdict)[:1],
             sections=sections,
             foot=origin,
         )
     )
 
 
-def proposal_markdown(proposal: Proposal) -> str:
+def render_proposal_markdown(proposal: Proposal) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
-    rows = [("", proposal.now, "proposed"), ("---",) * 3, *_compared(proposal)]
+    rows = [
+        ("", proposal.current_model, "proposed"),
+        ("---",) * 3,
+        *_compared(proposal),
+    ]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    gate = "\n".join(f"- {line}" for line in gate_lines(proposal.judgment))
-    return "\n\n".join([*sentences(proposal.verdict)[:1], table, gate])
+    gate = "\n".join(f"- {line}" for line in describe_gate_result(proposal.judgment))
+    return "\n\n".join([*list_headline_sentences(proposal.verdict)[:1], table, gate])

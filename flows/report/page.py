@@ -13,12 +13,12 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import Document, Strong, tag
-from flows.report.phrases import sentence_case
+from flows.report.document import BoldText, Document, html_tag
+from flows.report.phrases import capitalize_first
 from flows.requests import Diagnose
-from warehouse.files import read_parquet
-from warehouse.layout import find, read_record
-from warehouse.provenance import version_text
+from warehouse.provenance import format_version
+from warehouse.store_catalogue import find_record, read_record
+from warehouse.store_files import read_parquet
 
 _AGAIN = "Command"
 _NOUNS = {"diagnoses": "diagnosis"}
@@ -29,10 +29,10 @@ Pairs = Sequence[tuple[str, str]]
 
 
 def _ids(ids: Sequence[str]) -> Markup:
-    return Markup(" ").join(tag("code", id) for id in ids)
+    return Markup(" ").join(html_tag("code", id) for id in ids)
 
 
-def origin_of_record(store: Path, id: str) -> Pairs:
+def read_record_origin(store: Path, id: str) -> Pairs:
     """Return the origin of a record of a store, for the foot of a page.
 
     Its kind and id, time and program, the ids of its inputs by role, and the command
@@ -41,7 +41,7 @@ def origin_of_record(store: Path, id: str) -> Pairs:
     Raises:
         InputError: If there is no such record, or it is damaged.
     """
-    record = find(store, id)
+    record = find_record(store, id)
     is_run = record.kind == "runs"
     columns = ["created", "lineage", "manifest" if is_run else "provenance"]
     row = read_parquet(record.row, columns).to_pylist()[0]
@@ -59,16 +59,16 @@ def origin_of_record(store: Path, id: str) -> Pairs:
     return [
         (
             _NOUNS.get(record.kind, record.kind[:-1]).capitalize(),
-            tag("code", record.id),
+            html_tag("code", record.id),
         ),
         ("Stored", f"{row['created']:%Y-%m-%d %H:%M:%S} UTC"),
         ("Program", f"modelgap {program}"),
-        *((sentence_case(role), _ids(ids)) for role, ids in data.items()),
-        (_AGAIN, tag("kbd", f"modelgap {again} {record.id}")),
+        *((capitalize_first(role), _ids(ids)) for role, ids in data.items()),
+        (_AGAIN, html_tag("kbd", f"modelgap {again} {record.id}")),
     ]
 
 
-def origin_of_request(request: Diagnose, page: str = "report.html") -> Pairs:
+def describe_request_origin(request: Diagnose, page: str = "report.html") -> Pairs:
     """Return the origin of a diagnosis that is not stored."""
     inputs = {
         "Robot": (request.robot,),
@@ -76,22 +76,25 @@ def origin_of_request(request: Diagnose, page: str = "report.html") -> Pairs:
         "Baseline": request.baseline,
         "Held out": request.held_out,
         "Nominal model": (request.model or "robot description",),
-        "Program": (version_text(),),
+        "Program": (format_version(),),
     }
     facts = [(name, _ids(values)) for name, values in inputs.items() if values]
-    return [*facts, (_AGAIN, tag("kbd", command(request, page)))]
+    return [*facts, (_AGAIN, html_tag("kbd", format_diagnose_command(request, page)))]
 
 
-def origin_of_diagnosis(store: Path, id: str) -> Pairs:
+def read_diagnosis_origin(store: Path, id: str) -> Pairs:
     """Return the origin of a diagnosis in the store, with the page made again."""
-    facts, request = origin_of_record(store, id), read_record(store, id).get("request")
+    facts, request = (
+        read_record_origin(store, id),
+        read_record(store, id).get("request"),
+    )
     if not request:
         return facts
-    again = command(Diagnose.from_record(request, None), "report.html")
-    return [*facts[:-1], (_AGAIN, tag("kbd", again))]
+    again = format_diagnose_command(Diagnose.from_record(request, None), "report.html")
+    return [*facts[:-1], (_AGAIN, html_tag("kbd", again))]
 
 
-def command(request: Diagnose, page: str | None) -> str:
+def format_diagnose_command(request: Diagnose, page: str | None) -> str:
     """Return the command line of a diagnosis, with its page if there is one."""
     words = ["modelgap", "diagnose", *request.logs, "--robot", request.robot]
     for option, values in (
@@ -113,7 +116,7 @@ def command(request: Diagnose, page: str | None) -> str:
 
 
 @cache
-def library() -> str:
+def read_plotly_script() -> str:
     """Return the script of the plotting library, as its package has it."""
     # Found and not imported: only its file is needed, and importing it takes longer.
     (folder,) = find_spec("plotly").submodule_search_locations
@@ -122,25 +125,32 @@ def library() -> str:
 
 
 @cache
-def script(name: str) -> str:
+def read_page_script(name: str) -> str:
     """Return one of our scripts: page.js draws figures, filter.js filters a table."""
     return (_TEMPLATES / name).read_text(encoding="utf-8").strip()
 
 
-def scripts(body: str) -> list[str]:
+def list_page_scripts(body: str) -> list[str]:
     """Return the scripts that a page runs; none where nothing on it needs one."""
-    drawn = [library(), script("page.js")] if 'class="plot"' in body else []
-    return [*drawn, *([script("filter.js")] if "data-filters=" in body else [])]
+    drawn = (
+        [read_plotly_script(), read_page_script("page.js")]
+        if 'class="plot"' in body
+        else []
+    )
+    return [
+        *drawn,
+        *([read_page_script("filter.js")] if "data-filters=" in body else []),
+    ]
 
 
 @cache
-def hash_of(script: str) -> str:
+def hash_script(script: str) -> str:
     """Return a script as a content policy names it (CSP level 3, section 2.3.1)."""
     code = hashlib.sha256(script.encode()).digest()
     return f"'sha256-{base64.b64encode(code).decode()}'"
 
 
-def as_data(value: object) -> Markup:
+def embed_json(value: object) -> Markup:
     """Return a value as JSON that may stand within a script element."""
     text = json.dumps(value, separators=(",", ":"), ensure_ascii=False)
     # None of these can end the element or begin a comment in it.
@@ -149,7 +159,7 @@ def as_data(value: object) -> Markup:
     return Markup(text)
 
 
-def headings(body: str) -> list[tuple[str, Markup]]:
+def list_page_headings(body: str) -> list[tuple[str, Markup]]:
     """Return id and text of each section of a page, in order."""
     return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]
 
@@ -165,16 +175,16 @@ def _environment() -> Environment:
         lstrip_blocks=True,
     )
     templates.filters |= {
-        "as_data": as_data,
-        "headings": headings,
+        "as_data": embed_json,
+        "headings": list_page_headings,
         "kind": lambda part: type(part).__name__,
-        "script_hash": hash_of,
-        "scripts": scripts,
+        "script_hash": hash_script,
+        "scripts": list_page_scripts,
     }
-    templates.tests["strong"] = lambda cell: isinstance(cell, Strong)
+    templates.tests["strong"] = lambda cell: isinstance(cell, BoldText)
     return templates
 
 
-def render(page: Document) -> str:
+def render_html(page: Document) -> str:
     """Return a document as one HTML page that needs nothing else."""
     return _environment().get_template("document.html").render(page=page)

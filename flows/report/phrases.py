@@ -9,9 +9,9 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.effects.base import Effect
-from residual.quantity import MISSING, is_number, measured, percent
+from residual.quantity import MISSING, format_percent, format_uncertain_value, is_number
 from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
@@ -23,14 +23,14 @@ _UNKNOWN = Effect("", "", {}, columns=lambda state, joints, shape: state.tau_mod
 
 
 @cache
-def texts() -> dict[str, dict[str, Markup]]:
+def read_page_texts() -> dict[str, dict[str, Markup]]:
     """Return the fixed texts of pages, by page."""
     file = Path(__file__).parent / "templates" / "words.toml"
     parts = tomllib.loads(file.read_text(encoding="utf-8"))
     return {part: {k: Markup(v) for k, v in own.items()} for part, own in parts.items()}
 
 
-def number_word(value: int) -> str:
+def spell_number(value: int) -> str:
     """Return a small number in words: 6 becomes 'six'."""
     return _NUMBERS[value] if 0 <= value < len(_NUMBERS) else str(value)
 
@@ -40,14 +40,14 @@ def count_noun(count: int, noun: str) -> str:
     return f"{count} {noun}{'' if count == 1 else 's'}"
 
 
-def listing(items: Sequence[str]) -> str:
+def join_with_and(items: Sequence[str]) -> str:
     """Return 'a', 'a and b' or 'a, b and c'."""
     if len(items) < 2:
         return "".join(items)
     return f"{', '.join(items[:-1])} and {items[-1]}"
 
 
-def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
+def format_joints(joints: Iterable[int], dof: int | None = None) -> str:
     """Return joints in words: 'joint 2', 'joints 4 to 6', 'all six joints'.
 
     Args:
@@ -62,63 +62,65 @@ def joint_words(joints: Iterable[int], dof: int | None = None) -> str:
     if len(numbers) == 1:
         return f"joint {numbers[0]}"
     if len(numbers) == dof:
-        return "both joints" if dof == 2 else f"all {number_word(len(numbers))} joints"
+        return "both joints" if dof == 2 else f"all {spell_number(len(numbers))} joints"
     runs = np.split(numbers, np.flatnonzero(np.diff(numbers) > 1) + 1)
     words = [
         word
         for run in runs
         for word in ([f"{run[0]} to {run[-1]}"] if len(run) > 2 else map(str, run))
     ]
-    return f"joints {listing(words)}"
+    return f"joints {join_with_and(words)}"
 
 
-def noun(name: str) -> str:
+def format_effect_noun(name: str) -> str:
     """Return an effect in words; a name that is not known loses its underscores."""
     if not name:
         return "an effect without a name"
-    return effect_named(name).noun or str(name).replace("_", " ")
+    return find_effect(name).noun or str(name).replace("_", " ")
 
 
-def effect_named(name: str | None) -> Effect:
+def find_effect(name: str | None) -> Effect:
     """Return the effect of that name; an empty one if it is unknown."""
-    return registry().get(name) or _UNKNOWN
+    return load_effects().get(name) or _UNKNOWN
 
 
-def sentence_case(text: str) -> str:
+def capitalize_first(text: str) -> str:
     """Return the text with its first letter raised, the rest as it is."""
     return text[:1].upper() + text[1:]
 
 
-def place(effect: At, dof: int | None = None) -> str:
+def format_place(effect: At, dof: int | None = None) -> str:
     """Return where an effect sits, with its preposition: 'on joint 2'."""
-    joints, own = effect.joints, effect_named(effect.name)
+    joints, own = effect.joints, find_effect(effect.name)
     if own.scope == "flange":
         return own.place
     if not joints:
         return ""
-    words = joint_words(joints, None if own.scope == "pair" else dof)
+    words = format_joints(joints, None if own.scope == "pair" else dof)
     return own.place.format(joints=words, links=words.replace("joint", "link"))
 
 
-def phrase(effect: At, dof: int | None = None) -> str:
+def format_effect_place(effect: At, dof: int | None = None) -> str:
     """Return an effect with its place: 'a balancer on joint 2'."""
-    return f"{noun(effect.name)} {place(effect, dof)}".strip()
+    return f"{format_effect_noun(effect.name)} {format_place(effect, dof)}".strip()
 
 
-def alternatives(effect: Finding, dof: int | None = None) -> list[str]:
+def format_equivalent_phrases(effect: Finding, dof: int | None = None) -> list[str]:
     """Return the equivalents in words; their place only where it differs."""
     words = []
     for other in effect.equivalent:
         same = other.joints == effect.joints
-        same = same and "{joints}" in effect_named(other.name).place
-        words.append(noun(other.name) if same else phrase(other, dof))
+        same = same and "{joints}" in find_effect(other.name).place
+        words.append(
+            format_effect_noun(other.name) if same else format_effect_place(other, dof)
+        )
     return words
 
 
 # The hidden effect of a simulated experiment, and the edit test.
 
 
-def edit_sentence(edit: Edit) -> str:
+def describe_edit_test(edit: Edit) -> str:
     """Return the error of the model without one effect, on logs that never had it."""
     place = Place(edit.name, edit.joints)
     parts = {
@@ -126,20 +128,25 @@ def edit_sentence(edit: Edit) -> str:
         "least squares": edit.least_squares,
         "baseline's own model": edit.reference,
     }
-    listed = "; ".join(f"{k} {percent(v)}" for k, v in parts.items() if is_number(v))
+    listed = "; ".join(
+        f"{k} {format_percent(v)}" for k, v in parts.items() if is_number(v)
+    )
     return (
-        f"Edit test: without {phrase(place)} the model predicts logs that never had "
-        f"it to {percent(edit.error)} of torque{listed and f' ({listed})'}."
+        f"Edit test: without {format_effect_place(place)} the model predicts logs "
+        f"that never had "
+        f"it to {format_percent(edit.error)} of torque{listed and f' ({listed})'}."
     )
 
 
-def edit_sentences(verdict: Verdict) -> list[str]:
+def describe_edit_tests(verdict: Verdict) -> list[str]:
     """Return the edit test of each effect of a verdict on its baseline."""
-    return [edit_sentence(edit) for edit in verdict.edit or () if is_number(edit.error)]
+    return [
+        describe_edit_test(edit) for edit in verdict.edit or () if is_number(edit.error)
+    ]
 
 
 @dataclass(frozen=True, slots=True)
-class Hidden:
+class HiddenEffect:
     """One effect that was under the seal.
 
     Attributes:
@@ -167,11 +174,11 @@ class Demonstration:
 
     gif: bytes
     caption: str
-    hidden: tuple[Hidden, ...]
+    hidden: tuple[HiddenEffect, ...]
     verdict: Verdict
 
 
-def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
+def compare_with_truth(hidden: Sequence[HiddenEffect], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
 
     Args:
@@ -185,30 +192,34 @@ def judge(hidden: Sequence[Hidden], verdict: Verdict) -> str:
         return "false alarm" if verdict.effects else "clean"
     if not verdict.effects:
         return "missed"
-    truth, first = {place_key(effect) for effect in hidden}, verdict.effects[0]
-    if place_key(first) in truth:
+    truth, first = {effect_joints_key(effect) for effect in hidden}, verdict.effects[0]
+    if effect_joints_key(first) in truth:
         return "right"
-    return "class" if truth & {*map(place_key, first.equivalent)} else "wrong"
+    return "class" if truth & {*map(effect_joints_key, first.equivalent)} else "wrong"
 
 
-def truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]:
+def build_truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]:
     """Return rows (quantity, hidden, named): the effect, then its parameters."""
     named, rows = demonstration.verdict.effects, []
     for hidden in demonstration.hidden or (None,):
-        same = [e for e in named if hidden and place_key(e) == place_key(hidden)]
+        same = [
+            e
+            for e in named
+            if hidden and effect_joints_key(e) == effect_joints_key(hidden)
+        ]
         finding = next(iter([*same, *named]), None)
-        pair = [phrase(e) if e else "nothing" for e in (hidden, finding)]
-        rows.append(("effect", *map(sentence_case, pair)))
-        units = effect_named(hidden.name).parameters if hidden else {}
+        pair = [format_effect_place(e) if e else "nothing" for e in (hidden, finding)]
+        rows.append(("effect", *map(capitalize_first, pair)))
+        units = find_effect(hidden.name).parameters if hidden else {}
         true = hidden.parameters if hidden else {}
         fitted = finding.parameters if finding else {}
         for key in dict.fromkeys([*fitted, *true]):
             unit = fitted[key].unit if key in fitted else units.get(key)
-            value = measured(true.get(key), None, unit)
+            value = format_uncertain_value(true.get(key), None, unit)
             rows.append((key.replace("_", " "), value, str(fitted.get(key, MISSING))))
     return rows
 
 
-def place_key(effect: At | Hidden) -> tuple[str, tuple[int, ...]]:
+def effect_joints_key(effect: At | HiddenEffect) -> tuple[str, tuple[int, ...]]:
     """Return name and sorted joints, by which two places are the same."""
     return effect.name, tuple(sorted(effect.joints))

@@ -7,17 +7,17 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from flows.report.document import ReportTable, words_table
-from flows.steps.imports import Log
-from residual.errors import plain
+from flows.report.document import ReportTable, build_text_table
+from flows.steps.imports import ImportedLog
+from residual.errors import strip_control_characters
 from residual.robot.robot import Robot
-from warehouse.logs.columns import shorten
+from warehouse.logs.column_map import abbreviate_column_names
 
 _SHOWN = 40  # lines of one table
 _LISTED = 12  # channels of a rerun that are listed for people
 
 
-def comparison(difference) -> list[str | ReportTable]:
+def build_diff_tables(difference) -> list[str | ReportTable]:
     """Return a comparison of two records: which values differ, and by how much."""
     same = "the same values" if difference.same else "different values"
     parts = [f"{difference.kind} {difference.ids[0]} and {difference.ids[1]}: {same}"]
@@ -26,7 +26,9 @@ def comparison(difference) -> list[str | ReportTable]:
             parts.append(f"{heading}: the same")
             continue
         shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
-        parts.append(words_table((heading, *(id[:8] for id in difference.ids)), shown))
+        parts.append(
+            build_text_table((heading, *(id[:8] for id in difference.ids)), shown)
+        )
         parts += _more(len(rows))
     if difference.kind != "runs":
         # Numbers of the record are in its table; files and tables are not.
@@ -41,10 +43,10 @@ def comparison(difference) -> list[str | ReportTable]:
         differ = "equal" if c.equal else count
         rows.append((c.name, c.unit or "–", str(c.rows), differ, *figures))
     heads = ("channel", "unit", "samples", "differ", "from [s]", "largest", "rms")
-    return [*parts, words_table(heads, rows)]
+    return [*parts, build_text_table(heads, rows)]
 
 
-def as_record(difference) -> dict:
+def build_diff_record(difference) -> dict:
     """Return a comparison as JSON can hold it."""
     tables = {
         heading: [{"name": n, "one": one, "two": two} for n, one, two in rows]
@@ -89,16 +91,19 @@ def _word(value: object) -> str:
 _LONG = 200  # characters of a text beyond which a line shows its start
 
 
-def record_lines(value: Mapping | list, indent: str = "") -> list[str]:
+def format_record_lines(value: Mapping | list, indent: str = "") -> list[str]:
     """Return a nested record as lines: key, then its value or lines below it."""
     lines = []
     items = value.items() if isinstance(value, Mapping) else (("-", v) for v in value)
     for key, item in items:
         parts = item if isinstance(item, list) else [item]
         if any(isinstance(part, Mapping | list) and part for part in parts):
-            lines += [plain(f"{indent}{key}:"), *record_lines(item, indent + "  ")]
+            lines += [
+                strip_control_characters(f"{indent}{key}:"),
+                *format_record_lines(item, indent + "  "),
+            ]
         else:
-            lines.append(plain(f"{indent}{key}: {_value(item)}"))
+            lines.append(strip_control_characters(f"{indent}{key}: {_value(item)}"))
     return lines
 
 
@@ -111,7 +116,7 @@ def _value(item: object) -> str:
     return f"{' '.join(text[:60].split())} … ({len(text)} characters, --format json)"
 
 
-def rerun_lines(rerun) -> list[str]:
+def describe_rerun(rerun) -> list[str]:
     """Return the result of a rerun, line by line."""
     about = f"{rerun.kind} {rerun.id}"
     if rerun.reproduced and rerun.imported:
@@ -133,7 +138,7 @@ def rerun_lines(rerun) -> list[str]:
     return out
 
 
-def rerun_record(rerun) -> Mapping:
+def build_rerun_record(rerun) -> Mapping:
     """Return the same as JSON can hold it."""
     keys = ["id", "kind", "reproduced", "same_code", "imported", "changes"]
     return {
@@ -145,16 +150,16 @@ def rerun_record(rerun) -> Mapping:
     }
 
 
-def channels(log: Log) -> ReportTable:
+def build_channel_table(log: ImportedLog) -> ReportTable:
     """Return the column of a log behind each channel, and its conversion."""
     heads = ("channel", "column", "unit in the file", "conversion")
     rows = [
         (c, column, unit, done or "–") for c, column, unit, done in log.summary.channels
     ]
-    return words_table(heads, rows)
+    return build_text_table(heads, rows)
 
 
-def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
+def describe_imported_log(log: ImportedLog, robot: Robot, all: bool) -> list[str]:
     """Return how a log was read, one line each."""
     known = log.summary
     if not all:
@@ -174,7 +179,7 @@ def log_lines(log: Log, robot: Robot, all: bool) -> list[str]:
         f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
         f"serial number: {log.manifest['serial'] or 'none'}, "
         f"tags: {' '.join(log.manifest['tags']) or 'none'}",
-        f"ignored columns: {shorten(known.ignored) or 'none'}",
+        f"ignored columns: {abbreviate_column_names(known.ignored) or 'none'}",
         f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
         "a dry run stores nothing",
     ]

@@ -2,34 +2,34 @@
 
 from collections.abc import Sequence
 
-from flows.inputs.repair import place_of
+from flows.inputs.repair import describe_repair_file
 from flows.report.phrases import (
     At,
-    alternatives,
+    capitalize_first,
     count_noun,
-    effect_named,
-    joint_words,
-    listing,
-    number_word,
-    phrase,
-    place_key,
-    sentence_case,
-    texts,
+    effect_joints_key,
+    find_effect,
+    format_effect_place,
+    format_equivalent_phrases,
+    format_joints,
+    join_with_and,
+    read_page_texts,
+    spell_number,
 )
 from residual.check.result import Fault, LogCheck
-from residual.effects.base import Trait
-from residual.errors import joints_listed
-from residual.planning.promise import NOTHING, TOGETHER, sure_words
+from residual.effects.base import EffectTrait
+from residual.errors import format_joint_numbers
+from residual.planning.next_experiment import NOTHING, TOGETHER, describe_settling_time
 from residual.quantity import (
     MISSING,
-    bare_percent,
-    fraction,
+    format_fraction,
+    format_number,
+    format_percent,
+    format_percent_number,
+    format_probability,
+    format_uncertain_value,
+    format_unit,
     is_number,
-    measured,
-    number,
-    percent,
-    probability,
-    unit_text,
 )
 from residual.verdict.result import (
     LOAD,
@@ -47,19 +47,21 @@ NEVER = "n.d."  # not detectable here: it would take more than an arm can have
 _WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
 
 
-def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
+def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
     """Return (heading, rows): the smallest detectable size of each effect, per joint.
 
     Effects on pairs of joints or on the whole arm get rows and a column of their own.
     """
     sizes: dict[str, dict[int, str]] = {}
     for item in verdict.minimum_detectable:
-        local, unit = len(item.joints) == 1, unit_text(item.unit)
+        local, unit = len(item.joints) == 1, format_unit(item.unit)
         name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
         row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
         size = "" if item.value is None else f"{item.value:.2g}"
         size = (
-            number(item.value) if is_number(item.value) and item.value >= 100 else size
+            format_number(item.value)
+            if is_number(item.value) and item.value >= 100
+            else size
         )
         row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
     columns = sorted({column for row in sizes.values() for column in row})
@@ -70,12 +72,12 @@ def detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
     return ["Effect", *heads], rows
 
 
-def unexplained_words(verdict: Verdict) -> list[str]:
+def describe_unexplained(verdict: Verdict) -> list[str]:
     """Return the unexplained torque in sentences."""
     unexplained = verdict.unexplained
     words = []
     if is_number(unexplained.fraction):
-        noise = f"; noise alone is {fraction(unexplained.noise_floor)}"
+        noise = f"; noise alone is {format_fraction(unexplained.noise_floor)}"
         source = (
             f" (estimated from {unexplained.noise_model})"
             if unexplained.noise_model
@@ -83,29 +85,30 @@ def unexplained_words(verdict: Verdict) -> list[str]:
         )
         noise = noise + source if is_number(unexplained.noise_floor) else ""
         words.append(
-            f"Unexplained: {fraction(unexplained.fraction)} of the torque{noise}."
+            f"Unexplained: {format_fraction(unexplained.fraction)} of the "
+            f"torque{noise}."
         )
     if unexplained.joints:
-        joints = joint_words(unexplained.joints, verdict.dof)
+        joints = format_joints(unexplained.joints, verdict.dof)
         kind = f" It is {unexplained.kind}." if unexplained.kind else ""
         words.append(f"The residual on {joints} is larger than noise.{kind}")
     by_joint: dict[int, list[str]] = {}
     for entry in unexplained.depends_on:
         by_joint.setdefault(entry.joint, []).append(_dependence(entry))
     words += [
-        f"Of the residual on joint {joint}, {listing(parts)}."
+        f"Of the residual on joint {joint}, {join_with_and(parts)}."
         for joint, parts in by_joint.items()
     ]
-    unclear = joint_words(j for j in unexplained.joints if j not in by_joint)
+    unclear = format_joints(j for j in unexplained.joints if j not in by_joint)
     if unclear:
         words.append(f"The residual on {unclear} depends on no known variable.")
     return words
 
 
 def _dependence(entry: Dependence) -> str:
-    share = fraction(entry.share)
+    share = format_fraction(entry.share)
     if entry.on == "frequency":
-        return f"{share} oscillates at {number(entry.frequency)} Hz"
+        return f"{share} oscillates at {format_number(entry.frequency)} Hz"
     by_sign = ", by direction of motion" if entry.form == "by direction" else ""
     if entry.on == "t":
         return f"{share} drifts with time{by_sign}"
@@ -117,7 +120,7 @@ def _dependence(entry: Dependence) -> str:
 _SHOWN = 3
 
 
-def other_sets(verdict: Verdict) -> list[str]:
+def describe_alternative_sets(verdict: Verdict) -> list[str]:
     """Return sentences on other sets of effects that explain the logs as well.
 
     Sets in which one finding gives way to its equivalent stand with that finding.
@@ -128,7 +131,7 @@ def other_sets(verdict: Verdict) -> list[str]:
         joints = [(j,) for j in finding.joints] if lists else [finding.joints]
         named |= {(finding.name, each) for each in joints}
     shown_with_finding = {
-        frozenset(named - {(finding.name, finding.joints)} | {place_key(other)})
+        frozenset(named - {(finding.name, finding.joints)} | {effect_joints_key(other)})
         for finding in verdict.effects
         for other in finding.equivalent
     }
@@ -137,11 +140,11 @@ def other_sets(verdict: Verdict) -> list[str]:
         a
         for a in verdict.alternatives
         if a.separated_by != LOAD
-        and frozenset(map(place_key, a.set)) not in shown_with_finding
+        and frozenset(map(effect_joints_key, a.set)) not in shown_with_finding
     ]
     lines = []
     for each in sets[:_SHOWN]:
-        effects = listing([phrase(p, verdict.dof) for p in each.set])
+        effects = join_with_and([format_effect_place(p, verdict.dof) for p in each.set])
         lines.append(f"Equally well supported: {effects or 'no effect at all'}.")
     if len(sets) > _SHOWN:
         more = count_noun(len(sets) - _SHOWN, "more set")
@@ -149,9 +152,9 @@ def other_sets(verdict: Verdict) -> list[str]:
     if sets:
         motion = any(a.separated_by == MOTION for a in sets)
         lines.append(f"{'Another' if motion else 'No'} motion would separate them.")
-    bodies = [p for a in loads for p in a.set if place_key(p) not in named]
+    bodies = [p for a in loads for p in a.set if effect_joints_key(p) not in named]
     if bodies:
-        words = " or ".join(phrase(body, verdict.dof) for body in bodies)
+        words = " or ".join(format_effect_place(body, verdict.dof) for body in bodies)
         lines.append(
             f"Part of the load may instead be {words}: no motion separates them. Weigh "
             "the load, or log the arm without it."
@@ -164,7 +167,7 @@ _HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
 _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
 
 
-def off(verdict: Verdict) -> list[Change]:
+def list_wrong_values(verdict: Verdict) -> list[Change]:
     """Return the nominal values that are off and in no finding, worst first."""
     changes = [c for c in verdict.changes if c.beyond and not c.explained]
     return sorted(
@@ -172,9 +175,9 @@ def off(verdict: Verdict) -> list[Change]:
     )
 
 
-def off_words(verdict: Verdict) -> str:
+def describe_wrong_values(verdict: Verdict) -> str:
     """Return in one sentence which nominal values are off; empty where none is."""
-    changes = off(verdict)
+    changes = list_wrong_values(verdict)
     drives = [c for c in changes if c.name in verdict.declared]
     sums = len(changes) - len(drives)
     if not changes:
@@ -182,25 +185,30 @@ def off_words(verdict: Verdict) -> str:
     shown = drives if len(drives) <= _SHOWN + 1 else drives[:_SHOWN]
     parts = []
     for c in shown:
-        values = f"{number(c.nominal)} → {number(c.identified)} {unit_text(c.unit)}"
+        values = (
+            f"{format_number(c.nominal)} → {format_number(c.identified)} "
+            f"{format_unit(c.unit)}"
+        )
         parts.append(f"{_value_name(c, verdict)} ({values.strip()})")
     if len(drives) > len(shown):
-        parts.append(f"{number_word(len(drives) - len(shown))} more")
+        parts.append(f"{spell_number(len(drives) - len(shown))} more")
     if sums:
         noun = "combination" if sums == 1 else "combinations"
-        parts.append(f"{number_word(sums)} {noun} of masses and inertias")
+        parts.append(f"{spell_number(sums)} {noun} of masses and inertias")
     verb = "value disagrees" if len(changes) == 1 else "values disagree"
-    number_of = sentence_case(number_word(len(changes)))
-    return f"{number_of} nominal {verb} with the logs: {listing(parts)}."
+    number_of = capitalize_first(spell_number(len(changes)))
+    return f"{number_of} nominal {verb} with the logs: {join_with_and(parts)}."
 
 
-def value_rows(changes: Sequence[Change], verdict: Verdict) -> list[tuple[str, ...]]:
+def build_value_rows(
+    changes: Sequence[Change], verdict: Verdict
+) -> list[tuple[str, ...]]:
     """Return rows of values: name, nominal, identified, difference."""
     return [
         (
             _value_name(change, verdict),
-            f"{number(change.nominal)} {unit_text(change.unit)}".strip(),
-            measured(change.identified, change.std, change.unit),
+            f"{format_number(change.nominal)} {format_unit(change.unit)}".strip(),
+            format_uncertain_value(change.identified, change.std, change.unit),
             f"{100 * _share(change):+.0f} %" if abs(_share(change)) < _HUGE else "",
         )
         for change in changes
@@ -215,7 +223,7 @@ def _value_name(change: Change, verdict: Verdict) -> str:
     words = change.name.replace("_", " ")
     if change.parameter not in words:
         words = f"{words} {change.parameter}"
-    joints = joint_words(change.joints, verdict.dof)
+    joints = format_joints(change.joints, verdict.dof)
     return f"{words} of {joints}" if joints else words
 
 
@@ -227,7 +235,7 @@ def _share(change: Change) -> float:
     return gap / abs(change.nominal) if change.nominal else float("inf")
 
 
-def next_words(verdict: Verdict) -> list[str]:
+def describe_next_experiment(verdict: Verdict) -> list[str]:
     """Return the proposed experiment, a sentence each; none where nothing is open."""
     plan = verdict.next_experiment
     if not plan:
@@ -235,9 +243,9 @@ def next_words(verdict: Verdict) -> list[str]:
         text = "modelgap next looks for a motion that separates the alternatives."
         return [text] if alike else []
     rivals = [Place(p["name"], tuple(p["joints"])) for p in plan["rivals"]]
-    apart, seconds = from_one_another(rivals), number(plan["seconds"])
+    apart, seconds = describe_separation(rivals), format_number(plan["seconds"])
     chance = plan["chance"]
-    sure = sure_words(plan["seconds"], plan.get("sure_after"), chance)
+    sure = describe_settling_time(plan["seconds"], plan.get("sure_after"), chance)
     if plan["family"] is None:
         chances = f" ({sure})" if is_number(chance) else ""
         return [
@@ -257,28 +265,28 @@ def next_words(verdict: Verdict) -> list[str]:
     ]
 
 
-def from_one_another(rivals: Sequence[Place]) -> str:
+def describe_separation(rivals: Sequence[Place]) -> str:
     """Return rivals in words: 'a spring on joint 2 from an offset on joint 2'."""
-    words = [in_words(place) for place in rivals]
+    words = [describe_place(place) for place in rivals]
     if len(words) == 2:
         return f"{words[0]} from {words[1]}"
-    return f"{listing(words)} from one another"
+    return f"{join_with_and(words)} from one another"
 
 
-def in_words(place: At) -> str:
+def describe_place(place: At) -> str:
     """Return a rival in words."""
     if place == NOTHING:
         return "no effect at all"
     if TOGETHER not in place.name:
-        return phrase(place)
-    names = listing(place.name.split(TOGETHER))
-    return f"{names} together on {joints_listed(place.joints)}"
+        return format_effect_place(place)
+    names = join_with_and(place.name.split(TOGETHER))
+    return f"{names} together on {format_joint_numbers(place.joints)}"
 
 
 CLEAN = "No problems found: units, signs, joint order and timing are consistent."
 
 # What each kind of fault means; docs/check.md has more.
-MEANING = texts()["faults"]
+MEANING = read_page_texts()["faults"]
 
 # The motion that would help, the most useful first.
 _MORE_MOTION = {
@@ -288,7 +296,7 @@ _MORE_MOTION = {
 }
 
 
-def summary(report: LogCheck) -> str:
+def summarize_check(report: LogCheck) -> str:
     """Return the result of a check in one sentence."""
     if not report.faults:
         return CLEAN
@@ -301,22 +309,22 @@ def summary(report: LogCheck) -> str:
     return f"The logs are {verdict}: {' and '.join(counts)} {faults}."
 
 
-def title(fault: Fault) -> str:
+def title_fault(fault: Fault) -> str:
     """Return a fault and its joints: 'torque has the opposite sign (joint 2)'."""
-    joints = joint_words(fault.joints)
+    joints = format_joints(fault.joints)
     meaning = MEANING.get(fault.kind, fault.kind.replace("_", " "))
     return f"{meaning} ({joints})" if joints else meaning
 
 
-def check_lines(report: LogCheck) -> list[str]:
+def describe_check(report: LogCheck) -> list[str]:
     """Return the result of a check: one line, then a paragraph for each fault."""
-    lines = ["", summary(report)]
+    lines = ["", summarize_check(report)]
     for fault in report.faults:
         sure = "certain" if fault.certain else "suspected"
-        lines += ["", f"{sentence_case(title(fault))}: {fault.kind}, {sure}."]
+        lines += ["", f"{capitalize_first(title_fault(fault))}: {fault.kind}, {sure}."]
         lines += [f"  {line}" for line in fault.evidence.splitlines()]
         if fault.repair is not None:
-            lines.append(f"  Fix ({place_of(fault.repair)}):")
+            lines.append(f"  Fix ({describe_repair_file(fault.repair)}):")
             lines += [f"    {line}" for line in fault.repair.splitlines()]
     return lines
 
@@ -327,49 +335,52 @@ _DIFFERS = 1.02  # times an error: less is no difference
 _NO_MODEL, _NO_NOMINAL = 50.0, 200.0  # % of torque: no model of these logs
 
 
-def headline(verdict: Verdict) -> str:
+def format_headline(verdict: Verdict) -> str:
     """Return the verdict in one to four plain sentences."""
-    return " ".join(sentences(verdict))
+    return " ".join(list_headline_sentences(verdict))
 
 
-def sentences(verdict: Verdict) -> list[str]:
+def list_headline_sentences(verdict: Verdict) -> list[str]:
     """Return the sentences of the headline; the first is the verdict itself."""
     dof = verdict.dof
-    parts = [claim(verdict)]
+    parts = [format_claim(verdict)]
     if any(effect.equivalent for effect in verdict.effects[:_NAMED_AT_MOST]):
         parts.append("These logs cannot separate the alternatives in brackets.")
-    parts.append(error_sentence(verdict))
+    parts.append(describe_errors(verdict))
     if verdict.trusted:
-        parts.append(off_words(verdict))
-    joints = joint_words(verdict.unexplained.joints, dof)
+        parts.append(describe_wrong_values(verdict))
+    joints = format_joints(verdict.unexplained.joints, dof)
     if joints and verdict.effects:
         parts.append(f"No known effect explains the remaining error on {joints}.")
     if verdict.trusted:
         parts += [_background(verdict), _drift(verdict)]
     names = [
-        f"{phrase(f, dof)} ({probability(f.probability)})" for f in verdict.suspected
+        f"{format_effect_place(f, dof)} ({format_probability(f.probability)})"
+        for f in verdict.suspected
     ]
     if names:
         parts.append(
-            f"Suspected, but not certain enough to be named: {listing(names)}."
+            f"Suspected, but not certain enough to be named: {join_with_and(names)}."
         )
     return [part for part in (*_more_motion(verdict.log_check), *parts) if part]
 
 
-def claim(verdict: Verdict) -> str:
+def format_claim(verdict: Verdict) -> str:
     """Return the claim of a verdict in one sentence."""
     faults = verdict.log_check.faults if verdict.log_check else ()
     if not verdict.trusted:
-        words = listing([title(fault) for fault in verdict.log_check.certain])
+        words = join_with_and(
+            [title_fault(fault) for fault in verdict.log_check.certain]
+        )
         return f"No effect is named, because the logs are faulty: {words}."
     if verdict.verdict == "effects":
         return _effects(verdict)
     if verdict.verdict == "unknown":
         if verdict.contradictions:
-            return " ".join(sentence_case(f"{c}.") for c in verdict.contradictions)
-        where = joint_words(verdict.unexplained.joints, verdict.dof)
+            return " ".join(capitalize_first(f"{c}.") for c in verdict.contradictions)
+        where = format_joints(verdict.unexplained.joints, verdict.dof)
         return f"The model lacks something on {where} that no known effect explains."
-    words = listing([title(fault) for fault in faults if fault.repair])
+    words = join_with_and([title_fault(fault) for fault in faults if fault.repair])
     if words:
         return (
             f"No missing effect found, but the logs may be faulty: {words}. First "
@@ -391,32 +402,33 @@ def _effects(verdict: Verdict) -> str:
     shown = effects[:_NAMED_AT_MOST]
     lacking, wrong = [], []
     for effect in shown:
-        others = alternatives(effect, dof)
-        words = phrase(effect, dof)
+        others = format_equivalent_phrases(effect, dof)
+        words = format_effect_place(effect, dof)
         words += f" (or {' or '.join(others)})" if others else ""
         (wrong if is_wrong_value(effect, verdict) else lacking).append(words)
     (wrong or lacking).extend(
-        [f"{number_word(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
+        [f"{spell_number(len(effects) - len(shown))} more"]
+        * (len(effects) > len(shown))
     )
-    clauses = [f"lacks {listing(lacking)}"] if lacking else []
+    clauses = [f"lacks {join_with_and(lacking)}"] if lacking else []
     if wrong:
         value = "wrong values" if len(wrong) > 1 else "a wrong value"
-        clauses.append(f"has {value} for {listing(wrong)}")
+        clauses.append(f"has {value} for {join_with_and(wrong)}")
     likely = [e.probability for e in shown if is_number(e.probability)]
     hedge = "most likely " if min(likely, default=1.0) < _SURE else ""
-    return f"The model {hedge}{listing(clauses)}."
+    return f"The model {hedge}{join_with_and(clauses)}."
 
 
 def is_wrong_value(effect: Finding, verdict: Verdict) -> bool:
     """Return whether the model has this effect, only with a wrong value."""
-    traits = effect_named(effect.name).traits
-    if effect.name in verdict.declared or Trait.IN_EVERY_MODEL in traits:
+    traits = find_effect(effect.name).traits
+    if effect.name in verdict.declared or EffectTrait.IN_EVERY_MODEL in traits:
         return True
     mass = effect.parameters.get("mass")
     return mass is not None and is_number(mass.value) and mass.value < 0
 
 
-def error_levels(errors: ErrorTables) -> dict[str, float]:
+def summarize_errors(errors: ErrorTables) -> dict[str, float]:
     """Return the held-out error of all joints by model [%], for every text.
 
     While they move, where that is known: friction history sets the torque at
@@ -428,7 +440,7 @@ def error_levels(errors: ErrorTables) -> dict[str, float]:
     return {}
 
 
-def with_findings(verdict: Verdict) -> str:
+def format_augmented_label(verdict: Verdict) -> str:
     """Return the difference of the augmented model: 'with payload'."""
     named = verdict.effects
     if len(named) == 1:
@@ -436,12 +448,12 @@ def with_findings(verdict: Verdict) -> str:
     return f"with {count_noun(len(named), 'finding')}"
 
 
-def error_sentence(verdict: Verdict) -> str:
+def describe_errors(verdict: Verdict) -> str:
     """Return the error on unseen motion, from the nominal model to the last one.
 
     The refit stands between where it lies between: its step is no merit of a finding.
     """
-    levels = error_levels(verdict.error)
+    levels = summarize_errors(verdict.error)
     nominal, refit = levels.get("nominal"), levels.get("identified")
     words = {"nominal": "nominal", "identified": "refit"}
     if not verdict.effects:
@@ -449,7 +461,7 @@ def error_sentence(verdict: Verdict) -> str:
     elif "augmented" not in levels:
         return "No held-out motion tests this."
     else:
-        words["augmented"] = with_findings(verdict)
+        words["augmented"] = format_augmented_label(verdict)
         after = levels["augmented"]
         if is_number(nominal) and is_number(refit):
             between = nominal > _DIFFERS * refit and refit > _DIFFERS * after
@@ -457,18 +469,18 @@ def error_sentence(verdict: Verdict) -> str:
     if not levels:
         return ""
     weak = " (end of the fitted run, a weak test)" if verdict.error.same_run else ""
-    steps = " → ".join(f"{percent(v)} ({words[k]})" for k, v in levels.items())
+    steps = " → ".join(f"{format_percent(v)} ({words[k]})" for k, v in levels.items())
     out = f"Error on unseen motion{weak}: {steps}."
-    worse = rising(verdict)
-    return f"{out} The findings raise it on {listing(worse)}." if worse else out
+    worse = describe_worse_joints(verdict)
+    return f"{out} The findings raise it on {join_with_and(worse)}." if worse else out
 
 
-def rising(verdict: Verdict) -> list[str]:
+def describe_worse_joints(verdict: Verdict) -> list[str]:
     """Return the joints that the findings make worse beyond chance, in words."""
     stages = verdict.error.moving
     before, after = stages["identified"] or (), stages["augmented"] or ()
     return [
-        f"joint {j} ({percent(before[j - 1])} → {percent(after[j - 1])})"
+        f"joint {j} ({format_percent(before[j - 1])} → {format_percent(after[j - 1])})"
         for j in verdict.error.worse
         if j <= min(len(before), len(after))
     ]
@@ -478,7 +490,7 @@ def _more_motion(report: LogCheck | None) -> list[str]:
     """Return the limit of a poor motion, and the motion that would help."""
     for kind, help in _MORE_MOTION.items() if report else ():
         faults = [fault for fault in report.faults if fault.kind == kind]
-        joints = joint_words(joint for fault in faults for joint in fault.joints)
+        joints = format_joints(joint for fault in faults for joint in fault.joints)
         if faults:
             where = f" ({joints})" if joints else ""
             return [f"These logs show little: {MEANING[kind]}{where}. {help}"]
@@ -487,7 +499,9 @@ def _more_motion(report: LogCheck | None) -> list[str]:
 
 def _background(verdict: Verdict) -> str:
     """Return the findings that any used arm has, in one sentence, or nothing."""
-    folded = listing([phrase(f, verdict.dof) for f in verdict.background])
+    folded = join_with_and(
+        [format_effect_place(f, verdict.dof) for f in verdict.background]
+    )
     return f"Also present, as on any used arm: {folded}." if folded else ""
 
 
@@ -496,26 +510,31 @@ def _drift(verdict: Verdict) -> str:
     drift = verdict.drift
     if drift is None:
         return ""
-    by, std = percent(100 * abs(drift.factor - 1)), percent(100 * drift.std)
+    by, std = (
+        format_percent(100 * abs(drift.factor - 1)),
+        format_percent(100 * drift.std),
+    )
     side, arm = ("lower", "warmer") if drift.factor < 1 else ("higher", "colder")
-    joints = joint_words(drift.joints, verdict.dof)
+    joints = format_joints(drift.joints, verdict.dof)
     return (
         f"Friction on {joints} is {by} (± {std}) {side} than in the baseline, as on a "
         f"{arm} arm."
     )
 
 
-def brief(verdict: Verdict) -> str:
+def format_brief_claim(verdict: Verdict) -> str:
     """Return the claim with its error: "The model lacks ..., 9.6 → 7.1 %"."""
-    parts = claim(verdict).removesuffix("."), errors(verdict)
+    parts = format_claim(verdict).removesuffix("."), format_error_change(verdict)
     return ", ".join(part for part in parts if part)
 
 
-def errors(verdict: Verdict) -> str:
+def format_error_change(verdict: Verdict) -> str:
     """Return the error on unseen motion from the nominal to the last model, or ""."""
-    levels = error_levels(verdict.error)
+    levels = summarize_errors(verdict.error)
     last = "augmented" if verdict.effects else "identified"
     if last not in levels:
         return ""
-    start = f"{bare_percent(levels['nominal'])} → " if "nominal" in levels else ""
-    return f"{start}{percent(levels[last])}"
+    start = (
+        f"{format_percent_number(levels['nominal'])} → " if "nominal" in levels else ""
+    )
+    return f"{start}{format_percent(levels[last])}"

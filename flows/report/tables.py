@@ -8,24 +8,24 @@ from math import floor, log10
 import numpy as np
 from markupsafe import Markup
 
-from flows.report.document import ReportTable, Strong, tag
+from flows.report.document import BoldText, ReportTable, html_tag
 from flows.report.phrases import (
-    alternatives,
-    effect_named,
-    listing,
-    phrase,
-    sentence_case,
+    capitalize_first,
+    find_effect,
+    format_effect_place,
+    format_equivalent_phrases,
+    join_with_and,
 )
 from flows.report.sentences import is_wrong_value
 from residual.quantity import (
     MISSING,
-    bare_percent,
-    fraction,
+    format_fraction,
+    format_number,
+    format_percent_number,
+    format_probability,
+    format_uncertain_value,
+    format_unit,
     is_number,
-    measured,
-    number,
-    probability,
-    unit_text,
 )
 from residual.verdict.result import (
     PLAIN,
@@ -51,7 +51,7 @@ class ErrorRow:
     flagged: bool
 
 
-def error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
+def build_error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
     """Return one row per joint and one for all joints together."""
     unexplained, error = diagnosis.unexplained, diagnosis.errors
     rows = []
@@ -76,7 +76,7 @@ def has_error(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
     return any(is_number(row.values[metric].get(stage)) for row in rows)
 
 
-def error_table(
+def build_error_table(
     rows: Sequence[ErrorRow], metrics: Collection[str], about: str
 ) -> ReportTable | None:
     """Return errors by metric, then by model; None where none is known.
@@ -99,19 +99,24 @@ def error_table(
     share = any(is_number(row.unexplained) for row in rows)
     cells = []
     for row in rows:
-        line = [sentence_case(row.label)]
+        line = [capitalize_first(row.label)]
         for metric, stage in columns:
-            kind = Strong if stage == "augmented" else str
-            line.append(kind(bare_percent(row.values[metric].get(stage))))
+            kind = BoldText if stage == "augmented" else str
+            line.append(kind(format_percent_number(row.values[metric].get(stage))))
         if share:
             flag = "flagged " if row.flagged else ""
             remaining = row.unexplained
             line.append(
-                flag + bare_percent(100 * remaining if is_number(remaining) else None)
+                flag
+                + format_percent_number(
+                    100 * remaining if is_number(remaining) else None
+                )
             )
         cells.append(line)
     over = [
-        (sentence_case(METRICS[m]), len(shown)) for m, shown in groups.items() if shown
+        (capitalize_first(METRICS[m]), len(shown))
+        for m, shown in groups.items()
+        if shown
     ]
     heads = [stage.replace("_", " ") for _, stage in columns]
     return ReportTable(
@@ -124,7 +129,9 @@ def error_table(
     )
 
 
-def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> ReportTable | None:
+def build_brief_error_table(
+    diagnosis: Diagnosis, rows: Sequence[ErrorRow]
+) -> ReportTable | None:
     """Return the errors of the first metric known; page and JSON have all."""
     first = next(
         (m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None
@@ -133,32 +140,32 @@ def brief_errors(diagnosis: Diagnosis, rows: Sequence[ErrorRow]) -> ReportTable 
         return None
     weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
     about = f"Error on unseen motion ({METRICS[first]}{weak}), % of torque"
-    return error_table(rows, [first], about)
+    return build_error_table(rows, [first], about)
 
 
-def title(effect: Finding, verdict: Verdict) -> str:
+def title_finding(effect: Finding, verdict: Verdict) -> str:
     """Return a finding with its place and the names of its joints in the URDF."""
-    names = named_joints(effect.joints, verdict.frames)
-    return phrase(effect, verdict.dof) + (f" ({names})" if names else "")
+    names = format_urdf_joint_names(effect.joints, verdict.frames)
+    return format_effect_place(effect, verdict.dof) + (f" ({names})" if names else "")
 
 
-def named_joints(joints: Iterable[int], frames: Frames) -> str:
+def format_urdf_joint_names(joints: Iterable[int], frames: Frames) -> str:
     """Return the names of joints in the URDF, where a name is more than a number."""
     names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
     plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
-    return listing(
+    return join_with_and(
         [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
     )
 
 
-def equivalents_text(
+def format_equivalents(
     effect: Finding, diagnosis: Diagnosis, between: str = " or "
 ) -> str:
     """Return the equivalents of a finding in words."""
-    return between.join(alternatives(effect, diagnosis.verdict.dof))
+    return between.join(format_equivalent_phrases(effect, diagnosis.verdict.dof))
 
 
-def parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
+def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
     """Return the sizes of a finding: a row per joint, or per parameter."""
     texts, about = _parameter_texts(effect, verdict), "Size, ± one standard deviation"
     joints = dict.fromkeys(j for by_joint in texts.values() for j in by_joint if j)
@@ -169,7 +176,7 @@ def parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
         (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values()))
         for j in joints
     ]
-    return ReportTable(("On", *map(sentence_case, texts)), rows, about)
+    return ReportTable(("On", *map(capitalize_first, texts)), rows, about)
 
 
 def _parameter_texts(
@@ -177,74 +184,81 @@ def _parameter_texts(
 ) -> dict[str, dict[int | None, str]]:
     """Text of each size by name, then by joint; joint None where it has only one."""
     texts: dict[str, dict[int | None, str]] = {}
-    for size in sizes(effect, verdict):
+    for size in list_finding_sizes(effect, verdict):
         texts.setdefault(size.name, {})[size.joint] = size.text
     combined = {name: {None: str(p)} for name, p in effect.combinations.items()}
     return texts | combined
 
 
-def finding_lines(effect: Finding, diagnosis: Diagnosis) -> list[str]:
+def describe_finding(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     """Return a finding as a terminal has it: name, sizes, evidence, a line each."""
     verdict, evidence = diagnosis.verdict, effect.evidence
-    lines = [Strong(f"{effect.order}. {title(effect, verdict)}")]
+    lines = [BoldText(f"{effect.order}. {title_finding(effect, verdict)}")]
     if effect.equivalent:
-        lines.append(f"   or {equivalents_text(effect, diagnosis)}")
+        lines.append(f"   or {format_equivalents(effect, diagnosis)}")
     for name, by_joint in _parameter_texts(effect, verdict).items():
         texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
         lines.append(f"   {name} {', '.join(texts)}")
-    frame = frame_words(effect, verdict.frames)
+    frame = describe_frame(effect, verdict.frames)
     lines += [f"   ({frame})"] if frame else []
-    words = [f"evidence {number(evidence.nats)} nats"]
+    words = [f"evidence {format_number(evidence.nats)} nats"]
     words[0] += f" by {evidence.by}" if evidence.by else ""
     if is_number(effect.probability):
         scope = " (of any of these)" if effect.equivalent else ""
-        words.append(f"probability {probability(effect.probability)}{scope}")
+        words.append(f"probability {format_probability(effect.probability)}{scope}")
     words.append(f"held-out motion: {evidence.held_out or 'not tested'}")
-    again = found_again(effect)
+    again = format_split_count(effect)
     words += [f"found again in {again} splits"] if again else []
     return [*lines, f"   {', '.join(words)}"]
 
 
-def found_again(effect: Finding) -> str:
+def format_split_count(effect: Finding) -> str:
     """Return how often a name came back without a part of the data: '3 of 3'."""
     splits = effect.evidence.splits
     return f"{splits.found} of {splits.of}" if splits and splits.of else ""
 
 
-def evidence_table(diagnosis: Diagnosis) -> ReportTable:
+def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
     """Return how sure each finding is."""
-    again = any(map(found_again, diagnosis.effects))
+    again = any(map(format_split_count, diagnosis.effects))
     heads = ["Effect", "Probability", "Evidence [nats]", "By", "Held-out motion"]
     heads += ["Gain", *["Found again"] * again]
     rows = []
     for effect in diagnosis.effects:
         evidence, name = (
             effect.evidence,
-            sentence_case(title(effect, diagnosis.verdict)),
+            capitalize_first(title_finding(effect, diagnosis.verdict)),
         )
         if effect.equivalent:
-            other = tag("span", f"or {equivalents_text(effect, diagnosis)}", "soft")
+            other = html_tag(
+                "span", f"or {format_equivalents(effect, diagnosis)}", "soft"
+            )
             name = Markup("{}<br>{}").format(name, other)
         word = evidence.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
-        row = [name, probability(effect.probability), number(evidence.nats)]
-        row += [evidence.by or MISSING, tag("span", word or "not tested", look)]
-        row += [fraction(evidence.held_out_gain)]
-        rows.append(row + [found_again(effect) or MISSING] * again)
+        row = [
+            name,
+            format_probability(effect.probability),
+            format_number(evidence.nats),
+        ]
+        row += [evidence.by or MISSING, html_tag("span", word or "not tested", look)]
+        row += [format_fraction(evidence.held_out_gain)]
+        rows.append(row + [format_split_count(effect) or MISSING] * again)
     return ReportTable(heads, rows, text_columns=(0, 3, 4))
 
 
-def impact_sentence(diagnosis: Diagnosis, effect: Finding) -> str:
+def describe_impact(diagnosis: Diagnosis, effect: Finding) -> str:
     """Return in one sentence the torque error without it; empty if unknown.
 
     Of at most two joints, those where its torque is largest.
     """
     clouds = [c for c in diagnosis.clouds if c.name == effect.name and len(c.x)]
-    if effect_named(effect.name).variable is not None and effect.joints:
+    if find_effect(effect.name).variable is not None and effect.joints:
         clouds = [c for c in clouds if c.joint in effect.joints] or clouds
     peaks = sorted((float(np.abs(c.fitted).max()), c.joint) for c in clouds)[-2:]
     words = " and ".join(
-        f"by up to {number(peak)} {diagnosis.torque_unit(joint)} on joint {joint}"
+        f"by up to {format_number(peak)} {diagnosis.torque_unit(joint)} on joint "
+        f"{joint}"
         for peak, joint in reversed(peaks)
     )
     return f"Without it the predicted torque is off {words}." if words else ""
@@ -258,7 +272,7 @@ _STEP = 1e-3  # of a deviation, for derivatives
 
 
 @dataclass(frozen=True, slots=True)
-class Size:
+class FindingSize:
     """One size of a finding.
 
     Attributes:
@@ -282,7 +296,7 @@ class Size:
         """The size with its deviation: '+4.99 ± 0.12 N m (8.0 → 13.0)'."""
         if self.value is None:
             return _OPEN
-        text = measured(self.value, self.std, self.unit)
+        text = format_uncertain_value(self.value, self.std, self.unit)
         if self.signed and self.value > 0 and not text.startswith("("):
             text = f"+{text}"
         if self.change is None:
@@ -293,7 +307,7 @@ class Size:
         return f"{text} ({' → '.join(f'{end:.{places}f}' for end in ends)})"
 
 
-def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
+def list_finding_sizes(effect: Finding, verdict: Verdict) -> list[FindingSize]:
     """Return the sizes of a finding, in the form that its effect file gives them."""
     parts = list(_sizes(effect))
     if not is_wrong_value(effect, verdict):
@@ -313,11 +327,11 @@ def sizes(effect: Finding, verdict: Verdict) -> list[Size]:
     return out
 
 
-def _sizes(effect: Finding) -> Iterator[Size]:
+def _sizes(effect: Finding) -> Iterator[FindingSize]:
     """Sizes by parameter, or as the effect converts them, deviations independent."""
     several = any(isinstance(p.value, tuple) for p in effect.parameters.values())
     joints = effect.joints if several else (None,)
-    convert = effect_named(effect.name).display
+    convert = find_effect(effect.name).display
     parameters = effect.parameters.values()
     if (
         convert is None
@@ -328,7 +342,7 @@ def _sizes(effect: Finding) -> Iterator[Size]:
             name, unit = key.replace("_", " "), parameter.unit
             for joint, (value, std) in zip(joints, parameter.pairs, strict=False):
                 size = value if parameter.determined else None
-                yield Size(name, joint, size, std, unit)
+                yield FindingSize(name, joint, size, std, unit)
         return
     pairs = zip(*(p.pairs for p in parameters), strict=True)
     for joint, joint_values in zip(joints, pairs, strict=False):
@@ -337,15 +351,17 @@ def _sizes(effect: Finding) -> Iterator[Size]:
         steps = [convert(values + row) for row in _STEP * np.diag(stds)]
         for name, (value, unit) in convert(values).items():
             slopes = [(step[name][0] - value) / _STEP for step in steps]
-            yield Size(name, joint, value, float(np.linalg.norm(slopes)), unit)
+            yield FindingSize(name, joint, value, float(np.linalg.norm(slopes)), unit)
 
 
-def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
+def format_first_size(effect: Finding, verdict: Verdict) -> tuple[str, str]:
     """Return (name, value) of the first size that the logs determine.
 
     Of several joints the smallest and the largest value.
     """
-    determined = [size for size in sizes(effect, verdict) if is_number(size.value)]
+    determined = [
+        size for size in list_finding_sizes(effect, verdict) if is_number(size.value)
+    ]
     if not determined:
         return "", MISSING
     first = determined[0]
@@ -354,11 +370,14 @@ def size_of(effect: Finding, verdict: Verdict) -> tuple[str, str]:
         return first.name, first.text
     low, high = (f(size.value for size in same) for f in (min, max))
     sign = "+" if first.signed and low > 0 else ""
-    span = f"{sign}{number(low)} to {sign}{number(high)} {unit_text(first.unit)}"
+    span = (
+        f"{sign}{format_number(low)} to {sign}{format_number(high)} "
+        f"{format_unit(first.unit)}"
+    )
     return first.name, span.strip()
 
 
-def frame_words(effect: Finding, frames: Frames) -> str:
+def describe_frame(effect: Finding, frames: Frames) -> str:
     """Return the frame of the vectors of a finding; empty where it has none."""
     flange = frames.flange or "the flange"
-    return effect_named(effect.name).frame.format(flange=flange)
+    return find_effect(effect.name).frame.format(flange=flange)

@@ -1,6 +1,6 @@
 """Queries to the Prefect server of a store, and the status of the service.
 
-To be imported under `flows.settings.quiet_prefect`.
+To be imported under `flows.settings.build_prefect_environment`.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -22,8 +22,14 @@ from prefect.client.schemas.objects import FlowRun as Run
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectException
 
-from flows.report.index import INDEX, refused
-from flows.service.state import PROCESSES, Running, lives, read_running, store_key
+from flows.report.store_index import INDEX, list_refused_logs
+from flows.service.state import (
+    PROCESSES,
+    RunningService,
+    is_process_running,
+    read_access_key,
+    read_running,
+)
 from residual.errors import RunError
 
 POOL = "modelgap"
@@ -60,30 +66,32 @@ class Api:
             raise RunError(words) from error
 
 
-def answers(url: str, wait: float = 10.0) -> bool:
+def is_server_up(url: str, timeout: float = 10.0) -> bool:
     """Return whether a Prefect server answers at the address of its API."""
     try:
-        return httpx.get(f"{url}/health", timeout=wait, trust_env=False).is_success
+        return httpx.get(f"{url}/health", timeout=timeout, trust_env=False).is_success
     except httpx.HTTPError:
         return False
 
 
-def open_pool(client: SyncPrefectClient, most: int, paused: bool = False) -> None:
+def create_work_pool(
+    client: SyncPrefectClient, max_runs: int, paused: bool = False
+) -> None:
     """Create the work pool, and set its limit of concurrent flows and its pause."""
     with suppress(ObjectAlreadyExists):
         client.create_work_pool(WorkPoolCreate(name=POOL, type="process"))
-    update = WorkPoolUpdate(is_paused=paused, concurrency_limit=most)
+    update = WorkPoolUpdate(is_paused=paused, concurrency_limit=max_runs)
     client.update_work_pool(POOL, update)
 
 
-def active_runs(client: SyncPrefectClient) -> list[Run]:
+def list_active_runs(client: SyncPrefectClient) -> list[Run]:
     """Return the active flow runs of our pool."""
     pool = WorkPoolFilter(name={"any_": [POOL]})
     states = FlowRunFilter(state={"type": {"any_": ACTIVE}})
     return client.read_flow_runs(flow_run_filter=states, work_pool_filter=pool)
 
 
-def worker_online(client: SyncPrefectClient) -> bool:
+def is_worker_online(client: SyncPrefectClient) -> bool:
     """Return whether a worker is online."""
     try:
         workers = client.read_workers_for_work_pool(POOL)
@@ -92,7 +100,7 @@ def worker_online(client: SyncPrefectClient) -> bool:
     return any(worker.status == "ONLINE" for worker in workers)
 
 
-def deployments(client: SyncPrefectClient) -> list[Mapping]:
+def list_deployments(client: SyncPrefectClient) -> list[Mapping]:
     """Return all deployments by "flow/name", with the time of the next run."""
     flows = {flow.id: flow.name for flow in client.read_flows()}
     due: dict = {}
@@ -114,7 +122,9 @@ def deployments(client: SyncPrefectClient) -> list[Mapping]:
     return sorted(rows, key=lambda d: d["name"])
 
 
-def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> None:
+def delete_other_deployments(
+    client: SyncPrefectClient, deployed: Sequence[Mapping]
+) -> None:
     """Remove our deployments that are not in the list."""
     ours = {(each["name"], each["entrypoint"]) for each in deployed}
     for each in client.read_deployments():
@@ -122,7 +132,7 @@ def keep_deployments(client: SyncPrefectClient, deployed: Sequence[Mapping]) -> 
             client.delete_deployment(each.id)
 
 
-def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
+def list_last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
     """Return the latest flow runs that have begun, latest first.
 
     Runs of the flow that looks into the inboxes are left out: there are too many.
@@ -154,13 +164,15 @@ def last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
 class Status:
     """State of the service of a store."""
 
-    running: Running | None  # None if it was never started
+    running: RunningService | None  # None if it was never started
     wrong: tuple[str, ...] = ()  # problems, as text
     server: bool = False  # the server answers
     worker: str = "gone"  # "online", "starting" or "gone"
-    deployments: tuple[Mapping, ...] = ()
+    list_deployments: tuple[Mapping, ...] = ()
     runs: tuple[Mapping, ...] = ()  # the last flow runs (`last_runs`)
-    refused: tuple[Mapping, ...] = ()  # logs refused within a day, latest first
+    list_refused_logs: tuple[
+        Mapping, ...
+    ] = ()  # logs refused within a day, latest first
 
     @property
     def healthy(self) -> bool:
@@ -200,29 +212,32 @@ class Status:
         }
 
 
-def status(home: Path, most: int = 10) -> Status:
+def read_status(home: Path, most: int = 10) -> Status:
     """Return the status of a store; waits for a busy server."""
     running = read_running(home)
     if running is None or running.stopped:
         return Status(running)
-    ended = [name for name in PROCESSES if not lives(home, name)]
+    ended = [name for name in PROCESSES if not is_process_running(home, name)]
     wrong = tuple(f"the {name} has ended; see {home}/{name}.log" for name in ended)
     worker = "gone" if "worker" in ended else "starting"
     if "server" in ended:
         return Status(running, wrong, worker=worker)
     try:
-        with Api(running.url, store_key(home)).client() as client:
-            if worker_online(client):
+        with Api(running.url, read_access_key(home)).client() as client:
+            if is_worker_online(client):
                 worker = "online"
             elif worker == "starting":
                 wrong = (*wrong, "the worker has not reported yet")
-            due, runs = tuple(deployments(client)), tuple(last_runs(client, most))
+            due, runs = (
+                tuple(list_deployments(client)),
+                tuple(list_last_runs(client, most)),
+            )
     except RunError as error:
         return Status(running, (*wrong, str(error)), worker=worker)
     if not due:
         wrong = (*wrong, "it has no deployments")
     lately = datetime.now(UTC).replace(tzinfo=None) - _LATELY
-    turned_away = tuple(refused(home.parent, lately))
+    turned_away = tuple(list_refused_logs(home.parent, lately))
     return Status(running, wrong, True, worker, due, runs, turned_away)
 
 

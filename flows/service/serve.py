@@ -4,8 +4,13 @@ from prefect.server.api.server import create_app
 from prefect.settings import get_current_settings
 from starlette.types import ASGIApp
 
-from flows.service.guard import Guard, rules_for, with_pages, with_policies
-from flows.settings import store_folder
+from flows.service.access_guard import (
+    Guard,
+    add_security_headers,
+    add_store_pages,
+    build_access_rules,
+)
+from flows.settings import resolve_store_folder
 from residual.errors import RunError
 
 
@@ -21,6 +26,6 @@ def app() -> ASGIApp:
     host, port, key = settings.host, settings.port, settings.auth_string
     if key is None or not key.get_secret_value():
         raise RunError("The server was given no key. Start it by modelgap up.")
-    rules = rules_for(host, port, key.get_secret_value())
-    served = with_pages(create_app(final=True), rules, store_folder())
-    return Guard(with_policies(served), rules)
+    rules = build_access_rules(host, port, key.get_secret_value())
+    served = add_store_pages(create_app(final=True), rules, resolve_store_folder())
+    return Guard(add_security_headers(served), rules)

@@ -23,7 +23,7 @@ from urllib.parse import urlsplit
 from cyclopts import Parameter
 from pydantic import TypeAdapter
 
-from flows.outputs import json_text, write_all
+from flows.outputs import json_text, write_files
 from flows.project.read import Project
 from flows.requests import Count, Flag, Request, Store
 from flows.settings import (
@@ -32,10 +32,10 @@ from flows.settings import (
     PAGES,
     ROOT,
     STORE,
-    quiet_prefect,
+    build_prefect_environment,
 )
-from residual.errors import InputError, RunError, not_installed
-from warehouse.bucket import is_loopback
+from residual.errors import InputError, RunError, build_missing_package_error
+from warehouse.bucket import is_loopback_host
 
 KEY = "key"  # in Prefect's folder of the store
 # Environment variables of the key, for clients and server of Prefect.
@@ -46,7 +46,7 @@ _FILE, _LOCK = "up.json", "up.lock"
 _GRACE = 15.0  # s between SIGTERM and SIGKILL
 
 
-def start(
+def start_process(
     home: Path, name: str, command: Sequence[str], env: Mapping[str, str]
 ) -> None:
     """Start a process in its own session, with its output in a log file.
@@ -75,7 +75,7 @@ def start(
         lock.write(str(process.pid))
 
 
-def lives(home: Path, name: str) -> bool:
+def is_process_running(home: Path, name: str) -> bool:
     """Return whether the process of a name runs."""
     try:
         with (home / f"{name}.pid").open() as lock:
@@ -87,19 +87,19 @@ def lives(home: Path, name: str) -> bool:
     return False
 
 
-def stop(home: Path, name: str, grace: float = _GRACE) -> None:
+def stop_process(home: Path, name: str, grace: float = _GRACE) -> None:
     """End a process by SIGTERM, and after `grace` seconds by SIGKILL."""
     for number in (signal.SIGTERM, signal.SIGKILL):
-        if lives(home, name):
+        if is_process_running(home, name):
             with suppress(OSError, ValueError):
                 os.kill(int((home / f"{name}.pid").read_text()), number)
         until = monotonic() + grace
-        while lives(home, name) and monotonic() < until:
+        while is_process_running(home, name) and monotonic() < until:
             sleep(0.1)
 
 
 @dataclass(frozen=True, slots=True)
-class Running:
+class RunningService:
     """The service that was started for a store."""
 
     host: str  # address that the server listens on
@@ -127,21 +127,21 @@ class Running:
         return f"{self.ui}/pages"
 
 
-def read_running(home: Path) -> Running | None:
+def read_running(home: Path) -> RunningService | None:
     """Return the last service of a store, running or not."""
     try:
-        return TypeAdapter(Running).validate_json((home / _FILE).read_bytes())
+        return TypeAdapter(RunningService).validate_json((home / _FILE).read_bytes())
     except (OSError, ValueError):
         return None  # a file of another version
 
 
-def write_running(home: Path, running: Running) -> None:
+def write_running(home: Path, running: RunningService) -> None:
     """Write the state file."""
-    write_all({home / _FILE: json_text(asdict(running))})
+    write_files({home / _FILE: json_text(asdict(running))})
 
 
 @contextmanager
-def one_at_a_time(home: Path) -> Iterator[None]:
+def lock_service(home: Path) -> Iterator[None]:
     """Lock out a second `up` or `down` of the same store."""
     with (home / _LOCK).open("a") as lock:
         try:
@@ -153,7 +153,7 @@ def one_at_a_time(home: Path) -> Iterator[None]:
         yield
 
 
-def store_key(home: Path) -> str:
+def read_access_key(home: Path) -> str:
     """Return the key of a store, created if there is none.
 
     Raises:
@@ -235,12 +235,12 @@ def check_request(request: ServiceRequest) -> None:
     except ModuleNotFoundError:
         scheduler = None
     if scheduler is None:
-        raise not_installed("prefect")
+        raise build_missing_package_error("prefect")
 
 
 def check_host(host: str, trust_network: bool) -> None:
     """Raise InputError for an address on the network without --trust-network."""
-    if not is_loopback(host) and not trust_network:
+    if not is_loopback_host(host) and not trust_network:
         raise InputError(
             f"--host {host} opens the server to the network, without encryption: an "
             "eavesdropper learns the key and can run programs as you. If you trust the "
@@ -263,7 +263,7 @@ def database_url(url: str) -> str:
     return _DRIVERS[parts.scheme] + url[url.index("://") :]
 
 
-def database_label(url: str | None) -> str:
+def format_database_label(url: str | None) -> str:
     """Return the address of the history without user and password."""
     if url is None:
         return "sqlite"
@@ -272,13 +272,15 @@ def database_label(url: str | None) -> str:
     return f"postgresql://{place}{parts.path}"
 
 
-def server_environment(running: Running, home: Path, database: str | None) -> dict:
+def build_server_environment(
+    running: RunningService, home: Path, database: str | None
+) -> dict:
     """Return the environment of the server, with the key."""
     settings = {
         STORE: str(home.parent),
         "PREFECT_SERVER_API_HOST": running.host,
         "PREFECT_SERVER_API_PORT": str(running.port),
-        SERVER: store_key(home),
+        SERVER: read_access_key(home),
         # Relative to the page, so that any name of this server works.
         "PREFECT_SERVER_UI_API_URL": "/api",
         "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
@@ -302,7 +304,7 @@ def server_environment(running: Running, home: Path, database: str | None) -> di
     return _base(home) | settings
 
 
-def worker_environment(running: Running, store: Path, home: Path) -> dict:
+def build_worker_environment(running: RunningService, store: Path, home: Path) -> dict:
     """Return the environment of the worker and its flows: with the key, no password."""
     # This Python first: the shell may have another one.
     path = os.pathsep.join([str(Path(sys.executable).parent), os.environ["PATH"]])
@@ -311,7 +313,7 @@ def worker_environment(running: Running, store: Path, home: Path) -> dict:
         | ONE_THREAD
         | {
             API: running.url,
-            CLIENT: store_key(home),
+            CLIENT: read_access_key(home),
             STORE: str(store),
             PAGES: running.pages,
             "PATH": path,
@@ -330,4 +332,4 @@ def _base(home: Path) -> dict[str, str]:
     level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
     # Python finds our code from any working directory.
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))
-    return kept | quiet_prefect(home) | level | {"PYTHONPATH": path}
+    return kept | build_prefect_environment(home) | level | {"PYTHONPATH": path}

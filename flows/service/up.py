@@ -1,6 +1,6 @@
 """Start and stop the server and the worker of a store.
 
-To be imported under `flows.settings.quiet_prefect`.
+To be imported under `flows.settings.build_prefect_environment`.
 """
 
 import hashlib
@@ -20,26 +20,30 @@ from prefect.client.schemas.objects import State, StateType
 from prefect.client.schemas.schedules import IntervalSchedule
 from prefect.events import AutomationCore
 
-from flows.project.deployments import deployments, every_of, inbox_of
+from flows.project.deployments import (
+    build_deployments,
+    find_inbox_deployment,
+    list_nightly_deployments,
+)
 from flows.service import api
-from flows.service.api import answers, wait_until
+from flows.service.api import is_server_up, wait_until
 from flows.service.state import (
     BEAT,
     DATABASE,
     PORT,
     PROCESSES,
-    Running,
+    RunningService,
     ServiceRequest,
+    build_server_environment,
+    build_worker_environment,
     check_host,
-    database_label,
-    lives,
-    one_at_a_time,
+    format_database_label,
+    is_process_running,
+    lock_service,
+    read_access_key,
     read_running,
-    server_environment,
-    start,
-    stop,
-    store_key,
-    worker_environment,
+    start_process,
+    stop_process,
     write_running,
 )
 from flows.settings import PROJECT, ROOT, port_is_free, prefect_home
@@ -57,52 +61,54 @@ _WAIT = 60.0  # s for flow runs to finish after SIGTERM
 _CANCEL = 30.0  # s for the worker to cancel the remaining ones
 
 
-def up(request: ServiceRequest, say: Say) -> tuple[Running, bool]:
+def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bool]:
     """Start what does not run yet, and keep what runs.
 
     Returns:
         What runs now, and whether all of it ran before.
     """
     home = prefect_home(request.store)
-    with one_at_a_time(home):
+    with lock_service(home):
         running = _settled(request, read_running(home), home)
         complete = (
-            all(lives(home, name) for name in PROCESSES)
+            all(is_process_running(home, name) for name in PROCESSES)
             and running == read_running(home)
-            and running.deployed == deployed_as(request)
-            and answers(running.url)
+            and running.deployed == hash_deployments(request)
+            and is_server_up(running.url)
         )
         if complete and request.every is None:
             return running, True
         _start_server(running, home, request, say)
-        with api.Api(running.url, store_key(home)).client() as client:
-            api.open_pool(client, running.workers)
-            if not lives(home, "worker"):
-                env = worker_environment(running, request.store, home)
+        with api.Api(running.url, read_access_key(home)).client() as client:
+            api.create_work_pool(client, running.workers)
+            if not is_process_running(home, "worker"):
+                env = build_worker_environment(running, request.store, home)
                 command = ["-m", "prefect", "worker", "start", "--type", "process"]
                 command = [sys.executable, *command, "--pool", api.POOL]
-                start(home, "worker", command, env)
+                start_process(home, "worker", command, env)
             running = _deploy(running, home, request, client, say)
             if request.every is not None:
-                for name in every_of(request.project):
-                    start_every(client, name, request.every)
+                for name in list_nightly_deployments(request.project):
+                    schedule_every(client, name, request.every)
             if not client.read_automations_by_name(_STALE):
-                client.create_automation(AutomationCore.model_validate(stale_rule()))
-            if inbox := inbox_of(request.project):
+                client.create_automation(
+                    AutomationCore.model_validate(build_stale_run_automation())
+                )
+            if inbox := find_inbox_deployment(request.project):
                 target = client.read_deployment_by_name(inbox)
                 client.create_flow_run_from_deployment(target.id)
 
             def online() -> bool:
-                if not lives(home, "worker"):
+                if not is_process_running(home, "worker"):
                     raise RunError(f"The worker ended at once; see {home}/worker.log.")
-                return api.worker_online(client)
+                return api.is_worker_online(client)
 
             why = f"The worker does not report; see {home}/worker.log."
             wait_until(online, _PATIENCE, why)
         return running, False
 
 
-def deployed_as(request: ServiceRequest) -> str:
+def hash_deployments(request: ServiceRequest) -> str:
     """Return a hash of the deployments, to know whether a server has those of now."""
     content = _content(request) + str(ROOT).encode()
     return hashlib.sha256(content).hexdigest()[:20]
@@ -110,17 +116,19 @@ def deployed_as(request: ServiceRequest) -> str:
 
 def _content(request: ServiceRequest) -> bytes:
     # JSON is YAML too.
-    return json.dumps(deployments(request.project), indent=1).encode()
+    return json.dumps(build_deployments(request.project), indent=1).encode()
 
 
-def _settled(request: ServiceRequest, before: Running | None, home: Path) -> Running:
+def _settled(
+    request: ServiceRequest, before: RunningService | None, home: Path
+) -> RunningService:
     """Return host, port, database and workers; InputError where they contradict."""
-    database = database_label(request.database)
+    database = format_database_label(request.database)
     if before is None:
         host, port = request.host or "127.0.0.1", request.port or PORT
-        return Running(host, port, database, workers=request.workers or 1)
+        return RunningService(host, port, database, workers=request.workers or 1)
     served = f"{request.store} is already served at {before.ui}"
-    serves = lives(home, "server")
+    serves = is_process_running(home, "server")
     for option, value, now in (
         ("--host", request.host, before.host),
         ("--port", request.port, before.port),
@@ -130,7 +138,7 @@ def _settled(request: ServiceRequest, before: Running | None, home: Path) -> Run
                 f"{served}, not with {option} {value}. Stop it first: modelgap down."
             )
     if database != before.database:
-        if any(lives(home, name) for name in PROCESSES):
+        if any(is_process_running(home, name) for name in PROCESSES):
             raise InputError(
                 f"{served} with its history in {before.database}, not in {database}. "
                 "Stop it first: modelgap down."
@@ -146,37 +154,39 @@ def _settled(request: ServiceRequest, before: Running | None, home: Path) -> Run
     host, port = request.host or before.host, request.port or before.port
     check_host(host, request.trust_network)
     # The database may be another one, or empty: deploy anew.
-    return Running(host, port, database, workers=before.workers)
+    return RunningService(host, port, database, workers=before.workers)
 
 
 def _start_server(
-    running: Running, home: Path, request: ServiceRequest, say: Say
+    running: RunningService, home: Path, request: ServiceRequest, say: Say
 ) -> None:
-    if not lives(home, "server"):
+    if not is_process_running(home, "server"):
         # The worker of a killed server may have turned to another address.
-        stop(home, "worker")
+        stop_process(home, "worker")
         if not port_is_free(running.host, running.port):
             other = (
-                "another Prefect server" if answers(running.url) else "another program"
+                "another Prefect server"
+                if is_server_up(running.url)
+                else "another program"
             )
             raise InputError(
                 f"Port {running.port} of {running.host} is taken by {other}. Choose "
                 f"another: modelgap up --port {running.port + 1}."
             )
         say(f"starting the server on port {running.port}")
-        env = server_environment(running, home, request.database)
-        start(home, "server", server_command(running), env)
+        env = build_server_environment(running, home, request.database)
+        start_process(home, "server", build_server_command(running), env)
         write_running(home, running)
 
     def ready() -> bool:
-        if not lives(home, "server"):
+        if not is_process_running(home, "server"):
             raise RunError(f"The server ended at once; see {home}/server.log.")
-        return answers(running.url)
+        return is_server_up(running.url)
 
     wait_until(ready, _PATIENCE, f"The server does not answer; see {home}/server.log.")
 
 
-def server_command(running: Running) -> list[str]:
+def build_server_command(running: RunningService) -> list[str]:
     """Return the command line of the server; it holds no key and no password.
 
     It is that of `prefect server start`, for the application with guard and pages.
@@ -188,16 +198,16 @@ def server_command(running: Running) -> list[str]:
 
 
 def _deploy(
-    running: Running,
+    running: RunningService,
     home: Path,
     request: ServiceRequest,
     client: SyncPrefectClient,
     say: Say,
-) -> Running:
-    version = deployed_as(request)
+) -> RunningService:
+    version = hash_deployments(request)
     if running.deployed != version:
         say(f"deploying {PROJECT if request.project else 'prefect.yaml'}")
-        env = worker_environment(running, request.store, home)
+        env = build_worker_environment(running, request.store, home)
         file, log = home / "deployments.yaml", home / "deploy.log"
         file.write_bytes(_content(request))
         command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
@@ -208,13 +218,15 @@ def _deploy(
             )
         if done.returncode:
             raise RunError(f"The deployments were refused; see {log}.")
-        api.keep_deployments(client, deployments(request.project)["deployments"])
+        api.delete_other_deployments(
+            client, build_deployments(request.project)["deployments"]
+        )
         running = replace(running, deployed=version)
     write_running(home, running)
     return running
 
 
-def start_every(
+def schedule_every(
     client: SyncPrefectClient,
     deployment: str,
     seconds: int,
@@ -235,7 +247,7 @@ def start_every(
         client.create_deployment_schedules(target.id, [new])
 
 
-def stale_rule() -> dict:
+def build_stale_run_automation() -> dict:
     """Return the automation that closes flow runs without heartbeat.
 
     A suspended run, which waits for an answer, has no process and no heartbeat.
@@ -264,22 +276,24 @@ def stale_rule() -> dict:
     return rule | {"trigger": trigger, "actions": [action]}
 
 
-def down(home: Path, wait: float, say: Say) -> Running | None:
+def stop_service(home: Path, wait: float, say: Say) -> RunningService | None:
     """Wait for flow runs, then stop worker and server; schedules and history stay.
 
     Args:
         wait: Longest time for flow runs to finish [s]; then they are cancelled.
     """
-    with one_at_a_time(home):
+    with lock_service(home):
         running = read_running(home)
-        if running is None or not any(lives(home, name) for name in PROCESSES):
+        if running is None or not any(
+            is_process_running(home, name) for name in PROCESSES
+        ):
             return None
-        if lives(home, "server") and answers(running.url):
-            with api.Api(running.url, store_key(home)).client() as client:
-                api.open_pool(client, running.workers, paused=True)
+        if is_process_running(home, "server") and is_server_up(running.url):
+            with api.Api(running.url, read_access_key(home)).client() as client:
+                api.create_work_pool(client, running.workers, paused=True)
                 _finish_runs(client, home, wait, say)
         for name in reversed(PROCESSES):
-            stop(home, name)
+            stop_process(home, name)
         # Port and database are those of the next start; not who may reach it.
         write_running(home, replace(running, host="127.0.0.1", stopped=True))
         return running
@@ -290,7 +304,7 @@ def _finish_runs(client: SyncPrefectClient, home: Path, wait: float, say: Say) -
 
     def wait_for_runs(seconds: float) -> list:
         until = monotonic() + seconds
-        while (active := api.active_runs(client)) and monotonic() < until:
+        while (active := api.list_active_runs(client)) and monotonic() < until:
             sleep(0.5)
         return active
 
@@ -298,19 +312,19 @@ def _finish_runs(client: SyncPrefectClient, home: Path, wait: float, say: Say) -
         state = State(type=kind, name=kind.value.title(), message=ENDED)
         client.set_flow_run_state(run.id, state, force=True)
 
-    if active := api.active_runs(client):
+    if active := api.list_active_runs(client):
         say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
     remaining = wait_for_runs(wait)
     for run in remaining:
         mark(run, StateType.CANCELLING)
-    wait_for_runs(_CANCEL if lives(home, "worker") else 0.0)
-    stop(home, "worker")
+    wait_for_runs(_CANCEL if is_process_running(home, "worker") else 0.0)
+    stop_process(home, "worker")
     for run in remaining:
         mark(run, StateType.CRASHED)
         say(f"ended: {run.name}")
 
 
-def stay(store: Path, say: Say) -> None:
+def wait_for_stop_signal(store: Path, say: Say) -> None:
     """Return after Ctrl-C or SIGTERM, with everything stopped.
 
     Raises:
@@ -323,7 +337,7 @@ def stay(store: Path, say: Say) -> None:
         running = read_running(home)
         if running is None or running.stopped:  # modelgap down, in another shell
             return
-        if not all(lives(home, name) for name in PROCESSES):
-            down(home, 0.0, say)
+        if not all(is_process_running(home, name) for name in PROCESSES):
+            stop_service(home, 0.0, say)
             raise RunError(f"Server or worker ended; see the logs in {home}.")
-    down(home, _WAIT, say)
+    stop_service(home, _WAIT, say)

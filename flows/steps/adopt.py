@@ -5,32 +5,37 @@ from getpass import getuser
 from pathlib import Path
 from typing import NamedTuple
 
-from flows.inputs.read import load
+from flows.inputs.read import load_command_robot
 from flows.requests import Flag, GivenWord, Request, Store, Text
-from flows.settings import store_folder
-from flows.steps.models import diagnosis_of
-from flows.storage.diagnosis import read_known, read_models, read_verdict, store_report
+from flows.settings import resolve_store_folder
+from flows.steps.model_choice import resolve_diagnosis_id
+from flows.storage.diagnosis import (
+    read_adoptable_model,
+    read_models,
+    read_verdict,
+    store_report,
+)
 from residual import one_blas_thread
 from residual.diagnosis.held_out import AdoptionCheck, check_adoption
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.verdict.result import Verdict
-from warehouse.commit import (
+from warehouse.record_commit import (
     ADOPTED,
     ADOPTIONS,
     FORCED,
     ROLLED_BACK,
-    Adoption,
-    adopted,
+    ModelAdoption,
     commit_adoption,
+    find_last_adoption,
     read_adoption,
 )
-from warehouse.files import read_parquet
-from warehouse.ids import record_folder
-from warehouse.layout import list_folders, read_record
-from warehouse.remote import store_name
+from warehouse.record_ids import build_record_path
+from warehouse.remote_store import format_store_name
 from warehouse.runs import read_run
-from warehouse.schema import KINDS
+from warehouse.store_catalogue import list_record_folders, read_record
+from warehouse.store_files import read_parquet
+from warehouse.view_schema import KINDS
 
 # Times the error of the baseline's own model: what a model may leave of its logs once
 # what was found is taken out again.
@@ -45,7 +50,7 @@ class Judgment:
     model_id: str
     model: Model
     # The adoption that the robot has, with its number; None for none.
-    parent: tuple[str, Adoption] | None
+    parent: tuple[str, ModelAdoption] | None
     check: AdoptionCheck | None  # on held-out motion; None without held-out logs
     # Why it should not be adopted; empty for a model that may.
     doubts: tuple[str, ...] = ()
@@ -58,7 +63,7 @@ class Judgment:
 
 
 @one_blas_thread
-def judge(store: Path, word: str) -> Judgment:
+def judge_adoption(store: Path, word: str) -> Judgment:
     """Hold the model of a diagnosis against the one that its robot has.
 
     The logs are those that the diagnosis held out; the model before it is the adopted
@@ -67,16 +72,16 @@ def judge(store: Path, word: str) -> Judgment:
     Args:
         word: Id of a diagnosis, of the model that it ended with, or of an adoption.
     """
-    id = diagnosis_of(store, word)
-    verdict, model = read_verdict(store, id), read_known(store, id)
-    parent = adopted(store, model.robot.name, model.robot.serial)
+    id = resolve_diagnosis_id(store, word)
+    verdict, model = read_verdict(store, id), read_adoptable_model(store, id)
+    parent = find_last_adoption(store, model.robot.name, model.robot.serial)
     doubts, check, record = _of_verdict(verdict), None, read_record(store, id)
     runs = record["request"].get("held_out")
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
     else:
         if parent and parent[1].diagnosis_id:
-            before = read_known(store, parent[1].diagnosis_id)
+            before = read_adoptable_model(store, parent[1].diagnosis_id)
         else:
             before = read_models(store, id)["nominal"]
         check = check_adoption(model, before, [read_run(store, run) for run in runs])
@@ -130,8 +135,8 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
     Returns:
         The number of the adoption, and what the gate saw.
     """
-    store = store_folder(request.store)
-    judgment = judge(store, request.model)
+    store = resolve_store_folder(request.store)
+    judgment = judge_adoption(store, request.model)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
         raise InputError(
@@ -145,7 +150,7 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
         )
     if request.force and not request.note:
         raise InputError("--force needs a --note: give the reason for the adoption.")
-    adoption = Adoption(
+    adoption = ModelAdoption(
         robot=robot.name,
         serial=robot.serial,
         action=FORCED if judgment.doubts else ADOPTED,
@@ -163,19 +168,19 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
 
 def roll_back(
     word: str | None, note: str = "", store: str | Path | None = None
-) -> tuple[str, Adoption]:
+) -> tuple[str, ModelAdoption]:
     """Give a robot the model back that it had before, by one more record.
 
     Args:
         word: The robot; None where the store has adoptions of one alone.
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     robot, serial = _robot_of(place, word)
-    last = adopted(place, robot, serial)
+    last = find_last_adoption(place, robot, serial)
     if last is None or last[1].model_id is None:
         raise InputError(f"{robot} has its nominal model: nothing to roll back.")
     # The version under the one in force: what was rolled back is off the pile.
-    pile: list[Adoption | None] = [None]
+    pile: list[ModelAdoption | None] = [None]
     for _, each, _ in list_adoptions(place):
         if (each.robot, each.serial) != (robot, serial):
             continue
@@ -184,7 +189,7 @@ def roll_back(
         else:
             pile.append(each)
     before = pile[-2]
-    adoption = Adoption(
+    adoption = ModelAdoption(
         robot=robot,
         serial=serial,
         action=ROLLED_BACK,
@@ -203,7 +208,7 @@ class AdoptionEntry(NamedTuple):
     """An adoption of a store, with its number and when it was made, in words."""
 
     number: str
-    adoption: Adoption
+    adoption: ModelAdoption
     since: str
 
 
@@ -215,13 +220,13 @@ def list_adoptions(
     Args:
         word: A robot, or its name, to list alone; None for all.
     """
-    place = store_folder(store)
+    place = resolve_store_folder(store)
     keys = None if word is None else _robots(place, word)
     out = []
-    for id in list_folders(place, ADOPTIONS):
+    for id in list_record_folders(place, ADOPTIONS):
         adoption = read_adoption(place, id)
         if keys is None or (adoption.robot, adoption.serial) in keys:
-            path = record_folder(place, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+            path = build_record_path(place, ADOPTIONS, id) / KINDS[ADOPTIONS].row
             created = read_parquet(path, ["created"]).column("created")[0].as_py()
             out.append(AdoptionEntry(id, adoption, f"{created:%Y-%m-%d %H:%M}"))
     return out
@@ -240,7 +245,7 @@ def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
     by_name = {key for key in keys if key[0] == word}
     if by_name:
         return by_name
-    robot = load(word)
+    robot = load_command_robot(word)
     return {(robot.name, robot.serial)}
 
 
@@ -250,7 +255,7 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         return keys.pop()
     if not keys:
         raise InputError(
-            f"No model was adopted in {store_name(store)}: nothing to roll back."
+            f"No model was adopted in {format_store_name(store)}: nothing to roll back."
         )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
     raise InputError(
@@ -273,7 +278,7 @@ class Proposal:
     verdict: Verdict
 
     @property
-    def now(self) -> str:
+    def current_model(self) -> str:
         """The model that the robot has."""
         parent = self.judgment.parent
         if parent is None or parent[1].diagnosis_id is None:
@@ -293,16 +298,16 @@ class Proposal:
         }
 
 
-def known_already(store: Path, proposal: Proposal) -> str | None:
+def find_same_proposal(store: Path, proposal: Proposal) -> str | None:
     """Return the id of a proposal of the same findings, answered or not, or None."""
     about = proposal.about
-    for id in list_folders(store, "reports"):
+    for id in list_record_folders(store, "reports"):
         if read_record(store, id) == about:
             return id
     return None
 
 
-def keep_proposal(store: Path, proposal: Proposal, page: bytes) -> Path:
+def store_proposal(store: Path, proposal: Proposal, page: bytes) -> Path:
     """Put the page of a proposal into the store."""
     files = {"proposal.html": page}
     folder = store_report(store, proposal.about, proposal.judgment.diagnosis, files)

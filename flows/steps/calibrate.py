@@ -4,19 +4,25 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.read import LogSets, check_declared, load_of, need_logs, read_sets
+from flows.inputs.read import (
+    LogSets,
+    check_declared,
+    load_run_robot,
+    read_log_sets,
+    require_logs,
+)
 from flows.outputs import Progress
 from flows.requests import Calibrate
-from flows.settings import store_folder
-from flows.steps.check import as_mounted, checked
+from flows.settings import resolve_store_folder
+from flows.steps.check import correct_mounting, refuse_faulty_logs
 from flows.storage.calibration import store_calibration
 from residual import one_blas_thread
-from residual.calibration.calibrate import Calibration, Settings
+from residual.calibration.calibrate import Calibration, CalibrationSettings
 from residual.calibration.calibrate import calibrate as fit_tables
-from residual.calibration.rows import Run
-from warehouse.files import read_parquet
-from warehouse.layout import find_run
+from residual.calibration.calibration_rows import CalibrationRun
 from warehouse.runs import read_channels
+from warehouse.store_catalogue import find_run
+from warehouse.store_files import read_parquet
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -34,7 +40,7 @@ class StoredCalibration:
     stored: Mapping[str, str]
 
 
-def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
+def read_logs(request: Calibrate) -> tuple[LogSets, tuple[CalibrationRun, ...]]:
     """Read every log once: runs with their twin and family, files as they are.
 
     Returns:
@@ -43,17 +49,19 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
     Raises:
         InputError: If the request or a log is not usable.
     """
-    robot = load_of(request.robot, request.logs, request.store)
+    robot = load_run_robot(request.robot, request.logs, request.store)
     check_declared(request.declared)
-    need_logs(request.logs, "to calibrate on", "calibrate")
+    require_logs(request.logs, "to calibrate on", "calibrate")
     sets = (request.logs, (), ())
-    logs = read_sets(
+    logs = read_log_sets(
         sets, robot, request.columns, request.store, True, called=request.robot
     )
-    store, runs, lines = store_folder(request.store), [], []
+    store, runs, lines = resolve_store_folder(request.store), [], []
     for log, line in zip(logs.fit, logs.each, strict=True):
         id = logs.runs.get(log.id)
-        runs.append(Run(log, *_beside(store, id)) if id else Run(log))
+        runs.append(
+            CalibrationRun(log, *_beside(store, id)) if id else CalibrationRun(log)
+        )
         lines.append(_about(runs[-1]) if id else line)
     return replace(logs, each=tuple(lines)), tuple(runs)
 
@@ -61,7 +69,7 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[Run, ...]]:
 def calibrate(
     request: Calibrate,
     logs: LogSets,
-    runs: tuple[Run, ...],
+    runs: tuple[CalibrationRun, ...],
     progress: Progress | None = None,
 ) -> StoredCalibration:
     """Fit and validate every model; store what was found if all logs are runs.
@@ -72,7 +80,7 @@ def calibrate(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    store, ids = store_folder(request.store), tuple((logs.runs or {}).values())
+    store, ids = resolve_store_folder(request.store), tuple((logs.runs or {}).values())
     made, warnings = calibrate_logs(
         logs, runs, _settings(request), request.trust_log, progress
     )
@@ -88,8 +96,8 @@ def calibrate(
 @one_blas_thread
 def calibrate_logs(
     logs: LogSets,
-    runs: Sequence[Run],
-    settings: Settings,
+    runs: Sequence[CalibrationRun],
+    settings: CalibrationSettings,
     trust_log: bool = False,
     progress: Progress | None = None,
 ) -> tuple[Calibration, tuple[str, ...]]:
@@ -98,15 +106,15 @@ def calibrate_logs(
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
-    report = checked(logs, trust_log)
-    logs = as_mounted(logs, report)
+    report = refuse_faulty_logs(logs, trust_log)
+    logs = correct_mounting(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     made = fit_tables(logs.robot, runs, settings, progress)
     return made, (*logs.warnings, *report.sentences)
 
 
-def _settings(request: Calibrate) -> Settings:
-    settings = Settings(
+def _settings(request: Calibrate) -> CalibrationSettings:
+    settings = CalibrationSettings(
         paper=request.paper, declared=request.declared, joints=request.joints
     )
     form = settings.form
@@ -115,7 +123,7 @@ def _settings(request: Calibrate) -> Settings:
     if request.levels is not None:
         one, *more = request.levels
         form = replace(form, levels=request.levels if more else one)
-    return replace(settings, form=form, exact=request.components is not None)
+    return replace(settings, form=form, exact_components=request.components is not None)
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:
@@ -126,7 +134,7 @@ def _beside(store: Path, id: str) -> tuple[str | None, dict]:
     return row.column("trajectory")[0].as_py(), twin
 
 
-def _about(run: Run) -> str:
+def _about(run: CalibrationRun) -> str:
     log, family = run.log, run.family or "unknown motion"
     return (
         f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, "

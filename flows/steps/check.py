@@ -4,17 +4,22 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from flows.inputs import read as inputs
-from flows.inputs.read import LogSets, load
-from flows.inputs.repair import drafted, gravity_line, place_of, repair_lines
+from flows.inputs.read import LogSets, load_command_robot
+from flows.inputs.repair import (
+    describe_repair_file,
+    format_drafted_map,
+    format_gravity_line,
+    format_repair_lines,
+)
 from flows.requests import Check, Map
 from residual import one_blas_thread
 from residual.check.check import check_logs
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot.robot import with_gravity
-from warehouse.logs.draft import draft
-from warehouse.logs.window import split_spec
+from residual.robot.robot import replace_gravity
+from warehouse.logs.log_window import split_log_spec
+from warehouse.logs.map_draft import draft_column_map
 
 
 def read_logs(request: Check) -> LogSets:
@@ -24,13 +29,15 @@ def read_logs(request: Check) -> LogSets:
 
 def draft_map(request: Map) -> str:
     """Return the text of a map for a log, drafted from its header and numbers."""
-    path, _ = split_spec(request.log)
-    robot = load(request.robot, logs=[request.log])
-    return drafted(draft(path, robot, request.format), request.log, robot)
+    path, _ = split_log_spec(request.log)
+    robot = load_command_robot(request.robot, logs=[request.log])
+    return format_drafted_map(
+        draft_column_map(path, robot, request.format), request.log, robot
+    )
 
 
 @one_blas_thread
-def check(logs: LogSets) -> LogCheck:
+def check_log_sets(logs: LogSets) -> LogCheck:
     """Check that units, signs, order and timing of logs are consistent.
 
     Healthy runs are checked separately, so that a fault of one set is not hidden by the
@@ -48,23 +55,23 @@ def check(logs: LogSets) -> LogCheck:
     for fault in faults:
         signals = {repair.signal for repair in fault.repairs}
         every = [*(r for r in certain if r.signal in signals), *fault.repairs]
-        line = repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
+        line = format_repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
         if fault.kind == "robot_file":
-            line = gravity_line(logs.robot)
+            line = format_gravity_line(logs.robot)
         joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
         fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
         out.append(fault)
     return LogCheck(tuple(out))
 
 
-def checked(logs: LogSets, trust_log: bool) -> LogCheck:
+def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> LogCheck:
     """Check logs before they are used, and refuse those with a certain fault.
 
     Raises:
         InputError: With the first certain fault and the line that fixes it; in any
             case where nothing can be computed from a log.
     """
-    report = check(logs)
+    report = check_log_sets(logs)
     fatal = [doubt.words for _, doubt in logs.doubts if doubt.fatal]
     if fatal and (trust_log or not any(fault.repair for fault in report.certain)):
         raise InputError(fatal[0])
@@ -73,13 +80,13 @@ def checked(logs: LogSets, trust_log: bool) -> LogCheck:
     return report
 
 
-def as_mounted(logs: LogSets, report: LogCheck) -> LogSets:
+def correct_mounting(logs: LogSets, report: LogCheck) -> LogSets:
     """Return logs of the arm as it is mounted, where that is certain."""
     turned = (r.gravity for f in report.certain for r in f.repairs if r.gravity)
     gravity = next(turned, None)
     if gravity is None:
         return logs
-    return replace(logs, robot=with_gravity(logs.robot, gravity))
+    return replace(logs, robot=replace_gravity(logs.robot, gravity))
 
 
 def _refusal(report: LogCheck) -> str:
@@ -91,7 +98,7 @@ def _refusal(report: LogCheck) -> str:
     evidence = " ".join(first.evidence.split())
     if first.repair:
         line = " ".join(first.repair.split())
-        mend = f"Fix: add this line ({place_of(first.repair)}): {line}"
+        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line}"
     else:
         mend = "Record the log again."
     return (

@@ -15,24 +15,28 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
-from flows.inputs.read import load
+from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
 from flows.requests import Number, Request, Store
-from flows.settings import store_folder
-from flows.specs import ExperimentSpec, derived_seed
-from flows.steps.experiment import plan, plant_of, run_all
-from residual.effects import reported_joints
+from flows.settings import resolve_store_folder
+from flows.specs import ExperimentSpec, derive_seed
+from flows.steps.experiment import (
+    parse_sealed_plant,
+    plan_experiments,
+    run_campaign_experiments,
+)
+from residual.effects import number_reported_joints
 from residual.errors import InputError, RunError, check_name
-from sim.draw import draw_hidden
-from sim.engine.records import (
+from sim.effect_draws import draw_plant_effect
+from sim.engine.plant_records import (
     BACKGROUNDS,
     CLEAN,
     HIDDEN,
     BackgroundWord,
-    stream,
+    create_random_stream,
 )
-from sim.plant.catalogue import kinds
-from sim.trajectories.excitation import draw_slow
+from sim.plant.effect_catalogue import list_plant_effects
+from sim.trajectories.excitation import draw_slow_coefficients
 from warehouse import runs as stored
 
 ROBOT = "irb140"
@@ -64,7 +68,7 @@ class Demo(Request):
     background: BackgroundWord = CLEAN
 
 
-def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
+def build_demo_specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
     """Return the experiments: those to fit, then those held out.
 
     All are on one arm and in one session, one after the other with pauses.
@@ -75,11 +79,11 @@ def specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
     plant = {
         "effect": _hidden_effect(request),
         "background": request.background,
-        "seed": derived_seed(request.seed, "plant"),
-        "salt": f"{derived_seed(request.seed, 'salt'):08x}",
+        "seed": derive_seed(request.seed, "plant"),
+        "salt": f"{derive_seed(request.seed, 'salt'):08x}",
     }
     experiments = []
-    for kind, start, motion in motions(request.seed, (*FIT, *HELD_OUT)):
+    for kind, start, motion in generate_motion_tables(request.seed, (*FIT, *HELD_OUT)):
         content = {
             "robot": ROBOT,
             "seed": request.seed,
@@ -97,36 +101,42 @@ def run_experiments(
     request: Demo, progress: Progress | None = None, executor: Executor | None = None
 ) -> Runs:
     """Run the experiments that are not in the store."""
-    store = store_folder(request.store)
-    summary = run_all(plan(specs(request), store), store, progress, executor)
+    store = resolve_store_folder(request.store)
+    summary = run_campaign_experiments(
+        plan_experiments(build_demo_specs(request), store), store, progress, executor
+    )
     for why in summary.failed.values():
         raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]
     return {"fit": ids[: len(FIT)], "held_out": ids[len(FIT) :]}
 
 
-def open_seal(runs: Runs, store: Path) -> list[dict]:
+def read_hidden_effects(runs: Runs, store: Path) -> list[dict]:
     """Return name, joints and parameters of each effect that the arm hid."""
-    dof = load(ROBOT).dof
-    plant = plant_of(stored.open_seal(store, runs["fit"][0]).spec)
+    dof = load_command_robot(ROBOT).dof
+    plant = parse_sealed_plant(stored.open_seal(store, runs["fit"][0]).spec)
     return [
         {
             "name": effect.name,
-            "joints": list(reported_joints(effect.name, effect.joints, dof)),
+            "joints": list(number_reported_joints(effect.name, effect.joints, dof)),
             "parameters": dict(effect.parameters),
         }
         for effect in plant.effects
     ]
 
 
-def motions(seed: int, families: tuple[str, ...]) -> Iterator[tuple[str, float, dict]]:
+def generate_motion_tables(
+    seed: int, families: tuple[str, ...]
+) -> Iterator[tuple[str, float, dict]]:
     """Yield what each motion is called, when it begins [s], and its table."""
     for i, kind in enumerate(families):
-        drawn = derived_seed(seed, f"reference/{i}")
+        drawn = derive_seed(seed, f"reference/{i}")
         motion: dict = {"kind": kind, "duration": DURATION, "seed": drawn}
         if kind == SLOW:
-            rng = stream(drawn, f"trajectory/{SLOW}")
-            slow = draw_slow(load(ROBOT), DURATION, CREEP, rng)
+            rng = create_random_stream(drawn, f"trajectory/{SLOW}")
+            slow = draw_slow_coefficients(
+                load_command_robot(ROBOT), DURATION, CREEP, rng
+            )
             motion |= {"kind": "fourier", "periods": 1, "coefficients": slow}
         yield kind, i * (DURATION + PAUSE), motion
 
@@ -141,21 +151,23 @@ def _hidden_effect(request: Demo) -> list[dict]:
     if name == NOTHING:
         return []
     if name is not None:
-        check_name(name, kinds(), "effect of the plant")
-    entry = visible().get(name or "")
+        check_name(name, list_plant_effects(), "effect of the plant")
+    entry = list_visible_sizes().get(name or "")
     if entry and entry["larger"]:
         seed %= entry["seeds"]
         if larger := entry["larger"].get(str(seed)):
             effect, joints, values = larger
             return [{"name": effect, "joints": joints, **dict(sorted(values.items()))}]
-    effect = draw_hidden(load(ROBOT), stream(seed, HIDDEN), name)
+    effect = draw_plant_effect(
+        load_command_robot(ROBOT), create_random_stream(seed, HIDDEN), name
+    )
     return [
         {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
     ]
 
 
 @cache
-def visible() -> Mapping[str, dict]:
+def list_visible_sizes() -> Mapping[str, dict]:
     """Return what is hidden where a usual size would not show.
 
     By the effect that is asked for ("" for none) and by seed: effect, joints and

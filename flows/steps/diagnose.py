@@ -7,23 +7,23 @@ from pathlib import Path
 from flows.inputs import read as inputs
 from flows.inputs.read import (
     LogSets,
-    is_run,
-    known_of,
-    load_for,
-    robot_of,
-    serial_of,
+    is_run_id,
+    load_request_robot,
+    parse_known_values,
+    read_run_robot,
+    read_run_serial,
 )
 from flows.outputs import Progress
 from flows.requests import Diagnose
-from flows.settings import store_folder
-from flows.steps.check import as_mounted, checked
+from flows.settings import resolve_store_folder
+from flows.steps.check import correct_mounting, refuse_faulty_logs
 from flows.storage import diagnosis as records
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.errors import InputError
-from residual.model.nominal import known_values, refuse_baseline
+from residual.model.nominal import list_known_values, refuse_known_with_baseline
 from residual.recording import Recording
-from residual.robot.robot import Robot, with_known
+from residual.robot.robot import Robot, add_known_values
 from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
@@ -38,27 +38,31 @@ def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
 
 
 def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:
-    robot = robot or load_for(request)
-    return known_robot(robot, known_of(request.known), request.baseline)
+    robot = robot or load_request_robot(request)
+    return apply_known_values(
+        robot, parse_known_values(request.known), request.baseline
+    )
 
 
-def known_robot(robot: Robot, known: Mapping[str, float], baseline: Sequence) -> Robot:
+def apply_known_values(
+    robot: Robot, known: Mapping[str, float], baseline: Sequence
+) -> Robot:
     """Return the robot with values that are known for sure, checked.
 
     Raises:
         InputError: If one cannot be known, or there is a baseline.
     """
-    robot = with_known(robot, known)
-    known_values(robot)
+    robot = add_known_values(robot, known)
+    list_known_values(robot)
     if baseline:
-        refuse_baseline(robot)
+        refuse_known_with_baseline(robot)
     return robot
 
 
 def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     """Say which runs of the baseline are of another arm of the kind."""
-    runs = [run for run in request.baseline if is_run(run)]
-    serials = {run: serial_of(run, request.store) for run in runs}
+    runs = [run for run in request.baseline if is_run_id(run)]
+    serials = {run: read_run_serial(run, request.store) for run in runs}
     return [
         f"baseline run {run} is of {robot.name} {serial}, not of "
         f"{robot.serial or 'an arm without a number'}: differences between the two "
@@ -72,20 +76,22 @@ def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
-    alone: bool = False,
+    skip_planning: bool = False,
 ) -> Diagnosis:
     """Find what the model lacks, by a store: its models, its runs.
 
     Args:
-        alone: Look at the logs by themselves although there is a baseline.
+        skip_planning: Look at the logs by themselves although there is a baseline.
     """
-    store, model = store_folder(request.store), None
+    store, model = resolve_store_folder(request.store), None
     if request.model:
-        model = records.read_known(store, request.model)
+        model = records.read_adoptable_model(store, request.model)
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
     how = {"declared": request.declared, "trust_log": request.trust_log}
-    return diagnose_logs(logs, **how, model=model, progress=progress, alone=alone)
+    return diagnose_logs(
+        logs, **how, model=model, progress=progress, alone=skip_planning
+    )
 
 
 @one_blas_thread
@@ -105,8 +111,8 @@ def diagnose_logs(
         model: The adopted model; None for the nominal one.
         alone: As of `diagnose`.
     """
-    report = checked(logs, trust_log)
-    logs = as_mounted(logs, report)
+    report = refuse_faulty_logs(logs, trust_log)
+    logs = correct_mounting(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     result = method.diagnose(
         logs.robot,
@@ -115,7 +121,7 @@ def diagnose_logs(
         held_out=logs.held_out,
         declared=declared if model is None else model,
         progress=progress,
-        alone=alone,
+        skip_planning=alone,
         check=report,
         warnings=logs.warnings,
     )
@@ -149,9 +155,9 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
         ) from error
 
 
-def runs_of(request: Diagnose) -> LogSets:
+def read_stored_runs(request: Diagnose) -> LogSets:
     """Read runs of the store; nothing but them is read."""
-    store, robot = store_folder(request.store), _robot(request)
+    store, robot = resolve_store_folder(request.store), _robot(request)
     sets = {
         role: tuple(read_run(store, id) for id in getattr(request, name))
         for role, name in _ROLES.items()
@@ -159,7 +165,7 @@ def runs_of(request: Diagnose) -> LogSets:
     return LogSets(robot, **sets)
 
 
-def diagnose_runs(
+def diagnose_stored_runs(
     request: Diagnose, progress: Progress | None = None
 ) -> tuple[str, str]:
     """Diagnose runs of the store and store the verdict.
@@ -169,11 +175,13 @@ def diagnose_runs(
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
     """
-    logs = runs_of(request)
-    return keep(request, logs, diagnose(request, logs, progress))
+    logs = read_stored_runs(request)
+    return store_diagnosis(request, logs, diagnose(request, logs, progress))
 
 
-def keep(request: Diagnose, logs: LogSets, result: Diagnosis) -> tuple[str, str]:
+def store_diagnosis(
+    request: Diagnose, logs: LogSets, result: Diagnosis
+) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
@@ -187,13 +195,13 @@ def keep(request: Diagnose, logs: LogSets, result: Diagnosis) -> tuple[str, str]
     record = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
-    store, record = store_folder(request.store), record | hash
+    store, record = resolve_store_folder(request.store), record | hash
     return records.store_outcome(
         store, result, parents, record, (*logs.fit, *logs.held_out)
     )
 
 
-def as_stored(logs: LogSets) -> LogSets | None:
+def resolve_whole_runs(logs: LogSets) -> LogSets | None:
     """Return logs by the whole ids of their runs; None unless all are whole runs."""
     parts = {role: getattr(logs, role) for role in _ROLES}
     if any(log.id not in (logs.runs or {}) for part in parts.values() for log in part):
@@ -205,7 +213,7 @@ def as_stored(logs: LogSets) -> LogSets | None:
     return replace(logs, **named)
 
 
-def request_of(
+def build_diagnose_request(
     runs: Mapping[str, Sequence[str]], store: Path, model: str | None = None
 ) -> Diagnose:
     """Return the request to diagnose runs of one robot.
@@ -214,5 +222,5 @@ def request_of(
         runs: Ids by role: fit, and held_out and baseline where there are such.
     """
     words = {name: tuple(runs.get(role, ())) for role, name in _ROLES.items()}
-    robot = robot_of(runs["fit"], store)
+    robot = read_run_robot(runs["fit"], store)
     return Diagnose(robot=robot, **words, store=store, model=model)

@@ -6,20 +6,20 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.steps.rerun import compare_records, package_changes
+from flows.steps.rerun import compare_records, list_package_changes
 from residual.errors import InputError, RunError
-from warehouse.layout import StoredRecord, find
-from warehouse.remote import bucket_of, store_name
+from warehouse.remote_store import find_store_bucket, format_store_name
 from warehouse.runs import read_channels, read_manifest
-from warehouse.schema import INDEX
-from warehouse.verify import (
-    Channel,
+from warehouse.store_catalogue import StoredRecord, find_record
+from warehouse.verification import (
+    ChannelDifference,
     compare_channels,
     compare_values,
-    open_to_others,
-    read_row,
-    verify_all,
+    is_readable_by_others,
+    read_catalogue_row,
+    verify_store,
 )
+from warehouse.view_schema import INDEX
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
 # What a manifest says of values and of how it was made: both stand by themselves.
@@ -36,7 +36,7 @@ class Diff:
     # more; an empty table says that nothing there differs.
     tables: Mapping[str, tuple[tuple[str, object, object], ...]]
     # Their data, equal or not; of models and others only what differs.
-    channels: tuple[Channel, ...]
+    channels: tuple[ChannelDifference, ...]
 
     @property
     def same(self) -> bool:
@@ -44,9 +44,9 @@ class Diff:
         return all(channel.equal for channel in self.channels)
 
 
-def diff(first: str, second: str, store: Path) -> Diff:
+def diff_records(first: str, second: str, store: Path) -> Diff:
     """Compare two records of one kind."""
-    pair = [find(store, id) for id in (first, second)]
+    pair = [find_record(store, id) for id in (first, second)]
     if pair[0].kind != pair[1].kind:
         kinds = " and ".join(f"{each.id} is in {each.kind}" for each in pair)
         raise InputError(f"{kinds}; expected two records of one kind.")
@@ -55,7 +55,9 @@ def diff(first: str, second: str, store: Path) -> Diff:
     return Diff(pair[0].kind, (pair[0].id, pair[1].id), tables, channels)
 
 
-def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
+def _runs(
+    store: Path, *pair: StoredRecord
+) -> tuple[dict, tuple[ChannelDifference, ...]]:
     manifests = [read_manifest(store, each.id) for each in pair]
     provenances = [each["provenance"] for each in manifests]
     spec = [
@@ -71,8 +73,10 @@ def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
     return tables, compare_channels(*(read_channels(store, each.id) for each in pair))
 
 
-def _records(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[Channel, ...]]:
-    rows = [read_row(each) for each in pair]
+def _records(
+    store: Path, *pair: StoredRecord
+) -> tuple[dict, tuple[ChannelDifference, ...]]:
+    rows = [read_catalogue_row(each) for each in pair]
     provenances = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
     requests = [record.pop("request", None) or {} for record in records]
@@ -92,7 +96,7 @@ def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
     ]
     for side, sha256 in zip(code, changes, strict=True):
         side["uncommitted"] = sha256
-    packages = package_changes(first, second, store)
+    packages = list_package_changes(first, second, store)
     return {
         "code": _pairs(*code),
         "environment": tuple((name, *pair) for name, pair in packages.items()),
@@ -116,7 +120,7 @@ def _at(record: object, name: str) -> object:
     return record
 
 
-def verify(place: Path) -> Iterator[str]:
+def find_damaged_files(place: Path) -> Iterator[str]:
     """Read a store and say what is not as it was written, a line each.
 
     Raises:
@@ -125,20 +129,21 @@ def verify(place: Path) -> Iterator[str]:
     """
     if not place.is_dir():
         raise InputError(
-            f"There is no store at {store_name(place)}. Say where: --store FOLDER."
+            f"There is no store at {format_store_name(place)}. Say where: --store "
+            f"FOLDER."
         )
     counts: Counter = Counter()
     damaged = 0
-    for each in verify_all(place):
+    for each in verify_store(place):
         counts[each.kind] += 1
         damaged += bool(each.faults)
         for line in each.faults:
             yield f"DAMAGED  {each.kind} {each.id}: {line}"
     summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     yield f"verified {summary or 'an empty store'}"
-    if bucket_of(place) is None and open_to_others(place):
+    if find_store_bucket(place) is None and is_readable_by_others(place):
         yield f"note: other users of this machine may look into it: chmod 700 {place}"
-    index = f", and {INDEX}" if bucket_of(place) else ""
+    index = f", and {INDEX}" if find_store_bucket(place) else ""
     if damaged:
         raise RunError(
             f"{damaged} of {counts.total()} are damaged. Take their folders out of the "

@@ -16,35 +16,39 @@ from time import perf_counter
 import numpy as np
 from pydantic import TypeAdapter
 
-from flows.inputs.read import load
+from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
 from flows.requests import Campaign
-from flows.settings import cores, store_folder
+from flows.settings import count_cores, resolve_store_folder
 from flows.specs import NOMINAL, ControllerTable, ExperimentSpec, load_campaign
-from flows.steps.models import choose, model_to_drive
-from flows.workers import Processes, spread
+from flows.steps.model_choice import choose_model, read_controller_model
+from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
-from residual.calibration.rows import Run
+from residual.calibration.calibration_rows import CalibrationRun
 from residual.errors import InputError, RunError
-from residual.model.dynamics import Turning, computed_torque, feed_forward
+from residual.model.dynamics import (
+    FrictionReversal,
+    build_computed_torque_law,
+    compute_feed_forward,
+)
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.engine.records import (
+from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
-    Reference,
+    ReferenceMotion,
     TrajectorySpec,
 )
-from sim.experiment import log_twin_errors, run_experiment
-from sim.plant.catalogue import check_effect
-from sim.trajectories import make_reference
-from warehouse import ids
-from warehouse.commit import Seal, commit_run, sealed_hash
-from warehouse.ids import record_folder, to_plain
-from warehouse.layout import find
-from warehouse.provenance import plant_code_hash
-from warehouse.remote import has_record, store_name
-from warehouse.runs import keep_robot
+from sim.experiment import compute_log_twin_errors, run_experiment
+from sim.plant.effect_catalogue import check_effect
+from sim.trajectories import plan_reference_motion
+from warehouse import record_ids
+from warehouse.provenance import hash_plant_code
+from warehouse.record_commit import SealedTruth, commit_run, hash_sealed_spec
+from warehouse.record_ids import build_record_path, convert_to_json_types
+from warehouse.remote_store import format_store_name, record_exists
+from warehouse.runs import store_robot_description
+from warehouse.store_catalogue import find_record
 
 _LATER = ("background", "worked_before")
 _PLANT = TypeAdapter(PlantSpec)
@@ -72,7 +76,7 @@ class SimulatedExperiment:
     hidden: Mapping  # the sealed half of its spec
 
 
-def plan(
+def plan_experiments(
     specs: Iterable[tuple[str, ExperimentSpec]],
     store: Path,
     campaign: str | None = None,
@@ -84,57 +88,65 @@ def plan(
     """
     planned: dict[str, PlannedExperiment] = {}
     for label, requested in specs:
-        spec = settled(requested, store)
-        id = run_id_of(spec)
+        spec = resolve_controller_model(requested, store)
+        id = compute_run_id(spec)
         if id not in planned:
             stored = is_stored(store, spec, id)
             planned[id] = PlannedExperiment(label, spec, id, stored, campaign)
     return list(planned.values())
 
 
-def run_id_of(spec: ExperimentSpec) -> str:
+def compute_run_id(spec: ExperimentSpec) -> str:
     """Return the id of an experiment, without running it."""
-    robot = checked_robot(spec)
-    hidden = sealed_hash(sealed_half(spec.plant_spec()))
-    return ids.run_id(open_half(spec, robot), hidden, plant_code_hash())
+    robot = load_spec_robot(spec)
+    hidden = hash_sealed_spec(build_sealed_record(spec.plant_spec()))
+    return record_ids.compute_simulated_run_id(
+        build_public_record(spec, robot), hidden, hash_plant_code()
+    )
 
 
 def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     """Return whether a run is in the store."""
-    return has_record(record_folder(store, "runs", run_id, checked_robot(spec).name))
+    return record_exists(
+        build_record_path(store, "runs", run_id, load_spec_robot(spec).name)
+    )
 
 
-def run(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
+def simulate_and_store(
+    spec: ExperimentSpec, store: Path, campaign: str | None = None
+) -> str:
     """Run one experiment and store it; one that is stored is not run again.
 
     Raises:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
             much) or the simulation diverges; nothing is stored then.
     """
-    spec = settled(spec, store)
-    id = run_id_of(spec)
+    spec = resolve_controller_model(spec, store)
+    id = compute_run_id(spec)
     if is_stored(store, spec, id):
         return id
-    simulated = make(spec, store)
-    keep_robot(store, spec.robot, checked_robot(spec))
+    simulated = simulate_experiment(spec, store)
+    store_robot_description(store, spec.robot, load_spec_robot(spec))
     if campaign is not None:
         simulated = replace(
             simulated, manifest={**simulated.manifest, "campaign": campaign}
         )
-    return keep(simulated, store)
+    return store_experiment(simulated, store)
 
 
-def make(spec: ExperimentSpec, store: Path | None = None) -> SimulatedExperiment:
+def simulate_experiment(
+    spec: ExperimentSpec, store: Path | None = None
+) -> SimulatedExperiment:
     """Run one experiment, whether or not it is stored; nothing is written.
 
     Args:
         spec: What to run, the model of its controller named by a whole id.
         store: Where that model is; None where the nominal one drives.
     """
-    robot, model = checked_robot(spec), spec.controller.model
+    robot, model = load_spec_robot(spec), spec.controller.model
     simulated, timings = _simulate(spec, robot, store)
     manifest = {
-        "spec": open_half(spec, robot),
+        "spec": build_public_record(spec, robot),
         "robot": spec.robot,
         "robot_hash": robot.content_hash,
         "seed_streams": {"reference": spec.reference().seed, "sealed": list(NAMES)},
@@ -146,11 +158,11 @@ def make(spec: ExperimentSpec, store: Path | None = None) -> SimulatedExperiment
         simulated.twin,
         simulated.truth,
         manifest,
-        sealed_half(spec.plant_spec()),
+        build_sealed_record(spec.plant_spec()),
     )
 
 
-def keep(
+def store_experiment(
     simulated: SimulatedExperiment, store: Path, parents: Mapping | None = None
 ) -> str:
     """Store an experiment that was run."""
@@ -158,11 +170,11 @@ def keep(
     manifest = {**simulated.manifest, "parents": lineage}
     if not lineage:
         del manifest["parents"]
-    sealed = Seal(simulated.hidden, simulated.truth)
+    sealed = SealedTruth(simulated.hidden, simulated.truth)
     return commit_run(store, simulated.log, manifest, sealed, simulated.twin)
 
 
-def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
+def build_public_record(spec: ExperimentSpec, robot: Robot) -> dict:
     """Return what everybody may know of an experiment, as its record has it."""
     reference, driver = spec.reference(), {}
     # What came in later versions stands there only where it says something, so that
@@ -187,7 +199,7 @@ def open_half(spec: ExperimentSpec, robot: Robot) -> dict:
     }
 
 
-def sealed_half(plant: PlantSpec) -> dict:
+def build_sealed_record(plant: PlantSpec) -> dict:
     """Return what the diagnosis must find out by itself, as it is sealed.
 
     What came in later versions is left out where it says nothing, so that a seal of
@@ -198,7 +210,7 @@ def sealed_half(plant: PlantSpec) -> dict:
     return {k: v for k, v in half.items() if k not in later or v != later[k]}
 
 
-def plant_of(sealed: Mapping) -> PlantSpec:
+def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
     """Return the plant of a sealed half that was read back: `sealed_half` undone.
 
     Raises:
@@ -211,9 +223,14 @@ def plant_of(sealed: Mapping) -> PlantSpec:
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
     whole = (
-        [] if plant is None else [to_plain(sealed_half(plant)), to_plain(asdict(plant))]
+        []
+        if plant is None
+        else [
+            convert_to_json_types(build_sealed_record(plant)),
+            convert_to_json_types(asdict(plant)),
+        ]
     )
-    if to_plain(sealed) not in whole:
+    if convert_to_json_types(sealed) not in whole:
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
             "scatter, noise, seed, salt and background. Run its experiment again."
@@ -221,7 +238,7 @@ def plant_of(sealed: Mapping) -> PlantSpec:
     return plant
 
 
-def checked_robot(spec: ExperimentSpec) -> Robot:
+def load_spec_robot(spec: ExperimentSpec) -> Robot:
     """Return the arm, once it is known to fit what the spec hides in it."""
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
@@ -231,23 +248,27 @@ def checked_robot(spec: ExperimentSpec) -> Robot:
 
 @lru_cache(maxsize=8)
 def _robot(name: str) -> Robot:
-    return load(name)
+    return load_command_robot(name)
 
 
 @one_blas_thread
 def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     rates, clock = spec.log_rates(), [perf_counter()]
-    reference = reference_of(robot, spec.reference(), rates.control)
+    reference = plan_reference(robot, spec.reference(), rates.control)
     given, table = None, spec.controller
     if table.model != NOMINAL:
         if store is None:
             raise InputError(f"Model {table.model} of the controller needs a store.")
-        law = feed_forward if table.kind == "feed_forward" else computed_torque
+        law = (
+            compute_feed_forward
+            if table.kind == "feed_forward"
+            else build_computed_torque_law
+        )
         given = law(
-            model_to_drive(store, table.model, robot),
+            read_controller_model(store, table.model, robot),
             reference.t,
             (reference.q, reference.qd, reference.qdd),
-            Turning(table.encoder_step, rise=table.rise),
+            FrictionReversal(table.encoder_step, rise=table.rise),
         )
     clock.append(perf_counter())
     plant = spec.plant_spec()
@@ -258,12 +279,12 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
 
 
 @lru_cache(maxsize=12)
-def reference_of(robot: Robot, spec: TrajectorySpec, rate: float) -> Reference:
+def plan_reference(robot: Robot, spec: TrajectorySpec, rate: float) -> ReferenceMotion:
     """Return a motion; kept, since many arms may be asked to do the same."""
-    return make_reference(robot, spec, rate)
+    return plan_reference_motion(robot, spec, rate)
 
 
-def refusal_of(planned: PlannedExperiment) -> str | None:
+def explain_infeasible_motion(planned: PlannedExperiment) -> str | None:
     """Plan the motion of an experiment; nothing is simulated, nothing is written.
 
     Returns:
@@ -273,13 +294,15 @@ def refusal_of(planned: PlannedExperiment) -> str | None:
     """
     spec = planned.spec
     try:
-        reference_of(checked_robot(spec), spec.reference(), spec.log_rates().control)
+        plan_reference(
+            load_spec_robot(spec), spec.reference(), spec.log_rates().control
+        )
     except InputError as error:
         return str(error)
     return None
 
 
-def as_csv(reference: Reference) -> str:
+def format_reference_csv(reference: ReferenceMotion) -> str:
     """Return t [s], q1.. [rad], qd1.. [rad/s] and qdd1.. [rad/s^2] as CSV text."""
     joints = range(1, reference.q.shape[1] + 1)
     names = [f"{name}{joint}" for name in ("q", "qd", "qdd") for joint in joints]
@@ -296,7 +319,9 @@ def as_csv(reference: Reference) -> str:
     return text.getvalue()
 
 
-def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
+def add_twin_errors(
+    robot: Robot, runs: Sequence[CalibrationRun]
+) -> tuple[CalibrationRun, ...]:
     """Return runs with their errors against a twin on their own reference.
 
     Those that have a twin, and those that have no reference, stay as they are.
@@ -304,12 +329,12 @@ def with_twins(robot: Robot, runs: Sequence[Run]) -> tuple[Run, ...]:
     return tuple(
         run
         if run.log.q_ref is None or "e_tau" in run.twin
-        else replace(run, twin=log_twin_errors(robot, run.log))
+        else replace(run, twin=compute_log_twin_errors(robot, run.log))
         for run in runs
     )
 
 
-def settled(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
+def resolve_controller_model(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
     """Return a spec whose controller names its model by a whole id.
 
     Args:
@@ -319,9 +344,9 @@ def settled(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
     if word == NOMINAL:
         return spec
     if word == "adopted":
-        word = choose(_robot(spec.robot), store=store).diagnosis or NOMINAL
+        word = choose_model(_robot(spec.robot), store=store).diagnosis or NOMINAL
     else:
-        word = find(store, word).id
+        word = find_record(store, word).id
     table = spec.controller.model_copy(update={"model": word})
     return spec.model_copy(update={"controller": table})
 
@@ -330,7 +355,7 @@ Runs = dict[str, list[str]]  # ids by role
 
 
 @dataclass(frozen=True, slots=True)
-class Summary:
+class CampaignSummary:
     """What became of a campaign."""
 
     planned: tuple[PlannedExperiment, ...]  # all experiments, in order
@@ -350,12 +375,12 @@ class Summary:
         return tuple(id for id in self.stored if id not in known)
 
 
-def run_all(
+def run_campaign_experiments(
     planned: Sequence[PlannedExperiment],
     store: Path,
     tell: Progress | None = None,
     executor: Executor | None = None,
-) -> Summary:
+) -> CampaignSummary:
     """Run what is not in the store, in as many processes as there are cores.
 
     Returns:
@@ -364,22 +389,22 @@ def run_all(
     missing = [p for p in planned if not p.stored]
     begun, failed = perf_counter(), {}
     if missing and executor is None:
-        with Processes(min(cores(), len(missing))) as ours:
-            return run_all(planned, store, tell, ours)
+        with ProcessExecutor(min(count_cores(), len(missing))) as ours:
+            return run_campaign_experiments(planned, store, tell, ours)
     # The store's name and not its folder: on another machine that is another one.
-    work = partial(run_one, store=store_name(store))
-    done = spread(executor, work, missing) if executor else ()
+    work = partial(run_planned_experiment, store=format_store_name(store))
+    done = run_jobs(executor, work, missing) if executor else ()
     for count, each in enumerate(done, start=1):
         at = missing[each.index]
-        if why := _line(each.error) or misplaced(at, each.value, store):
+        if why := _line(each.error) or explain_misplaced_run(at, each.value, store):
             failed[at.run_id] = f"{at.label}: {why}"
         if tell:
             word = "failed" if why else "stored"
             tell(f"{word} {count} of {len(missing)}: {at.label}", count / len(missing))
-    return Summary(tuple(planned), failed, round(perf_counter() - begun, 2))
+    return CampaignSummary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def outside(error: BaseException | None) -> bool:
+def is_outside_failure(error: BaseException | None) -> bool:
     """Return whether what failed may be well in a minute: a process, disk, network.
 
     All else fails again, since a spec and its code decide it.
@@ -387,7 +412,7 @@ def outside(error: BaseException | None) -> bool:
     return isinstance(error, OSError)
 
 
-def advice(summary: Summary) -> str:
+def advise_on_failures(summary: CampaignSummary) -> str:
     """Return what to do about the failures of a campaign, in two sentences."""
     return (
         f"{len(summary.failed)} of {len(summary.planned)} experiments failed (see "
@@ -396,7 +421,7 @@ def advice(summary: Summary) -> str:
     )
 
 
-def document(summary: Summary, done: bool = True) -> dict:
+def build_campaign_document(summary: CampaignSummary, done: bool = True) -> dict:
     """Return the JSON of a campaign: every experiment, in its order.
 
     Args:
@@ -427,7 +452,7 @@ def document(summary: Summary, done: bool = True) -> dict:
     }
 
 
-def planned_of(request: Campaign) -> list[PlannedExperiment]:
+def plan_campaign(request: Campaign) -> list[PlannedExperiment]:
     """Return the experiments of a campaign, and which of them are stored.
 
     Raises:
@@ -437,10 +462,12 @@ def planned_of(request: Campaign) -> list[PlannedExperiment]:
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
         raise InputError(f"{request.path} has {len(robots)} robots; expected one.")
-    return plan(entries, store_folder(request.store), Path(request.path).stem)
+    return plan_experiments(
+        entries, resolve_store_folder(request.store), Path(request.path).stem
+    )
 
 
-def by_role(request: Campaign, summary: Summary) -> Runs:
+def group_runs_by_role(request: Campaign, summary: CampaignSummary) -> Runs:
     """Return the stored runs of a campaign by role: fit and held_out.
 
     Raises:
@@ -459,7 +486,7 @@ def by_role(request: Campaign, summary: Summary) -> Runs:
     return runs
 
 
-def failures(
+def explain_failures(
     batch: Sequence[PlannedExperiment], error: BaseException, store: Path
 ) -> dict[str, str]:
     """Return why experiments of a batch that failed are not in the store, by run."""
@@ -467,19 +494,22 @@ def failures(
     return {each.run_id: f"{each.label}: {_line(error)}" for each in lost}
 
 
-def run_one(planned: PlannedExperiment, store: str) -> str:
+def run_planned_experiment(planned: PlannedExperiment, store: str) -> str:
     """Run one experiment of a campaign; returns the id of its run."""
-    return run(planned.spec, store_folder(store), planned.campaign)
+    return simulate_and_store(
+        planned.spec, resolve_store_folder(store), planned.campaign
+    )
 
 
-def misplaced(planned: PlannedExperiment, run_id: str, store: Path) -> str:
+def explain_misplaced_run(planned: PlannedExperiment, run_id: str, store: Path) -> str:
     """Return why a run that was stored is not where it should be; "" where it is."""
     # A process loads the code anew, and the id of a run is also that of its code.
     if run_id != planned.run_id:
         return f"stored as {run_id}: the code was changed since the start"
     if not is_stored(store, planned.spec, run_id):
         return (
-            f"stored elsewhere than in {store_name(store)}: a cluster needs a store on "
+            f"stored elsewhere than in {format_store_name(store)}: a cluster needs "
+            f"a store on "
             "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )

@@ -12,55 +12,57 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from flows.inputs.read import read_sets
+from flows.inputs.read import read_log_sets
 from flows.requests import Export
-from flows.settings import store_folder
-from flows.steps.models import read_model
+from flows.settings import resolve_store_folder
+from flows.steps.model_choice import read_model
 from residual.errors import InputError, RunError, check_name
 from residual.export.c99 import SOURCE, to_c99, to_fmu
-from residual.export.export import (
+from residual.export.model_export import (
     AnyModel,
     ModelExport,
-    excitation,
-    file_stem,
-    split,
+    build_reference_motion,
+    make_file_stem,
+    remove_tables,
+    split_exportable_terms,
     to_json,
-    without_tables,
 )
-from residual.export.simulators import to_mjcf, to_mujoco, to_urdf
-from residual.export.table import to_table
-from residual.plugins import plugins
-from residual.quantity import plain
+from residual.export.support_point_tables import to_table
+from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
+from residual.plugins import load_plugins
+from residual.quantity import convert_to_plain_values
 from residual.recording import Array, Recording
-from residual.robot.dynamics import chain_of
-from residual.signals.track import prepare
+from residual.robot.dynamics import build_kinematic_chain
+from residual.signals.track import build_tracks
 
 _FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
 
 
-def compiler() -> str | None:
+def find_compiler() -> str | None:
     """Return the C compiler of this machine: $CC, else cc or gcc; None for none."""
     names = (os.environ.get("CC", ""), "cc", "gcc")
     return next((result for n in names if n and (result := shutil.which(n))), None)
 
 
-def build(place: Path, sources: Sequence[str], name: str, *flags: str) -> None:
+def compile_library(
+    place: Path, sources: Sequence[str], name: str, *flags: str
+) -> None:
     """Compile files of a folder into a shared library there."""
-    command = [compiler() or "cc", *_FLAGS, *flags, "-o", name, *sources, "-lm"]
+    command = [find_compiler() or "cc", *_FLAGS, *flags, "-o", name, *sources, "-lm"]
     done = subprocess.run(command, cwd=place, capture_output=True, text=True)
     if done.returncode:
         reason = next((x for x in done.stderr.splitlines() if "error" in x), "")
         raise RunError(f"The C compiler refuses the export: {reason[:160]}")
 
 
-def build_fmu(sources: Mapping[str, bytes]) -> bytes | None:
+def compile_fmu(sources: Mapping[str, bytes]) -> bytes | None:
     """Return the library of an FMU; None where there is no C compiler."""
-    if compiler() is None:
+    if find_compiler() is None:
         return None
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_bytes(text)
-        build(Path(folder), [SOURCE], "library.so", "-fvisibility=hidden")
+        compile_library(Path(folder), [SOURCE], "library.so", "-fvisibility=hidden")
         return (Path(folder) / "library.so").read_bytes()
 
 
@@ -68,7 +70,9 @@ APP, CLOCK, ARM = "modelgap", "time", "arm"
 THICK = 0.02  # m, of the lines that stand for links
 
 
-def make_rrd(source: AnyModel, log: Recording | None = None) -> ModelExport:
+def build_rerun_recording(
+    source: AnyModel, log: Recording | None = None
+) -> ModelExport:
     """Return a recording of a log, or of the exports' motion where there is none."""
     try:
         import rerun as rr
@@ -77,31 +81,31 @@ def make_rrd(source: AnyModel, log: Recording | None = None) -> ModelExport:
             "This target needs Rerun, which is not installed. Install the extra: pip "
             "install '.[export]' in the checkout."
         ) from error
-    model = without_tables(source)
+    model = remove_tables(source)
     if log is None:
-        motion = excitation(model.robot)
+        motion = build_reference_motion(model.robot)
         t, q = motion.t, motion.q
         torque = _torque(source, model.state(1 / t[1], t, motion.parts))
     else:
-        (track,), _ = prepare([log], model.filters, model.speed_floor, True)
+        (track,), _ = build_tracks([log], model.filters, model.speed_floor, True)
         t, q, torque = track.t, track.q, _torque(source, model.observe(track))
         measured = np.column_stack([np.interp(t, log.t, c) for c in log.tau.T])
         torque |= {"measured": measured, "residual": measured - torque["model"]}
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "arm.rrd"
-        stream = rr.RecordingStream(APP, recording_id=file_stem(source))
+        stream = rr.RecordingStream(APP, recording_id=make_file_stem(source))
         stream.save(str(path))
         _draw(rr, stream, source, t, q, torque)
         stream.flush()
         stream.disconnect()
         content = path.read_bytes()
-    made = split(source, lambda term: "")
-    return replace(made, files={f"{file_stem(source)}.rrd": content})
+    made = split_exportable_terms(source, lambda term: "")
+    return replace(made, files={f"{make_file_stem(source)}.rrd": content})
 
 
 def _torque(source: AnyModel, state) -> dict[str, Array]:
     """Torque of the model [N m], and what it is the sum of. Shapes (n, dof)."""
-    model, total = without_tables(source), source.torque_of_state(state)
+    model, total = remove_tables(source), source.torque_of_state(state)
     parts = {"model": total, "of/rigid_body": state.regressor @ model.inertial}
     for term in model.terms:
         name = f"of/{term.effect.name}"
@@ -121,7 +125,7 @@ def _draw(
             if column.any() or not name.startswith("of/"):
                 path = f"torque/joint_{j + 1}/{name}"
                 stream.send_columns(path, clock, rr.Scalars.columns(scalars=column))
-    chain, path = chain_of(without_tables(source).robot.model), ARM
+    chain, path = build_kinematic_chain(remove_tables(source).robot.model), ARM
     _line(rr, stream, path, chain.place[0])
     for j, end in enumerate([*chain.place[1:], chain.flange]):
         path = f"{path}/link_{j + 1}"
@@ -149,16 +153,16 @@ TARGETS: Mapping[str, Writer] = {
     "mujoco": to_mujoco,
     "c99": to_c99,
     "table": to_table,
-    "fmu": partial(to_fmu, build=build_fmu),
-    "rrd": make_rrd,
+    "fmu": partial(to_fmu, compile_library=compile_fmu),
+    "rrd": build_rerun_recording,
     "json": to_json,
 }
 
 
-def targets() -> Mapping[str, Writer]:
+def list_export_targets() -> Mapping[str, Writer]:
     """Return all targets: ours, and those of plug-ins."""
     result = dict(TARGETS)
-    for name, write in plugins("modelgap.exporters").items():
+    for name, write in load_plugins("modelgap.exporters").items():
         if name in result or not callable(write):
             raise InputError(
                 f"The plug-in '{name}' (modelgap.exporters): expected a function that "
@@ -175,13 +179,13 @@ def export(request: Export) -> ModelExport:
         InputError: If there is no such model or target, the target cannot take the
             model, or a package that it needs is not installed.
     """
-    check_name(request.to, targets(), "target")
-    store = store_folder(request.store)
+    check_name(request.to, list_export_targets(), "target")
+    store = resolve_store_folder(request.store)
     model = read_model(store, request.model, request.which)
     if request.log is None:
         return export_model(model, request.to)
-    sets, robot = ((request.log,), (), ()), without_tables(model).robot
-    (log,) = read_sets(sets, robot, request.columns, store).fit
+    sets, robot = ((request.log,), (), ()), remove_tables(model).robot
+    (log,) = read_log_sets(sets, robot, request.columns, store).fit
     return export_model(model, request.to, log)
 
 
@@ -194,13 +198,13 @@ def export_model(model: AnyModel, to: str, log: Recording | None = None) -> Mode
     Raises:
         InputError: As `export`.
     """
-    write = targets()[check_name(to, targets(), "target")]
-    if log is not None and write is not make_rrd:
+    write = list_export_targets()[check_name(to, list_export_targets(), "target")]
+    if log is not None and write is not build_rerun_recording:
         raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")
-    return write(model) if log is None else make_rrd(model, log)
+    return write(model) if log is None else build_rerun_recording(model, log)
 
 
-def words(result: ModelExport) -> list[str]:
+def describe_export(result: ModelExport) -> list[str]:
     """Return the model and the omissions of an export, a line each."""
     lines = [f"model: {result.source!r}"]
     lines += [f"not exported: {omission}" for omission in result.omissions]
@@ -212,16 +216,16 @@ def words(result: ModelExport) -> list[str]:
     return lines
 
 
-def document(result: ModelExport) -> dict:
+def build_omissions_document(result: ModelExport) -> dict:
     """Return the omissions of an export as plain values."""
     return {
         "schema": 1,
         "files": sorted(result.files),
-        "left": plain([asdict(each) for each in result.omissions]),
+        "left": convert_to_plain_values([asdict(each) for each in result.omissions]),
         "missing": {"rms": result.rms, "largest": result.largest},
     }
 
 
-def in_place(result: ModelExport, folder: str | Path) -> dict[Path, bytes]:
+def place_export_files(result: ModelExport, folder: str | Path) -> dict[Path, bytes]:
     """Return the files of an export by where they go."""
     return {Path(folder) / name: text for name, text in result.files.items()}

@@ -5,15 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.inputs import read as inputs
-from flows.inputs.read import LogSets, is_run
+from flows.inputs.read import LogSets, is_run_id
 from flows.requests import Identify
-from flows.settings import store_folder
-from flows.steps.check import as_mounted, checked
-from flows.storage.diagnosis import read_known
+from flows.settings import resolve_store_folder
+from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.storage.diagnosis import read_adoptable_model
 from flows.storage.identification import store_identification
 from residual import one_blas_thread
 from residual.identification.estimate import Options
-from residual.identification.identify import ValidatedIdentification, identify_and_prove
+from residual.identification.identify import (
+    ValidatedIdentification,
+    identify_and_validate,
+)
 from residual.model.model import Model
 from residual.robot.robot import Robot
 
@@ -34,7 +37,7 @@ def identify(
     """
     known = None
     if request.model:
-        known = read_known(store_folder(request.store), request.model)
+        known = read_adoptable_model(resolve_store_folder(request.store), request.model)
     result = identify_logs(
         logs,
         request.declared if known is None else known,
@@ -61,9 +64,9 @@ def identify_logs(
     Args:
         known: Effects that the model has, None for the robot's own list; or a model.
     """
-    report = checked(logs, trust_log)
-    logs = as_mounted(logs, report)
-    result = identify_and_prove(
+    report = refuse_faulty_logs(logs, trust_log)
+    logs = correct_mounting(logs, report)
+    result = identify_and_validate(
         logs.robot, logs.fit, logs.held_out, known, options, consistent
     )
     warnings = (*logs.warnings, *report.sentences, *result.warnings)
@@ -87,10 +90,12 @@ def _keep(
         "held_out": [_whole(word, runs) for word in request.held_out],
         "robot_hash": result.robot.content_hash,
     }
-    return store_identification(store_folder(request.store), result, record, by_role)
+    return store_identification(
+        resolve_store_folder(request.store), result, record, by_role
+    )
 
 
 def _whole(word: str, runs: Mapping[str, str]) -> str:
     """The whole id of a run; of a file its name, not where it lies."""
-    found = [id for id in runs.values() if is_run(word) and id.startswith(word)]
+    found = [id for id in runs.values() if is_run_id(word) and id.startswith(word)]
     return found[0] if found else Path(word).name

@@ -8,34 +8,39 @@ from dataclasses import dataclass, replace
 from datetime import datetime
 from pathlib import Path
 
-from flows.inputs.read import LogSets, load, need_logs, offer_map
+from flows.inputs.read import (
+    LogSets,
+    load_command_robot,
+    require_logs,
+    suggest_column_map,
+)
 from flows.requests import Import
-from flows.settings import store_folder
-from flows.steps.check import checked
+from flows.settings import resolve_store_folder
+from flows.steps.check import refuse_faulty_logs
 from residual.check.result import LogCheck
-from residual.errors import InputError, plain
+from residual.errors import InputError, strip_control_characters
 from residual.recording import Recording
-from residual.robot.robot import Robot, with_serial
-from warehouse.commit import commit_run, imported_run_id
-from warehouse.ids import record_folder
-from warehouse.ids import to_plain as plain_json
+from residual.robot.robot import Robot, set_serial_number
 from warehouse.logs import (
     ColumnMap,
     LogSummary,
-    columns_of,
-    read_any,
-    unique_ids,
+    choose_column_map,
+    create_unique_labels,
+    read_log_despite_doubts,
 )
-from warehouse.logs.tables import format_moment, parse_moment
-from warehouse.remote import has_record
-from warehouse.runs import keep_robot, read_manifest
+from warehouse.logs.log_tables import format_timestamp, parse_timestamp
+from warehouse.record_commit import commit_run, compute_imported_run_id
+from warehouse.record_ids import build_record_path
+from warehouse.record_ids import convert_to_json_types as plain_json
+from warehouse.remote_store import record_exists
+from warehouse.runs import read_manifest, store_robot_description
 
 LONGEST = 60
 _KEY = re.compile(r"[\w.-]+")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Log:
+class ImportedLog:
     """One log as it would be stored."""
 
     recording: Recording  # the samples, in SI units at the link side
@@ -45,22 +50,24 @@ class Log:
     manifest: dict  # how it came to be
 
 
-def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
+def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
     """Read logs and say which runs they are; nothing is written."""
-    need_logs(request.logs, "to import", "import")
+    require_logs(request.logs, "to import", "import")
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
         if word is not None and not _is_word(word):
             raise InputError(
                 f"--{what} '{word[:LONGEST]}': expected a short name such as 'welding'."
             )
-    robot = with_serial(load(request.robot, logs=request.logs), request.serial)
+    robot = set_serial_number(
+        load_command_robot(request.robot, logs=request.logs), request.serial
+    )
     if request.recorded_at is not None and len(request.logs) > 1:
         raise InputError(
             f"--recorded-at is the time of one log, {len(request.logs)} are given. "
             "Import them one by one."
         )
-    columns = columns_of(robot, request.columns)
-    labels = unique_ids(request.logs)
+    columns = choose_column_map(robot, request.columns)
+    labels = create_unique_labels(request.logs)
     logs = [
         _read_one(spec, label, request, robot, columns)
         for spec, label in zip(request.logs, labels, strict=True)
@@ -77,21 +84,21 @@ def read_logs(request: Import) -> tuple[Robot, tuple[Log, ...]]:
 
 
 def check_logs(
-    request: Import, robot: Robot, read: Sequence[Log]
-) -> tuple[tuple[Log, ...], LogCheck]:
+    request: Import, robot: Robot, read: Sequence[ImportedLog]
+) -> tuple[tuple[ImportedLog, ...], LogCheck]:
     """Check logs before they are stored.
 
     Returns:
         The logs, their records with what was found; and what was found.
     """
-    columns = columns_of(robot, request.columns) or ColumnMap()
+    columns = choose_column_map(robot, request.columns) or ColumnMap()
     sets = LogSets(
         robot,
         tuple(log.recording for log in read),
         columns=columns,
         doubts=tuple((log.summary.id, d) for log in read for d in log.summary.doubts),
     )
-    report = checked(sets, request.trust_log)
+    report = refuse_faulty_logs(sets, request.trust_log)
     check_record = {"log_check": report.to_json()}
     with_check = (
         replace(log, manifest={**log.manifest, **check_record}) for log in read
@@ -99,38 +106,38 @@ def check_logs(
     return tuple(with_check), report
 
 
-def store_log(log: Log, request: Import, robot: Robot) -> str:
+def store_log(log: ImportedLog, request: Import, robot: Robot) -> str:
     """Put a log that was read into the store; one that is there stays."""
-    store = store_folder(request.store)
+    store = resolve_store_folder(request.store)
     if log.stored:
         # Nothing is to be written, so it may be a store that one can only read.
         read_manifest(store, log.run_id)
         with suppress(PermissionError):
-            keep_robot(store, request.robot, robot)
+            store_robot_description(store, request.robot, robot)
         return log.run_id
-    keep_robot(store, request.robot, robot)
+    store_robot_description(store, request.robot, robot)
     return commit_run(store, log.recording, log.manifest)
 
 
 def _read_one(
     spec: str, label: str, request: Import, robot: Robot, columns: ColumnMap
-) -> Log:
-    store = store_folder(request.store)
-    with offer_map(spec, request.robot):
-        recording, summary = read_any(spec, robot, columns, label)
-    run_id = imported_run_id(recording, robot.content_hash)
-    return Log(
+) -> ImportedLog:
+    store = resolve_store_folder(request.store)
+    with suggest_column_map(spec, request.robot):
+        recording, summary = read_log_despite_doubts(spec, robot, columns, label)
+    run_id = compute_imported_run_id(recording, robot.content_hash)
+    return ImportedLog(
         recording=recording,
         summary=summary,
         run_id=run_id,
-        stored=has_record(record_folder(store, "runs", run_id, robot.name)),
+        stored=record_exists(build_record_path(store, "runs", run_id, robot.name)),
         manifest={
             "source": "imported",
             "kind": request.kind,
             "trajectory": request.trajectory,
             "robot_hash": robot.content_hash,
             "serial": robot.serial,
-            "recorded_at": format_moment(_moment(request, summary)),
+            "recorded_at": format_timestamp(_moment(request, summary)),
             "tags": check_tags(request.tags),
             "log": _printable(plain_json(_about(summary, columns))),
         },
@@ -140,7 +147,7 @@ def _read_one(
 def _moment(request: Import, summary: LogSummary) -> datetime | None:
     if request.recorded_at is None:
         return summary.recorded_at
-    return parse_moment(request.recorded_at, "--recorded-at")
+    return parse_timestamp(request.recorded_at, "--recorded-at")
 
 
 def check_tags(tags: Sequence[str]) -> list[str]:
@@ -166,7 +173,7 @@ def _printable(value: object) -> object:
         return {key: _printable(item) for key, item in value.items()}
     if isinstance(value, list):
         return [_printable(item) for item in value]
-    return plain(value) if isinstance(value, str) else value
+    return strip_control_characters(value) if isinstance(value, str) else value
 
 
 def _about(summary: LogSummary, columns: ColumnMap | None) -> dict:

@@ -4,23 +4,28 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from flows.inputs.read import is_run, load_of, serial_of
+from flows.inputs.read import is_run_id, load_run_robot, read_run_serial
 from flows.requests import Monitor as Request
-from flows.settings import HEALTHY, store_folder
-from flows.steps.models import AUGMENTED, check_description, in_force
+from flows.settings import HEALTHY, resolve_store_folder
+from flows.steps.model_choice import AUGMENTED, check_description, choose_adopted_model
 from flows.storage.diagnosis import read_models, read_runs
 from residual import one_blas_thread
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.model.model import Model
-from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate
+from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate_monitor
 from residual.recording import Recording
-from warehouse.commit import commit_record
-from warehouse.layout import find, find_run, list_folders, read_record
-from warehouse.query.store import query_store
-from warehouse.remote import store_name
-from warehouse.runs import read_manifest, read_run, tombstone
-from warehouse.schema import rows_table
+from warehouse.query.store import query_store_rows
+from warehouse.record_commit import commit_record
+from warehouse.remote_store import format_store_name
+from warehouse.runs import read_manifest, read_quarantine_reason, read_run
+from warehouse.store_catalogue import (
+    find_record,
+    find_run,
+    list_record_folders,
+    read_record,
+)
+from warehouse.view_schema import build_view_table
 
 MOST_HEALTHY = 12  # of them are read
 
@@ -55,11 +60,11 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     Returns:
         The id of the record, the result, and the watched runs by their id.
     """
-    store = store_folder(request.store)
+    store = resolve_store_folder(request.store)
     diagnosis = _diagnosis_in(request.model, store)
     good = request.good or (diagnosis and _behind(diagnosis, store)) or ()
-    healthy = usable_runs(store, good)
-    watched = usable_runs(store, request.runs)
+    healthy = read_usable_runs(store, good)
+    watched = read_usable_runs(store, request.runs)
     if not watched:
         raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
     if not healthy:
@@ -77,7 +82,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         model = read_models(store, diagnosis)[AUGMENTED]
         robot = model.robot
     else:
-        robot = load_of(request.model, (*healthy, *watched), store)
+        robot = load_run_robot(request.model, (*healthy, *watched), store)
     for run in (*healthy.values(), *watched.values()):
         if robot.name != run.robot:
             raise InputError(
@@ -88,7 +93,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         check_description(robot, run, read_manifest(store, run.id), by)
     if not diagnosis:
         model = identify(robot, list(healthy.values())).model
-    result = watch(model, healthy, watched, request.per_hour)
+    result = monitor_recordings(model, healthy, watched, request.per_hour)
     record = {
         "robot": robot.name,
         "kind": "monitor",
@@ -114,19 +119,19 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     parents = {"calibration": list(healthy), "watched": list(watched)}
     if diagnosis:
         parents["diagnosis"] = [diagnosis]
-    tables = {"alarms": rows_table("alarms", rows)}
+    tables = {"alarms": build_view_table("alarms", rows)}
     return commit_record(store, "validations", record, tables, parents), result, watched
 
 
 @one_blas_thread
-def watch(
+def monitor_recordings(
     model: Model,
     healthy: Mapping[str, Recording],
     watched: Mapping[str, Recording],
     per_hour: float,
 ) -> MonitoringResult:
     """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
-    made = calibrate(model, list(healthy.values()), per_hour)
+    made = calibrate_monitor(model, list(healthy.values()), per_hour)
     return MonitoringResult(
         monitor=made,
         calibration=tuple(healthy),
@@ -136,7 +141,7 @@ def watch(
 
 
 @dataclass(frozen=True, slots=True)
-class NewRuns:
+class NewRunsMonitoring:
     """The result of monitoring new runs."""
 
     record: str | None = None  # its id; None where no run was watched
@@ -151,13 +156,13 @@ class NewRuns:
         return tuple(run for run, own in alarms.items() if own)
 
 
-def watch_new(
+def monitor_new_runs(
     runs: Sequence[str],
     store: Path,
     model: str | None = None,
     healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
-) -> NewRuns:
+) -> NewRunsMonitoring:
     """Watch new runs of one robot, against its adopted model or its last diagnosis.
 
     Args:
@@ -166,24 +171,30 @@ def watch_new(
         healthy_ids: Ids of the healthy runs; empty for those with the tag, or where
             these are too few for those of the diagnosis.
     """
-    model = model or in_force(runs, store).diagnosis or latest_diagnosis(runs, store)
+    model = (
+        model
+        or choose_adopted_model(runs, store).diagnosis
+        or find_latest_diagnosis(runs, store)
+    )
     if model is None:
-        return NewRuns(why="No diagnosis of this arm yet: nothing to compare with.")
-    healthy = tuple(healthy_ids) or healthy_runs(runs, store, tag)
+        return NewRunsMonitoring(
+            why="No diagnosis of this arm yet: nothing to compare with."
+        )
+    healthy = tuple(healthy_ids) or find_healthy_runs(runs, store, tag)
     if not healthy_ids and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
         healthy = _behind(diagnosis, store) if diagnosis else ()
     new = tuple(run for run in runs if run not in healthy)
     if not new:
-        return NewRuns(why="All runs are healthy reference runs.")
+        return NewRunsMonitoring(why="All runs are healthy reference runs.")
     if len(healthy) < LEAST_RUNS:
-        return NewRuns(
+        return NewRunsMonitoring(
             why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed."
         )
-    return NewRuns(*monitor(Request(model, new, good=healthy, store=store)))
+    return NewRunsMonitoring(*monitor(Request(model, new, good=healthy, store=store)))
 
 
-def healthy_runs(
+def find_healthy_runs(
     runs: Sequence[str], store: Path, tag: str = HEALTHY
 ) -> tuple[str, ...]:
     """Return the latest healthy runs of the arm of some runs, none of these."""
@@ -197,11 +208,11 @@ def healthy_runs(
         ORDER BY coalesce(recorded_at, created) DESC, run_id LIMIT $most
     """
     values = {"tag": tag, "runs": list(runs), "first": runs[0], "most": MOST_HEALTHY}
-    rows = query_store(store, query, **values)
+    rows = query_store_rows(store, query, **values)
     return tuple(sorted(row["run_id"] for row in rows))
 
 
-def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
+def find_diagnosis(runs: Sequence[str], store: Path) -> str | None:
     """Return the latest diagnosis that took all of some runs, None where none did."""
     query = """
         SELECT diagnosis_id FROM diagnoses JOIN lineage ON child = diagnosis_id
@@ -209,11 +220,11 @@ def diagnosis_of(runs: Sequence[str], store: Path) -> str | None:
         GROUP BY diagnosis_id HAVING count(DISTINCT parent) = $count
         ORDER BY any_value(diagnoses.created) DESC, diagnosis_id LIMIT 1
     """
-    rows = query_store(store, query, runs=list(runs), count=len(set(runs)))
+    rows = query_store_rows(store, query, runs=list(runs), count=len(set(runs)))
     return rows[0]["diagnosis_id"] if rows else None
 
 
-def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
+def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
     """Return the id of the latest diagnosis of the arm of some runs, None if none."""
     if not runs:
         raise InputError("No run given, expected one or more ids.")
@@ -223,11 +234,13 @@ def latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    result = query_store(store, query, robot=robot, serial=serial_of(runs[0], store))
+    result = query_store_rows(
+        store, query, robot=robot, serial=read_run_serial(runs[0], store)
+    )
     return result[0]["diagnosis_id"] if result else None
 
 
-def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
+def read_usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
     """Return runs by id, in their order.
 
     Raises:
@@ -236,7 +249,7 @@ def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
     out = {}
     for word in ids:
         run = read_run(store, word)
-        if tombstone(store, run.id):
+        if read_quarantine_reason(store, run.id):
             raise InputError(f"Run {run.id} is in quarantine. Leave it out.")
         if run.id in out:
             raise InputError(f"Run {run.id} is given twice. Give it once.")
@@ -246,14 +259,15 @@ def usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
 
 def _diagnosis_in(word: str, store: Path) -> str | None:
     """Return the id of the diagnosis that a word names; None where it is a robot."""
-    if not word or len(word) > 20 or not is_run(word):
+    if not word or len(word) > 20 or not is_run_id(word):
         return None
-    if not any(id.startswith(word) for id in list_folders(store, "diagnoses")):
+    if not any(id.startswith(word) for id in list_record_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {store_name(store)}. Name a robot such as "
+            f"'{word}' is no diagnosis in {format_store_name(store)}. Name a robot "
+            f"such as "
             "irb140, or a diagnosis: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
-    return find(store, word).id
+    return find_record(store, word).id
 
 
 def _behind(diagnosis: str, store: Path) -> tuple[str, ...]:

@@ -7,35 +7,35 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.inputs.read import LogSets, is_run
+from flows.inputs.read import LogSets, is_run_id
 from flows.outputs import Progress
 from flows.requests import Diagnose, Next
-from flows.settings import store_folder
-from flows.steps.diagnose import diagnose, read_logs, runs_of
-from flows.steps.models import diagnosis_of
-from flows.storage.diagnosis import checked_verdict, read_verdict
+from flows.settings import resolve_store_folder
+from flows.steps.diagnose import diagnose, read_logs, read_stored_runs
+from flows.steps.model_choice import resolve_diagnosis_id
+from flows.storage.diagnosis import parse_verdict, read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
-from residual.model.record import held_in
-from residual.planning.promise import (
-    Course,
-    Outlook,
+from residual.model.model_files import identify_file_content
+from residual.planning.next_experiment import (
+    ExpectedSeparation,
+    MotionInformation,
+    OpenQuestion,
     Pair,
-    Prospect,
-    Question,
-    outlook,
-    plan_of,
-    structural_twins,
-    sure_after,
+    SimulatedDecision,
+    describe_plan,
+    expect_separation,
+    find_inseparable_pairs,
+    find_settling_time,
 )
 from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis, Verdict
-from sim.engine.records import TrajectorySpec, stream
-from sim.trajectories.excitation import draw, written
-from sim.trajectories.limits import workspace
-from sim.trajectories.reference import make_plan
-from warehouse.layout import read_record
-from warehouse.runs import robot_word
+from sim.engine.plant_records import TrajectorySpec, create_random_stream
+from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
+from sim.trajectories.planning_limits import build_workspace
+from sim.trajectories.reference_planning import plan_motion
+from warehouse.runs import find_used_robot
+from warehouse.store_catalogue import read_record
 
 SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
 # Families that excite the arm. Those that follow a workpiece take a second or two to
@@ -49,12 +49,12 @@ COARSER, FINER = 0.5, 2
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class OpenVerdict:
+class ReopenedDiagnosis:
     """A verdict, the repeated diagnosis of its logs, and the open question."""
 
     verdict: Verdict  # as it was named
     diagnosis: Diagnosis  # of the same logs, repeated
-    question: Question
+    question: OpenQuestion
     robot: Robot
     lines: tuple[str, ...] = ()  # notes on the logs
 
@@ -68,7 +68,9 @@ class OpenVerdict:
         return one == other
 
 
-def open_verdict(request: Next, progress: Progress | None = None) -> OpenVerdict:
+def reopen_diagnosis(
+    request: Next, progress: Progress | None = None
+) -> ReopenedDiagnosis:
     """Diagnose the logs of a verdict again, and return the question that they leave.
 
     A comparison with a baseline leaves none: then the new logs are diagnosed alone.
@@ -76,17 +78,17 @@ def open_verdict(request: Next, progress: Progress | None = None) -> OpenVerdict
     Raises:
         InputError: If the request, the verdict or a log is not usable.
     """
-    check_length(request.seconds)
-    stored = is_run(request.verdict)
+    check_duration(request.seconds)
+    stored = is_run_id(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
     found = diagnose(again, logs, progress)
     question = found.question
     if question is None:
-        question = diagnose(again, logs, progress, alone=True).question
-    return OpenVerdict(verdict, found, question, logs.robot, logs.lines)
+        question = diagnose(again, logs, progress, skip_planning=True).question
+    return ReopenedDiagnosis(verdict, found, question, logs.robot, logs.lines)
 
 
-def check_length(seconds: float) -> None:
+def check_duration(seconds: float) -> None:
     """Raise InputError unless a motion may be so long [s]."""
     if not SHORTEST <= seconds <= LONGEST:
         raise InputError(
@@ -103,15 +105,15 @@ def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
             f"{', '.join(extra)}: a diagnosis in the store knows its own. Leave it "
             "out, or name the JSON file of a verdict."
         )
-    store = store_folder(request.store)
-    id = diagnosis_of(store, request.verdict)
+    store = resolve_store_folder(request.store)
+    id = resolve_diagnosis_id(store, request.verdict)
     record = read_record(store, id)
     kept = record.get("request") or {}
     if kept.get("step") != "diagnose":
         raise InputError(f"{id} does not say how it was made. Diagnose its runs again.")
-    word = robot_word(store, kept["robot"], kept.get("robot_hash"))
+    word = find_used_robot(store, kept["robot"], kept.get("robot_hash"))
     again = Diagnose.from_record({**kept, "robot": word}, store)
-    return read_verdict(store, id), again, runs_of(again)
+    return read_verdict(store, id), again, read_stored_runs(again)
 
 
 def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
@@ -158,12 +160,12 @@ def read_verdict_file(path: Path) -> Verdict:
     if not isinstance(document, dict):
         raise InputError(f"{path.name} has no verdict: expected a JSON object.")
     check_nesting(document, path.name)
-    if held_in(path) == "a model":
+    if identify_file_content(path) == "a model":
         raise InputError(
             f"{path.name} holds a model, expected a verdict: the file of modelgap "
             "diagnose --json, or the id of a diagnosis."
         )
-    return checked_verdict(document)
+    return parse_verdict(document)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -171,8 +173,8 @@ class RankedMotion:
     """A motion with its expected evidence."""
 
     spec: TrajectorySpec  # reproduces the motion
-    outlook: Outlook  # of the whole motion, at the estimated sizes
-    prospect: Prospect  # of the whole motion, from drawn logs
+    expect_separation: ExpectedSeparation  # of the whole motion, at the estimated sizes
+    prospect: SimulatedDecision  # of the whole motion, from drawn logs
     # Length after which the chance of settling the question is `SURE` [s], or None.
     after: float | None
 
@@ -186,7 +188,7 @@ class RankedMotion:
 class Ranking:
     """Motions for a question, the best first."""
 
-    question: Question
+    question: OpenQuestion
     twins: frozenset[Pair]  # pairs that no motion tells apart
     ranked: tuple[
         RankedMotion, ...
@@ -205,7 +207,7 @@ class Ranking:
             shown["coefficients"] = [list(row) for row in spec.coefficients]
         else:
             shown["seed"] = spec.seed
-        plan = plan_of(
+        plan = describe_plan(
             self.question, best.outlook, best.prospect, spec.duration, best.after
         )
         return plan | {"family": spec.kind, "parameters": shown, "program": program}
@@ -213,7 +215,7 @@ class Ranking:
 
 @one_blas_thread
 def rank_motions(
-    question: Question,
+    question: OpenQuestion,
     robot: Robot,
     seconds: float,
     seed: int,
@@ -227,7 +229,7 @@ def rank_motions(
     if not question.contests:
         return None
     tell = tell or (lambda stage, share: None)
-    twins, every = structural_twins(question), list(_specs(robot, seconds, seed))
+    twins, every = find_inseparable_pairs(question), list(_specs(robot, seconds, seed))
     weighed = []
     for i, spec in enumerate(every):
         tell("motions", i / len(every))
@@ -235,12 +237,14 @@ def rank_motions(
             course = _course(question, robot, spec, COARSER)
         except InputError:  # the arm finds no room for it
             continue
-        weighed.append((-outlook(question, course.gram(seconds), twins).share, i))
+        weighed.append(
+            (-expect_separation(question, course.gram(seconds), twins).share, i)
+        )
     looked = []
     for _, i in sorted(weighed)[:LOOKS]:
         course = _course(question, robot, every[i], FINER)
-        seen = outlook(question, course.gram(seconds), twins)
-        sure = sure_after(question, course, seconds, twins)
+        seen = expect_separation(question, course.gram(seconds), twins)
+        sure = find_settling_time(question, course, seconds, twins)
         looked.append(RankedMotion(every[i], seen, *sure))
     tell("motions", 1.0)
     ranked = tuple(sorted(looked, key=lambda motion: motion.rank))
@@ -249,20 +253,22 @@ def rank_motions(
 
 def _specs(robot: Robot, seconds: float, seed: int) -> Iterator[TrajectorySpec]:
     """Motions of both families: of several periods, each drawn some times."""
-    rng = stream(seed, "next/fourier")
+    rng = create_random_stream(seed, "next/fourier")
     for periods in sorted({max(1, round(seconds / p)) for p in PERIODS}):
-        place = workspace(robot, seconds / periods)
+        place = build_workspace(robot, seconds / periods)
         for _ in range(WAVES):
-            rows = written(draw(place, rng))
+            rows = export_series_coefficients(draw_feasible_series(place, rng))
             yield TrajectorySpec(FOURIER, seconds, periods, 0, rows)
         for i in range(PLACES):
             yield TrajectorySpec(MOVES, seconds, periods, 100 * seed + i)
 
 
 def _course(
-    question: Question, robot: Robot, spec: TrajectorySpec, finer: float
-) -> Course:
-    plan = make_plan(robot, spec)
+    question: OpenQuestion, robot: Robot, spec: TrajectorySpec, finer: float
+) -> MotionInformation:
+    plan = plan_motion(robot, spec)
     rate = finer * question.signals.rate
-    motion = plan.curve(np.arange(round(plan.once * rate)) / rate)
-    return Course.of(question, motion, rate, max(plan.once - plan.period, 0.0))
+    motion = plan.curve(np.arange(round(plan.pattern_duration * rate)) / rate)
+    return MotionInformation.of(
+        question, motion, rate, max(plan.pattern_duration - plan.period, 0.0)
+    )

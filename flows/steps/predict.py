@@ -10,29 +10,31 @@ import pyarrow as pa
 import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
-from flows.inputs.read import LogSets, need_logs, read_sets
+from flows.inputs.read import LogSets, read_log_sets, require_logs
 from flows.requests import Predict
-from flows.settings import store_folder
-from flows.steps.models import read_model
+from flows.settings import resolve_store_folder
+from flows.steps.model_choice import read_model
 from residual import one_blas_thread
 from residual.errors import InputError
-from residual.export.export import AnyModel, without_tables
+from residual.export.model_export import AnyModel, remove_tables
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
-from residual.model.compare import predict as core_predict
-from residual.quantity import plain
-from residual.verdict.result import ErrorTables, error_tables
+from residual.model.compare import predict_logs as core_predict
+from residual.quantity import convert_to_plain_values
+from residual.verdict.result import ErrorTables, tabulate_errors
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")
 
 
-def read(request: Predict) -> tuple[AnyModel, LogSets]:
+def read_model_and_logs(request: Predict) -> tuple[AnyModel, LogSets]:
     """Read the model and every log once."""
-    need_logs(request.logs, "to predict", "predict")
-    store = store_folder(request.store)
+    require_logs(request.logs, "to predict", "predict")
+    store = resolve_store_folder(request.store)
     model = read_model(store, request.model, request.which)
     sets = (request.logs, (), ())
-    return model, read_sets(sets, without_tables(model).robot, request.columns, store)
+    return model, read_log_sets(
+        sets, remove_tables(model).robot, request.columns, store
+    )
 
 
 @one_blas_thread
@@ -56,23 +58,23 @@ def parse_edits(words: Sequence[str]) -> Edits:
     return out
 
 
-def tables(prediction: Prediction) -> ErrorTables:
+def build_error_tables(prediction: Prediction) -> ErrorTables:
     """Return the errors against what was measured, by model [%]."""
     ids = [log.id for log in prediction.logs]
-    return error_tables(dict(prediction.errors), prediction.cutoff, ids)
+    return tabulate_errors(dict(prediction.errors), prediction.cutoff, ids)
 
 
-def document(prediction: Prediction, request: Predict) -> dict:
+def build_prediction_document(prediction: Prediction, request: Predict) -> dict:
     """Return errors as plain values, in the form that a verdict has them."""
     return {
         "schema": 1,
         "model": repr(prediction.models[WHOLE]),
         "without": list(request.without),
-        "error": plain(asdict(tables(prediction))),
+        "error": convert_to_plain_values(asdict(build_error_tables(prediction))),
     }
 
 
-def samples(prediction: Prediction) -> pa.Table:
+def build_sample_table(prediction: Prediction) -> pa.Table:
     """Return log, time, measured torque and that of each model, a row per sample."""
     parts = []
     for log, torque in zip(prediction.logs, prediction.torque, strict=True):
@@ -87,17 +89,17 @@ def samples(prediction: Prediction) -> pa.Table:
     return pa.concat_tables(parts)
 
 
-def check_form(path: Path) -> None:
+def check_file_format(path: Path) -> None:
     """Refuse a file of another form than can be written."""
     if path.suffix not in FORMS:
         raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
 
 
-def written(prediction: Prediction, path: Path) -> bytes:
+def encode_samples(prediction: Prediction, path: Path) -> bytes:
     """Return the samples in the form that a file name asks for."""
     sink = io.BytesIO()
     if path.suffix == ".csv":
-        pc.write_csv(samples(prediction), sink)
+        pc.write_csv(build_sample_table(prediction), sink)
     else:
-        pq.write_table(samples(prediction), sink, compression="zstd")
+        pq.write_table(build_sample_table(prediction), sink, compression="zstd")
     return sink.getvalue()

@@ -11,7 +11,7 @@ from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 
-from flows.inputs.read import instead
+from flows.inputs.read import substitute_robot_files
 from flows.requests import (
     Calibrate,
     Diagnose,
@@ -22,44 +22,48 @@ from flows.requests import (
 )
 from flows.specs import ExperimentSpec
 from flows.steps import calibrate, experiment, identify
-from flows.steps.diagnose import diagnose_runs
+from flows.steps.diagnose import diagnose_stored_runs
 from flows.steps.experiment import (
     SimulatedExperiment,
-    checked_robot,
-    make,
-    open_half,
-    plant_of,
-    sealed_half,
-    with_twins,
+    add_twin_errors,
+    build_public_record,
+    build_sealed_record,
+    load_spec_robot,
+    parse_sealed_plant,
+    simulate_experiment,
 )
 from flows.steps.monitor import monitor
 from flows.steps.validate import validate
 from residual.errors import InputError
-from warehouse.commit import commit_record
-from warehouse.files import read_parquet, table_hash, to_arrays
-from warehouse.ids import ID_DIGITS, data_hash, to_plain
-from warehouse.layout import (
+from warehouse.provenance import (
+    format_uncommitted_change,
+    read_code_provenance,
+    read_package_versions,
+)
+from warehouse.record_commit import commit_record
+from warehouse.record_ids import ID_DIGITS, convert_to_json_types, hash_arrays
+from warehouse.remote_store import fetch_record, record_exists
+from warehouse.runs import find_used_robot, open_seal, read_manifest
+from warehouse.store_catalogue import (
     RERUN_OF,
     StoredRecord,
-    find,
-    list_folders,
+    find_record,
+    list_record_ancestry,
+    list_record_folders,
     read_record,
-    with_parents,
 )
-from warehouse.provenance import describe_uncommitted, provenance, read_packages
-from warehouse.remote import fetch_record, has_record
-from warehouse.runs import open_seal, read_manifest, robot_word
-from warehouse.schema import SAMPLES_FILE, SEALED
-from warehouse.verify import (
-    Channel,
+from warehouse.store_files import hash_table, read_parquet, table_to_arrays
+from warehouse.verification import (
+    ChannelDifference,
     compare_channels,
     compare_values,
-    differing_channels,
-    faults,
-    list_tables,
-    other_files,
-    read_row,
+    find_record_faults,
+    list_extra_files,
+    read_catalogue_row,
+    read_nested_tables,
+    select_differing_channels,
 )
+from warehouse.view_schema import SAMPLES_FILE, SEALED
 
 KIND = "rerun"
 _MOST_PACKAGES = 6  # that are named; the others are counted
@@ -71,7 +75,7 @@ _OTHER = (
 
 
 @dataclass(frozen=True, slots=True)
-class Cause:
+class DifferenceCause:
     """Why values differ: a kind, such as "code" or "environment", and the evidence."""
 
     kind: str
@@ -85,9 +89,9 @@ class Rerun:
     id: str  # id of the record
     kind: str  # its kind, such as "runs"
     # Where the values differ, the earliest first; empty where none does.
-    differences: tuple[Channel, ...]
+    differences: tuple[ChannelDifference, ...]
     same_code: bool  # whether the code is the one that made the record
-    cause: Cause | None  # why values differ; None where they do not
+    cause: DifferenceCause | None  # why values differ; None where they do not
     changes: str  # which uncommitted change of the code the record was made with
     new_id: str | None = None  # id of the new record; None where nothing new was stored
     # Id of the validation that says what differs; None where there is none.
@@ -121,7 +125,7 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
     Args:
         verify: Only compare; else a record by other code is stored, and a difference.
     """
-    record = find(store, id)
+    record = find_record(store, id)
     if record.kind == "runs":
         return _rerun_run(record, store, verify)
     if record.kind == "reports":
@@ -129,14 +133,14 @@ def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
             f"{record.id} is a report: a page about a diagnosis. Make that one again: "
             "modelgap lineage names it."
         )
-    row, id = read_row(record), None
-    with remade(store, record) as (temporary, new):
+    row, id = read_catalogue_row(record), None
+    with remake_record(store, record) as (temporary, new):
         then = json.loads(row["provenance"])
         outcome = _outcome(record, store, then, compare_records(record, new))
         if verify:
             return outcome
         if new.id != record.id and not outcome.same_code:
-            id = keep_record(temporary, store, record, new)
+            id = commit_rerun(temporary, store, record, new)
     return _with_note(outcome, store, row["robot"], id)
 
 
@@ -150,40 +154,46 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
                 f"again. modelgap rerun {record.id[:8]} --verify checks its values "
                 "against their hash."
             )
-        wrong = faults(record)
-        cause = Cause("damaged", "; ".join(wrong)) if wrong else None
-        known = describe_uncommitted(then)
+        wrong = find_record_faults(record)
+        cause = DifferenceCause("damaged", "; ".join(wrong)) if wrong else None
+        known = format_uncommitted_change(then)
         return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
-    simulated = again(store, record.id, manifest)
+    simulated = rerun_experiment(store, record.id, manifest)
     # Past the check of the hash: what was changed is to be found, not only refused.
-    stored = to_arrays(read_parquet(record.folder / SAMPLES_FILE))
+    stored = table_to_arrays(read_parquet(record.folder / SAMPLES_FILE))
     names = ("t", "q", "qd", "qdd", "tau", "q_ref")
     logged = {name: getattr(simulated.log, name) for name in names}
     logged = {name: values for name, values in logged.items() if values is not None}
     differences = compare_channels(stored, {**logged, **simulated.twin})
-    if data_hash(simulated.truth) != manifest["truth_hash"]:
+    if hash_arrays(simulated.truth) != manifest["truth_hash"]:
         # Which of its channels would tell what is hidden.
-        hidden = Channel("hidden truth", "", False, note="other values")
+        hidden = ChannelDifference("hidden truth", "", False, note="other values")
         differences = (*differences, hidden)
     outcome = _outcome(record, store, then, differences)
     if verify:
         return outcome
     if not outcome.same_code:
-        new = experiment.keep(simulated, store, {RERUN_OF: [record.id]})
+        new = experiment.store_experiment(simulated, store, {RERUN_OF: [record.id]})
     return _with_note(outcome, store, record.folder.parent.name[6:], new)
 
 
 def _outcome(
-    record: StoredRecord, store: Path, then: Mapping, differences: tuple[Channel, ...]
+    record: StoredRecord,
+    store: Path,
+    then: Mapping,
+    differences: tuple[ChannelDifference, ...],
 ) -> Rerun:
     """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if record.kind == "runs" else "program_hash"
-    now = asdict(provenance())
-    differences, wrong = differing_channels(differences), faults(record)
+    now = asdict(read_code_provenance())
+    differences, wrong = (
+        select_differing_channels(differences),
+        find_record_faults(record),
+    )
     cause = None
     if differences or wrong:
-        cause = cause_of(then, now, key, wrong, store)
-    known, same = describe_uncommitted(then), then.get(key) == now[key]
+        cause = find_cause(then, now, key, wrong, store)
+    known, same = format_uncommitted_change(then), then.get(key) == now[key]
     return Rerun(record.id, record.kind, differences, same, cause, known)
 
 
@@ -209,19 +219,20 @@ def _with_note(outcome: Rerun, store: Path, robot: str, new: str | None) -> Reru
 # Why values differ.
 
 
-def cause_of(
+def find_cause(
     then: Mapping, now: Mapping, key: str, faults: tuple[str, ...], store: Path
-) -> Cause:
+) -> DifferenceCause:
     """Return the most probable cause of a difference.
 
     Args:
         key: Which hash of code counts: code_hash for runs, program_hash for others.
-        faults: What is not as it was committed (``warehouse.verify.faults``).
+        faults: What is not as it was committed
+            (``warehouse.verification.find_record_faults``).
         store: The store, which may have the list of packages of that time.
     """
     if faults:
         spec = any("spec is not the one" in fault for fault in faults)
-        return Cause("seed or spec" if spec else "damaged", "; ".join(faults))
+        return DifferenceCause("seed or spec" if spec else "damaged", "; ".join(faults))
     if then.get(key) != now[key]:
         code = "the plant's code" if key == "code_hash" else "the program's code"
         old, new = (
@@ -229,28 +240,30 @@ def cause_of(
             f"(commit {(side.get('commit') or 'unknown')[:12]})"
             for side in (then, now)
         )
-        return Cause("code", f"{code} was {old}, is {new}")
-    if packages := package_changes(then, now, store):
+        return DifferenceCause("code", f"{code} was {old}, is {new}")
+    if packages := list_package_changes(then, now, store):
         named = [
             f"{k} {a or 'none'} -> {b or 'none'}" for k, (a, b) in packages.items()
         ]
         more = len(named) - _MOST_PACKAGES
         named[_MOST_PACKAGES:] = [f"{more} more"] if more > 0 else []
-        return Cause("environment", ", ".join(named))
+        return DifferenceCause("environment", ", ".join(named))
     if then.get("machine") not in (None, now["machine"]):
-        return Cause("machine", f"made on {then['machine']}, now on {now['machine']}")
+        return DifferenceCause(
+            "machine", f"made on {then['machine']}, now on {now['machine']}"
+        )
     same = "code, environment, machine, spec and seeds are the same"
-    return Cause("nondeterminism", same)
+    return DifferenceCause("nondeterminism", same)
 
 
-def package_changes(
+def list_package_changes(
     then: Mapping, now: Mapping, store: Path
 ) -> dict[str, tuple[str | None, str | None]]:
     """Return the packages whose version differs: then and now, by name."""
     other = then.get("environment_hash") != now.get("environment_hash")
     # The versions of those that compute come first: the others seldom change a number.
     before, after = (dict(side.get("versions") or {}) for side in (then, now))
-    listed = [read_packages(store, side) for side in (then, now) if other]
+    listed = [read_package_versions(store, side) for side in (then, now) if other]
     if listed and None not in listed:
         for versions, packages in zip((before, after), listed, strict=True):
             versions |= dict(sorted(packages.items()))
@@ -267,24 +280,26 @@ def package_changes(
 # A run once more, from its manifest and its seal.
 
 
-def again(store: Path, run_id: str, manifest: Mapping) -> SimulatedExperiment:
+def rerun_experiment(
+    store: Path, run_id: str, manifest: Mapping
+) -> SimulatedExperiment:
     """Run the experiment of a run once more; nothing is written."""
     hidden = open_seal(store, run_id).spec
-    word = robot_word(store, manifest["robot"], manifest.get("robot_hash"))
-    spec = spec_of({**manifest, "robot": word}, hidden)
+    word = find_used_robot(store, manifest["robot"], manifest.get("robot_hash"))
+    spec = rebuild_spec({**manifest, "robot": word}, hidden)
     halves = (
-        to_plain(sealed_half(spec.plant_spec())),
-        to_plain(open_half(spec, checked_robot(spec))),
+        convert_to_json_types(build_sealed_record(spec.plant_spec())),
+        convert_to_json_types(build_public_record(spec, load_spec_robot(spec))),
     )
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
-    run = make(spec, store)
+    run = simulate_experiment(spec, store)
     return replace(run, manifest={**run.manifest, "robot": manifest["robot"]})
 
 
-def spec_of(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
+def rebuild_spec(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
     """Return the spec of a run, all seeds given."""
-    plant = asdict(plant_of(hidden))
+    plant = asdict(parse_sealed_plant(hidden))
     effects = [dict(e.pop("parameters")) | e for e in plant.pop("effects")]
     try:
         half = manifest["spec"]
@@ -322,13 +337,13 @@ def _identify(request: Identify) -> None:
 def _calibrate(request: Calibrate) -> None:
     logs, runs = calibrate.read_logs(request)
     if request.paper:
-        runs = with_twins(logs.robot, runs)
+        runs = add_twin_errors(logs.robot, runs)
     calibrate.calibrate(request, logs, runs)
 
 
 # Of each verb its request, and what does it.
 _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
-    "diagnose": (Diagnose, diagnose_runs),
+    "diagnose": (Diagnose, diagnose_stored_runs),
     "identify": (Identify, _identify),
     "calibrate": (Calibrate, _calibrate),
     "validate": (Validate, validate),
@@ -337,7 +352,9 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 
 @contextmanager
-def remade(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredRecord]]:
+def remake_record(
+    store: Path, record: StoredRecord
+) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -352,11 +369,13 @@ def remade(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredReco
             "monitor by this version do."
         )
     verb, step = _STEPS[request["step"]]
-    before = [each for each in with_parents(store, record.id) if each.id != record.id]
+    before = [
+        each for each in list_record_ancestry(store, record.id) if each.id != record.id
+    ]
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     # Where to load each robot from, such that it is the one that was used.
     robots = {
-        each["robot"]: robot_word(store, each["robot"], each.get("robot_hash"))
+        each["robot"]: find_used_robot(store, each["robot"], each.get("robot_hash"))
         for each in (*runs, request)
         if each.get("robot")
     }
@@ -367,17 +386,19 @@ def remade(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredReco
             seal = Path(SEALED) / f"run_id={each.id}"
             # Feed-forward of a validation is on the arm of the seal.
             hidden = "feed_forward" in (content.get("kind") or "")
-            if hidden and has_record(store / seal):
+            if hidden and record_exists(store / seal):
                 _link(store / seal, temporary / seal)
-        with instead(robots):
+        with substitute_robot_files(robots):
             step(verb.from_record(request, temporary))
-        new = set(list_folders(temporary, record.kind)) - {each.id for each in before}
+        new = set(list_record_folders(temporary, record.kind)) - {
+            each.id for each in before
+        }
         if len(new) != 1:
             raise InputError(
                 f"Making {record.id} again gave {len(new)} records of {record.kind}, "
                 "expected 1. Its request does not fit this version of the program."
             )
-        yield temporary, find(temporary, new.pop())
+        yield temporary, find_record(temporary, new.pop())
 
 
 def _link(folder: Path, target: Path) -> None:
@@ -391,7 +412,7 @@ def _link(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def keep_record(
+def commit_rerun(
     temporary: Path, store: Path, old: StoredRecord, new: StoredRecord
 ) -> str:
     """Put a record that was made again, and what was made with it, into the store.
@@ -400,10 +421,10 @@ def keep_record(
         The id that the new one has in the store; the first one is its parent.
     """
     renamed: dict[str, str] = {}
-    for each in with_parents(temporary, new.id):
-        if has_record(store / each.folder.relative_to(temporary)):
+    for each in list_record_ancestry(temporary, new.id):
+        if record_exists(store / each.folder.relative_to(temporary)):
             continue
-        row = read_row(each)
+        row = read_catalogue_row(each)
         parents = [(p["parent"], p["role"]) for p in row["lineage"] or []]
         parents = [(renamed.get(id, id), role) for id, role in parents]
         if each.id == new.id:
@@ -425,8 +446,8 @@ def keep_record(
 
 def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
     """Return the tables and the other files of a record, by name."""
-    tables, files = dict(list_tables(record)), {}
-    for path in other_files(record).values():
+    tables, files = dict(read_nested_tables(record)), {}
+    for path in list_extra_files(record).values():
         if path.suffix == ".parquet":
             tables[path.stem] = read_parquet(path)
         else:
@@ -434,15 +455,19 @@ def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]
     return tables, files
 
 
-def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[Channel, ...]:
+def compare_records(
+    record: StoredRecord, other: StoredRecord
+) -> tuple[ChannelDifference, ...]:
     """Return where two records of one kind differ, value by value."""
-    first, second = (json.loads(read_row(each)["record"]) for each in (record, other))
+    first, second = (
+        json.loads(read_catalogue_row(each)["record"]) for each in (record, other)
+    )
     out = compare_values(first, second, "")
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
         out += _compare_tables(name, old.get(name), new.get(name))
     out += [
-        Channel(name, "", False, note="another file")
+        ChannelDifference(name, "", False, note="another file")
         for name in old_files | new_files
         if old_files.get(name) != new_files.get(name)
     ]
@@ -458,10 +483,12 @@ def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) 
         or len(first) != len(second)
     ):
         hashes = {
-            None if side is None else table_hash(side) for side in (first, second)
+            None if side is None else hash_table(side) for side in (first, second)
         }
         note = "another number of rows or other columns"
-        return [Channel(name, "", False, note=note)] if len(hashes) > 1 else []
+        return (
+            [ChannelDifference(name, "", False, note=note)] if len(hashes) > 1 else []
+        )
     out = []
     for column, a, b in zip(
         first.column_names, first.columns, second.columns, strict=True
@@ -473,5 +500,7 @@ def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) 
                 channel for channel in compare_channels(*sides) if not channel.equal
             ]
         elif not a.equals(b):
-            out.append(Channel(at, "", False, len(first), note="other values"))
+            out.append(
+                ChannelDifference(at, "", False, len(first), note="other values")
+            )
     return out

@@ -19,35 +19,44 @@ from pathlib import Path
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flows.inputs.read import load
+from flows.inputs.read import load_command_robot
 from flows.requests import Validate as Request
-from flows.settings import store_folder
-from flows.steps.experiment import plant_of
-from flows.steps.models import NOMINAL, check_description, model_to_drive, nominal_of
+from flows.settings import resolve_store_folder
+from flows.steps.experiment import parse_sealed_plant
+from flows.steps.model_choice import (
+    NOMINAL,
+    build_nominal_model,
+    check_description,
+    read_controller_model,
+)
 from flows.storage.diagnosis import read_models
 from residual import one_blas_thread
 from residual.errors import InputError
-from residual.export.export import AnyModel, without_tables
-from residual.model.compare import compare, prepare_held_out
+from residual.export.model_export import AnyModel, remove_tables
+from residual.model.compare import compute_model_errors, prepare_held_out
 from residual.model.dynamics import (
     POSES,
-    acceleration_error,
-    feed_forward,
-    least_mass_matrix,
+    compute_acceleration_error,
+    compute_feed_forward,
+    find_least_mass_eigenvalue,
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.track import Filters, prepare
-from sim.engine.records import Reference, TrajectorySpec
-from sim.experiment import open_loop, track, twin_of
-from sim.plant import tables as at
-from sim.plant.stepping import DivergedError, drive
-from sim.trajectories import make_reference
-from warehouse.commit import adopted, commit_record, run_columns
-from warehouse.layout import find
-from warehouse.provenance import plant_code_hash
+from residual.signals.track import FilterSettings, build_tracks
+from sim.engine.plant_records import ReferenceMotion, TrajectorySpec
+from sim.experiment import (
+    measure_tracking_errors,
+    simulate_nominal_twin,
+    simulate_open_loop_windows,
+)
+from sim.plant import step_tables as at
+from sim.plant.closed_loop import SimulationDivergedError, build_and_simulate
+from sim.trajectories import plan_reference_motion
+from warehouse.provenance import hash_plant_code
+from warehouse.record_commit import build_run_columns, commit_record, find_last_adoption
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
-from warehouse.schema import rows_table
+from warehouse.store_catalogue import find_record
+from warehouse.view_schema import build_view_table
 
 Array = np.ndarray
 
@@ -59,7 +68,7 @@ _SHORTEST = 0.01  # s: a window must have time to stray in
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class BothWays:
+class ModelValidation:
     """What one model makes of a run, on samples where the joint moves.
 
     Attributes:
@@ -91,11 +100,11 @@ class Validation:
     """
 
     window: float
-    open_loop: Array
+    simulate_open_loop_windows: Array
     nominal: Array | None = None
     arm: Array | None = None
     notes: tuple[str, ...] = ()
-    models: Mapping[str, BothWays] = field(default_factory=dict)
+    models: Mapping[str, ModelValidation] = field(default_factory=dict)
 
     @property
     def kind(self) -> str:
@@ -114,24 +123,26 @@ def validate(request: Request) -> tuple[str, Validation]:
         InputError: If there is no such run, its robot is described differently now,
             the window is not usable, or the seal is broken.
     """
-    store, window = store_folder(request.store), request.window
+    store, window = resolve_store_folder(request.store), request.window
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
     word = manifest.get("robot", log.robot)
-    robot = load(word)
+    robot = load_command_robot(word)
     check_description(robot, log, manifest, word)
-    strayed, used = open_loop_error(robot, log, window)
+    strayed, used = compute_open_loop_error(robot, log, window)
     request = _with_ids(request, store, robot)
-    nominal = nominal_of(robot, [log])
+    nominal = build_nominal_model(robot, [log])
     models: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
-        if find(store, request.model).kind == "diagnoses":
+        if find_record(store, request.model).kind == "diagnoses":
             models |= read_models(store, request.model) | models
         else:
-            models["model"] = model_to_drive(store, request.model, robot, nominal)
+            models["model"] = read_controller_model(
+                store, request.model, robot, nominal
+            )
     if request.adopted not in (NOMINAL, request.model):
-        models["adopted"] = model_to_drive(store, request.adopted, robot)
-    both = {name: both_ways(model, log) for name, model in models.items()}
+        models["adopted"] = read_controller_model(store, request.adopted, robot)
+    both = {name: validate_model(model, log) for name, model in models.items()}
     tracked = {}
     notes = ["No feed-forward: no simulated arm is sealed with the run."]
     # A seal that was taken out is no error, one that is broken is.
@@ -140,17 +151,24 @@ def validate(request: Request) -> tuple[str, Validation]:
         # The arm's own torque is what the closed loop of the paper gave it on this
         # motion: about the best that a model could compute. It is no bound, since it
         # has feedback in it, which the drives then add once more.
-        plant = plant_of(open_seal(store, log.id).spec)
+        plant = parse_sealed_plant(open_seal(store, log.id).spec)
         reference = _reference(robot, manifest)
-        sources = twin_of(robot, reference), drive(robot, reference, plant)
+        sources = (
+            simulate_nominal_twin(robot, reference),
+            build_and_simulate(robot, reference, plant),
+        )
         tracked = {
-            name: _rms(track(robot, reference, plant, trace.rows[:, at.DRIVE]))
+            name: _rms(
+                measure_tracking_errors(
+                    robot, reference, plant, trace.rows[:, at.DRIVE]
+                )
+            )
             for name, trace in zip((NOMINAL, "arm"), sources, strict=True)
         }
         motion = reference.q, reference.qd, reference.qdd
         for name, model in models.items() if len(models) > 1 else ():
-            torque = feed_forward(model, reference.t, motion)
-            error = track(robot, reference, plant, torque)
+            torque = compute_feed_forward(model, reference.t, motion)
+            error = measure_tracking_errors(robot, reference, plant, torque)
             both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
         notes.insert(
@@ -163,7 +181,7 @@ def validate(request: Request) -> tuple[str, Validation]:
         if each.least_mass <= 0
     ]
     result = Validation(used, strayed, **tracked, notes=tuple(notes), models=both)
-    common = {"run_id": log.id, "trajectory": run_columns(manifest)["trajectory"]}
+    common = {"run_id": log.id, "trajectory": build_run_columns(manifest)["trajectory"]}
     record = {
         "robot": log.robot,
         "kind": result.kind,
@@ -178,20 +196,22 @@ def validate(request: Request) -> tuple[str, Validation]:
     ids = dict.fromkeys(id for id in named if id not in (None, NOMINAL))
     parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
     rows = [{**common, **row} for row in _error_rows(result)]
-    tables = {"errors": rows_table("errors", rows)}
+    tables = {"errors": build_view_table("errors", rows)}
     return commit_record(store, "validations", record, tables, parents), result
 
 
-def both_ways(model: AnyModel, log: Recording) -> BothWays:
+def validate_model(model: AnyModel, log: Recording) -> ModelValidation:
     """Return what a model makes of a log: torque of motion, motion of torque."""
-    body = without_tables(model)
-    errors, _ = compare({NOMINAL: model}, prepare_held_out([log], body), body.filters)
+    body = remove_tables(model)
+    errors, _ = compute_model_errors(
+        {NOMINAL: model}, prepare_held_out([log], body), body.filters
+    )
     torque = errors[NOMINAL].per_joint("moving")
     try:
-        acceleration = acceleration_error(model, [log]).per_joint
+        acceleration = compute_acceleration_error(model, [log]).per_joint
     except InputError:
         acceleration = None
-    return BothWays(torque, acceleration, least_mass_matrix(body))
+    return ModelValidation(torque, acceleration, find_least_mass_eigenvalue(body))
 
 
 def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
@@ -200,16 +220,18 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
         return replace(request, model=None, adopted=NOMINAL)
     now = request.adopted
     if now is None:
-        last = adopted(store, robot.name, robot.serial)
+        last = find_last_adoption(store, robot.name, robot.serial)
         now = (last and last[1].diagnosis_id) or NOMINAL
     ids = [
-        word if word in (None, NOMINAL) else find(store, word).id
+        word if word in (None, NOMINAL) else find_record(store, word).id
         for word in (request.model, now)
     ]
     return replace(request, model=ids[0], adopted=ids[1])
 
 
-def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
+def compute_open_loop_error(
+    robot: Robot, log: Recording, window: float
+) -> tuple[Array, float]:
     """Return how far the model strays in free windows, each begun as measured.
 
     Where much is missing, a light wrist may turn right over within a window. Such
@@ -232,8 +254,10 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     motion, torque = _measured(log)
     while window >= _SHORTEST:
         try:
-            return _rms(open_loop(robot, motion, torque, window)), window
-        except DivergedError:
+            return _rms(
+                simulate_open_loop_windows(robot, motion, torque, window)
+            ), window
+        except SimulationDivergedError:
             window /= 2
     raise InputError(
         f"Under the torque of run {log.id} the nominal model diverges within "
@@ -241,17 +265,19 @@ def open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array,
     )
 
 
-def _measured(log: Recording) -> tuple[Reference, Array]:
+def _measured(log: Recording) -> tuple[ReferenceMotion, Array]:
     """Return the motion and torque of a log, at the step of the engine.
 
     The motion is that of the diagnosis, low-passed, made finer by a cubic spline: then
     velocities and accelerations are exactly those of its positions.
     """
-    (track,), _ = prepare((log,), Filters(), full_rate=True)
+    (track,), _ = build_tracks((log,), FilterSettings(), full_rate=True)
     rate = track.rate * max(1, round(_RATE / track.rate))
     since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
     curve = CubicSpline(track.t - track.t[0], track.q)
-    motion = Reference("measured", since, *(curve(since, d) for d in range(3)), None)
+    motion = ReferenceMotion(
+        "measured", since, *(curve(since, d) for d in range(3)), None
+    )
     now = track.t[0] + since
     return motion, np.column_stack([np.interp(now, log.t, c) for c in log.tau.T])
 
@@ -260,12 +286,12 @@ def _rms(error: Array) -> Array:
     return np.sqrt(np.mean(np.square(error), axis=0))
 
 
-def _reference(robot: Robot, manifest: Mapping) -> Reference:
+def _reference(robot: Robot, manifest: Mapping) -> ReferenceMotion:
     """Return the reference of a run once more, at the rate of its controller."""
     spec = manifest["spec"]
     try:
         motion = TrajectorySpec.from_record(spec["trajectory"])
-        return make_reference(robot, motion, spec["rates"]["control"])
+        return plan_reference_motion(robot, motion, spec["rates"]["control"])
     except (KeyError, TypeError) as error:
         raise InputError(
             "The record of the run does not say which reference it had, expected "
@@ -275,7 +301,7 @@ def _reference(robot: Robot, manifest: Mapping) -> Reference:
 
 def _notes(manifest: Mapping) -> list[str]:
     notes, start = [], manifest["spec"].get("start", 0.0)
-    if manifest["provenance"]["code_hash"] != plant_code_hash():
+    if manifest["provenance"]["code_hash"] != hash_plant_code():
         notes.append(
             "The plant code has changed since this run: feed-forward drives the arm of "
             "today's code, not exactly the logged one."

@@ -7,18 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from residual.calibration.calibrate import Calibration, corrected_model
-from residual.calibration.scores import RUN, Score, relative_error
+from residual.calibration.calibrate import Calibration, build_corrected_model
+from residual.calibration.validation_scores import (
+    RUN,
+    ModelScore,
+    compute_relative_error,
+)
 from residual.export.c99 import to_c99
-from residual.export.export import to_json
-from residual.model.lookup import export_lookup
-from warehouse.commit import commit_record
-from warehouse.schema import rows_table
+from residual.export.model_export import to_json
+from residual.model.lookup import build_lookup_files
+from warehouse.record_commit import commit_record
+from warehouse.view_schema import build_view_table
 
 STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
 
 
-def document(
+def build_calibration_document(
     calibration: Calibration,
     words: Sequence[str],
     warnings: Sequence[str],
@@ -90,15 +94,15 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
     ]
 
 
-def calibration_files(calibration: Calibration) -> dict[str, bytes]:
+def build_calibration_files(calibration: Calibration) -> dict[str, bytes]:
     """Return what a calibration is exported as, content by file name.
 
     Returns:
         The tables and their evaluator (`export_lookup`); where they correct a model,
         `corrected.json` with both, and both as a C header.
     """
-    files = export_lookup(calibration.lookup)
-    whole = corrected_model(calibration)
+    files = build_lookup_files(calibration.lookup)
+    whole = build_corrected_model(calibration)
     if whole is None:
         return files
     (record,) = to_json(whole).files.values()
@@ -130,7 +134,7 @@ def store_calibration(
         "joints": list(calibration.rows.joints),
     }
     parents = {"fit": list(ids)}
-    files = calibration_files(calibration)
+    files = build_calibration_files(calibration)
     model_id = commit_record(store, "models", model, parents=parents, files=files)
     record = {
         "robot": calibration.robot,
@@ -142,13 +146,13 @@ def store_calibration(
     }
     rows = [row for score in calibration.scores for row in _rows(score, ids)]
     finite = [row for row in rows if row["value"] == row["value"]]  # no NaN
-    tables = {"errors": rows_table("errors", finite)}
+    tables = {"errors": build_view_table("errors", finite)}
     parents = {"model": [model_id], "run": list(ids)}
     validation = commit_record(store, "validations", record, tables, parents)
     return {"model": model_id, "validation": validation}
 
 
-def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
+def _rows(score: ModelScore, ids: Sequence[str]) -> Iterator[dict]:
     same = {"run_id": None, "trajectory": None, "stage": score.model}
     figures = {"rmsec": score.rmsec, "rmsev": score.rmsev, "rmsev_mean": score.mean}
     for name, values in figures.items():
@@ -159,7 +163,9 @@ def _rows(score: Score, ids: Sequence[str]) -> Iterator[dict]:
     yield {**same, "joint": None, "metric": metric, "value": score.overall}
     if score.scheme != RUN or len(ids) != len(score.miss):
         return
-    for id, values in zip(ids, relative_error(score.miss, score.power), strict=True):
+    for id, values in zip(
+        ids, compute_relative_error(score.miss, score.power), strict=True
+    ):
         for joint, value in enumerate(values, 1):
             row_of_run = {**same, "run_id": id, "joint": joint}
             yield {**row_of_run, "metric": metric, "value": float(value)}

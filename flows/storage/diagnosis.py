@@ -8,19 +8,19 @@ import numpy as np
 import pyarrow as pa
 
 from residual.errors import InputError
-from residual.model.compare import Cloud, LogProof
+from residual.model.compare import FindingScatter, LogPrediction
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
-from residual.model.record import from_record as read_model
+from residual.model.model_files import model_from_record as read_model
 from residual.recording import Recording
-from residual.signals.splitting import sketch_of
-from residual.signals.track import Filters, thinned
+from residual.signals.splitting import pick_spread_pieces
+from residual.signals.track import FilterSettings, resample_recording
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
-from warehouse.commit import DiagnosisRows, commit_record, store_rows
-from warehouse.files import read_parquet
-from warehouse.ids import record_folder
-from warehouse.layout import find, read_record
+from warehouse.record_commit import DiagnosisRecords, commit_diagnosis, commit_record
+from warehouse.record_ids import build_record_path
+from warehouse.store_catalogue import find_record, read_record
+from warehouse.store_files import read_parquet
 
 PROOFS, CLOUDS = "proofs", "clouds"
 STATES = "states"  # the table, and its file in the folder of a model
@@ -28,7 +28,7 @@ STATES = "states"  # the table, and its file in the folder of a model
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
+def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
     """Return a diagnosis as JSON and tables: what it says, and its curves.
 
     Args:
@@ -49,14 +49,16 @@ def to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
     return record, {name: t for name, t in tables.items() if t is not None}
 
 
-def from_record(
+def diagnosis_from_record(
     record: Mapping, tables: Mapping[str, pa.Table], verdict: Verdict, models: Mapping
 ) -> Diagnosis:
     """Return the diagnosis that `to_record` was given, with its verdict and models."""
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
     parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
     clouds = [
-        Cloud(*header, part["x"], part["residual"], part["fitted"], part["log"])
+        FindingScatter(
+            *header, part["x"], part["residual"], part["fitted"], part["log"]
+        )
         for header, part in zip(record["clouds"], parts, strict=True)
     ]
     return Diagnosis(
@@ -73,7 +75,7 @@ def from_record(
     )
 
 
-def effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
+def build_effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
     """Rows of the view effects: one per parameter, and per joint with its own value."""
     for effect in effects:
         common = {"order": effect.order, "name": effect.name}
@@ -88,7 +90,7 @@ def effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
                 yield own | {"joints": joints, "value": value, "std": std}
 
 
-def error_rows(errors: ErrorTables) -> Iterator[dict]:
+def build_error_view_rows(errors: ErrorTables) -> Iterator[dict]:
     """Rows of the view errors that are over all held-out runs together."""
     metrics = {
         "held_out": (errors.held_out, errors.overall),
@@ -105,7 +107,7 @@ def error_rows(errors: ErrorTables) -> Iterator[dict]:
                 yield {"metric": metric, "stage": stage, "joint": None, "value": value}
 
 
-def errors_by_run(diagnosis: Diagnosis) -> list[dict]:
+def build_run_error_rows(diagnosis: Diagnosis) -> list[dict]:
     """Return the errors on every held-out log by itself, as rows of the view errors.
 
     Filtered and moving errors [%], in the words of docs/method.md section 6.
@@ -134,7 +136,7 @@ def _relative(miss: np.ndarray, power: np.ndarray) -> float | None:
     return 100 * float(np.linalg.norm(miss)) / whole if whole > 0 else None
 
 
-def _proof_columns(proof: LogProof) -> dict[str, np.ndarray]:
+def _proof_columns(proof: LogPrediction) -> dict[str, np.ndarray]:
     columns = {"t": proof.t}
     for name, values in {"tau": proof.tau, **proof.tau_hat}.items():
         columns |= {f"{name}{j}": v for j, v in enumerate(values.T, start=1)}
@@ -142,14 +144,14 @@ def _proof_columns(proof: LogProof) -> dict[str, np.ndarray]:
     return columns | {f"moving{j}": v.astype(float) for j, v in moving}
 
 
-def _proof(id: str, models: list[str], part: Mapping) -> LogProof:
+def _proof(id: str, models: list[str], part: Mapping) -> LogPrediction:
     joints = range(1, 1 + sum(name.startswith("moving") for name in part))
 
     def of(name: str) -> np.ndarray:
         return np.column_stack([part[f"{name}{j}"] for j in joints])
 
     tau_hat = {name: of(name) for name in models}
-    return LogProof(id, part["t"], of("tau"), tau_hat, of("moving") > 0)
+    return LogPrediction(id, part["t"], of("tau"), tau_hat, of("moving") > 0)
 
 
 def _stacked(parts) -> pa.Table | None:
@@ -176,7 +178,7 @@ def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
 # with the model (docs/store.md: a model outlives its runs).
 
 
-def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
+def build_states_table(recordings: Sequence[Recording]) -> pa.Table | None:
     """Return filtered decimated motion and torque of logs; None of no logs.
 
     Args:
@@ -187,7 +189,10 @@ def states_table(recordings: Sequence[Recording]) -> pa.Table | None:
         A row per sample: ``log`` and ``robot``, ``t`` [s], ``q`` [rad] and ``tau``
         [N m], these two as lists of single precision.
     """
-    logs = [thinned(own, Filters()) for own in sketch_of(recordings)]
+    logs = [
+        resample_recording(own, FilterSettings())
+        for own in pick_spread_pieces(recordings)
+    ]
     if not logs:
         return None
     count = [len(own.t) for own in logs]
@@ -226,15 +231,15 @@ def store_outcome(
         The ids of the diagnosis and of the validation, which has the curves.
     """
     request_entry, verdict = {"request": request}, diagnosis.verdict
-    each = errors_by_run(diagnosis) if runs.get("held_out") else []
+    each = build_run_error_rows(diagnosis) if runs.get("held_out") else []
     known, content = diagnosis.adoptable, {}
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
     serial = next((m.robot.serial for m in diagnosis.models.values()), None)
     serial_entry = {"serial": serial} if serial else {}
-    motion = states_table(logs)
-    rows = DiagnosisRows(
+    motion = build_states_table(logs)
+    rows = DiagnosisRecords(
         record={
             "robot": verdict.robot,
             "verdict": verdict.verdict,
@@ -244,14 +249,14 @@ def store_outcome(
             **request_entry,
             **serial_entry,
         },
-        model=request_entry | {"models": models_record(diagnosis.models)} | content,
+        model=request_entry | {"models": models_to_record(diagnosis.models)} | content,
         nominal=(request or {}).get("model"),
-        effects=list(effect_rows(diagnosis.effects)),
-        errors=[*error_rows(diagnosis.errors), *each],
+        effects=list(build_effect_rows(diagnosis.effects)),
+        errors=[*build_error_view_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
     )
-    diagnosis_id = store_rows(store, rows, runs)
-    proof, curves = to_record(diagnosis)
+    diagnosis_id = commit_diagnosis(store, rows, runs)
+    proof, curves = diagnosis_to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header
     parents = {"diagnosis": [diagnosis_id], "held_out": runs.get("held_out", [])}
@@ -261,21 +266,21 @@ def store_outcome(
 
 def read_outcome(store: Path, validation_id: str) -> Diagnosis:
     """Return a diagnosis as it was stored."""
-    folder = find(store, validation_id).folder
+    folder = find_record(store, validation_id).folder
     files = {name: folder / f"{name}.parquet" for name in (PROOFS, CLOUDS)}
     tables = {k: read_parquet(path) for k, path in files.items() if path.exists()}
     record = read_record(store, validation_id)
     id = record["diagnosis"]
     verdict, models = read_verdict(store, id), read_models(store, id)
-    return from_record(record, tables, verdict, models)
+    return diagnosis_from_record(record, tables, verdict, models)
 
 
 def read_verdict(store: Path, diagnosis_id: str) -> Verdict:
     """Return the verdict of a diagnosis."""
-    return checked_verdict(read_record(store, diagnosis_id).get("document"))
+    return parse_verdict(read_record(store, diagnosis_id).get("document"))
 
 
-def checked_verdict(document: object) -> Verdict:
+def parse_verdict(document: object) -> Verdict:
     """Return the verdict of a document whose values are of the kinds they must be.
 
     Raises:
@@ -299,10 +304,10 @@ def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedMo
             f"Diagnosis {diagnosis_id} was stored without its models. Diagnose its "
             "runs again."
         )
-    return read_models_record(content)
+    return models_from_record(content)
 
 
-def read_known(store: Path, diagnosis_id: str) -> Model:
+def read_adoptable_model(store: Path, diagnosis_id: str) -> Model:
     """Return the model of a diagnosis that may be adopted."""
     record = read_record(store, read_record(store, diagnosis_id)["model_id"])
     if "known" not in record:
@@ -317,7 +322,7 @@ def read_known(store: Path, diagnosis_id: str) -> Model:
 def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
     """Return the motion behind the model of a diagnosis, of logs by id; may be none."""
     model = read_record(store, diagnosis_id)["model_id"]
-    path = find(store, model).folder / f"{STATES}.parquet"
+    path = find_record(store, model).folder / f"{STATES}.parquet"
     if not path.exists():
         return ()
     table = read_parquet(path)
@@ -337,19 +342,19 @@ def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
 
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:
     """Return ids of the runs that a diagnosis was made from, role by role."""
-    row = find(store, diagnosis_id).row
+    row = find_record(store, diagnosis_id).row
     lineage = read_parquet(row, ["lineage"]).column("lineage")[0].as_py() or []
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
-def models_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
+def models_to_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
     """Return models as plain values; their robot, which is one, stands there once."""
     records = {name: model.to_record() for name, model in diagnosis.items()}
     robots = [record.pop("robot") for record in records.values()]
     return {"robot": robots[0], "models": records} if robots else {}
 
 
-def read_models_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
+def models_from_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
     """The way back."""
     robot = record["robot"]
     return {
@@ -371,4 +376,4 @@ def store_report(
     """
     parents = {"diagnosis": [diagnosis_id]}
     id = commit_record(store, "reports", header, None, parents, files)
-    return record_folder(store, "reports", id)
+    return build_record_path(store, "reports", id)

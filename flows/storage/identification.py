@@ -4,19 +4,19 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 
 from residual.identification.identify import ValidatedIdentification
-from residual.quantity import plain
-from warehouse.commit import commit_record
-from warehouse.schema import rows_table
+from residual.quantity import convert_to_plain_values
+from warehouse.record_commit import commit_record
+from warehouse.view_schema import build_view_table
 
 SCHEMA, STAGE = 1, "identified"
 KINDS = ("raw", "filtered", "moving")
 
 
-def document(outcome: ValidatedIdentification) -> dict:
+def build_identification_document(outcome: ValidatedIdentification) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
     found, estimate = outcome.free, outcome.free.estimate
     essential, consistent = found.essential, outcome.consistent
-    return plain(
+    return convert_to_plain_values(
         {
             "schema": SCHEMA,
             "robot": outcome.robot.name,
@@ -29,9 +29,9 @@ def document(outcome: ValidatedIdentification) -> dict:
             "condition": estimate.condition,
             "noise": estimate.noise,
             "rows": estimate.counts,
-            "independent_rows": estimate.independent,
+            "independent_rows": estimate.independent_rows,
             "outliers": estimate.outliers,
-            "parameters": parameters(outcome),
+            "parameters": build_parameter_rows(outcome),
             "essential": essential
             and {
                 "dropped": [found.base.leading[i].name for i in essential.dropped],
@@ -67,7 +67,7 @@ def document(outcome: ValidatedIdentification) -> dict:
     )
 
 
-def parameters(outcome: ValidatedIdentification) -> list[dict]:
+def build_parameter_rows(outcome: ValidatedIdentification) -> list[dict]:
     """Return the base parameters: value, standard deviation, and what they are."""
     found, estimate, other = outcome.free, outcome.free.estimate, outcome.consistent
     consistent = other and found.base.mapping @ other.model.coefficients()
@@ -86,7 +86,7 @@ def parameters(outcome: ValidatedIdentification) -> list[dict]:
             "status": found.status[i],
             "consistent": None if consistent is None else consistent[i],
         }
-        rows.append(plain(row))
+        rows.append(convert_to_plain_values(row))
     return rows
 
 
@@ -101,7 +101,7 @@ def store_identification(
     Returns:
         The id of the model; the same model of the same runs has the same.
     """
-    figures = document(outcome)
+    figures = build_identification_document(outcome)
     record = {
         "robot": outcome.robot.name,
         "stage": STAGE,
@@ -121,7 +121,7 @@ def store_identification(
     ]
     parameters = [{**row, "std": row["sd"]} for row in figures["parameters"]]
     tables = {
-        "parameters": rows_table("parameters", parameters),
-        "errors": rows_table("errors", errors),
+        "parameters": build_view_table("parameters", parameters),
+        "errors": build_view_table("errors", errors),
     }
     return commit_record(store, "models", record, tables, runs)

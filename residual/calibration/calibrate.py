@@ -14,86 +14,86 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.calibration.choice import (
-    MAIN,
-    NONE,
-    Option,
-    candidates,
-    choose,
-    fit_forms,
-)
-from residual.calibration.effects import Tables, make_tables
-from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
-from residual.calibration.rows import (
+from residual.calibration.calibration_rows import (
     FEW,
     PAPER,
-    Blocks,
-    Rows,
-    Run,
-    chosen_rows,
-    cut_blocks,
-    cut_single,
-    measured_rows,
-    paper_rows,
-    row_times,
-    thinning,
-    torque_at,
+    CalibrationRows,
+    CalibrationRun,
+    RunBlocks,
+    build_measured_rows,
+    build_paper_rows,
+    choose_thinning_factor,
+    compute_row_times,
+    cut_runs_into_blocks,
+    cut_single_run,
+    interpolate_track_torque,
+    select_row_samples,
 )
-from residual.calibration.scores import (
+from residual.calibration.correction_choice import (
+    MAIN,
+    NONE,
+    CorrectionOption,
+    choose_joint_options,
+    fit_all_corrections,
+    list_correction_options,
+)
+from residual.calibration.figure_data import (
+    BlockComponents,
+    LevelSweep,
+    UnseenRun,
+    analyze_principal_components,
+    build_unseen_run,
+    find_median_error_run,
+    sweep_level_counts,
+)
+from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
+from residual.calibration.table_regression import TableColumns, choose_table_levels
+from residual.calibration.validation_scores import (
     BLOCK,
     PAPER_FORM,
     RANDOM,
     RUN,
     SCHEMES,
     WIDE,
-    Scheme,
-    Score,
-    Trial,
-    choices,
-    find,
-    make_schemes,
-    scores_of,
-    training_of,
-    try_forms,
+    ModelScore,
+    SchemeErrors,
+    ValidationScheme,
+    build_training_rows,
+    build_validation_schemes,
+    choose_fold_options,
+    cross_validate_corrections,
+    find_model_score,
+    score_models,
 )
-from residual.calibration.views import (
-    Components,
-    Sweep,
-    Unseen,
-    components_of,
-    middle_run,
-    sweep_levels,
-    unseen_run,
-)
-from residual.effects.base import Trait
+from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
-from residual.evidence.fit import as_model, fit, fit_nominal
-from residual.evidence.priors import priors
+from residual.evidence.fit import build_fitted_model, fit_jointly, fit_nominal
+from residual.evidence.priors import list_first_priors
 from residual.model.lookup import (
     NEAREST,
-    Column,
     CorrectedModel,
     Lookup,
     LookupTable,
+    TableVariable,
 )
-from residual.model.lookup import Tables as JointTables
+from residual.model.lookup import JointCorrection as JointTables
 from residual.model.model import Model
 from residual.model.nominal import (
-    Logs,
-    Nominal,
-    declared_names,
-    prepare_logs,
-    start_nominal,
-    with_standstill,
+    FitLogs,
+    NominalModel,
+    build_free_nominal,
+    choose_declared_effects,
+    choose_standstill_behaviour,
+    prepare_fit_logs,
 )
 from residual.recording import Array
 from residual.robot.robot import Robot
-from residual.signals.splitting import spread
-from residual.signals.track import Filters
+from residual.signals.splitting import choose_spread_pieces
+from residual.signals.track import FilterSettings
 
 Progress = Callable[[str, float], None]
 # On random rows the error still falls at 30 components; the paper does not say.
-PAPER_SETTING = NominalForm(components=30)
+PAPER_SETTING = NominalPlsForm(components=30)
 _TWIN = "--declared says nothing with --paper: the twin has what its robot declares"
 _CUT = "one log only: it was cut into parts, so unseen parts are of the same run"
 
@@ -111,10 +111,10 @@ class PreparedRuns:
         design: Columns of the nominal model; its folds are those places.
     """
 
-    logs: Logs
-    runs: tuple[Run, ...]
-    nominal: Nominal
-    blocks: Blocks
+    logs: FitLogs
+    runs: tuple[CalibrationRun, ...]
+    nominal: NominalModel
+    blocks: RunBlocks
     places: tuple[Array, ...]
     design: Design
 
@@ -122,47 +122,55 @@ class PreparedRuns:
         """Measured minus model torque on each log's track [N m]. Shapes (n, dof)."""
         out = []
         for run, track in zip(self.runs, self.logs.tracks, strict=True):
-            out.append(torque_at(run.log, track) - model.torque_on(track))
+            out.append(
+                interpolate_track_torque(run.log, track) - model.torque_on(track)
+            )
         return tuple(out)
 
 
 def prepare_runs(
-    robot: Robot, runs: Sequence[Run], declared: Sequence[str] | None
+    robot: Robot, runs: Sequence[CalibrationRun], declared: Sequence[str] | None
 ) -> PreparedRuns:
     """Filter all logs once; declared effects are the robot's own list for None."""
-    logs = prepare_logs(robot, [run.log for run in runs], None, Filters(), split=False)
-    nominal = start_nominal(logs, declared_names(robot, declared))
-    blocks = cut_blocks([track.t[chosen_rows(track)] for track in logs.tracks])
-    numbered = enumerate(map(row_times, logs.tracks))
+    logs = prepare_fit_logs(
+        robot, [run.log for run in runs], None, FilterSettings(), split_long=False
+    )
+    nominal = build_free_nominal(logs, choose_declared_effects(robot, declared))
+    blocks = cut_runs_into_blocks(
+        [track.t[select_row_samples(track)] for track in logs.tracks]
+    )
+    numbered = enumerate(map(compute_row_times, logs.tracks))
     places = tuple(blocks.places(run, t) for run, t in numbered)
     design = Design(logs.tracks, nominal.model, labels=list(places))
     return PreparedRuns(logs, tuple(runs), nominal, blocks, places, design)
 
 
-def identified_without(prepared: PreparedRuns, left_out: Collection[int] = ()) -> Model:
+def identify_without_blocks(
+    prepared: PreparedRuns, left_out: Collection[int] = ()
+) -> Model:
     """Identify the model from all blocks of the runs but some, by number."""
     design, nominal = prepared.design, prepared.nominal
     if left_out:
         folds = prepared.blocks.kept(left_out)  # a last edge may have no rows
-        design = design.part(folds[folds < design.folds], alone=True)
-    wide = priors(design, nominal)
+        design = design.part(folds[folds < design.folds], detached=True)
+    wide = list_first_priors(design, nominal)
     first = fit_nominal(design, wide[-1])
-    fits = [fit(design, p, (), first.counted, None, rounds=4) for p in wide]
-    best = as_model(nominal, max(fits, key=lambda f: f.score))
+    fits = [fit_jointly(design, p, (), first.counted, None, rounds=4) for p in wide]
+    best = build_fitted_model(nominal, max(fits, key=lambda f: f.score))
     tracks = []  # what is left of each log
     for track, places in zip(prepared.logs.tracks, prepared.places, strict=True):
-        kept = prepared.blocks.mask(places, left_out)
+        kept = prepared.blocks.mask_kept_rows(places, left_out)
         if kept.all():
             tracks.append(track)
         elif kept.any():
-            inner, moving = track.inner & kept, track.moving & kept[:, None]
-            tracks.append(replace(track, inner=inner, moving=moving))
-    shown = spread([track.seconds for track in tracks])
-    return with_standstill(best, [tracks[i] for i in shown])
+            inner, moving = track.valid & kept, track.moving & kept[:, None]
+            tracks.append(replace(track, valid=inner, moving=moving))
+    shown = choose_spread_pieces([track.seconds for track in tracks])
+    return choose_standstill_behaviour(best, [tracks[i] for i in shown])
 
 
 @dataclass(frozen=True, slots=True)
-class Settings:
+class CalibrationSettings:
     """How a calibration is done.
 
     Attributes:
@@ -177,10 +185,10 @@ class Settings:
 
     paper: bool = False
     declared: tuple[str, ...] | None = None
-    form: NominalForm = PAPER_SETTING
-    exact: bool = False
+    form: NominalPlsForm = PAPER_SETTING
+    exact_components: bool = False
     joints: tuple[int, ...] | None = None
-    views: bool = True
+    with_figures: bool = True
     schemes: tuple[str, ...] | None = None
 
 
@@ -204,18 +212,18 @@ class Calibration:
     """
 
     robot: str
-    rows: Rows
-    scores: tuple[Score, ...]
-    chosen: tuple[Option, ...]
+    rows: CalibrationRows
+    scores: tuple[ModelScore, ...]
+    chosen: tuple[CorrectionOption, ...]
     proven: bool
     default: Lookup
     paper: Lookup
     components: int
     nominal: Model | None
     declared: tuple[str, ...]
-    blocks: tuple[Components, ...] = ()
-    sweep: Sweep | None = None
-    unseen: Unseen | None = None
+    blocks: tuple[BlockComponents, ...] = ()
+    sweep: LevelSweep | None = None
+    unseen: UnseenRun | None = None
     notes: tuple[str, ...] = field(default=())
 
     @property
@@ -224,22 +232,27 @@ class Calibration:
         return self.paper if self.rows.mode == PAPER else self.default
 
 
-class Source:
+class CalibrationRowSource:
     """Rows, and what nominal models leave on them; each is identified once."""
 
-    def __init__(self, robot: Robot, runs: Sequence[Run], settings: Settings) -> None:
+    def __init__(
+        self,
+        robot: Robot,
+        runs: Sequence[CalibrationRun],
+        settings: CalibrationSettings,
+    ) -> None:
         self._prepared: PreparedRuns | None = None
         self._known: dict[frozenset[int], Array] = {}
         self.nominal: Model | None = None
         self.declared: tuple[str, ...] = tuple(robot.declared)
-        self._thin, self.notes = thinning(runs)
+        self._thin, self.notes = choose_thinning_factor(runs)
         if settings.paper:
-            self.rows = paper_rows(runs, settings.joints, self._thin)
+            self.rows = build_paper_rows(runs, settings.joints, self._thin)
             self.notes += (_TWIN,) if settings.declared is not None else ()
             return
         self._prepared = prepare_runs(robot, runs, settings.declared)
         self.declared = self._prepared.nominal.names
-        self.nominal = identified_without(self._prepared)
+        self.nominal = identify_without_blocks(self._prepared)
         self._joints = settings.joints
         self.rows = self._rows(self.nominal)
         self._known[frozenset()] = self.rows.Y
@@ -250,19 +263,21 @@ class Source:
             return self.rows.Y
         key = frozenset(left_out)
         if key not in self._known:
-            self._known[key] = self._rows(identified_without(self._prepared, key)).Y
+            self._known[key] = self._rows(
+                identify_without_blocks(self._prepared, key)
+            ).Y
         return self._known[key]
 
-    def _rows(self, model: Model) -> Rows:
+    def _rows(self, model: Model) -> CalibrationRows:
         ready = self._prepared
         parts = ready.runs, ready.logs.tracks, ready.residuals(model)
-        return measured_rows(*parts, self._joints, self._thin)
+        return build_measured_rows(*parts, self._joints, self._thin)
 
 
 def calibrate(
     robot: Robot,
-    runs: Sequence[Run],
-    settings: Settings | None = None,
+    runs: Sequence[CalibrationRun],
+    settings: CalibrationSettings | None = None,
     progress: Progress | None = None,
 ) -> Calibration:
     """Fit and validate every model under every scheme.
@@ -275,19 +290,26 @@ def calibrate(
         InputError: If a log does not suit the mode, a column is constant, or there
             are too few rows.
     """
-    settings, tell = settings or Settings(), progress or (lambda stage, share: None)
+    settings, tell = (
+        settings or CalibrationSettings(),
+        progress or (lambda stage, share: None),
+    )
     notes = (_CUT,) if len(runs) == 1 else ()
-    runs = cut_single(runs)
+    runs = cut_single_run(runs)
     tell("nominal model", 0.0)
-    source = Source(robot, runs, settings)
+    source = CalibrationRowSource(robot, runs, settings)
     rows = source.rows
-    schemes, more = make_schemes(rows, np.random.default_rng(0))
+    schemes, more = build_validation_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
-    tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
+    tables = choose_table_levels(
+        rows.X, rows.tau - rows.Y, rows.velocity_columns, names
+    )
     scores, chosen, a_opt, unseen = _table(schemes, source, tables, settings, tell)
-    training = training_of(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(training.X, training.Y, settings.form, fewer=True)
-    best = fitted.components if settings.exact else a_opt
+    training = build_training_rows(rows, rows.Y, tables).with_fitted_standstill()
+    fitted = fit_nominal_pls(
+        training.X, training.Y, settings.form, allow_fewer_components=True
+    )
+    best = fitted.components if settings.exact_components else a_opt
     components = min(best, fitted.components)
     calibration = Calibration(
         robot.name,
@@ -295,7 +317,7 @@ def calibrate(
         scores,
         chosen,
         len(rows.labels) >= FEW,
-        fit_forms(training, tables).lookup(chosen),
+        fit_all_corrections(training, tables).lookup(chosen),
         replace(fitted.lookup(components), names=rows.names),
         components,
         source.nominal,
@@ -303,46 +325,48 @@ def calibrate(
         unseen=unseen,
         notes=(*notes, *more, *source.notes),
     )
-    if not settings.views:
+    if not settings.with_figures:
         return calibration
     tell("principal components", 0.85)
-    blocks = components_of(rows, runs, np.random.default_rng(0))
+    blocks = analyze_principal_components(rows, runs, np.random.default_rng(0))
     sweep = None
     if len(rows.names) <= WIDE:
         tell("levels", 0.9)
         swept = [s for s in schemes if s.name in (RUN, RANDOM)]
-        sweep = sweep_levels(rows, swept, tables, settings.form.components)
+        sweep = sweep_level_counts(rows, swept, tables, settings.form.components)
     tell("levels", 1.0)
     return replace(calibration, blocks=blocks, sweep=sweep)
 
 
 def _table(
-    schemes: Sequence[Scheme],
-    source: Source,
-    tables: Tables,
-    settings: Settings,
+    schemes: Sequence[ValidationScheme],
+    source: CalibrationRowSource,
+    tables: TableColumns,
+    settings: CalibrationSettings,
     tell: Progress,
-) -> tuple[tuple[Score, ...], tuple[Option, ...], int, Unseen | None]:
+) -> tuple[tuple[ModelScore, ...], tuple[CorrectionOption, ...], int, UnseenRun | None]:
     """Return the cells, and by the first scheme each joint's option and A_opt.
 
     Last comes a run that no model has seen, None where no run was left out.
     """
-    rows, shown = source.rows, middle_run(source.rows)
-    options = candidates(len(rows.names))
+    rows, shown = source.rows, find_median_error_run(source.rows)
+    options = list_correction_options(len(rows.names))
     first = BLOCK if len(rows.labels) < FEW else RUN
 
-    def tried(scheme: Scheme, options: Sequence[Option]) -> Trial:
+    def tried(
+        scheme: ValidationScheme, options: Sequence[CorrectionOption]
+    ) -> SchemeErrors:
         tell(SCHEMES[scheme.name], 0.1 + 0.7 * schemes.index(scheme) / len(schemes))
         paper = scheme.unseen or len(rows.names) <= WIDE
         form, fold = settings.form if paper else None, scheme.name == RUN
         args = (scheme, rows, source.residual, tables, options, form)
-        return try_forms(*args, shown if fold else None)
+        return cross_validate_corrections(*args, shown if fold else None)
 
     lead = tried(next(s for s in schemes if s.name == first), options)
-    chosen = choose(lead.seconds, lead.options)
+    chosen = choose_joint_options(lead.seconds, lead.options)
     # Rows of every run are fitted where rows are left out, so the choice is made.
     settled = [o for o in options if o.ridge is None or o in chosen]
-    scores: list[Score] = []
+    scores: list[ModelScore] = []
     unseen, components = None, 0
     for scheme in schemes:
         if scheme.name == first:
@@ -351,19 +375,19 @@ def _table(
             trial = tried(scheme, options if scheme.unseen else settled)
         else:
             continue
-        fold_choices = choices(trial, lead, rows)
-        cells = scores_of(trial, fold_choices)
+        fold_choices = choose_fold_options(trial, lead, rows)
+        cells = score_models(trial, fold_choices)
         if trial is lead:
-            components = find(cells, first, PAPER_FORM).components
+            components = find_model_score(cells, first, PAPER_FORM).components
         if settings.schemes is None or scheme.name in settings.schemes:
             scores += cells
         if scheme.name == RUN:
             residual = source.residual(scheme.left_out[shown])
-            unseen = unseen_run(rows, trial, shown, residual, fold_choices[shown])
+            unseen = build_unseen_run(rows, trial, shown, residual, fold_choices[shown])
     return tuple(scores), chosen, components, unseen
 
 
-def corrected_model(calibration: Calibration) -> CorrectedModel | None:
+def build_corrected_model(calibration: Calibration) -> CorrectedModel | None:
     """Return model and tables as one model, which predicts a torque.
 
     The model that was identified from all logs with the tables on top; None where they
@@ -372,18 +396,20 @@ def corrected_model(calibration: Calibration) -> CorrectedModel | None:
     model, lookup = calibration.nominal, calibration.lookup
     if calibration.rows.mode == PAPER or model is None:
         return None
-    if any(Trait.REPORT in term.effect.traits for term in model.terms):
+    if any(EffectTrait.REPORT in term.effect.traits for term in model.terms):
         return None
-    return with_tables(model, lookup, calibration.rows.joints)
+    return add_correction_tables(model, lookup, calibration.rows.joints)
 
 
-def with_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> CorrectedModel:
+def add_correction_tables(
+    model: Model, lookup: Lookup, joints: Sequence[int]
+) -> CorrectedModel:
     """Put the tables of a calibration on a model; its joints are from 1."""
     columns, tables = [], []
     for name in lookup.names:  # a column of the state: q1, qd1, qdd1, or tau1
         on, number, _ = re.split(r"(\d+)", name)
         on = "tau_model" if on == "tau" else on
-        columns.append(Column(on, (int(number) - 1,), ""))
+        columns.append(TableVariable(on, (int(number) - 1,), ""))
     for m, joint in enumerate(joints):
         part = _of_joint(lookup, m)
         empty = not (part.tables or part.offset.any() or part.slope.any())

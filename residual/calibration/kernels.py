@@ -39,7 +39,7 @@ def gather_pairs(codes, sizes, table, out):
 
 
 @njit(cache=True, fastmath=True)
-def aim(S, q, w):
+def compute_weight_vector(S, q, w):
     """Write weights w = S'q / |S'q|: Dayal and MacGregor, step 2.
 
     Shapes (j, p), (j,), (p,).
@@ -57,7 +57,7 @@ def aim(S, q, w):
 
 
 @njit(cache=True, fastmath=True)
-def turn(W, V, P, a):
+def orthogonalize_weight_vector(W, V, P, a):
     """Write v = w - V (P'w) of component a (Dayal and MacGregor, step 3). (A, p)."""
     for z in range(W.shape[1]):
         V[a, z] = W[a, z]
@@ -70,7 +70,7 @@ def turn(W, V, P, a):
 
 
 @njit(cache=True, fastmath=True)
-def score(codes, sizes, count, v, middle, p):
+def accumulate_component_scores(codes, sizes, count, v, middle, p):
     """Add X'(n t) to p for t = X v - middle; return sum n t^2 and sum n t.
 
     Step 4 without forming t: every cell is read once. Shapes (c, d), (d,), (c,), (p,),
@@ -97,7 +97,7 @@ def score(codes, sizes, count, v, middle, p):
 
 
 @njit(cache=True, fastmath=True)
-def explain(S, v, p, middle, energy, total):
+def deflate_by_component(S, v, p, middle, energy, total):
     """Finish loading p, return q, and take the component out of S = Y'X.
 
     Step 4 and 5: p = (X'(n t) - xbar sum(n t)) / t't, q = S v / t't, S -= t't q p'.

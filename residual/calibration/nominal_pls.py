@@ -14,15 +14,19 @@ from math import prod
 
 import numpy as np
 
-from residual.calibration.effects import Codes, Levels, equal_levels
-from residual.model.lookup import Axis, Lookup, LookupTable
+from residual.calibration.table_regression import (
+    LevelCodes,
+    VariableLevels,
+    build_equal_levels,
+)
+from residual.model.lookup import LevelAxis, Lookup, LookupTable
 from residual.quantity import (
-    as_names,
-    as_pair,
-    as_rows,
+    check_block_pair,
+    check_column_names,
     check_count,
+    check_rows,
     check_varying,
-    frozen,
+    make_read_only,
 )
 from residual.recording import Array
 
@@ -31,7 +35,7 @@ EXHAUSTED = 1e-12
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Pls:
+class PlsModel:
     """A fitted regression; any number of leading components is a model of its own."""
 
     names: tuple[str, ...]  # variables of X
@@ -44,7 +48,7 @@ class Pls:
 
     def transform(self, X: Array) -> Array:
         """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
-        X = as_rows(X, self.names, "the model was fitted to")
+        X = check_rows(X, self.names, "the model was fitted to")
         return (X - self.x_mean) / self.x_scale @ self.V
 
     def linear(self, components: int) -> tuple[Array, Array]:
@@ -60,7 +64,7 @@ def fit_pls(
     components: int | None = None,
     *,
     names: Sequence[str] | None = None,
-) -> Pls:
+) -> PlsModel:
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
     Kernel PLS (Dayal and MacGregor 1997, algorithm 1), from Z'Z and Z'Y alone. Columns
@@ -76,8 +80,8 @@ def fit_pls(
         InputError: On a constant column, more components than the rank of X, blocks
             of different length, or a value that is not finite.
     """
-    X, Y = as_pair(X, Y)
-    names = as_names(names, X.shape[1], "x")
+    X, Y = check_block_pair(X, Y)
+    names = check_column_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
     check_varying(X, names)
     x_mean, x_scale, y_mean = X.mean(axis=0), X.std(axis=0, ddof=1), Y.mean(axis=0)
@@ -87,10 +91,10 @@ def fit_pls(
     requested = rank if components is None else components
     count = check_count(requested, 1, rank, "components", remedy)
     parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
-    return Pls(names, *map(frozen, (x_mean, x_scale, y_mean, *parts)))
+    return PlsModel(names, *map(make_read_only, (x_mean, x_scale, y_mean, *parts)))
 
 
-def leading(S: Array) -> tuple[Array, float]:
+def find_leading_direction(S: Array) -> tuple[Array, float]:
     """Eigenvector of S S' to its largest eigenvalue, and S's norm. Shape (j, p)."""
     values, vectors = np.linalg.eigh(S @ S.T)
     q = np.ascontiguousarray(vectors[:, -1])
@@ -102,7 +106,7 @@ def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
     V, P, Q = (np.zeros((count, n)) for n in (len(G), len(G), S.shape[1]))
     first, done = 0.0, 0
     for a in range(count):
-        q, size = leading(S.T)
+        q, size = find_leading_direction(S.T)
         first = first or size
         if size <= EXHAUSTED * first:
             break
@@ -118,7 +122,7 @@ def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Cells:
+class LevelCells:
     """Distinct combinations of levels."""
 
     codes: Array  # levels of each cell, in ascending order of rows; uint16, (c, d)
@@ -137,7 +141,7 @@ class Cells:
         return np.stack(columns, axis=1)
 
 
-def merge_rows(codes: Codes) -> Cells:
+def merge_equal_rows(codes: LevelCodes) -> LevelCells:
     """Merge rows that have all levels in common.
 
     Neighbours share their first variables, so that tables that are read one after the
@@ -154,16 +158,16 @@ def merge_rows(codes: Codes) -> Cells:
     _, first, of_row, count = np.unique(
         key, return_index=True, return_inverse=True, return_counts=True
     )
-    return Cells(
-        frozen(np.ascontiguousarray(codes.values[first], dtype=np.uint16)),
-        frozen(np.array(codes.sizes, dtype=np.int64)),
-        frozen(count.astype(float)),
-        frozen(of_row.reshape(-1)),
+    return LevelCells(
+        make_read_only(np.ascontiguousarray(codes.values[first], dtype=np.uint16)),
+        make_read_only(np.array(codes.sizes, dtype=np.int64)),
+        make_read_only(count.astype(float)),
+        make_read_only(of_row.reshape(-1)),
     )
 
 
 @dataclass(frozen=True, slots=True)
-class NominalForm:
+class NominalPlsForm:
     """How variables become tables."""
 
     # Levels of all variables, or of each; the paper's figure 12 chose 22.
@@ -178,7 +182,7 @@ class NominalPls:
     The p columns are the pairs of levels in the order of eq. 30.
     """
 
-    levels: Levels  # levels of the variables
+    levels: VariableLevels  # levels of the variables
     x_mean: Array  # share of rows in each column, (p,)
     y_mean: Array  # mean of the responses, (j,)
     V: Array  # weights for X itself, by row, (A, p)
@@ -223,11 +227,11 @@ class NominalPls:
         cut = zip(self.pairs, parts, sizes, strict=True)
         return Lookup(
             levels.names,
-            as_names(None, len(offset), "joint "),
-            tuple(Axis(i, edges) for i, edges in enumerate(levels.edges)),
+            check_column_names(None, len(offset), "joint "),
+            tuple(LevelAxis(i, edges) for i, edges in enumerate(levels.edges)),
             tuple(LookupTable(pair, B.reshape(*size, -1)) for pair, B, size in cut),
             offset,
-            frozen(np.zeros((len(levels.names), len(offset)))),
+            make_read_only(np.zeros((len(levels.names), len(offset)))),
             levels.low,
             levels.high,
         )
@@ -244,31 +248,41 @@ class NominalPls:
 
 
 def fit_nominal_pls(
-    X: Array, Y: Array, form: NominalForm | None = None, fewer: bool = False
+    X: Array,
+    Y: Array,
+    form: NominalPlsForm | None = None,
+    allow_fewer_components: bool = False,
 ) -> NominalPls:
     """Fit the paper's modified PLSR.
 
     Args:
         X: Variables, such as q, qd, qdd of joints 1 to 3. Shape (n, d), d at least 2.
         form: Levels and components; the paper's form if None.
-        fewer: Whether to take fewer components where the rows bear no more.
+        allow_fewer_components: Whether to take fewer components where the rows bear no
+            more.
 
     Raises:
         InputError: On fewer than 2 levels or variables, a constant column, more
             components than the rank can be, or a value that is not finite.
     """
-    from residual.calibration.kernels import aim, explain, scatter_pairs, score, turn
+    from residual.calibration.kernels import (
+        accumulate_component_scores,
+        compute_weight_vector,
+        deflate_by_component,
+        orthogonalize_weight_vector,
+        scatter_pairs,
+    )
 
-    X, Y = as_pair(X, Y)
-    form = form or NominalForm()
-    levels = equal_levels(X, form.levels)
-    cells = merge_rows(levels.encode(X))
+    X, Y = check_block_pair(X, Y)
+    form = form or NominalPlsForm()
+    levels = build_equal_levels(X, form.levels)
+    cells = merge_equal_rows(levels.encode(X))
     # The centred indicators have no more rank than there are cells less one, and than
     # main effects and interactions of the visited levels have dimensions.
     visited = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
     inner = (visited.sum() ** 2 - (visited**2).sum()) // 2
     bound = int(min(len(cells.count) - 1, visited.sum() + inner))
-    if fewer:
+    if allow_fewer_components:
         form = replace(form, components=min(form.components, bound))
     check_count(len(cells.sizes), 2, 64, "variables", "A table is of two variables.")
     remedy = (
@@ -287,14 +301,18 @@ def fit_nominal_pls(
     Q = np.zeros((form.components, len(S)))
     first, done = 0.0, 0
     for a in range(form.components):
-        q, size = leading(S)
+        q, size = find_leading_direction(S)
         first = first or size
         if size <= EXHAUSTED * first:
             break
-        aim(S, q, W[a])
-        turn(W, V, P, a)
+        compute_weight_vector(S, q, W[a])
+        orthogonalize_weight_vector(W, V, P, a)
         middle = float(x_mean @ V[a])
-        energy, total = score(cells.codes, cells.sizes, cells.count, V[a], middle, P[a])
-        Q[a] = explain(S, V[a], P[a], x_mean, energy, total)
+        energy, total = accumulate_component_scores(
+            cells.codes, cells.sizes, cells.count, V[a], middle, P[a]
+        )
+        Q[a] = deflate_by_component(S, V[a], P[a], x_mean, energy, total)
         done = a + 1
-    return NominalPls(levels, *map(frozen, (x_mean, y_mean, V[:done], Q[:done])))
+    return NominalPls(
+        levels, *map(make_read_only, (x_mean, y_mean, V[:done], Q[:done]))
+    )

@@ -9,34 +9,39 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.changes.conclude import Judgement, analyze_residuals, clouds, conclude
-from residual.changes.models import Epoch, augmented_model, fit_epoch
-from residual.changes.rows import both_epochs
+from residual.changes.conclude import (
+    HeldOutJudgement,
+    analyze_residuals,
+    build_change_verdict,
+    change_clouds,
+)
+from residual.changes.models import EpochFit, build_augmented_model, fit_epoch
+from residual.changes.rows import build_epoch_rows
 from residual.changes.search import ChangeSearch, NamedChange, search_changes
 from residual.changes.thresholds import ChangeThresholds
 from residual.check.result import LogCheck
-from residual.effects.base import Trait
-from residual.errors import joints_listed
+from residual.effects.base import EffectTrait
+from residual.errors import format_joint_numbers
 from residual.evidence.design import Design
 from residual.evidence.fit import PossibleModel
 from residual.model.compare import (
-    Errors,
+    ErrorSums,
     HeldOutLog,
-    compare,
-    is_sure,
-    moving_error,
+    compute_error_rise,
+    compute_model_errors,
+    compute_moving_error,
+    find_worse_joints,
+    is_error_significant,
     prepare_held_out,
-    rise,
-    worse_joints,
 )
 from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal, begin, prepare_logs
+from residual.model.nominal import FitLogs, NominalModel, prepare_fit_logs, start_model
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.splitting import session_clock, sketch_of
-from residual.signals.track import Filters
-from residual.verdict.edit import baseline_edits, dense_fit
-from residual.verdict.result import PLAIN, STAGES, Diagnosis, error_tables
+from residual.signals.splitting import find_session_start, pick_spread_pieces
+from residual.signals.track import FilterSettings
+from residual.verdict.edit_test import fit_dense_model, run_edit_tests
+from residual.verdict.result import PLAIN, STAGES, Diagnosis, tabulate_errors
 
 Progress = Callable[[str, float], None]
 # Of the error. Another motion asks more of the rest of a model than of a name, so that
@@ -69,9 +74,9 @@ def compare_epochs(
     tell("rows of both epochs", 0.0)
     logs, count, clocked = _prepare(robot, first, second, rules)
     # The model that the arm is said to have; its values are what the logs show.
-    model = begin(logs, declared)
-    nominal = Nominal(model, (None,) * len(model.terms))
-    search = search_changes(both_epochs(logs, count, nominal, rules), clocked)
+    model = start_model(logs, declared)
+    nominal = NominalModel(model, (None,) * len(model.terms))
+    search = search_changes(build_epoch_rows(logs, count, nominal, rules), clocked)
     tell("what remains", 0.0)
     residuals = analyze_residuals(search)
     tell("proof", 0.0)
@@ -79,28 +84,28 @@ def compare_epochs(
     after = _fit(robot, second, nominal, before.model)
     proof = prepare_held_out(held_out, before.model)
     search, judgements, augmented = _judge_changes(
-        search, proof, lambda own: augmented_model(own, nominal, before.model)
+        search, proof, lambda own: build_augmented_model(own, nominal, before.model)
     )
     if check is not None and check.certain:  # what was found may be the fault
         search = replace(search, changes=())
     models = {"nominal": before.model, "identified": after.model}
     # Where nothing changed the contract of the verdict has both alike.
     models["augmented"] = augmented.model if search.changes else after.model
-    errors, proofs = compare(models, proof, logs.filters)
-    verdict = conclude(
+    errors, proofs = compute_model_errors(models, proof, logs.filters)
+    verdict = build_change_verdict(
         search,
         residuals,
         judgements,
-        error=error_tables(
+        error=tabulate_errors(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},
             min(t.cutoff for t in search.both.logs.tracks),
             [r.id for r in held_out],
             same_run,
-            worse_joints(models, proof),
+            find_worse_joints(models, proof),
         ),
-        edit=baseline_edits(
+        edit=run_edit_tests(
             models,
-            dense_fit(Design(after.logs.tracks, nominal.model)),
+            fit_dense_model(Design(after.logs.tracks, nominal.model)),
             [c.place for c in search.changes],
             (),
             first,
@@ -117,7 +122,7 @@ def compare_epochs(
         verdict=verdict,
         models=models,
         proofs=proofs,
-        clouds=clouds(search, residuals),
+        clouds=change_clouds(search, residuals),
         notes=(*_notes(search), *augmented.notes),
         sentences=tuple(
             c.contrast.candidate.group.effect.sentence for c in search.changes
@@ -126,7 +131,7 @@ def compare_epochs(
     )
 
 
-def _unexplained(errors: Mapping[str, Errors], search: ChangeSearch) -> str | None:
+def _unexplained(errors: Mapping[str, ErrorSums], search: ChangeSearch) -> str | None:
     """Say so where what changed leaves far more on a joint than a refit.
 
     A name that is confirmed against the first epoch's model may still be the wrong
@@ -139,7 +144,8 @@ def _unexplained(errors: Mapping[str, Errors], search: ChangeSearch) -> str | No
     j = max(over, key=lambda j: after[j] / refit[j])
     return (
         "the named effects do not explain the change: on "
-        f"{joints_listed(over + 1)} the error is more than twice that of a refit "
+        f"{format_joint_numbers(over + 1)} the error is more than twice that of a "
+        f"refit "
         f"(joint {j + 1}: {after[j]:.1f} against {refit[j]:.1f} %)"
     )
 
@@ -149,12 +155,13 @@ def _prepare(
     first: Sequence[Recording],
     second: Sequence[Recording],
     rules: ChangeThresholds,
-) -> tuple[Logs, int, bool]:
+) -> tuple[FitLogs, int, bool]:
     """Logs of both epochs; the clock of the second begins with the first's."""
     sketches = [
-        sketch_of(e, rules.long_seconds, rules.kept_seconds) for e in (first, second)
+        pick_spread_pieces(e, rules.long_seconds, rules.kept_seconds)
+        for e in (first, second)
     ]
-    starts = [session_clock(epoch) for epoch in (first, second)]
+    starts = [find_session_start(epoch) for epoch in (first, second)]
     clocked = None not in starts
     if clocked:
         later = starts[0] - starts[1]
@@ -166,19 +173,21 @@ def _prepare(
         for r in epoch
     ]
     clock = starts[0] if clocked else None
-    logs = prepare_logs(robot, named, clock, Filters())
+    logs = prepare_fit_logs(robot, named, clock, FilterSettings())
     return logs, len(sketches[0]), clocked
 
 
 def _fit(
     robot: Robot,
     recordings: Sequence[Recording],
-    nominal: Nominal,
+    nominal: NominalModel,
     like: Model | None = None,
-) -> Epoch:
+) -> EpochFit:
     """Fit one epoch, beginning with the model of an earlier one."""
-    clock = session_clock(recordings)
-    logs = prepare_logs(robot, sketch_of(recordings), clock, Filters())
+    clock = find_session_start(recordings)
+    logs = prepare_fit_logs(
+        robot, pick_spread_pieces(recordings), clock, FilterSettings()
+    )
     return fit_epoch(logs, nominal, like)
 
 
@@ -186,7 +195,7 @@ def _judge_changes(
     search: ChangeSearch,
     proof: Sequence[HeldOutLog],
     model_of: Callable[[ChangeSearch], PossibleModel],
-) -> tuple[ChangeSearch, Mapping[NamedChange, Judgement], PossibleModel]:
+) -> tuple[ChangeSearch, Mapping[NamedChange, HeldOutJudgement], PossibleModel]:
     """Let the held-out logs judge each name; what they refute falls.
 
     Each name against the best that can be said without it.
@@ -197,12 +206,12 @@ def _judge_changes(
     refuted: list[NamedChange] = []
     while True:
         augmented = model_of(search)
-        errors = moving_error(augmented.model, proof)
+        errors = compute_moving_error(augmented.model, proof)
         judgements = {}
         for change in search.changes:
             model_without = model_of(search.without([change])).model
             judgements[change] = _judge_change(
-                change, errors, moving_error(model_without, proof)
+                change, errors, compute_moving_error(model_without, proof)
             )
         refuted_now = [c for c in search.changes if judgements[c].word == "refuted"]
         if augmented.contradicted and not refuted_now:
@@ -210,9 +219,9 @@ def _judge_changes(
             bodies = [
                 c
                 for c in search.changes
-                if Trait.BODY in c.contrast.candidate.group.effect.traits
+                if EffectTrait.BODY in c.contrast.candidate.group.effect.traits
             ]
-            search = replace(search.without(bodies), bodiless=tuple(bodies))
+            search = replace(search.without(bodies), without_body=tuple(bodies))
             if bodies:
                 continue
         if not refuted_now:
@@ -222,7 +231,9 @@ def _judge_changes(
         search = search.without([worst])
 
 
-def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgement:
+def _judge_change(
+    change: NamedChange, with_it: Array, without: Array
+) -> HeldOutJudgement:
     """What held-out motion says of one name, over all joints that it acts on.
 
     Each joint's error counts as a share of what is left of it in any case.
@@ -234,14 +245,14 @@ def _judge_change(change: NamedChange, with_it: Array, without: Array) -> Judgem
     )
     with_change, without_change = with_change.sum(axis=1), without_change.sum(axis=1)
     ratio = float(np.sqrt(with_change.sum() / without_change.sum()))
-    if rise(with_change, without_change, WORSE):
-        return Judgement("refuted", 1 - ratio)
+    if compute_error_rise(with_change, without_change, WORSE):
+        return HeldOutJudgement("refuted", 1 - ratio)
     word = (
         "confirmed"
-        if ratio < BETTER and is_sure(without_change, with_change)
+        if ratio < BETTER and is_error_significant(without_change, with_change)
         else "neutral"
     )
-    return Judgement(word, 1 - ratio)
+    return HeldOutJudgement(word, 1 - ratio)
 
 
 def _notes(search: ChangeSearch) -> tuple[str, ...]:
@@ -254,7 +265,7 @@ def _notes(search: ChangeSearch) -> tuple[str, ...]:
         *(
             f"joint {j + 1}: baseline logs differ by {noise.unrest[j]:.1f} "
             "times the noise"
-            for j in both.live
+            for j in both.analyzable_joints
             if noise.unrest[j] > 1.3
         ),
     )

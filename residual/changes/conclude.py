@@ -7,16 +7,16 @@ from itertools import product
 import numpy as np
 from scipy.special import stdtr
 
-from residual.changes.contrast import Candidate, expected_evidence
-from residual.changes.models import Epoch, values_that_changed
+from residual.changes.contrast import ChangeCandidate, expected_evidence
+from residual.changes.models import EpochFit, compare_epoch_values
 from residual.changes.rows import JointRows
 from residual.changes.search import ChangeSearch, NamedChange
 from residual.check.result import LogCheck
-from residual.effects.base import Effect, State, Trait
-from residual.evidence.columns import Group, regularize
+from residual.effects.base import Effect, EffectTrait, State
+from residual.evidence.columns import CandidateColumns, regularize_precision
 from residual.evidence.fit import PossibleModel
-from residual.model.compare import Cloud
-from residual.quantity import along, plain
+from residual.model.compare import FindingScatter
+from residual.quantity import convert_to_plain_values, convert_to_sliding_unit
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import (
@@ -33,7 +33,7 @@ from residual.verdict.result import (
     Parameter,
     Unexplained,
     Verdict,
-    with_model_values,
+    replace_by_model_values,
 )
 
 # What changed and has no name: more than in the first epoch remains, or a curve.
@@ -58,7 +58,7 @@ BINS = 8
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Residuals:
+class UnexplainedChange:
     """What remains of each joint after everything that is named."""
 
     # What is left, by row; None for a joint that is not looked at.
@@ -70,7 +70,7 @@ class Residuals:
     flagged: tuple[int, ...]
 
 
-def analyze_residuals(search: ChangeSearch) -> Residuals:
+def analyze_residuals(search: ChangeSearch) -> UnexplainedChange:
     """Look for a change that no name explains."""
     both, table = search.both, search.table
     dof, rules = both.design.dof, both.rules
@@ -93,7 +93,7 @@ def analyze_residuals(search: ChangeSearch) -> Residuals:
         grew = share[j] > rules.unknown_torque_share and sure < CHANCE
         if grew or _has_curve(search, j):
             flagged.append(j)
-    return Residuals(tuple(residuals), share, floor, tuple(flagged))
+    return UnexplainedChange(tuple(residuals), share, floor, tuple(flagged))
 
 
 def _has_curve(search: ChangeSearch, j: int) -> bool:
@@ -123,13 +123,13 @@ def _hat_functions(x: Array) -> Array:
     return np.column_stack([np.interp(x, knots, unit) for unit in np.eye(len(knots))])
 
 
-def _curve_candidate(search: ChangeSearch, j: int, columns: Array) -> Candidate:
+def _curve_candidate(search: ChangeSearch, j: int, columns: Array) -> ChangeCandidate:
     joint, k = search.table.joints[j], columns.shape[1]
     size = USUAL * search.both.design.rms[j]
-    precision, log_det = regularize(np.eye(k) / size**2)
-    group = Group(CURVE, (j,), (), np.full(k, -1), precision, log_det)
+    precision, log_det = regularize_precision(np.eye(k) / size**2)
+    group = CandidateColumns(CURVE, (j,), (), np.full(k, -1), precision, log_det)
     piece = joint.pieces(columns, joint.layout.second, [k])[0]
-    return Candidate(group, {j: piece}, np.log(len(search.table.joints)), group)
+    return ChangeCandidate(group, {j: piece}, np.log(len(search.table.joints)), group)
 
 
 def _blocks(joint: JointRows, residual: Array) -> tuple[Array, Array, Array]:
@@ -172,7 +172,7 @@ def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> fl
 
 
 def strongest_variable(
-    search: ChangeSearch, residuals: Residuals, j: int
+    search: ChangeSearch, residuals: UnexplainedChange, j: int
 ) -> tuple[str, int, float] | None:
     """The variable that the rest of a joint goes by most: what, of which joint, share.
 
@@ -221,14 +221,14 @@ def _explained(x: Array, y: Array, block: Array) -> float:
 LADDER = np.geomspace(1.0, 1e4, 400)  # deviations at which to look
 
 
-def minimum_detectable(search: ChangeSearch) -> list[Detectable]:
+def find_detectable_changes(search: ChangeSearch) -> list[Detectable]:
     """Smallest size of every effect and joint at which the evidence is expected.
 
     By the very information of the logs and the unrest of the first epoch by which a
     change is judged. Of several parameters of one unit it is the length, of a searched
     shape the usual one counts.
     """
-    keys: dict[tuple, list[Candidate]] = {}
+    keys: dict[tuple, list[ChangeCandidate]] = {}
     for c in search.every:
         keys.setdefault((c.group.effect.name, c.group.joints), []).append(c)
     named_keys = {(c.group.effect.name, c.group.joints) for c in search.named}
@@ -246,7 +246,7 @@ def minimum_detectable(search: ChangeSearch) -> list[Detectable]:
     return [*out, Detectable("drift", (), 2 * search.warmth.std, "1")]
 
 
-def _least(search: ChangeSearch, candidate: Candidate) -> float | None:
+def _least(search: ChangeSearch, candidate: ChangeCandidate) -> float | None:
     look = search.table.contrast(candidate, search.named)
     effect, robot = candidate.group.effect, search.both.design.model.robot
     sizes = []
@@ -269,7 +269,10 @@ def _least(search: ChangeSearch, candidate: Candidate) -> float | None:
 
 
 def _smallest(
-    search: ChangeSearch, candidate: Candidate, direction: Array, information: Array
+    search: ChangeSearch,
+    candidate: ChangeCandidate,
+    direction: Array,
+    information: Array,
 ) -> float | None:
     unit = 1 / np.sqrt(float(direction @ information @ direction))
     sizes = unit * LADDER
@@ -282,14 +285,14 @@ def _smallest(
 
 
 def _directions(
-    effect: Effect, search: ChangeSearch, candidate: Candidate
+    effect: Effect, search: ChangeSearch, candidate: ChangeCandidate
 ) -> Sequence[Array]:
     count = len(candidate.group.ids)
     if effect.unit_directions is not None:
         return effect.unit_directions(search.both.design.states, candidate.group.joints)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    if count == 1 or not (Trait.PERIODIC in effect.traits or alike):
+    if count == 1 or not (EffectTrait.PERIODIC in effect.traits or alike):
         return [np.eye(count)[0]]
     signs = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
     half = signs[len(signs) // 2 + 1 :]  # the others point the other way
@@ -301,22 +304,22 @@ MOVED = 0.3  # of the warmth of all joints: from there on a joint moved with the
 
 
 @dataclass(frozen=True, slots=True)
-class Judgement:
+class HeldOutJudgement:
     """What held-out motion says of a name: a word, and the part of the error gone."""
 
     word: str
     gain: float
 
 
-def conclude(
+def build_change_verdict(
     search: ChangeSearch,
-    residuals: Residuals,
-    judgements: Mapping[NamedChange, Judgement],
+    residuals: UnexplainedChange,
+    judgements: Mapping[NamedChange, HeldOutJudgement],
     error: ErrorTables,
     edit: tuple[Edit, ...],
     unproven: str | None,
     augmented: PossibleModel,
-    epochs: tuple[Epoch, Epoch],
+    epochs: tuple[EpochFit, EpochFit],
     declared: Sequence[str],
     check: LogCheck | None,
     warnings: Sequence[str],
@@ -332,7 +335,7 @@ def conclude(
     faulty = check is not None and bool(check.certain)
     still = not any(t.moving.any() for t in epochs[1].logs.tracks)
     contradictions = (STILL,) if still else augmented.doubts
-    doubtful = residuals.flagged or search.bodiless or contradictions or faulty
+    doubtful = residuals.flagged or search.without_body or contradictions or faulty
     effects = (
         _finding(c, i, judgements[c], robot, unproven is not None)
         for i, c in enumerate(search.changes, 1)
@@ -341,8 +344,8 @@ def conclude(
         robot=robot.name,
         declared=tuple(declared),
         verdict="effects" if search.changes else "unknown" if doubtful else "none",
-        effects=tuple(with_model_values(f, augmented) for f in effects),
-        minimum_detectable=() if faulty else tuple(minimum_detectable(search)),
+        effects=tuple(replace_by_model_values(f, augmented) for f in effects),
+        minimum_detectable=() if faulty else tuple(find_detectable_changes(search)),
         unexplained=_unexplained(search, residuals),
         error=error,
         nominal_scale=None,
@@ -359,25 +362,29 @@ def conclude(
         edit=None if faulty else edit,
         bodies=augmented.correction,
         frames=Frames.of(robot),
-        changes=tuple(values_that_changed(*epochs, search)),
+        changes=tuple(compare_epoch_values(*epochs, search)),
     )
 
 
 def _finding(
-    change: NamedChange, order: int, judgement: Judgement, robot: Robot, unproven: bool
+    change: NamedChange,
+    order: int,
+    judgement: HeldOutJudgement,
+    robot: Robot,
+    unproven: bool,
 ) -> Finding:
     return Finding(
         name=change.place.name,
         joints=change.place.joints,
-        probability=plain(change.probability),
+        probability=convert_to_plain_values(change.probability),
         order=order,
         equivalent=tuple(c.place for c in change.equivalent),
         parameters=_parameters(change, robot),
         evidence=Evidence(
-            nats=plain(float(change.contrast.nats)),
+            nats=convert_to_plain_values(float(change.contrast.nats)),
             by="fit",
             held_out="neutral" if unproven else judgement.word,
-            held_out_gain=plain(judgement.gain),
+            held_out_gain=convert_to_plain_values(judgement.gain),
             splits=None,
         ),
     )
@@ -393,8 +400,8 @@ def _parameters(change: NamedChange, robot: Robot) -> dict[str, Parameter]:
     prior = _deviations(change, robot, before)
     return {
         key: Parameter(
-            plain(float(values[i])),
-            plain(float(sd[i])),
+            convert_to_plain_values(float(values[i])),
+            convert_to_plain_values(float(sd[i])),
             unit,
             bool(sd[i] < DETERMINED * prior[i]) if prior[i] > 0 else True,
         )
@@ -419,7 +426,7 @@ def _deviations(change: NamedChange, robot: Robot, covariance: Array) -> Array:
     return np.sqrt(np.diag(slope @ covariance @ slope.T) + inexact**2)
 
 
-def _unexplained(search: ChangeSearch, residuals: Residuals) -> Unexplained:
+def _unexplained(search: ChangeSearch, residuals: UnexplainedChange) -> Unexplained:
     design = search.both.design
     power = design.rows * design.rms**2
     weight = power / power.sum()
@@ -430,15 +437,24 @@ def _unexplained(search: ChangeSearch, residuals: Residuals) -> Unexplained:
             on, of, share = variable
             name = "tau" if on == "tau_model" else on
             depends.append(
-                Dependence(j + 1, name, (of + 1,), "curve", plain(share), None)
+                Dependence(
+                    j + 1,
+                    name,
+                    (of + 1,),
+                    "curve",
+                    convert_to_plain_values(share),
+                    None,
+                )
             )
     return Unexplained(
         joints=tuple(j + 1 for j in residuals.flagged),
-        fraction=plain(float(np.sqrt(weight @ residuals.share**2))),
-        noise_floor=plain(float(np.sqrt(weight @ residuals.floor**2))),
+        fraction=convert_to_plain_values(float(np.sqrt(weight @ residuals.share**2))),
+        noise_floor=convert_to_plain_values(
+            float(np.sqrt(weight @ residuals.floor**2))
+        ),
         depends_on=tuple(depends),
         kind=None,
-        per_joint=tuple(plain(residuals.share)),
+        per_joint=tuple(convert_to_plain_values(residuals.share)),
         noise_model="first epoch",
     )
 
@@ -451,8 +467,8 @@ def _drift(search: ChangeSearch) -> Drift | None:
     joints = np.flatnonzero(moved > MOVED * abs(warm.factor))
     clock = "order" if search.both.logs.clock is None else "recording time"
     return Drift(
-        factor=plain(1 + warm.factor),
-        std=plain(warm.std),
+        factor=convert_to_plain_values(1 + warm.factor),
+        std=convert_to_plain_values(warm.std),
         joints=tuple(int(j) + 1 for j in joints),
         clock=clock,
     )
@@ -475,9 +491,13 @@ def _warnings(search: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     out += [
         f"{change.contrast.candidate.group.effect.name} is not named: the logs "
         "give a physically impossible body for it"
-        for change in search.bodiless
+        for change in search.without_body
     ]
-    dead = [j for j in range(search.both.design.dof) if j not in search.both.live]
+    dead = [
+        j
+        for j in range(search.both.design.dof)
+        if j not in search.both.analyzable_joints
+    ]
     out += [
         f"joint {j + 1} hardly moves in one of the epochs and is not compared"
         for j in dead
@@ -485,7 +505,9 @@ def _warnings(search: ChangeSearch, same_run: bool) -> tuple[str, ...]:
     return tuple(out)
 
 
-def clouds(search: ChangeSearch, residuals: Residuals) -> tuple[Cloud, ...]:
+def change_clouds(
+    search: ChangeSearch, residuals: UnexplainedChange
+) -> tuple[FindingScatter, ...]:
     """What each change explains on the joint where it is largest, over its variable."""
     out = []
     for change in search.changes:
@@ -495,7 +517,7 @@ def clouds(search: ChangeSearch, residuals: Residuals) -> tuple[Cloud, ...]:
         columns = design.columns(j, design.present(j, group.ids)[0])
         torque = (columns @ change.contrast.theta)[second]
         slides = design.states[0].robot.prismatic[j]
-        x, label = torque, along(EXPLAINED) if slides else EXPLAINED
+        x, label = torque, convert_to_sliding_unit(EXPLAINED) if slides else EXPLAINED
         if group.effect.variable is not None:
             anchor = group.joints[0] if group.effect.scope == "local" else j
             variables = [group.effect.variable(s, anchor) for s in design.states]
@@ -508,5 +530,7 @@ def clouds(search: ChangeSearch, residuals: Residuals) -> tuple[Cloud, ...]:
         ids = np.array([t.id.split("/", 1)[-1] for t in design.tracks])
         log = ids[joint.layout.log[second].astype(int)]
         residual = residuals.residuals[j][second] + torque
-        out.append(Cloud(group.effect.name, j + 1, label, x, residual, torque, log))
+        out.append(
+            FindingScatter(group.effect.name, j + 1, label, x, residual, torque, log)
+        )
     return tuple(out)

@@ -19,10 +19,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rows import EpochRows, JointColumns, JointRows
-from residual.effects import registry
-from residual.effects.base import Effect, PlacedEffect, Shape, Trait
-from residual.evidence.columns import Group
+from residual.changes.rows import EpochRows, JointRows, ProjectedColumns
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
+from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
 from residual.recording import Array
 from residual.verdict.result import Place
@@ -35,13 +35,13 @@ SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Candidate:
+class ChangeCandidate:
     """One effect that may have changed."""
 
-    group: Group  # the effect, where, and its shape
-    pieces: Mapping[int, JointColumns]  # its columns on each joint on which it acts
+    group: CandidateColumns  # the effect, where, and its shape
+    pieces: Mapping[int, ProjectedColumns]  # its columns on each joint on which it acts
     price: float  # what it costs to be one of many [nats]
-    before: Group  # what of it any arm may have had before
+    before: CandidateColumns  # what of it any arm may have had before
 
     @property
     def key(self) -> tuple:
@@ -56,7 +56,7 @@ class Candidate:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Noise:
+class JointNoise:
     """What errors of each joint are taken to be."""
 
     variance: Array  # of a row [N^2 m^2], (dof,)
@@ -73,10 +73,10 @@ class Noise:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Contrast:
+class ChangeEstimate:
     """What is known of one candidate, given the others."""
 
-    candidate: Candidate  # the candidate
+    candidate: ChangeCandidate  # the candidate
     theta: Array  # its coefficients, (k,)
     covariance: Array  # of them, blocks and unrest counted, (k, k)
     information: Array  # of the logs alone, without a prior, (k, k)
@@ -112,29 +112,29 @@ class NormalEquations:
         )
 
 
-class ContrastTable:
+class ChangeRegression:
     """All joints, and how their rows are weighed."""
 
     def __init__(
-        self, joints: Mapping[int, JointRows], blocks: int, noise: Noise
+        self, joints: Mapping[int, JointRows], blocks: int, noise: JointNoise
     ) -> None:
         """Take the joints, the number of blocks in all, and the noise."""
         self.joints, self.blocks, self.noise = joints, blocks, noise
-        self._products: dict[tuple[Candidate, Candidate, int], Array] = {}
-        self._leverage: dict[tuple[Candidate, Candidate, int], Array] = {}
+        self._products: dict[tuple[ChangeCandidate, ChangeCandidate, int], Array] = {}
+        self._leverage: dict[tuple[ChangeCandidate, ChangeCandidate, int], Array] = {}
 
     @property
     def degrees(self) -> float:
         """Degrees of freedom of what is known of the errors."""
         return self.noise.blocks + MODEL
 
-    def with_noise(self, noise: Noise) -> "ContrastTable":
+    def with_noise(self, noise: JointNoise) -> "ChangeRegression":
         """The same under other noise."""
-        out = ContrastTable(self.joints, self.blocks, noise)
+        out = ChangeRegression(self.joints, self.blocks, noise)
         out._products, out._leverage = self._products, self._leverage
         return out
 
-    def sums(self, candidates: Sequence[Candidate]) -> NormalEquations:
+    def sums(self, candidates: Sequence[ChangeCandidate]) -> NormalEquations:
         """Normal equations of some candidates at once."""
         ends = np.cumsum([0, *(len(c.group.ids) for c in candidates)])
         out = NormalEquations.empty(int(ends[-1]), self.blocks)
@@ -174,8 +174,8 @@ class ContrastTable:
         self,
         out: NormalEquations,
         j: int,
-        first: Candidate,
-        second: Candidate,
+        first: ChangeCandidate,
+        second: ChangeCandidate,
         at: slice,
         to: slice,
     ) -> None:
@@ -184,20 +184,24 @@ class ContrastTable:
         self._add(out, j, (at, to), gram, plain, lever)
         self._add(out, j, (to, at), gram.T, plain.T, lever.transpose(0, 2, 1))
 
-    def _product(self, first: Candidate, second: Candidate, j: int) -> Array:
+    def _product(
+        self, first: ChangeCandidate, second: ChangeCandidate, j: int
+    ) -> Array:
         key = first, second, j
         if key not in self._products:
             self._products[key] = first.pieces[j].columns.T @ second.pieces[j].raw
         return self._products[key]
 
-    def _levers(self, first: Candidate, second: Candidate, j: int) -> Array:
+    def _levers(self, first: ChangeCandidate, second: ChangeCandidate, j: int) -> Array:
         key = first, second, j
         if key not in self._leverage:
             pieces = first.pieces[j], second.pieces[j]
             self._leverage[key] = self.joints[j].levers(*pieces)
         return self._leverage[key]
 
-    def fits(self, every: Sequence[Candidate], named: Sequence[Candidate]) -> Array:
+    def fits(
+        self, every: Sequence[ChangeCandidate], named: Sequence[ChangeCandidate]
+    ) -> Array:
         """Evidence of each candidate by the fall of the squared error. Shape (c,).
 
         As `Contrast.fit`, without a look at single blocks.
@@ -217,16 +221,18 @@ class ContrastTable:
                 cross = cross - np.einsum("gnk,n->gk", turn, named_sums.cross)
             prior = np.stack([c.group.precision for c in members])
             price = np.array([c.price for c in members])
-            out[numbers] = log_evidence(gram, cross, prior, None) - price
+            out[numbers] = change_log_evidence(gram, cross, prior, None) - price
         return out
 
-    def _stacked(self, some: Sequence[Candidate], on) -> tuple[Array, Array]:
+    def _stacked(self, some: Sequence[ChangeCandidate], on) -> tuple[Array, Array]:
         weight = self.noise.weight
         gram = sum(weight[j] * np.stack([c.pieces[j].gram for c in some]) for j in on)
         cross = sum(weight[j] * np.stack([c.pieces[j].cross for c in some]) for j in on)
         return gram, cross
 
-    def _mixed(self, candidate: Candidate, named: Sequence[Candidate]) -> Array:
+    def _mixed(
+        self, candidate: ChangeCandidate, named: Sequence[ChangeCandidate]
+    ) -> Array:
         """Products of the given candidates with one more. Shape (n, k)."""
         parts = []
         for named_candidate in named:
@@ -239,7 +245,7 @@ class ContrastTable:
             parts.append(products)
         return np.concatenate(parts)
 
-    def theta(self, some: Sequence[Candidate]) -> list[Array]:
+    def theta(self, some: Sequence[ChangeCandidate]) -> list[Array]:
         """Coefficients of several candidates, fitted together."""
         if not some:
             return []
@@ -248,8 +254,8 @@ class ContrastTable:
         return np.split(theta, np.cumsum([len(c.group.ids) for c in some])[:-1])
 
     def contrast(
-        self, candidate: Candidate, named: Sequence[Candidate] = ()
-    ) -> Contrast:
+        self, candidate: ChangeCandidate, named: Sequence[ChangeCandidate] = ()
+    ) -> ChangeEstimate:
         """What is known of one candidate beside others."""
         sums = self.sums([*named, candidate])
         k = len(candidate.group.ids)
@@ -278,17 +284,17 @@ class ContrastTable:
         contrast = self._concluded(candidate, information, pulled, cross, beyond)
         return replace(contrast, apart=_share_apart(sums.gram, n))
 
-    def _concluded(self, candidate, information, pulled, cross, gram) -> Contrast:
+    def _concluded(self, candidate, information, pulled, cross, gram) -> ChangeEstimate:
         prior = candidate.group.precision
         covariance = np.linalg.inv(information + WIDE * prior)
-        return Contrast(
+        return ChangeEstimate(
             candidate=candidate,
             theta=covariance @ pulled,
             covariance=covariance,
             information=information,
-            nats=log_evidence(information, pulled, prior, self.degrees)
+            nats=change_log_evidence(information, pulled, prior, self.degrees)
             - candidate.price,
-            fit=log_evidence(gram, cross, prior, None) - candidate.price,
+            fit=change_log_evidence(gram, cross, prior, None) - candidate.price,
             apart=1.0,
         )
 
@@ -302,23 +308,23 @@ def _share_apart(gram: Array, n: int) -> float:
     return float(np.diag(remaining).mean())
 
 
-def log_evidence(
-    information: Array, pull: Array, prior: Array, nu: float | None
+def change_log_evidence(
+    information: Array, projection: Array, prior: Array, nu: float | None
 ) -> Array:
     """Evidence under the likeliest size of the prior, of one or of many. Shape (...).
 
     A load of a tenth of the usual is no less a load: what it costs to know ten numbers
     goes by how large they are.
     """
-    known, along = _modes(information, pull, prior)
+    known, along = _modes(information, projection, prior)
     return _mixture_evidence(known, along**2, nu)
 
 
 def expected_evidence(
-    information: Array, way: Array, prior: Array, nu: float, sizes: Array
+    information: Array, direction: Array, prior: Array, nu: float, sizes: Array
 ) -> Array:
     """The same of an effect of each size along a direction. Shape (sizes,)."""
-    known, along = _modes(information, information @ way, prior)
+    known, along = _modes(information, information @ direction, prior)
     return _mixture_evidence(known, (sizes[:, None] * along) ** 2, nu)
 
 
@@ -358,7 +364,9 @@ def _information(gram: Array, meat: Array, cross: Array) -> tuple[Array, Array]:
 # Every effect of the vocabulary that may have changed, on all joints.
 
 
-def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]]:
+def build_change_groups(
+    both: EpochRows, clocked: bool
+) -> tuple[list[CandidateColumns], list[float]]:
     """Every effect that may have changed, on each joint and in each shape.
 
     Args:
@@ -367,9 +375,9 @@ def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]
     Returns:
         The groups of columns, and what each costs as one of many [nats].
     """
-    wanted, span, live = [], both.logs.span, set(both.live)
-    for effect in registry().values():
-        if Trait.NEEDS_CLOCK in effect.traits and not clocked:
+    wanted, span, live = [], both.logs.span, set(both.analyzable_joints)
+    for effect in load_effects().values():
+        if EffectTrait.NEEDS_CLOCK in effect.traits and not clocked:
             continue
         for on in effect.candidates(both.design.dof, span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= live:
@@ -380,7 +388,7 @@ def vocabulary(both: EpochRows, clocked: bool) -> tuple[list[Group], list[float]
     variants = Counter(g.key for g in groups)
     prices = [
         float(np.log(len(variants)) + np.log(variants[g.key]))
-        + (both.rules.nats_per_link if g.effect.of_link else 0.0)
+        + (both.rules.nats_per_link if g.effect.replaces_link else 0.0)
         for g in groups
     ]
     return groups, prices
@@ -400,19 +408,25 @@ def _extend_shapes(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
     return out
 
 
-def recompute_groups(both: EpochRows, candidates: Sequence[Candidate]) -> list[Group]:
+def recompute_groups(
+    both: EpochRows, candidates: Sequence[ChangeCandidate]
+) -> list[CandidateColumns]:
     """The same groups, those that go by the model's torque seen anew."""
     groups = [c.group for c in candidates]
-    reading = [g for g in groups if Trait.USES_MODEL in g.effect.traits]
+    reading = [g for g in groups if EffectTrait.USES_MODEL in g.effect.traits]
     recomputed = iter(both.design.add([g.placed for g in reading]))
     return [
-        next(recomputed) if Trait.USES_MODEL in g.effect.traits else g for g in groups
+        next(recomputed) if EffectTrait.USES_MODEL in g.effect.traits else g
+        for g in groups
     ]
 
 
-def refine_shape(
-    both: EpochRows, joints: Mapping[int, JointRows], candidate: Candidate, width: float
-) -> list[Candidate]:
+def shift_candidate_shape(
+    both: EpochRows,
+    joints: Mapping[int, JointRows],
+    candidate: ChangeCandidate,
+    width: float,
+) -> list[ChangeCandidate]:
     """The same candidate with shapes about its own.
 
     Args:
@@ -420,7 +434,7 @@ def refine_shape(
     """
     group = candidate.group
     how = group.effect.refine
-    reach = how.half_width(group.joints, both.design.states[0].robot)
+    reach = how.compute_half_width(group.joints, both.design.states[0].robot)
     steps = width * reach * np.array([-1.0, -0.5, 0.5, 1.0])
     value = group.shape[0]
     values = value * np.exp(steps) if how.step == "ratio" else value + steps
@@ -428,18 +442,18 @@ def refine_shape(
     shapes = [(float(x), *group.shape[1:]) for x in values]
     groups = both.design.add([group.placed._replace(shape=s) for s in shapes])
     before = [candidate.before if candidate.before is not group else g for g in groups]
-    return as_candidates(
+    return build_change_candidates(
         both.design, joints, groups, [candidate.price] * len(groups), before
     )
 
 
-def as_candidates(
+def build_change_candidates(
     design: Design,
     joints: Mapping[int, JointRows],
-    groups: Sequence[Group],
+    groups: Sequence[CandidateColumns],
     prices: Sequence[float],
-    before: Sequence[Group] = (),
-) -> list[Candidate]:
+    before: Sequence[CandidateColumns] = (),
+) -> list[ChangeCandidate]:
     """Groups of the design's columns as candidates.
 
     Args:
@@ -447,7 +461,7 @@ def as_candidates(
         before: What of each may have been there before; the same where none is given.
     """
     before = before or groups
-    pieces: list[dict[int, JointColumns]] = [{} for _ in groups]
+    pieces: list[dict[int, ProjectedColumns]] = [{} for _ in groups]
     for j, joint in joints.items():
         on = [i for i, g in enumerate(groups) if design.acts(j, g)]
         if not on:
@@ -466,7 +480,7 @@ def as_candidates(
             pieces[i][j] = piece
     every = zip(groups, pieces, prices, before, strict=True)
     return [
-        Candidate(g, columns, price, before_columns)
+        ChangeCandidate(g, columns, price, before_columns)
         for g, columns, price, before_columns in every
         if columns
     ]

@@ -10,20 +10,30 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.changes.rows import EpochRows, JointFit, fit_without, joint_fit
+from residual.changes.rows import (
+    CommonModelFit,
+    EpochRows,
+    fit_common_model,
+    fit_without_changes,
+)
 from residual.changes.search import ChangeSearch, NamedChange
-from residual.effects.base import Trait
+from residual.effects.base import EffectTrait
 from residual.evidence.fit import (
     Fit,
     PossibleModel,
     SeparateTerm,
-    as_model,
-    with_possible_bodies,
+    build_fitted_model,
+    fit_possible_bodies,
 )
 from residual.evidence.priors import SCALES
-from residual.model.model import Model, Term, with_slots
-from residual.model.nominal import Logs, Nominal, begin, with_standstill
-from residual.quantity import plain
+from residual.model.model import Model, Term, pair_coefficient_slices
+from residual.model.nominal import (
+    FitLogs,
+    NominalModel,
+    choose_standstill_behaviour,
+    start_model,
+)
+from residual.quantity import convert_to_plain_values
 from residual.recording import Array
 from residual.verdict.result import Change
 
@@ -32,36 +42,40 @@ LEAST = 0.05  # of a value: less is no news
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Epoch:
+class EpochFit:
     """One epoch's fit."""
 
-    logs: Logs  # its logs
+    logs: FitLogs  # its logs
     model: Model  # the model that came out
-    joint: JointFit  # the fit behind it
+    joint: CommonModelFit  # the fit behind it
 
 
-def fit_epoch(logs: Logs, nominal: Nominal, like: Model | None = None) -> Epoch:
+def fit_epoch(
+    logs: FitLogs, nominal: NominalModel, like: Model | None = None
+) -> EpochFit:
     """Fit the logs of one epoch.
 
     Args:
         like: An earlier epoch's, to begin with: what these logs do not show is as it
             was, and so is how the arm stands.
     """
-    start = begin(logs, nominal.model if like is None else like)
+    start = start_model(logs, nominal.model if like is None else like)
     nominal = replace(nominal, model=start)
-    joint = joint_fit(logs, nominal, SCALES)
-    rough = as_model(nominal, joint.fitted)
-    rough = with_possible_bodies(joint.design, joint.fitted, rough).model
+    joint = fit_common_model(logs, nominal, SCALES)
+    rough = build_fitted_model(nominal, joint.fitted)
+    rough = fit_possible_bodies(joint.design, joint.fitted, rough).model
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
-        still = with_standstill(replace(rough, terms=tuple(kept)), logs.sketch)
+        still = choose_standstill_behaviour(
+            replace(rough, terms=tuple(kept)), logs.sketch
+        )
         rough = replace(rough, standstill=still.standstill)
-    return Epoch(logs, _with_tables(rough, nominal), joint)
+    return EpochFit(logs, _with_tables(rough, nominal), joint)
 
 
 def _brakes(term: Term) -> bool:
-    return Trait.FRICTION in term.effect.traits
+    return EffectTrait.FRICTION in term.effect.traits
 
 
 def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
@@ -78,20 +92,20 @@ def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
     return tuple(out.values())
 
 
-def augmented_model(
-    search: ChangeSearch, nominal: Nominal, like: Model
+def build_augmented_model(
+    search: ChangeSearch, nominal: NominalModel, like: Model
 ) -> PossibleModel:
     """The arm of both epochs, with what changed: warmth of all joints included.
 
     What did not change is fitted to both epochs, the second less what did: either
     epoch alone knows less of it.
     """
-    both, changed = search.both, changed_terms(search)
+    both, changed = search.both, build_changed_terms(search)
     groups = [(c.contrast.candidate.group, c.contrast.theta) for c in search.changes]
-    design, fitted, changed_torque = fit_without(both, groups)
-    rough = as_model(nominal, fitted)
+    design, fitted, changed_torque = fit_without_changes(both, groups)
+    rough = build_fitted_model(nominal, fitted)
     full_model = replace(rough, terms=(*rough.terms, *changed))
-    possible = with_possible_bodies(
+    possible = fit_possible_bodies(
         design, fitted, full_model, [_separate_term(both, c) for c in search.changes]
     )
     terms, count = possible.model.terms, len(rough.terms)
@@ -153,7 +167,7 @@ def _friction_factors(
     return out
 
 
-def _with_tables(rough: Model, nominal: Nominal) -> Model:
+def _with_tables(rough: Model, nominal: NominalModel) -> Model:
     """Move the effects that any arm has into the model's tables, without names."""
     start = nominal.model
     count = len(start.terms)
@@ -162,7 +176,7 @@ def _with_tables(rough: Model, nominal: Nominal) -> Model:
     return replace(rough, terms=terms, tables=tables)
 
 
-def changed_terms(search: ChangeSearch) -> tuple[Term, ...]:
+def build_changed_terms(search: ChangeSearch) -> tuple[Term, ...]:
     """What changed, as terms of a model."""
     out = []
     for change in search.changes:
@@ -171,8 +185,8 @@ def changed_terms(search: ChangeSearch) -> tuple[Term, ...]:
     return tuple(out)
 
 
-def values_that_changed(
-    first: Epoch, second: Epoch, search: ChangeSearch
+def compare_epoch_values(
+    first: EpochFit, second: EpochFit, search: ChangeSearch
 ) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
 
@@ -181,7 +195,7 @@ def values_that_changed(
     """
     named = {(c.group.effect.name, c.group.joints) for c in search.named}
     size = len(first.model.inertial)
-    placed = list(with_slots(first.model.terms, size))
+    placed = list(pair_coefficient_slices(first.model.terms, size))
     before, after = _covariance(first), _covariance(second)
     for (term, own), now in zip(placed, second.model.terms, strict=True):
         effect, robot = term.effect, first.model.robot
@@ -199,16 +213,16 @@ def values_that_changed(
                 name=effect.name,
                 joints=tuple(j + 1 for j in term.joints),
                 parameter=key,
-                nominal=plain(float(old_values[i])),
-                identified=plain(float(new_values[i])),
-                std=plain(float(sd[i])),
+                nominal=convert_to_plain_values(float(old_values[i])),
+                identified=convert_to_plain_values(float(new_values[i])),
+                std=convert_to_plain_values(float(sd[i])),
                 unit=unit,
-                sigma=plain(sigma),
+                sigma=convert_to_plain_values(sigma),
                 beyond=bool(beyond and abs(gap) > LEAST * abs(old_values[i])),
             )
 
 
-def _covariance(epoch: Epoch) -> Array:
+def _covariance(epoch: EpochFit) -> Array:
     return epoch.joint.fitted.covariance()
 
 

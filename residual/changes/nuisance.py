@@ -11,12 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.special import psi
 
-from residual.changes.contrast import Noise
-from residual.changes.rows import EpochRows, JointColumns, JointRows, Layout
+from residual.changes.contrast import JointNoise
+from residual.changes.rows import EpochRows, JointRows, ProjectedColumns, RowLayout
 from residual.changes.thresholds import ChangeThresholds
-from residual.evidence.columns import Group
+from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.fit import autocorrelation_time
+from residual.evidence.fit import estimate_autocorrelation_time
 from residual.recording import Array
 
 WIDEST = 3  # columns of a group that may join
@@ -31,10 +31,10 @@ FLAT = 1e-4  # of its square: a column that the nuisance has already
 # is never named: it may only make the errors smaller in which a change must be seen.
 
 
-def join_columns(
+def nuisance_columns(
     design: Design,
     j: int,
-    groups: Sequence[Group],
+    groups: Sequence[CandidateColumns],
     first: Array,
     alone: JointRows,
     rules: ChangeThresholds,
@@ -100,7 +100,7 @@ FEWEST = 50  # rows of a log that can be compared
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Warmth:
+class FrictionDrift:
     """Friction of all joints together, second epoch over first."""
 
     factor: float  # friction over that of the first epoch, less one, of all joints
@@ -121,12 +121,12 @@ class NuisanceFit:
 
     joints: Mapping[int, JointRows]  # the joints in both epochs, by number from 0
     first: Mapping[int, JointRows]  # the same in the first epoch alone
-    warmth: Warmth  # how the friction of all of them moved together
+    warmth: FrictionDrift  # how the friction of all of them moved together
 
 
-def fit_warmth(
+def fit_friction_drift(
     both: EpochRows, plain: Mapping[int, JointRows], shared: Mapping[int, Array]
-) -> Warmth:
+) -> FrictionDrift:
     """How the friction of all joints moved together.
 
     Args:
@@ -142,14 +142,16 @@ def fit_warmth(
     least = both.rules.friction_spread
     within, logs = _spread_within(both, shared)
     if usable.sum() < 3:
-        return Warmth(0.0, least, each, least, _shrink_spread(least, within, logs))
+        return FrictionDrift(
+            0.0, least, each, least, _shrink_spread(least, within, logs)
+        )
     value, spread = _weighted_median(each[usable], sd[usable])
     # Joints warm by different amounts, and few of them say by how different.
     count = usable.sum()
     spread = np.sqrt((JOINTS * least**2 + count * spread**2) / (JOINTS + count))
     std = 1.25 * float(np.sqrt(1 / (1 / (sd[usable] ** 2 + spread**2)).sum()))
     spread = max(float(spread), both.rules.warmth_spread_share * abs(value))
-    return Warmth(value, std, each, spread, _shrink_spread(spread, within, logs))
+    return FrictionDrift(value, std, each, spread, _shrink_spread(spread, within, logs))
 
 
 def _factor(
@@ -209,17 +211,19 @@ def _weighted_median(values: Array, sd: Array) -> tuple[float, float]:
     return float(middle), float(np.sqrt(max(gap**2 - np.median(sd) ** 2, 0.0)))
 
 
-def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
+def project_out_nuisance(
+    both: EpochRows, groups: Sequence[CandidateColumns]
+) -> "NuisanceFit":
     """The joints with what any arm has projected out, its warmth by log included."""
     design, rules = both.design, both.rules
     plain, shared, held, noise = {}, {}, {}, {}
-    for j in both.live:
+    for j in both.analyzable_joints:
         common_columns = design.columns(j, design.present(j, both.shared)[0])
         # By the first epoch: nothing that changed may look like a trait of the arm.
         first = ~both.layout[j].second
         joined, layout = design.target[j][first], _first_layout(both.layout[j])
         alone = JointRows(common_columns[first], joined, layout, light=True)
-        joined = join_columns(design, j, groups, first, alone, rules)
+        joined = nuisance_columns(design, j, groups, first, alone, rules)
         shared[j], noise[j] = (
             np.hstack([common_columns, joined]),
             _noise_variance(both, alone, j),
@@ -228,7 +232,7 @@ def project_joints(both: EpochRows, groups: Sequence[Group]) -> "NuisanceFit":
         firm = noise[j] / (rules.nuisance_torque_share * design.rms[j]) ** 2
         held[j] = firm * (shared[j] ** 2).mean(axis=0)
         plain[j] = JointRows(shared[j], both.residuals[j], both.layout[j], held[j])
-    warm = fit_warmth(both, plain, shared)
+    warm = fit_friction_drift(both, plain, shared)
     joints, first = {}, {}
     for j in plain:
         layout, f = both.layout[j], both.friction[j]
@@ -248,13 +252,13 @@ def _noise_variance(both: EpochRows, alone: JointRows, j: int) -> float:
     """
     line = np.zeros(len(both.layout[j].second))
     line[~both.layout[j].second] = alone.y
-    slow = max(autocorrelation_time(both.design.line(j, line)), 1.0)
+    slow = max(estimate_autocorrelation_time(both.design.line(j, line)), 1.0)
     floor = (FLOOR * both.design.rms[j]) ** 2
     return slow * (float(alone.y @ alone.y) / max(alone.degrees, 1.0) + floor)
 
 
 def _friction_by_log(
-    both: EpochRows, j: int, noise: float, warm: Warmth
+    both: EpochRows, j: int, noise: float, warm: FrictionDrift
 ) -> tuple[Array, Array]:
     """Friction of each log, its slope, that of the second epoch; how firmly it is held.
 
@@ -284,17 +288,17 @@ def _friction_by_log(
     return np.hstack(columns), noise / np.array(sd) ** 2
 
 
-def _first_layout(layout: Layout) -> Layout:
+def _first_layout(layout: RowLayout) -> RowLayout:
     rows = ~layout.second
     count = int(rows[layout.starts].sum())
-    return Layout(
+    return RowLayout(
         layout.second[rows], layout.log[rows], layout.starts[:count], layout.blocks
     )
 
 
 def measure_noise(
-    both: EpochRows, nuisance_fit: "NuisanceFit", groups: Sequence[Group]
-) -> Noise:
+    both: EpochRows, nuisance_fit: "NuisanceFit", groups: Sequence[CandidateColumns]
+) -> JointNoise:
     """What errors are, as the first epoch shows them: nothing changed within it."""
     dof = both.design.dof
     variance, slow = np.ones(dof), np.full(dof, both.rules.rows_per_independent)
@@ -306,22 +310,25 @@ def measure_noise(
         variance[j] += (FLOOR * both.design.rms[j]) ** 2
         basic = [g for g in groups if g.joints == (j,)]
         slow[j], restless[j] = _compare_logs(both, joint, basic, float(variance[j]))
-    return Noise(variance, slow, restless, float(np.median(fewest or [1.0])))
+    return JointNoise(variance, slow, restless, float(np.median(fewest or [1.0])))
 
 
-def basic_groups(groups: Sequence[Group]) -> list[Group]:
+def select_basic_groups(groups: Sequence[CandidateColumns]) -> list[CandidateColumns]:
     """What logs are compared by."""
-    return [g for g in groups if is_basic(g)]
+    return [g for g in groups if is_single_column_group(g)]
 
 
-def is_basic(group: Group) -> bool:
+def is_single_column_group(group: CandidateColumns) -> bool:
     """Whether it is one column on one joint, without a shape."""
     local = group.effect.scope == "local"
     return local and group.shape == () and len(group.ids) == 1
 
 
 def _compare_logs(
-    both: EpochRows, joint: JointRows, groups: Sequence[Group], variance: float
+    both: EpochRows,
+    joint: JointRows,
+    groups: Sequence[CandidateColumns],
+    variance: float,
 ) -> tuple[float, float]:
     """Rows that are as good as one, and by how much logs differ beyond that.
 
@@ -350,7 +357,7 @@ def _compare_logs(
     return max(float(np.median(slow)), 1.0), max(least, float(np.sqrt(np.mean(kept))))
 
 
-def _ratio(piece: JointColumns, variance: float) -> tuple[float, float]:
+def _ratio(piece: ProjectedColumns, variance: float) -> tuple[float, float]:
     """Rows per independent row, and a squared normal score, of one contrast."""
     gram, plain = float(piece.gram[0, 0]), float(piece.plain[0, 0])
     lever, theta = piece.lever[:, 0, 0], float(piece.cross[0]) / gram
@@ -364,7 +371,7 @@ def _ratio(piece: JointColumns, variance: float) -> tuple[float, float]:
     return power / plain / variance, float(square / usual)
 
 
-def _parts(layout: Layout, parts: int) -> tuple[list[Array], bool]:
+def _parts(layout: RowLayout, parts: int) -> tuple[list[Array], bool]:
     """Rows of each log, or of parts where logs are few; whether they are few."""
     logs = [layout.log == i for i in np.unique(layout.log)]
     logs = [x for x in logs if x.sum() >= FEWEST]

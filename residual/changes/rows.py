@@ -13,22 +13,28 @@ from itertools import pairwise
 import numpy as np
 
 from residual.changes.thresholds import ChangeThresholds
-from residual.effects import registry
-from residual.effects.base import PlacedEffect, Trait
-from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, as_model, fit, settle
-from residual.evidence.priors import relative_prior
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait, PlacedEffect
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import (
+    Fit,
+    NominalPrior,
+    build_fitted_model,
+    fit_jointly,
+    refit_effective_rows,
+)
+from residual.evidence.priors import build_relative_prior
 from residual.model.model import Model, Term
-from residual.model.nominal import Logs, Nominal
+from residual.model.nominal import FitLogs, NominalModel
 from residual.recording import Array
-from residual.signals.splitting import logs_of
+from residual.signals.splitting import group_pieces_by_log
 
 LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
 FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Layout:
+class RowLayout:
     """Where each row of one joint comes from; rows follow each other in time."""
 
     second: Array  # it is of the second epoch. Shape (rows,), bool
@@ -49,23 +55,23 @@ class EpochRows:
 
     # Columns of the nominal model, of the shared nuisance and of candidates.
     design: Design
-    logs: Logs  # all logs, those of the first epoch first
+    logs: FitLogs  # all logs, those of the first epoch first
     first: int  # number of logs of the first epoch
     shared: Array  # column numbers of the nuisance, the nominal model's among them
-    common: tuple[Group, ...]  # its effects beside the nominal model's
+    common: tuple[CandidateColumns, ...]  # its effects beside the nominal model's
     # Those of its effects, last among the columns, that go by the torque that a gear
     # carries.
-    loaded: tuple[Group, ...]
+    loaded: tuple[CandidateColumns, ...]
     # Torque that the joint fit leaves of each joint [N m], (rows,).
     residuals: tuple[Array, ...]
     # Torque of all friction of the joint fit on each joint's rows [N m].
     friction: tuple[Array, ...]
-    layout: tuple[Layout, ...]  # of each joint
+    layout: tuple[RowLayout, ...]  # of each joint
     blocks: int  # number of blocks
     rules: ChangeThresholds  # thresholds
     fitted: Fit  # the joint fit of one arm to both epochs
     model: Model  # the same as a model
-    prior: Prior  # of its nominal coefficients
+    prior: NominalPrior  # of its nominal coefficients
     # Torque on each joint of what is known to have changed on all of them [N m], on
     # rows of the second epoch. Shapes (rows,); empty without one.
     changed: tuple[Array, ...] = ()
@@ -73,10 +79,10 @@ class EpochRows:
     @property
     def first_logs(self) -> int:
         """How many logs the first epoch has; pieces of one count once."""
-        return len(logs_of([t.id for t in self.logs.tracks[: self.first]]))
+        return len(group_pieces_by_log([t.id for t in self.logs.tracks[: self.first]]))
 
     @property
-    def live(self) -> list[int]:
+    def analyzable_joints(self) -> list[int]:
         """Joints with rows enough in both epochs."""
         return [
             j
@@ -86,16 +92,18 @@ class EpochRows:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class JointFit:
+class CommonModelFit:
     """One arm fitted to logs, with all that any arm has a little of."""
 
     design: Design  # the columns
     fitted: Fit  # the fit
-    common: tuple[Group, ...]  # its effects beside the nominal model's
-    prior: Prior  # of the nominal coefficients
+    common: tuple[CandidateColumns, ...]  # its effects beside the nominal model's
+    prior: NominalPrior  # of the nominal coefficients
 
 
-def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit:
+def fit_common_model(
+    logs: FitLogs, nominal: NominalModel, scales: Sequence[float]
+) -> CommonModelFit:
     """Fit one arm to logs: its model, and what any arm has a little of.
 
     How far the bodies are from the model's, and how little of the rest there is, the
@@ -103,22 +111,24 @@ def joint_fit(logs: Logs, nominal: Nominal, scales: Sequence[float]) -> JointFit
     """
     design = Design(logs.tracks, nominal.model)
     own_features, loaded = _common_effects(logs, nominal.model)
-    prior = relative_prior(design, nominal, LOOSE)
+    prior = build_relative_prior(design, nominal, LOOSE)
     groups = design.add(own_features)
-    design.show_torque(as_model(nominal, _fit(design, prior, groups)))
+    design.set_torque_model(build_fitted_model(nominal, _fit(design, prior, groups)))
     groups = (*groups, *design.add(loaded))
     fits = [
-        JointFit(design, _fit(design, prior, firm_groups), tuple(firm_groups), prior)
-        for prior in (relative_prior(design, nominal, scale) for scale in scales)
+        CommonModelFit(
+            design, _fit(design, prior, firm_groups), tuple(firm_groups), prior
+        )
+        for prior in (build_relative_prior(design, nominal, scale) for scale in scales)
         for firm_groups in (
-            [g.times_as_precise(times) for g in groups] for times in FIRM
+            [g.scale_precision(times) for g in groups] for times in FIRM
         )
     ]
     return max(fits, key=lambda own: own.fitted.score)
 
 
-def both_epochs(
-    logs: Logs, first: int, nominal: Nominal, rules: ChangeThresholds
+def build_epoch_rows(
+    logs: FitLogs, first: int, nominal: NominalModel, rules: ChangeThresholds
 ) -> EpochRows:
     """Build the rows of both epochs, without candidates.
 
@@ -126,10 +136,10 @@ def both_epochs(
         logs: Logs of the first epoch, then those of the second.
         nominal: The model that the arm is said to have, adopted effects included.
     """
-    joint = joint_fit(logs, nominal, (LOOSE,))
+    joint = fit_common_model(logs, nominal, (LOOSE,))
     design, fitted, common = joint.design, joint.fitted, joint.common
-    model = as_model(nominal, fitted)
-    design.show_torque(model)
+    model = build_fitted_model(nominal, fitted)
+    design.set_torque_model(model)
     layout, blocks = _layout(logs, first, design, rules.block_seconds)
     ids = [design.nominal, *(g.ids for g in common)]
     return EpochRows(
@@ -138,7 +148,7 @@ def both_epochs(
         first=first,
         shared=np.concatenate(ids),
         common=tuple(common),
-        loaded=tuple(g for g in common if Trait.USES_MODEL in g.effect.traits),
+        loaded=tuple(g for g in common if EffectTrait.USES_MODEL in g.effect.traits),
         residuals=_residuals(design, fitted),
         friction=_friction(design, fitted, nominal, common),
         layout=layout,
@@ -150,8 +160,8 @@ def both_epochs(
     )
 
 
-def after_change(
-    both: EpochRows, changed: Sequence[tuple[Group, Array]], press: bool
+def account_for_changes(
+    both: EpochRows, changed: Sequence[tuple[CandidateColumns, Array]], press: bool
 ) -> EpochRows:
     """The same rows beside what is known to have changed.
 
@@ -164,7 +174,7 @@ def after_change(
     if press:
         both = _with_changed_loads(both, changed)
     design = both.design
-    _, fitted, _ = fit_without(both, changed)
+    _, fitted, _ = fit_without_changes(both, changed)
     wide = [(g, theta) for g, theta in changed if g.effect.scope != "local"]
     torques = [
         own.second * _torque(design, j, wide) for j, own in enumerate(both.layout)
@@ -176,8 +186,8 @@ def after_change(
     )
 
 
-def fit_without(
-    both: EpochRows, changed: Sequence[tuple[Group, Array]]
+def fit_without_changes(
+    both: EpochRows, changed: Sequence[tuple[CandidateColumns, Array]]
 ) -> tuple[Design, Fit, tuple[Array, ...]]:
     """The joint fit of one arm, the second epoch without what changed.
 
@@ -194,7 +204,9 @@ def fit_without(
     return remaining, _fit(remaining, both.prior, both.common), torques
 
 
-def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> Array:
+def _torque(
+    design: Design, j: int, changed: Sequence[tuple[CandidateColumns, Array]]
+) -> Array:
     """Torque of changes on the rows of a joint, in both epochs. Shape (rows,)."""
     out = np.zeros(len(design.target[j]))
     for group, theta in changed:
@@ -205,19 +217,19 @@ def _torque(design: Design, j: int, changed: Sequence[tuple[Group, Array]]) -> A
 
 
 def _with_changed_loads(
-    both: EpochRows, changed: Sequence[tuple[Group, Array]]
+    both: EpochRows, changed: Sequence[tuple[CandidateColumns, Array]]
 ) -> EpochRows:
     """Rows with the second epoch seen by the changed model."""
     terms = [
         Term(g.effect, g.joints, g.shape, theta)
         for g, theta in changed
-        if Trait.PARAMETER in g.effect.traits
+        if EffectTrait.PARAMETER in g.effect.traits
     ]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
     body = replace(both.model, terms=tuple(bodies)).loaded()
     seen = replace(both.model, inertial=body, terms=(*both.model.terms, *others))
-    both.design.show_states(
+    both.design.set_states(
         [
             (both.model if i < both.first else seen).observe(track)
             for i, track in enumerate(both.logs.tracks)
@@ -238,26 +250,33 @@ def _residuals(design: Design, fitted: Fit) -> tuple[Array, ...]:
 
 
 def _common_effects(
-    logs: Logs, model: Model
+    logs: FitLogs, model: Model
 ) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
     """Effects that any arm has: those without and with the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
-    for effect in registry().values():
+    for effect in load_effects().values():
         for joints in effect.candidates(model.robot.dof, model.robot.prismatic):
             for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
                 if (effect.name, joints, shape) not in has:
-                    kind = out[Trait.USES_MODEL in effect.traits]
+                    kind = out[EffectTrait.USES_MODEL in effect.traits]
                     kind.append(PlacedEffect(effect, joints, shape))
     return out
 
 
-def _fit(design: Design, prior: Prior, groups: Sequence[Group]) -> Fit:
-    return settle(design, prior, fit(design, prior, groups, design.rows / 5, rounds=4))
+def _fit(
+    design: Design, prior: NominalPrior, groups: Sequence[CandidateColumns]
+) -> Fit:
+    return refit_effective_rows(
+        design, prior, fit_jointly(design, prior, groups, design.rows / 5, rounds=4)
+    )
 
 
 def _friction(
-    design: Design, fitted: Fit, nominal: Nominal, groups: Sequence[Group]
+    design: Design,
+    fitted: Fit,
+    nominal: NominalModel,
+    groups: Sequence[CandidateColumns],
 ) -> tuple[Array, ...]:
     """Friction torque of the joint fit, per joint. Shapes (rows,)."""
     values = fitted.theta.copy()
@@ -269,7 +288,7 @@ def _friction(
         *((t.effect, len(t.theta)) for t in nominal.model.terms),
         *((g.effect, len(g.ids)) for g in groups),
     ]:
-        if Trait.FRICTION in effect.traits:
+        if EffectTrait.FRICTION in effect.traits:
             braking += range(start, start + count)
         start += count
     ids, values = fitted.ids[braking], values[braking]
@@ -281,8 +300,8 @@ def _friction(
 
 
 def _layout(
-    logs: Logs, first: int, design: Design, block: float
-) -> tuple[tuple[Layout, ...], int]:
+    logs: FitLogs, first: int, design: Design, block: float
+) -> tuple[tuple[RowLayout, ...], int]:
     labels, second, number, total = [], [], [], 0
     for i, track in enumerate(logs.tracks):
         t = np.arange(len(track.tau)) * track.step / track.rate
@@ -295,7 +314,7 @@ def _layout(
     out = []
     for is_second, log, label in zip(*stacks, strict=True):
         blocks, starts = np.unique(label, return_index=True)
-        out.append(Layout(is_second.astype(bool), log, starts, blocks))
+        out.append(RowLayout(is_second.astype(bool), log, starts, blocks))
     return tuple(out), total
 
 
@@ -312,7 +331,7 @@ OWN = 1e-3  # of a column's square: below, the nuisance has it already
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class JointColumns:
+class ProjectedColumns:
     """Columns of one candidate on one joint, sums over the rows of each block.
 
     With a nuisance that is held to what is usual, generalised least squares has two
@@ -344,7 +363,7 @@ class JointRows:
         self,
         shared: Array,
         y: Array,
-        layout: Layout,
+        layout: RowLayout,
         precisions: Array | None = None,
         light: bool = False,
     ) -> None:
@@ -400,7 +419,7 @@ class JointRows:
         mask: Array,
         sizes: Sequence[int],
         before: Array | None = None,
-    ) -> list[JointColumns]:
+    ) -> list[ProjectedColumns]:
         """Candidates that act on some rows only, and may have been there before.
 
         Args:
@@ -433,9 +452,9 @@ class JointRows:
 
     def _piece(
         self, projected: Array, lifted: Array, raw: Array, y: Array
-    ) -> JointColumns:
+    ) -> ProjectedColumns:
         gram = raw.T @ projected
-        return JointColumns(
+        return ProjectedColumns(
             columns=projected,
             lifted=lifted,
             raw=raw,
@@ -449,6 +468,6 @@ class JointRows:
     def _sums(self, values: Array) -> Array:
         return np.add.reduceat(values, self.layout.starts, axis=0)
 
-    def levers(self, first: JointColumns, second: JointColumns) -> Array:
+    def levers(self, first: ProjectedColumns, second: ProjectedColumns) -> Array:
         """Products of two candidates by block. Shape (blocks, k, l)."""
         return self._sums(first.columns[:, :, None] * second.lifted[:, None, :])

@@ -6,24 +6,24 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.changes.contrast import (
-    Candidate,
-    Contrast,
-    ContrastTable,
-    as_candidates,
+    ChangeCandidate,
+    ChangeEstimate,
+    ChangeRegression,
+    build_change_candidates,
+    build_change_groups,
     recompute_groups,
-    refine_shape,
-    vocabulary,
+    shift_candidate_shape,
 )
 from residual.changes.nuisance import (
-    Warmth,
-    basic_groups,
-    is_basic,
+    FrictionDrift,
+    is_single_column_group,
     measure_noise,
-    project_joints,
+    project_out_nuisance,
+    select_basic_groups,
 )
-from residual.changes.rows import EpochRows, JointRows, after_change
-from residual.effects.base import Trait, against_position
-from residual.evidence.fit import limits_of
+from residual.changes.rows import EpochRows, JointRows, account_for_changes
+from residual.effects.base import EffectTrait, against_position
+from residual.evidence.fit import find_group_limits
 from residual.recording import Array
 from residual.verdict.result import Place
 
@@ -47,10 +47,10 @@ class NamedChange:
         probability: Of its class against all other names.
     """
 
-    contrast: Contrast
+    contrast: ChangeEstimate
     share: float
     joint: int
-    equivalent: tuple[Candidate, ...]
+    equivalent: tuple[ChangeCandidate, ...]
     probability: float
 
     @property
@@ -64,16 +64,16 @@ class ChangeSearch:
     """What the rows of both epochs say."""
 
     both: EpochRows  # the rows
-    table: ContrastTable  # the joints and their noise, beside what was found
-    every: tuple[Candidate, ...]  # all candidates
+    table: ChangeRegression  # the joints and their noise, beside what was found
+    every: tuple[ChangeCandidate, ...]  # all candidates
     changes: tuple[NamedChange, ...]  # what is named, most torque first
-    warmth: Warmth  # friction of all joints together
+    warmth: FrictionDrift  # friction of all joints together
     refuted: tuple[NamedChange, ...] = ()  # what held-out logs speak against
     # Bodies that fell, since no body can be what the logs make of them.
-    bodiless: tuple[NamedChange, ...] = ()
+    without_body: tuple[NamedChange, ...] = ()
 
     @property
-    def named(self) -> list[Candidate]:
+    def named(self) -> list[ChangeCandidate]:
         """The candidates that are named."""
         return [c.contrast.candidate for c in self.changes]
 
@@ -81,13 +81,16 @@ class ChangeSearch:
         """The same without some of the named changes."""
         return replace(self, changes=tuple(c for c in self.changes if c not in gone))
 
-    def share(self, candidate: Candidate, theta: Array) -> tuple[float, int]:
+    def share(self, candidate: ChangeCandidate, theta: Array) -> tuple[float, int]:
         """As `share_of`."""
-        return share_of(self.both, self.table.joints, candidate, theta)
+        return change_torque_share(self.both, self.table.joints, candidate, theta)
 
 
-def share_of(
-    both: EpochRows, joints: Mapping[int, JointRows], candidate: Candidate, theta: Array
+def change_torque_share(
+    both: EpochRows,
+    joints: Mapping[int, JointRows],
+    candidate: ChangeCandidate,
+    theta: Array,
 ) -> tuple[float, int]:
     """Largest torque of a change on the second epoch's rows, of the joint's rms.
 
@@ -111,32 +114,35 @@ def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
     Args:
         clocked: Whether the order of each epoch's logs in time is known.
     """
-    groups, prices = vocabulary(both, clocked)
-    nuisance = project_joints(both, groups)
-    noise = measure_noise(both, nuisance, basic_groups(groups))
-    every = as_candidates(both.design, nuisance.joints, groups, prices)
+    groups, prices = build_change_groups(both, clocked)
+    nuisance = project_out_nuisance(both, groups)
+    noise = measure_noise(both, nuisance, select_basic_groups(groups))
+    every = build_change_candidates(both.design, nuisance.joints, groups, prices)
     look = _Searcher(
-        both, nuisance.joints, every, ContrastTable(nuisance.joints, both.blocks, noise)
+        both,
+        nuisance.joints,
+        every,
+        ChangeRegression(nuisance.joints, both.blocks, noise),
     )
     # What presses on the gears comes before anything that goes by that.
     named = look.search([], most=1)
     changed, press = _large_changes(look, named)
     if changed:
         # The joint fit, and columns that depend on the torque, see it from here on.
-        both = after_change(both, changed, press)
+        both = account_for_changes(both, changed, press)
         groups_before = [c.group for c in look.every]
         groups = recompute_groups(both, look.every) if press else groups_before
         prices = [c.price for c in look.every]
-        nuisance = project_joints(both, groups_before)
-        noise = measure_noise(both, nuisance, basic_groups(groups_before))
-        every = as_candidates(
+        nuisance = project_out_nuisance(both, groups_before)
+        noise = measure_noise(both, nuisance, select_basic_groups(groups_before))
+        every = build_change_candidates(
             both.design, nuisance.joints, groups, prices, groups_before
         )
         look = _Searcher(
             both,
             nuisance.joints,
             every,
-            ContrastTable(nuisance.joints, both.blocks, noise),
+            ChangeRegression(nuisance.joints, both.blocks, noise),
         )
         named = look.same_keys(named)
     named = look.search(named, both.rules.max_changes)
@@ -147,12 +153,14 @@ def search_changes(both: EpochRows, clocked: bool) -> ChangeSearch:
     )
 
 
-def _large_changes(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list, bool]:
+def _large_changes(
+    look: "_Searcher", named: Sequence[ChangeCandidate]
+) -> tuple[list, bool]:
     """Changes that shift the joint fit or the load of the gears."""
     thetas = look.table.theta(named)
     every = [(c.group, theta) for c, theta in zip(named, thetas, strict=True)]
     shares = [
-        share_of(look.both, look.joints, c, t)[0]
+        change_torque_share(look.both, look.joints, c, t)[0]
         for c, t in zip(named, thetas, strict=True)
     ]
     if max(shares, default=0.0) < look.both.rules.large_torque_share:
@@ -160,17 +168,17 @@ def _large_changes(look: "_Searcher", named: Sequence[Candidate]) -> tuple[list,
     return every, any(g.effect.carries == "body" for g, _ in every)
 
 
-def _formless(named: Sequence[Candidate]) -> list[Candidate]:
+def _formless(named: Sequence[ChangeCandidate]) -> list[ChangeCandidate]:
     """Names that only together draw one curve over the position of a joint.
 
     A joint that has a spring at once and a balancer has neither: a stop or a cable,
     which has no name here.
     """
-    curves: dict[int, list[Candidate]] = {}
+    curves: dict[int, list[ChangeCandidate]] = {}
     for c in named:
         effect = c.group.effect
         if effect.variable is against_position and not (
-            effect.traits & (Trait.PERIODIC | Trait.FRICTION)
+            effect.traits & (EffectTrait.PERIODIC | EffectTrait.FRICTION)
         ):
             curves.setdefault(c.group.joints[0], []).append(c)
     return [c for own in curves.values() if len(own) > 1 for c in own]
@@ -183,15 +191,15 @@ class _Searcher:
         self,
         both: EpochRows,
         joints: Mapping[int, JointRows],
-        every: Sequence[Candidate],
-        table: ContrastTable,
+        every: Sequence[ChangeCandidate],
+        table: ChangeRegression,
     ) -> None:
         self.both, self.joints, self.table = both, joints, table
         self.every = list(every)
         self._start = table.noise
-        self._refined: set[Candidate] = set()
+        self._refined: set[ChangeCandidate] = set()
 
-    def search(self, named: list[Candidate], most: int) -> list[Candidate]:
+    def search(self, named: list[ChangeCandidate], most: int) -> list[ChangeCandidate]:
         """Add, swap and drop names until nothing is gained."""
         named = self._improve(list(named)) if named else []
         while len(named) < most:
@@ -207,15 +215,15 @@ class _Searcher:
             self.settle(named)
         return named
 
-    def same_keys(self, named: Sequence[Candidate]) -> list[Candidate]:
+    def same_keys(self, named: Sequence[ChangeCandidate]) -> list[ChangeCandidate]:
         """The candidates of the same keys, with the likeliest shape."""
-        out: list[Candidate] = []
+        out: list[ChangeCandidate] = []
         for candidate in named:
             shapes = [c for c in self.every if c.key == candidate.key]
             out += [shapes[int(np.argmax(self.table.fits(shapes, out)))]]
         return out
 
-    def settle(self, named: Sequence[Candidate]) -> None:
+    def settle(self, named: Sequence[ChangeCandidate]) -> None:
         """Size of the errors of every joint beside what is named.
 
         No smaller than in the first epoch: what is left may be more than noise.
@@ -231,7 +239,7 @@ class _Searcher:
             variance[j] = max(variance[j], own)
         self.table = self.table.with_noise(replace(self._start, variance=variance))
 
-    def looks(self, named: Sequence[Candidate]) -> list[Contrast]:
+    def looks(self, named: Sequence[ChangeCandidate]) -> list[ChangeEstimate]:
         """What is known of the likeliest candidates beside others, one of each key."""
         keys = {c.key for c in named}
         others = [c for c in self.every if c.key not in keys]
@@ -243,7 +251,7 @@ class _Searcher:
         contrasts = [self.table.contrast(others[i], named) for i in indices[:MANY]]
         return [x for x in contrasts if self._possible(x)]
 
-    def _next(self, named: list[Candidate]) -> Candidate | None:
+    def _next(self, named: list[ChangeCandidate]) -> ChangeCandidate | None:
         """The best further candidate; None where no one passes."""
         rules = self.both.rules
         looks = self._with_refined(self.looks(named), named)
@@ -265,7 +273,7 @@ class _Searcher:
         self.settle([*named, best])
         return best
 
-    def _least(self, named: Sequence[Candidate]) -> float:
+    def _least(self, named: Sequence[ChangeCandidate]) -> float:
         """Least torque share of a further change."""
         pairs = zip(named, self.table.theta(named), strict=True)
         top = max((self.share(c, theta) for c, theta in pairs), default=0.0)
@@ -273,7 +281,7 @@ class _Searcher:
             self.both.rules.min_torque_share, self.both.rules.min_share_of_largest * top
         )
 
-    def _simplest(self, looks: Sequence[Contrast]) -> Candidate:
+    def _simplest(self, looks: Sequence[ChangeEstimate]) -> ChangeCandidate:
         """The simplest of the candidates within the tie of the best."""
         rules, top = self.both.rules, max(x.fit for x in looks)
         # No column is quite what an arm does: the more evidence, the more that counts.
@@ -281,7 +289,7 @@ class _Searcher:
             x for x in looks if top - x.fit < rules.tie_nats + rules.crude_share * top
         ]
 
-        def rank(x: Contrast) -> tuple:
+        def rank(x: ChangeEstimate) -> tuple:
             group = x.candidate.group
             return (
                 group.effect.far_fetched > 0,
@@ -292,10 +300,10 @@ class _Searcher:
         return min(near, key=rank).candidate
 
     def _with_refined(
-        self, looks: list[Contrast], named: Sequence[Candidate]
-    ) -> list[Contrast]:
+        self, looks: list[ChangeEstimate], named: Sequence[ChangeCandidate]
+    ) -> list[ChangeEstimate]:
         """Add refined shapes of the best candidates."""
-        best: dict[tuple, Contrast] = {}
+        best: dict[tuple, ChangeEstimate] = {}
         for x in looks:
             if x.candidate.group.effect.refine:
                 old = best.get(x.candidate.key)
@@ -310,7 +318,9 @@ class _Searcher:
             for width in WIDTHS:
                 if look.candidate in self._refined:
                     break
-                tried = refine_shape(self.both, self.joints, look.candidate, width)
+                tried = shift_candidate_shape(
+                    self.both, self.joints, look.candidate, width
+                )
                 self._refined.add(look.candidate)
                 self.every += tried
                 fresh = [self.table.contrast(c, named) for c in tried]
@@ -321,7 +331,7 @@ class _Searcher:
             self._refined.add(look.candidate)
         return out
 
-    def _plainer(self, named: list[Candidate]) -> list[Candidate]:
+    def _plainer(self, named: list[ChangeCandidate]) -> list[ChangeCandidate]:
         """The last name as two plain ones of its joint, where they say more.
 
         More friction is a level and a slope; between the two lies many a curve.
@@ -333,9 +343,9 @@ class _Searcher:
         plain = [
             c
             for c in self.every
-            if c.group.joints == last.group.joints and is_basic(c.group)
+            if c.group.joints == last.group.joints and is_single_column_group(c.group)
         ]
-        pair: list[Candidate] = []
+        pair: list[ChangeCandidate] = []
         worth = -float(self.table.fits([last], others)[0])
         for _ in range(2):
             fits = self.table.fits(plain, [*others, *pair])
@@ -346,7 +356,7 @@ class _Searcher:
         self.settle([*others, *pair])
         return [*others, *pair]
 
-    def _improve(self, named: list[Candidate]) -> list[Candidate]:
+    def _improve(self, named: list[ChangeCandidate]) -> list[ChangeCandidate]:
         for _ in range(3):
             before = list(named)
             for i, candidate in enumerate(named):
@@ -359,7 +369,7 @@ class _Searcher:
             self.settle(named)
         return named
 
-    def _prune(self, named: list[Candidate]) -> list[Candidate]:
+    def _prune(self, named: list[ChangeCandidate]) -> list[ChangeCandidate]:
         rules = self.both.rules
         while named:
             looks = [
@@ -375,7 +385,7 @@ class _Searcher:
             self.settle(named)
         return named
 
-    def _possible(self, look: Contrast) -> bool:
+    def _possible(self, look: ChangeEstimate) -> bool:
         """Whether an arm can have changed so, beside what is named.
 
         Of what any arm has a little of there may be more or less than before: how much
@@ -384,22 +394,24 @@ class _Searcher:
         group, both = look.candidate.group, self.both
         if look.apart < APART:
             return False
-        limits = limits_of(both.design, both.fitted, group)
+        limits = find_group_limits(both.design, both.fitted, group)
         thetas = [look.theta]
         if group.effect.scope == "flange":  # a load may go as well as come
             thetas.append(-look.theta)
         anchor = group.joints[0] if group.joints else 0
         if group.effect.in_any_arm(both.logs.span, anchor):
-            limits = replace(limits, had=np.zeros_like(limits.had))
+            limits = replace(
+                limits, nominal_coefficients=np.zeros_like(limits.nominal_coefficients)
+            )
             thetas.append(-look.theta)
         return any(group.effect.possible(x, group.shape, limits) for x in thetas)
 
-    def share(self, candidate: Candidate, theta: Array) -> float:
+    def share(self, candidate: ChangeCandidate, theta: Array) -> float:
         """Largest torque of a change, as a share of the joint's."""
-        return share_of(self.both, self.joints, candidate, theta)[0]
+        return change_torque_share(self.both, self.joints, candidate, theta)[0]
 
     def conclude(
-        self, change_candidate: Candidate, named: Sequence[Candidate]
+        self, change_candidate: ChangeCandidate, named: Sequence[ChangeCandidate]
     ) -> NamedChange:
         """What is to be said of one name, beside the others."""
         others = [c for c in named if c is not change_candidate]
@@ -419,7 +431,9 @@ class _Searcher:
         }
         top = max(x.fit for x in best.values())
         odds = {k: float(np.exp(x.fit - top)) for k, x in best.items()}
-        share, joint = share_of(self.both, self.joints, change_candidate, mine.theta)
+        share, joint = change_torque_share(
+            self.both, self.joints, change_candidate, mine.theta
+        )
         return NamedChange(
             contrast=mine,
             share=share,

@@ -5,42 +5,47 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.check.column_reading import (
+    ColumnReading,
+    apply_reading,
+    build_given_reading,
+    compute_reading_odds,
+    find_misread_columns,
+    find_wrong_robot,
+)
 from residual.check.kinematics import (
-    degrees,
-    no_clock,
-    out_of_range,
-    time_unit,
-    uneven,
-    velocity_faults,
-    zero_explains,
+    explains_by_zero_shift,
+    find_impossible_sample_rate,
+    find_joints_in_degrees,
+    find_limit_violations,
+    find_time_unit,
+    find_uneven_time_steps,
+    find_velocity_faults,
 )
-from residual.check.motion import Motion, thin_rows
-from residual.check.mounting import REMOVED, nats_of, other_gravity
-from residual.check.reading import (
-    Reading,
-    as_given,
-    misread,
-    odds_of,
-    read_by,
-    wrong_robot,
+from residual.check.mounting import REMOVED, compute_body_evidence, find_mounting_fault
+from residual.check.physics_columns import CheckMotion, filter_check_motion
+from residual.check.result import MOUNTING, Fault, LogCheck, Repair, list_true_joints
+from residual.check.sample_faults import (
+    find_constant_angles,
+    find_encoder_wraps,
+    find_frozen_signals,
+    find_spikes,
+    scale_signal,
+    smooth_spikes,
 )
-from residual.check.reported import commanded, shares_of, torque_factors, unit_fault
-from residual.check.result import MOUNTING, Fault, LogCheck, Repair, joints_of
-from residual.check.samples import (
-    constant,
-    spikes,
-    standing,
-    with_scale,
-    without_spikes,
-    wraps,
-)
-from residual.check.slips import Slips, slips
 from residual.check.thresholds import CHECK
-from residual.errors import InputError, listed
+from residual.check.torque_shares import (
+    build_torque_unit_fault,
+    compute_torque_factors,
+    find_commanded_torque,
+    fit_nominal_shares,
+)
+from residual.check.torque_slips import TorqueSlips, find_torque_slips
+from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.dynamics import joints_length
-from residual.robot.robot import Robot, placeholders, with_real_limits
-from residual.signals.splitting import sketch_of
+from residual.robot.dynamics import compute_last_joint_distance
+from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
+from residual.signals.splitting import pick_spread_pieces
 
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
@@ -62,38 +67,38 @@ def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
                 f"A placeholder: {words}; the other joints' limits are like it. They "
                 "are not checked; give the real ones in robot.toml, [joints].",
             )
-            for words in placeholders(robot, recordings).values()
+            for words in find_placeholder_limits(robot, recordings).values()
         ]
-        robot = with_real_limits(robot, recordings)
+        robot = drop_placeholder_limits(robot, recordings)
         faults += _faults(robot, recordings)
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
 def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    single = [(r, spikes(r)) for r in recordings]
+    single = [(r, find_spikes(r)) for r in recordings]
     faults = [fault for _, found in single for fault in found]
-    logs = [without_spikes(r) if found else r for r, found in single]
-    clock = time_unit(robot, logs)
+    logs = [smooth_spikes(r) if found else r for r, found in single]
+    clock = find_time_unit(robot, logs)
     if clock is not None:
         faults.append(clock)
-        logs = [with_scale(r, "t", clock.repairs[0].scale) for r in logs]
-    if unusable := no_clock(logs):
+        logs = [scale_signal(r, "t", clock.repairs[0].scale) for r in logs]
+    if unusable := find_impossible_sample_rate(logs):
         return faults + unusable
-    wrapped = [fault for log in logs for fault in wraps(log, robot)]
+    wrapped = [fault for log in logs for fault in find_encoder_wraps(log, robot)]
     if wrapped:
         return faults + wrapped
-    dead = [fault for log in logs for fault in constant(robot, log)]
+    dead = [fault for log in logs for fault in find_constant_angles(robot, log)]
     for log in logs:
-        faults += uneven(log) + standing(log)
-    speeds = _with_references(velocity_faults(logs), logs)
+        faults += find_uneven_time_steps(log) + find_frozen_signals(log)
+    speeds = _with_references(find_velocity_faults(logs), logs)
     # Mend units of time and angle that the velocities gave away.
     for repair in (r for fault in speeds for r in fault.repairs):
         if repair.signal in ("t", "q", "q_ref") and isinstance(repair.scale, float):
-            logs = [with_scale(r, repair.signal, repair.scale) for r in logs]
-    turned = degrees(robot, logs)
+            logs = [scale_signal(r, repair.signal, repair.scale) for r in logs]
+    turned = find_joints_in_degrees(robot, logs)
     if turned or dead:
         # Nothing more is known of an arm without one of its angles.
-        return faults + dead + carried(turned, speeds, logs)
+        return faults + dead + extend_repairs_to_velocities(turned, speeds, logs)
     return faults + _of_the_arm(robot, logs, speeds)
 
 
@@ -106,36 +111,36 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, whole = file_faults(robot), logs
-    logs = sketch_of(logs)
-    motion = thin_rows(logs)
-    faults += enough(logs, motion)
+    faults, whole = find_robot_file_faults(robot), logs
+    logs = pick_spread_pieces(logs)
+    motion = filter_check_motion(logs)
+    faults += find_insufficient_motion(logs, motion)
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
-    columns, reading = misread(robot, motion)
-    slipped, mounted = slips(robot, motion), None
+    columns, reading = find_misread_columns(robot, motion)
+    slipped, mounted = find_torque_slips(robot, motion), None
     if slipped and slipped.alone and any(fault.certain for fault in columns):
         slipped = None
-    given = as_given(robot.dof)
+    given = build_given_reading(robot.dof)
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
     read = _nats(robot, motion, reading if counts else given)
     second = -np.inf
     if reading.angle_unit == 1.0:
-        mounted = other_gravity(robot, motion)
+        mounted = find_mounting_fault(robot, motion)
     gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and zero_explains(robot, motion, logs, given):
+    if gone and explains_by_zero_shift(robot, motion, logs, given):
         mounted = None  # another zero says more than a weight that may be gone
     if mounted:
         # The rest is asked of the arm as it is mounted.
-        also, then = misread(mounted.robot, motion)
+        also, then = find_misread_columns(mounted.robot, motion)
         # Of a load the weight is there where the arm's was taken out.
         alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
         second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds_nats
     rivals = ((read, columns), (second, [mounted.fault] if mounted else []))
     if slipped and all(_beats(slipped, *rival) for rival in rivals):
         columns, robot = list(slipped.faults), slipped.robot
-        inclined = other_gravity(robot, slipped.motion)
+        inclined = find_mounting_fault(robot, slipped.motion)
         if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
             # Rough factors of single torques turn gravity, too.
             columns.append(replace(inclined.fault, certain=False))
@@ -146,15 +151,15 @@ def _of_the_arm(
                 return [*faults, *speeds]
             columns, reading = also, then
         columns = _of_columns(robot, motion, columns)
-    if columns and zero_explains(robot, motion, logs, reading):
-        return [*faults, *speeds, *out_of_range(robot, whole)]
-    columns += commanded(robot, logs)
+    if columns and explains_by_zero_shift(robot, motion, logs, reading):
+        return [*faults, *speeds, *find_limit_violations(robot, whole)]
+    columns += find_commanded_torque(robot, logs)
     mended = any(fault.certain for fault in (*columns, *speeds))
-    faults += carried(columns, speeds, logs)
-    return faults if mended else faults + out_of_range(robot, whole)
+    faults += extend_repairs_to_velocities(columns, speeds, logs)
+    return faults if mended else faults + find_limit_violations(robot, whole)
 
 
-def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
+def _beats(slipped: TorqueSlips, nats: float, faults: Sequence[Fault]) -> bool:
     """Whether slips win against faults; no absolute is said of what a pair explains."""
     sure = {fault.kind for fault in slipped.faults if fault.certain}
     if any(fault.kind == REMOVED and fault.certain for fault in faults) and not sure:
@@ -164,24 +169,30 @@ def _beats(slipped: Slips, nats: float, faults: Sequence[Fault]) -> bool:
     return not faults or surer or (slipped.pair and absolute) or slipped.nats >= nats
 
 
-def _of_columns(robot: Robot, motion: Motion, columns: list[Fault]) -> list[Fault]:
+def _of_columns(robot: Robot, motion: CheckMotion, columns: list[Fault]) -> list[Fault]:
     """What single readings of the columns say, else the arm."""
     if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
-        shares = shares_of(robot, motion)
-        factors = torque_factors(shares)
-        columns = columns if factors is None else [unit_fault(robot, factors, shares)]
-    return columns or wrong_robot(robot, motion)
+        shares = fit_nominal_shares(robot, motion)
+        factors = compute_torque_factors(shares)
+        columns = (
+            columns
+            if factors is None
+            else [build_torque_unit_fault(robot, factors, shares)]
+        )
+    return columns or find_wrong_robot(robot, motion)
 
 
-def _nats(robot: Robot, motion: Motion, reading: Reading) -> float:
+def _nats(robot: Robot, motion: CheckMotion, reading: ColumnReading) -> float:
     """Log evidence of one body under other columns than those given, less the odds."""
-    nats = nats_of(robot, read_by(robot, motion, reading))
+    nats = compute_body_evidence(robot, apply_reading(robot, motion, reading))
     # As likely as the log itself, in the unit that it is in.
     rows = motion.spread * motion.moving.sum()
-    return nats + float(rows * np.log(reading.torque_unit)) - odds_of(reading)
+    return (
+        nats + float(rows * np.log(reading.torque_unit)) - compute_reading_odds(reading)
+    )
 
 
-def carried(
+def extend_repairs_to_velocities(
     faults: Sequence[Fault], speeds: Sequence[Fault], logs: Sequence[Recording]
 ) -> list[Fault]:
     """Carry repairs of angles to velocities and references, and join both checks.
@@ -231,10 +242,10 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
     return out
 
 
-def file_faults(robot: Robot) -> list[Fault]:
+def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
     bodies, out = list(robot.model.inertias)[1:], []
-    mass, reach = sum(b.mass for b in bodies), joints_length(robot.model)
+    mass, reach = sum(b.mass for b in bodies), compute_last_joint_distance(robot.model)
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
     for there, sizes, unit, scale in (
         (reach > 50.0, "lengths", "millimetres", 1e-3),
@@ -272,7 +283,9 @@ def file_faults(robot: Robot) -> list[Fault]:
     return out
 
 
-def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault]:
+def find_insufficient_motion(
+    recordings: Sequence[Recording], motion: CheckMotion | None
+) -> list[Fault]:
     """Find logs that are too short, and joints that do not move on their own."""
     seconds, out = sum(r.duration for r in recordings), []
     if seconds < CHECK.shortest_s:
@@ -289,9 +302,10 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
     one_way = np.minimum(forth, back) < CHECK.one_way_share * path
-    if joints := joints_of(one_way & (path > CHECK.travel_rad)):
+    if joints := list_true_joints(one_way & (path > CHECK.travel_rad)):
         words = (
-            f"Joints {listed(joints)} never reverse: dry friction and a constant "
+            f"Joints {join_with_commas(joints)} never reverse: dry friction and a "
+            f"constant "
             "torque cannot be told apart there."
         )
         out.append(Fault("no_reversal", joints, False, words))
@@ -303,9 +317,10 @@ def enough(recordings: Sequence[Recording], motion: Motion | None) -> list[Fault
         return out
     unit = np.where(moves, qd / np.maximum(np.linalg.norm(qd, axis=0), 1e-12), 0.0)
     related = np.abs(unit.T @ unit) - np.diag(np.sum(unit**2, axis=0))
-    if tied := joints_of((related > CHECK.lockstep_correlation).any(axis=0)):
+    if tied := list_true_joints((related > CHECK.lockstep_correlation).any(axis=0)):
         words = (
-            f"The speeds of joints {listed(tied)} are proportional (correlation "
+            f"The speeds of joints {join_with_commas(tied)} are proportional "
+            f"(correlation "
             f"{related.max():.4f}): what belongs to which of them cannot be told."
         )
         out.append(Fault("lockstep", tied, False, words))

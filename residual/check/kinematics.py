@@ -9,14 +9,19 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.motion import Motion
-from residual.check.reading import Reading, as_given, best_order, score_reading
-from residual.check.result import Fault, Repair, joints_of
-from residual.check.samples import running_median
+from residual.check.column_reading import (
+    ColumnReading,
+    assign_channels,
+    build_given_reading,
+    score_reading,
+)
+from residual.check.physics_columns import CheckMotion
+from residual.check.result import Fault, Repair, list_true_joints
+from residual.check.sample_faults import compute_running_median
 from residual.check.thresholds import CHECK
-from residual.errors import listed
-from residual.quantity import along
-from residual.recording import Array, Recording, usual_speed
+from residual.errors import join_with_commas
+from residual.quantity import convert_to_sliding_unit
+from residual.recording import Array, Recording, compute_speed_quantile
 from residual.robot.robot import Robot
 
 _VELOCITY = "velocity_mismatch"
@@ -38,14 +43,16 @@ _UNITS = {
 }
 
 
-def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
+def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
     """Find a time that no logger keeps, and the unit in which one would."""
     logs = [r for r in recordings if len(r.t) > 2]
     if not logs:
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
     # In steps of twenty samples: seconds are not known yet.
-    fastest = [usual_speed(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs]
+    fastest = [
+        compute_speed_quantile(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs
+    ]
     speed = float(np.max(fastest / robot.velocity_limit))
     usual = CHECK.slowest_hz <= rate <= CHECK.fastest_hz
     if usual and speed < CHECK.clock_speed_ratio * 5:
@@ -66,7 +73,7 @@ def time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
     return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
-def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
+def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
     """Find times that lie closer together than any logger's, in whatever unit.
 
     Nothing is computed of such logs: a filter of a tenth of a second would have more
@@ -84,7 +91,7 @@ def no_clock(recordings: Sequence[Recording]) -> list[Fault]:
     return [Fault("time_unit", (), True, words)]
 
 
-def uneven(recording: Recording) -> list[Fault]:
+def find_uneven_time_steps(recording: Recording) -> list[Fault]:
     """Find gaps in time and steps of unequal length."""
     steps = np.diff(recording.t)
     if len(steps) < 10:
@@ -108,7 +115,7 @@ def uneven(recording: Recording) -> list[Fault]:
     return [Fault("clock", (), False, evidence, (), recording.id)]
 
 
-def velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
+def find_velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
     """Compare velocities with angles, all logs together."""
     logs = [r for r in recordings if r.qd is not None and len(r.t) > 20]
     pairs = [_windows(r) for r in logs]
@@ -141,15 +148,16 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own, same = np.diag(related), np.arange(len(related))
-    order = best_order(np.abs(related) + 0.2 * np.eye(len(own)))
+    order = assign_channels(np.abs(related) + 0.2 * np.eye(len(own)))
     other = order != same
-    joints, best = joints_of(other), np.abs(related[same, order])
+    joints, best = list_true_joints(other), np.abs(related[same, order])
     if not joints or (best < CHECK.velocity_correlation)[other & moving].any():
         return same, []
     words = (
-        f"The velocities of joints {listed(joints)} follow the angles of other joints "
+        f"The velocities of joints {join_with_commas(joints)} follow the angles of "
+        f"other joints "
         f"(correlation with their own at most {np.abs(own[other]).max():.2f}, in the "
-        f"order {listed(order + 1)} at least {best[other].min():.2f})."
+        f"order {join_with_commas(order + 1)} at least {best[other].min():.2f})."
     )
     repair = Repair("qd", order=tuple(int(i) + 1 for i in order))
     return order, [Fault(_VELOCITY, joints, True, words, (repair,))]
@@ -170,21 +178,26 @@ def _slopes(
         slope = slope / size
     off = good & (np.abs(slope - 1) > CHECK.velocity_error)
     turned = off & (np.abs(slope + 1) < CHECK.velocity_error)
-    if negated := joints_of(turned):
-        words = f"The velocity of joints {listed(negated)} runs against the angle."
+    if negated := list_true_joints(turned):
+        words = (
+            f"The velocity of joints {join_with_commas(negated)} runs against "
+            f"the angle."
+        )
         repair = Repair("qd", negated, sign=(-1,) * len(negated))
         out.append(Fault(_VELOCITY, negated, True, words, (repair,)))
-    if scaled := joints_of(off & ~turned):
+    if scaled := list_true_joints(off & ~turned):
         sizes = [float(slope[j - 1]) for j in scaled]
         words = (
-            f"The velocity of joints {listed(scaled)} is {listed(sizes, '.4g')} times "
+            f"The velocity of joints {join_with_commas(scaled)} is "
+            f"{join_with_commas(sizes, '.4g')} times "
             "what the angle does."
         )
         repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
         out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
-    if loose := joints_of(moving & ~good):
+    if loose := list_true_joints(moving & ~good):
         words = (
-            f"The velocity of joints {listed(loose)} is not the derivative of the "
+            f"The velocity of joints {join_with_commas(loose)} is not the "
+            f"derivative of the "
             f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
             "late, or of something else."
         )
@@ -209,7 +222,7 @@ def _common(size: float) -> Fault:
     return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
-def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find joints beyond the limits of the robot file.
 
     Several samples in a row at five times a limit of speed or torque are certain: no
@@ -237,7 +250,7 @@ def out_of_range(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         for j in np.flatnonzero(most > CHECK.limit_ratio * limit):
             joints.add(int(j) + 1)
             certain |= bool(peak[j] > CHECK.excursion_ratio * limit[j])
-            unit_of = along(unit) if robot.prismatic[j] else unit
+            unit_of = convert_to_sliding_unit(unit) if robot.prismatic[j] else unit
             words.append(
                 f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
                 f"{limit[j]:.3g} {unit_of}"
@@ -256,10 +269,12 @@ def _peaks(log: Recording, torque: bool) -> Array:
         values = log.qd
     else:
         values = np.diff(log.q, axis=0) / np.diff(log.t)[:, None]
-    return running_median(np.abs(values)).max(axis=0)
+    return compute_running_median(np.abs(values)).max(axis=0)
 
 
-def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
+def find_joints_in_degrees(
+    robot: Robot, recordings: Sequence[Recording]
+) -> list[Fault]:
     """Find single joints whose angles can be degrees but no radians."""
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
@@ -268,7 +283,7 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     turned = float(np.deg2rad(1.0))
     inside = speed * turned < CHECK.limit_ratio
     inside &= reach * turned < limit + CHECK.range_rad
-    joints = joints_of(far & inside)
+    joints = list_true_joints(far & inside)
     # Where most are far out, or the others are too, it is one thing for all, and
     # physics tells which.
     others = np.delete(speed, [j - 1 for j in joints])
@@ -276,9 +291,10 @@ def degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if not joints or most or np.any(others > CHECK.limit_ratio):
         return []
     words = (
-        f"The angles of joints {listed(joints)} reach "
-        f"{listed((reach[j - 1] for j in joints), '.3g')} rad, or "
-        f"{listed((speed[j - 1] for j in joints), '.3g')} times the speed limit: "
+        f"The angles of joints {join_with_commas(joints)} reach "
+        f"{join_with_commas((reach[j - 1] for j in joints), '.3g')} rad, or "
+        f"{join_with_commas((speed[j - 1] for j in joints), '.3g')} times the speed "
+        f"limit: "
         "they are degrees."
     )
     repair = Repair("q", joints, scale=len(joints) * (turned,))
@@ -291,12 +307,15 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
     for r in recordings:
         stride = round(0.1 / float(np.median(np.diff(r.t))))
         stride = max(1, min(stride, len(r.t) // 4))
-        speeds.append(usual_speed(r, stride, _SHARE))
+        speeds.append(compute_speed_quantile(r, stride, _SHARE))
     return np.max(speeds, axis=0)
 
 
-def zero_explains(
-    robot: Robot, motion: Motion, recordings: Sequence[Recording], best: Reading
+def explains_by_zero_shift(
+    robot: Robot,
+    motion: CheckMotion,
+    recordings: Sequence[Recording],
+    best_reading: ColumnReading,
 ) -> bool:
     """Whether another zero of one joint suits a log as well as other columns do.
 
@@ -306,14 +325,17 @@ def zero_explains(
     high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
     beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_rad
     fits = high - low < robot.upper - robot.lower + CHECK.range_rad
-    joints = joints_of(beyond & fits)
+    joints = list_true_joints(beyond & fits)
     if len(joints) != 1:
         return False
     j = joints[0] - 1
     first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
     count = min(16, 2 + int(abs(last - first) / 0.3))
-    given, other = as_given(robot.dof), score_reading(robot, motion, best).value
-    other += CHECK.suspect_nats if best == given else 0.0
+    given, other = (
+        build_given_reading(robot.dof),
+        score_reading(robot, motion, best_reading).value,
+    )
+    other += CHECK.suspect_nats if best_reading == given else 0.0
     for shift in np.linspace(first, last, count):
         q = motion.q.copy()
         q[:, j] += shift

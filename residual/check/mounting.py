@@ -14,21 +14,21 @@ import numpy as np
 import pinocchio as pin
 from scipy.linalg import cho_factor, cho_solve
 
-from residual.check.motion import (
+from residual.check.column_reading import ROUNDS
+from residual.check.physics_columns import (
     BODY,
     OUTER,
     TILT,
-    Columns,
-    Motion,
-    columns,
-    gravity_of,
-    torque_of_file,
+    CheckMotion,
+    PriorColumns,
+    build_prior_columns,
+    compute_gravity_axes,
+    compute_nominal_torque,
 )
-from residual.check.reading import ROUNDS
-from residual.check.reported import carries, shares_of
 from residual.check.result import MOUNTING, Fault, Repair
 from residual.check.thresholds import CHECK
-from residual.errors import listed
+from residual.check.torque_shares import fit_nominal_shares, select_loaded_joints
+from residual.errors import join_with_commas
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
@@ -44,7 +44,7 @@ _SCALES = (0.1, 0.3, 1.0)  # of the body's prior, chosen by evidence
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Part:
+class JointSums:
     """Sums of one joint's rows over the coefficients of all joints."""
 
     gram: Array
@@ -55,7 +55,7 @@ class Part:
     floor: float
 
 
-def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
+def sum_joint_rows(motion: CheckMotion, joints: list[PriorColumns]) -> list[JointSums]:
     """Own columns of each joint side by side, those of the body and outside common."""
     dof, out = len(joints), []
     common = OUTER + PER_LINK * dof
@@ -73,11 +73,11 @@ def parts_of(motion: Motion, joints: list[Columns]) -> list[Part]:
         size = np.sqrt(squares[0] / max(rows, 1e-9))
         floor = max(0.01 * size, 0.001 * strongest, 1e-12)
         sums = (weight * values.T @ x for x in (values, model, tau))
-        out.append(Part(*sums, squares, rows, floor))
+        out.append(JointSums(*sums, squares, rows, floor))
     return out
 
 
-def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
+def fit_common_body(parts: list[JointSums], prior: Array) -> tuple[Array, Array, float]:
     """Fit one body to all torques, by turns with what it leaves of each.
 
     Args:
@@ -100,7 +100,7 @@ def fit_body(parts: list[Part], prior: Array) -> tuple[Array, Array, float]:
 
 
 def _solve_body(
-    parts: list[Part], sigma: Array, prior: Array
+    parts: list[JointSums], sigma: Array, prior: Array
 ) -> tuple[float, Array, float]:
     """Quadratic form of the rest, coefficients, and log determinant."""
     sums, square = 0.0, 0.0
@@ -121,14 +121,16 @@ class GravityFit:
     """An arm as it would stand under one direction of gravity."""
 
     gravity: Array  # in the base frame [m/s^2], (3,)
-    parts: list[Part]
+    parts: list[JointSums]
     nats: float  # log evidence of the torques
     scale: float  # of the body's prior by which it is so
-    steps: tuple[Array, ...]  # where the remaining tilt asks to turn it, (3,) each
+    next_gravities: tuple[
+        Array, ...
+    ]  # where the remaining tilt asks to turn it, (3,) each
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class OtherGravity:
+class MountingFault:
     """Another direction of gravity than that of the robot file."""
 
     fault: Fault
@@ -136,7 +138,7 @@ class OtherGravity:
     nats: float  # log evidence of the torques with it
 
 
-def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
+def find_mounting_fault(robot: Robot, motion: CheckMotion) -> MountingFault | None:
     """Find an arm that is mounted otherwise than its file says."""
     given = np.asarray(robot.model.gravity.linear)
     if not np.linalg.norm(given):
@@ -152,18 +154,18 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
             "may be there."
         )
         fault = Fault(REMOVED, (), gain > CHECK.suspect_nats, words)
-        return OtherGravity(fault, turned(robot, np.zeros(3)), none.nats)
+        return MountingFault(fault, copy_with_gravity(robot, np.zeros(3)), none.nats)
     if not otherwise:
         return None
     # Most joints that carry the arm must have the file's torque, as it now is.
-    shares = shares_of(turned(robot, best.gravity), motion)
-    own = carries(shares)
+    shares = fit_nominal_shares(copy_with_gravity(robot, best.gravity), motion)
+    own = select_loaded_joints(shares)
     off = np.abs(np.log(np.abs(shares.ratio[own]) + _NOTHING))
     near = off < np.log(CHECK.joint_ratio)
     near &= shares.explained[own] > CHECK.explained_least
     if 2 * near.sum() <= len(near):
         return None
-    file, found = (listed(g + 0.0, ".3g") for g in (given, best.gravity))
+    file, found = (join_with_commas(g + 0.0, ".3g") for g in (given, best.gravity))
     words = (
         f"Gravity points along {file} in the robot file; along {found} m/s^2, "
         f"{np.degrees(angle):.0f} degrees away, the torques fit better by {gain:.0f} "
@@ -171,15 +173,15 @@ def other_gravity(robot: Robot, motion: Motion) -> OtherGravity | None:
     )
     repairs = (Repair("robot", gravity=tuple(map(float, best.gravity))),)
     fault = Fault(MOUNTING, (), gain > CHECK.suspect_nats, words, repairs)
-    return OtherGravity(fault, turned(robot, best.gravity), best.nats)
+    return MountingFault(fault, copy_with_gravity(robot, best.gravity), best.nats)
 
 
-def nats_of(robot: Robot, motion: Motion) -> float:
+def compute_body_evidence(robot: Robot, motion: CheckMotion) -> float:
     """Return the log evidence of one body in all torques, gravity as given."""
     return _gravity_fit(robot, motion, np.asarray(robot.model.gravity.linear)).nats
 
 
-def turned(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
+def copy_with_gravity(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
     """Return the arm under another gravity [m/s^2]. (3,)."""
     model = pin.Model(robot.model)
     model.gravity.linear = np.asarray(gravity, dtype=float)
@@ -194,7 +196,7 @@ def _mounting_words(angle: float) -> str:
     return f"stands inclined by {np.degrees(angle):.0f} degrees"
 
 
-def _best_gravity(robot: Robot, motion: Motion) -> tuple[GravityFit, GravityFit]:
+def _best_gravity(robot: Robot, motion: CheckMotion) -> tuple[GravityFit, GravityFit]:
     """The arm as given, and under the best direction of gravity of the same size."""
     given = np.asarray(robot.model.gravity.linear)
     size = float(np.linalg.norm(given))
@@ -220,10 +222,10 @@ def _angle(a: Array, b: Array) -> float:
     return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
 
 
-def _refined(robot: Robot, motion: Motion, stand: GravityFit) -> GravityFit:
+def _refined(robot: Robot, motion: CheckMotion, stand: GravityFit) -> GravityFit:
     """Turn gravity until no tilt is left that explains more."""
     for _ in range(12):
-        tried = [_gravity_fit(robot, motion, step) for step in stand.steps]
+        tried = [_gravity_fit(robot, motion, step) for step in stand.next_gravities]
         best = max(tried, key=lambda s: s.nats)
         # A turn that is within what arms stand off gains nothing, and is nearer.
         if best.nats < stand.nats - 2.0:
@@ -234,44 +236,46 @@ def _refined(robot: Robot, motion: Motion, stand: GravityFit) -> GravityFit:
     return stand
 
 
-def _weightless(robot: Robot, motion: Motion) -> GravityFit:
+def _weightless(robot: Robot, motion: CheckMotion) -> GravityFit:
     """The arm without the weight of its file, as drivers report it, but for a load's.
 
     They know the weight to some share; it takes the place of a tilt.
     """
-    _, inertia = torque_of_file(turned(robot, np.zeros(3)), motion)
+    _, inertia = compute_nominal_torque(copy_with_gravity(robot, np.zeros(3)), motion)
     joints = []
-    for j, own in enumerate(columns(robot, motion)):
+    for j, own in enumerate(build_prior_columns(robot, motion)):
         nominal, values = inertia[own.rows, j], own.values.copy()
         tilts = values.shape[1] - PER_LINK * robot.dof - OUTER
         values[:, tilts] = BODY * (own.nominal - nominal)
         values[:, tilts + 1] = 0.0
         joints.append(replace(own, nominal=nominal, values=values))
-    return _fitted(parts_of(motion, joints), np.zeros(3), ())
+    return _fitted(sum_joint_rows(motion, joints), np.zeros(3), ())
 
 
-def _gravity_fit(robot: Robot, motion: Motion, gravity: Array) -> GravityFit:
-    robot = turned(robot, gravity)
-    parts = parts_of(motion, columns(robot, motion))
-    _, across = gravity_of(robot)
+def _gravity_fit(robot: Robot, motion: CheckMotion, gravity: Array) -> GravityFit:
+    robot = copy_with_gravity(robot, gravity)
+    parts = sum_joint_rows(motion, build_prior_columns(robot, motion))
+    _, across = compute_gravity_axes(robot)
     stand = _fitted(parts, gravity, ())
     first = len(parts[0].gram) - OUTER - PER_LINK * robot.dof
     steps = []
     for s in dict.fromkeys((_SCALES[0], stand.scale)):
-        _, at, _ = fit_body(parts, _prior(parts, s, 3.0))
+        _, at, _ = fit_common_body(parts, _prior(parts, s, 3.0))
         to = gravity + TILT * at[first : first + _TILTS] @ across
         size = max(float(np.linalg.norm(to)), _NOTHING)
         steps.append(to * np.linalg.norm(gravity) / size)
-    return replace(stand, steps=tuple(steps))
+    return replace(stand, next_gravities=tuple(steps))
 
 
-def _fitted(parts: list[Part], gravity: Array, steps: tuple[Array, ...]) -> GravityFit:
-    fits = {s: fit_body(parts, _prior(parts, s)) for s in _SCALES}
+def _fitted(
+    parts: list[JointSums], gravity: Array, steps: tuple[Array, ...]
+) -> GravityFit:
+    fits = {s: fit_common_body(parts, _prior(parts, s)) for s in _SCALES}
     scale = max(fits, key=lambda s: fits[s][2])
     return GravityFit(gravity, parts, fits[scale][2], scale, steps)
 
 
-def _prior(parts: list[Part], scale: float, tilt: float | None = None) -> Array:
+def _prior(parts: list[JointSums], scale: float, tilt: float | None = None) -> Array:
     """Precision of each coefficient: the body's prior times a scale, and a load.
 
     Tilts of a few degrees are an effect of the arm, and no other mounting.

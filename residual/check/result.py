@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.errors import InputError, joints_listed, shown
-from residual.quantity import plain
+from residual.errors import InputError, format_joint_numbers, quote_value
+from residual.quantity import convert_to_plain_values
 
 SCHEMA = 1
 MOUNTING, INTERLEAVED = "mounting", "interleaved"
@@ -52,7 +52,7 @@ class Fault:
     @property
     def where(self) -> str:
         """Kind and joints: 'torque sign, joint 2'."""
-        joints = f", {joints_listed(self.joints)}" if self.joints else ""
+        joints = f", {format_joint_numbers(self.joints)}" if self.joints else ""
         return self.kind.replace("_", " ") + joints
 
     @property
@@ -64,7 +64,7 @@ class Fault:
         return " ".join(text.split())
 
 
-def joints_of(mask: np.ndarray) -> tuple[int, ...]:
+def list_true_joints(mask: np.ndarray) -> tuple[int, ...]:
     """Return the joints (from 1) for which it is true. Shape (dof,), bool."""
     return tuple(int(j) + 1 for j in np.flatnonzero(mask))
 
@@ -98,7 +98,9 @@ class LogCheck:
     def to_json(self) -> dict:
         """Return the check in its documented form (docs/check.md)."""
         faults = [{name: getattr(f, name) for name in _TOLD} for f in self.faults]
-        return plain({"schema": SCHEMA, "verdict": self.verdict, "faults": faults})
+        return convert_to_plain_values(
+            {"schema": SCHEMA, "verdict": self.verdict, "faults": faults}
+        )
 
     def __repr__(self) -> str:
         lines = [f"LogCheck({self.verdict})"]
@@ -109,11 +111,12 @@ class LogCheck:
         return "\n".join(lines)
 
 
-def from_json(document: Mapping) -> LogCheck:
+def read_log_check(document: Mapping) -> LogCheck:
     """Return the check of a document."""
     if document.get("schema") != SCHEMA:
         raise InputError(
-            f"A check of schema {shown(document.get('schema'))}, expected {SCHEMA}."
+            f"A check of schema {quote_value(document.get('schema'))}, expected "
+            f"{SCHEMA}."
         )
     try:
         told = [{name: f[name] for name in _TOLD} for f in document["faults"]]

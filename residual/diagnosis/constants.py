@@ -12,17 +12,27 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.gate import STATIC, left_out_errors
-from residual.diagnosis.search import Task, rank_additions, refine_shape, search
+from residual.diagnosis.gate import STATIC, cross_validation_errors
+from residual.diagnosis.search import (
+    SearchTask,
+    rank_additions,
+    refine_last_shape,
+    search_effect_set,
+)
 from residual.diagnosis.select import Selection
-from residual.effects import registry
-from residual.effects.base import Trait
-from residual.evidence.columns import Group
-from residual.evidence.fit import Fit, Prior
-from residual.evidence.priors import HELD, with_held, without_slots
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.fit import Fit, NominalPrior
+from residual.evidence.priors import HELD, drop_coefficients, hold_coefficients
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.model import with_slots
-from residual.model.nominal import Logs, Nominal, known_values, start_nominal
+from residual.model.model import pair_coefficient_slices
+from residual.model.nominal import (
+    FitLogs,
+    NominalModel,
+    build_free_nominal,
+    list_known_values,
+)
 from residual.recording import Array
 
 SWAPS = 3  # names that are tried in the place of constants
@@ -33,23 +43,25 @@ SURE = 3.0  # deviations from nothing
 HELD_NATS = 0.5 * float(np.log(1 + HELD))
 
 
-def nominal_with_constants(logs: Logs, names: Sequence[str]) -> Nominal:
+def add_joint_constants(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     """The declared model and, where it says nothing of one, a constant of each joint.
 
     Args:
         names: The declared effects.
     """
-    settled = {*names, *(known.name for known in known_values(logs.robot))}
-    more = [e.name for e in registry().values() if Trait.CONSTANT in e.traits]
+    settled = {*names, *(known.name for known in list_known_values(logs.robot))}
+    more = [e.name for e in load_effects().values() if EffectTrait.CONSTANT in e.traits]
     more = [name for name in more if name not in settled]
-    nominal = start_nominal(logs, (*names, *more))
+    nominal = build_free_nominal(logs, (*names, *more))
     terms = [t for t in nominal.model.terms if t.effect.name in more]
     return replace(nominal, constants=len(terms))
 
 
-def slots_of(nominal: Nominal) -> dict[int, int]:
+def constant_columns(nominal: NominalModel) -> dict[int, int]:
     """Coefficient of each undeclared constant, by its joint from 0."""
-    terms = list(with_slots(nominal.model.terms, len(nominal.model.inertial)))
+    terms = list(
+        pair_coefficient_slices(nominal.model.terms, len(nominal.model.inertial))
+    )
     mine = terms[len(terms) - nominal.constants :]
     return {term.joints[0]: own.start for term, own in mine}
 
@@ -58,7 +70,7 @@ def slots_of(nominal: Nominal) -> dict[int, int]:
 class _FreeConstants:
     """Names and free constants."""
 
-    task: Task  # its prior holds the other constants at zero
+    task: SearchTask  # its prior holds the other constants at zero
     fit: Fit
     free: Mapping[int, int]  # coefficient of each free constant, by its joint
 
@@ -71,19 +83,19 @@ class _FreeConstants:
     def holding(self, joints: Sequence[int]) -> "_FreeConstants":
         """The same with some constants at zero, fitted anew."""
         slots = np.array([self.free[j] for j in joints], dtype=int)
-        task = replace(self.task, prior=with_held(self.task.prior, slots))
+        task = replace(self.task, prior=hold_coefficients(self.task.prior, slots))
         fitted = task.settle(task.fit(self.fit.members, self.fit, rounds=4))
         free = {j: slot for j, slot in self.free.items() if j not in joints}
         return _FreeConstants(task, fitted, free)
 
     def searched(self) -> "_FreeConstants":
         """The same constants with names sought anew, from those that are there."""
-        found = search(self.task, self.fit.members)
+        found = search_effect_set(self.task, self.fit.members)
         return replace(self, fit=self.task.settle(found))
 
     def left_out(self) -> Array:
         """Squared error of each fold, predicted from the others. (folds, dof)."""
-        return left_out_errors(self.task, self.fit)
+        return cross_validation_errors(self.task, self.fit)
 
     def deviations(self, j: int) -> float:
         """Of a constant from nothing."""
@@ -92,40 +104,42 @@ class _FreeConstants:
         return float(abs(self.fit.theta[slot]) / sd)
 
 
-def settle_constants(
-    selection: Selection, nominal: Nominal, paid: Sequence[int] | None = None
+def drop_unsupported_constants(
+    selection: Selection,
+    nominal: NominalModel,
+    supported_joints: Sequence[int] | None = None,
 ) -> tuple[Selection, tuple[int, ...]]:
     """Hold the constants that do not pay at zero, and search on without them.
 
     Args:
         selection: What was found with every constant free.
-        paid: Joints (from 0) whose constants alone are to be free at first, as those
-            that paid in an earlier search; None for all.
+        supported_joints: Joints (from 0) whose constants alone are to be free at
+            first, as those that paid in an earlier search; None for all.
 
     Returns:
         What is named beside the constants, and the joints (from 0) whose constant pays.
     """
-    slots = slots_of(nominal)
+    slots = constant_columns(nominal)
     if not slots:
         return selection, ()
     now = _FreeConstants(selection.task, selection.fit, slots)
-    if paid is not None:
-        now = now.holding([j for j in slots if j not in paid]).searched()
+    if supported_joints is not None:
+        now = now.holding([j for j in slots if j not in supported_joints]).searched()
     for turn in range(ROUNDS):
         before, now = now.places, _prune(now)
-        if turn or paid is not None:
+        if turn or supported_joints is not None:
             now = _release(now, selection.task, slots)
         now = _simplify(_replace_by_name(now))
         if now.places == before:
             break
         now = now.searched()
     held = [slot for j, slot in slots.items() if j not in now.free]
-    wide = with_held(selection.wide, np.array(held, dtype=int))
+    wide = hold_coefficients(selection.wide, np.array(held, dtype=int))
     return Selection(now.task, now.fit, wide), tuple(now.free)
 
 
 def _release(
-    now: _FreeConstants, free: Task, slots: Mapping[int, int]
+    now: _FreeConstants, free: SearchTask, slots: Mapping[int, int]
 ) -> _FreeConstants:
     """Free a held constant that would pay beside what was found since.
 
@@ -190,7 +204,7 @@ def _replace_by_name(now: _FreeConstants) -> _FreeConstants:
         tried += 1
         members = (*now.fit.members, *(group.parts or (group,)))
         task = now.task
-        fitted = task.fit(refine_shape(task, members, now.fit), now.fit, rounds=4)
+        fitted = task.fit(refine_last_shape(task, members, now.fit), now.fit, rounds=4)
         candidate_set = _prune(_FreeConstants(task, task.settle(fitted), now.free))
         if len(candidate_set.free) + 1 < len(now.free):
             weight = candidate_set.fit.weight(task.design.rows)
@@ -229,38 +243,41 @@ def _simplify(now: _FreeConstants) -> _FreeConstants:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class NamedConstants:
+class ConstantEffects:
     """The same logs with the constants among the effects, not in the model."""
 
-    task: Task
-    nominal: Nominal
-    wide: Prior
-    groups: tuple[Group, ...]  # those that pay
+    task: SearchTask
+    nominal: NominalModel
+    wide: NominalPrior
+    groups: tuple[CandidateColumns, ...]  # those that pay
 
 
-def as_effects(
-    task: Task, nominal: Nominal, wide: Prior, paying: Sequence[int]
-) -> NamedConstants:
+def convert_constants_to_effects(
+    task: SearchTask,
+    nominal: NominalModel,
+    wide: NominalPrior,
+    supported_joints: Sequence[int],
+) -> ConstantEffects:
     """Take the constants out of the nominal model; nothing is computed anew.
 
     Args:
-        paying: Joints (from 0) whose constant is an effect; that of any other joint may
-            be one, and is none.
+        supported_joints: Joints (from 0) whose constant is an effect; that of any
+            other joint may be one, and is none.
     """
-    count, slots = nominal.constants, slots_of(nominal)
+    count, slots = nominal.constants, constant_columns(nominal)
     terms = nominal.model.terms[-count:]
     ids = {j: task.design.nominal[[slot]] for j, slot in slots.items()}
-    design = task.design.without_terms(count)
-    groups = [design.grouped(t, ids[t.joints[0]]) for t in terms]
+    design = task.design.drop_last_terms(count)
+    groups = [design.group_columns(t, ids[t.joints[0]]) for t in terms]
     gone = np.array(sorted(slots.values()))
-    return NamedConstants(
+    return ConstantEffects(
         replace(
             task,
             design=design,
-            prior=without_slots(task.prior, gone),
+            prior=drop_coefficients(task.prior, gone),
             candidates=task.candidates.beside(groups),
         ),
         nominal.without_constants(),
-        without_slots(wide, gone),
-        tuple(g for g in groups if g.joints[0] in paying),
+        drop_coefficients(wide, gone),
+        tuple(g for g in groups if g.joints[0] in supported_joints),
     )

@@ -12,12 +12,19 @@ import numpy as np
 from scipy.linalg import solve_triangular
 from scipy.special import ndtr
 
-from residual.diagnosis.gate import left_out_of
-from residual.diagnosis.search import Task
-from residual.effects.base import Effect, PlacedEffect, Trait
-from residual.evidence.design import Group
-from residual.evidence.fit import Fit, Prior, System, fit, limits_of, scaled_inverse
-from residual.evidence.priors import overlap, stacks
+from residual.diagnosis.gate import system_cross_validation_errors
+from residual.diagnosis.search import SearchTask
+from residual.effects.base import Effect, EffectTrait, PlacedEffect
+from residual.evidence.design import CandidateColumns
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    NominalPrior,
+    find_group_limits,
+    fit_jointly,
+    invert_scaled,
+)
+from residual.evidence.priors import stack_groups, weight_column_products
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.verdict.result import Detectable, Place
@@ -27,10 +34,10 @@ from residual.verdict.result import Detectable, Place
 class DetectionModel:
     """A fit of the logs under several priors, ready to be asked about effects."""
 
-    task: Task  # data, chosen prior, candidates and rules
+    task: SearchTask  # data, chosen prior, candidates and rules
     fitted: Fit  # the fit to which an effect would come
     # Its normal equations under each prior, the chosen one first.
-    systems: tuple[System, ...]
+    systems: tuple[FitEquations, ...]
     inverses: Array  # posterior covariances of those, (priors, m, m)
     scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
     fold_covariances: (
@@ -42,11 +49,13 @@ class DetectionModel:
     )
 
     @classmethod
-    def of(cls, task: Task, fitted: Fit, priors: Sequence[Prior]) -> "DetectionModel":
+    def of(
+        cls, task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior]
+    ) -> "DetectionModel":
         """Solve once what all effects have in common."""
         design = task.design
         every, scores = _near_priors(task, fitted, priors)
-        systems = [System.of(design, p, fitted.members) for p in every]
+        systems = [FitEquations.of(design, p, fitted.members) for p in every]
         weight = fitted.weight(design.rows)
         whole, grams = systems[0], [own.gram for own in systems[0].folds(design)]
         others = [
@@ -60,7 +69,7 @@ class DetectionModel:
             tuple(scores),
             np.stack(others),
             np.stack(grams),
-            left_out_of(task, fitted, whole).sum(axis=0),
+            system_cross_validation_errors(task, fitted, whole).sum(axis=0),
         )
 
     @property
@@ -87,23 +96,25 @@ class ExpectedEffect:
     cost: float  # price of the choice [nats]
 
 
-def expect_effect(
-    bench: DetectionModel, group: Group, directions: Sequence[Array]
+def predict_effect_evidence(
+    detection: DetectionModel, group: CandidateColumns, directions: Sequence[Array]
 ) -> list[ExpectedEffect]:
     """What a group does in each of some directions."""
-    task, design, weight = bench.task, bench.task.design, bench.weight
-    group_gram, cross_gram = _blocks(bench, group)
+    task, design, weight = detection.task, detection.task.design, detection.weight
+    group_gram, cross_gram = _blocks(detection, group)
     every, across = group_gram.sum(axis=0), cross_gram.sum(axis=0)  # over folds
     pull = np.tensordot(weight, across, 1)
-    moved = bench.inverses @ pull
+    moved = detection.inverses @ pull
     # A prior bends the fit; what it leaves is the data's own affair.
-    falls = _added_error(bench.systems[0].gram, every, across, moved[:, None])
-    precisions = np.stack([system.precision for system in bench.systems])
+    falls = _added_error(detection.systems[0].gram, every, across, moved[:, None])
+    precisions = np.stack([system.precision for system in detection.systems])
     bends = moved.transpose(0, 2, 1) @ precisions @ moved
     information = np.tensordot(falls, weight, (1, 0)) + bends
     log_det = np.linalg.slogdet(information + group.precision)[1]
-    without = bench.fold_covariances @ (pull - np.tensordot(cross_gram, weight, (1, 0)))
-    outs = _added_error(bench.grams, group_gram, cross_gram, without[:, None])
+    without = detection.fold_covariances @ (
+        pull - np.tensordot(cross_gram, weight, (1, 0))
+    )
+    outs = _added_error(detection.grams, group_gram, cross_gram, without[:, None])
     occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
     return [
         ExpectedEffect(
@@ -120,7 +131,9 @@ def expect_effect(
     ]
 
 
-def is_detected(bench: DetectionModel, effect: ExpectedEffect, sizes: Array) -> Array:
+def detects_sizes(
+    detection: DetectionModel, effect: ExpectedEffect, sizes: Array
+) -> Array:
     """Whether effects of some sizes are found, if the noise does as on average.
 
     The estimate of the size is the one thing that chance moves; every rule below rises
@@ -132,7 +145,7 @@ def is_detected(bench: DetectionModel, effect: ExpectedEffect, sizes: Array) -> 
     Returns:
         Shape (s,), bool.
     """
-    fitted, rules = bench.fitted, bench.task.rules
+    fitted, rules = detection.fitted, detection.task.rules
     square = np.asarray(sizes)[:, None] ** 2
     fall = square[..., None] * effect.fall
     rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
@@ -140,14 +153,14 @@ def is_detected(bench: DetectionModel, effect: ExpectedEffect, sizes: Array) -> 
     lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
     paid = effect.occam + 0.5 * square * effect.prior_energy - 0.5 * effect.count
     net = lost - paid - effect.cost
-    scores = np.array(bench.scores)
+    scores = np.array(detection.scores)
     named = scores - paid - effect.cost - THRESHOLDS.nats_per_name
     others = np.max(scores - lost, axis=1, keepdims=True)
     wins = (net >= rules.min_nats) & (named >= others)
-    relative = np.sqrt(fall / bench.task.design.rows) / bench.task.design.rms
+    relative = np.sqrt(fall / detection.task.design.rows) / detection.task.design.rms
     share = fall / np.maximum(fitted.sse + fall, 1e-300)
     by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(
-        bench, effect, square
+        detection, effect, square
     )
     big = (
         np.sqrt(square * effect.torque).max(axis=1, keepdims=True)
@@ -190,11 +203,14 @@ def _confirmed(bench: DetectionModel, effect: ExpectedEffect, square: Array) -> 
     )
 
 
-def _near_priors(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list, list]:
+def _near_priors(
+    task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior]
+) -> tuple[list, list]:
     """The chosen prior and its competitors, with the evidence of each."""
     design, every = task.design, [task.prior, *priors]
     scores = [
-        fit(design, p, fitted.members, fitted.counted, rounds=4).score for p in every
+        fit_jointly(design, p, fitted.members, fitted.counted, rounds=4).score
+        for p in every
     ]
     near = [
         i
@@ -204,13 +220,11 @@ def _near_priors(task: Task, fitted: Fit, priors: Sequence[Prior]) -> tuple[list
     return [every[i] for i in near], [scores[i] for i in near]
 
 
-def _covariance(system: System, weight: Array) -> Array:
-    return scaled_inverse(
-        system.precision + np.einsum("j,jmn->mn", weight, system.gram)
-    )
+def _covariance(system: FitEquations, weight: Array) -> Array:
+    return invert_scaled(system.precision + np.einsum("j,jmn->mn", weight, system.gram))
 
 
-def _blocks(bench: DetectionModel, group: Group) -> tuple[Array, Array]:
+def _blocks(bench: DetectionModel, group: CandidateColumns) -> tuple[Array, Array]:
     """Gram of a group and with the fit, per fold and joint.
 
     Returns:
@@ -255,8 +269,8 @@ def _quadratic_form(form: Array, u: Array) -> Array:
 FLAT = 1e-9  # of the largest information of a group: a direction that does nothing
 
 
-def lookalikes(
-    task: Task, fitted: Fit, effects: Sequence[tuple[Group, Array]]
+def find_lookalikes(
+    task: SearchTask, fitted: Fit, effects: Sequence[tuple[CandidateColumns, Array]]
 ) -> list[tuple[Place, ...]]:
     """Candidates that would explain each effect within 6 nats.
 
@@ -268,8 +282,8 @@ def lookalikes(
     """
     design = task.design
     weight = fitted.weight(design.rows)
-    system = System.of(design, task.prior, fitted.members)
-    shared = overlap(design, system, weight)
+    system = FitEquations.of(design, task.prior, fitted.members)
+    shared = weight_column_products(design, system, weight)
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)
     others = [g for g in task.candidates.groups if not g.parts]
     bases = [
@@ -278,7 +292,7 @@ def lookalikes(
             stack.ids,
             _root(stack.beyond(weight, half)),
         )
-        for stack in stacks(design, others)
+        for stack in stack_groups(design, others)
     ]
     out = []
     for group, theta in effects:
@@ -304,7 +318,9 @@ def lookalikes(
     return out
 
 
-def _products(task: Task, group: Group, theta: Array, weight: Array) -> Array:
+def _products(
+    task: SearchTask, group: CandidateColumns, theta: Array, weight: Array
+) -> Array:
     """Weighted products of an effect's torque with all columns. Shape (size,)."""
     design, out = task.design, np.zeros(task.design.size)
     for j in range(design.dof):
@@ -330,8 +346,8 @@ FINER = 128  # steps from one of those to the next
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
 
-def minimum_detectable(
-    task: Task, fitted: Fit, priors: Sequence[Prior] = ()
+def find_detectable_sizes(
+    task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior] = ()
 ) -> list[Detectable]:
     """Size that would be found in half of the draws of the noise, per effect and joint.
 
@@ -346,7 +362,7 @@ def minimum_detectable(
     """
     bench, robot = DetectionModel.of(task, fitted, priors), task.design.states[0].robot
     sizes: list[_SmallestEffect] = []
-    keys: dict[tuple, list[Group]] = {}
+    keys: dict[tuple, list[CandidateColumns]] = {}
     for g in task.candidates.groups:
         if not g.parts:
             keys.setdefault((g.effect.name, g.joints), []).append(g)
@@ -359,7 +375,7 @@ def minimum_detectable(
         smallest = _smallest_effect(bench, groups)
         if smallest is not None:
             sizes.append(smallest)
-    alike = lookalikes(
+    alike = find_lookalikes(
         task,
         fitted,
         [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes],
@@ -381,14 +397,14 @@ class _SmallestEffect:
     """The smallest effect that is found: as it is told, and as coefficients."""
 
     value: float
-    group: Group
+    group: CandidateColumns
     theta: Array
 
 
 def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     """The size; None where no arm has an effect that large."""
     design, group = bench.task.design, least.group
-    limits = limits_of(design, bench.fitted, group)
+    limits = find_group_limits(design, bench.fitted, group)
     shape, signs = group.shape, (least.theta, -least.theta)
     if _of_its_own_shape(group.effect, group):
         shape = (least.value, *shape[1:])
@@ -398,7 +414,7 @@ def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | Non
 
 
 def _smallest_effect(
-    bench: DetectionModel, groups: Sequence[Group]
+    bench: DetectionModel, groups: Sequence[CandidateColumns]
 ) -> _SmallestEffect | None:
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
@@ -408,8 +424,8 @@ def _smallest_effect(
             PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
         ]
         for clip in bench.task.design.add(levels):
-            (one,) = expect_effect(bench, clip, [np.ones(1)])
-            if one.torque.any() and is_detected(bench, one, np.ones(1)).all():
+            (one,) = predict_effect_evidence(bench, clip, [np.ones(1)])
+            if one.torque.any() and detects_sizes(bench, one, np.ones(1)).all():
                 return _SmallestEffect(clip.shape[0], clip, np.ones(1))
         return None
     if _of_its_own_shape(effect, middle):
@@ -426,8 +442,8 @@ def _smallest_effect(
 
 
 def _median_shape(
-    bench: DetectionModel, groups: Sequence[Group]
-) -> tuple[float, Group]:
+    bench: DetectionModel, groups: Sequence[CandidateColumns]
+) -> tuple[float, CandidateColumns]:
     """Smallest coefficient that is found, and the shape that it is of.
 
     The usual shape, or the middle of those that an effect may hide in: friction that
@@ -441,17 +457,21 @@ def _median_shape(
 
 
 def _with_direction(
-    value: float, size: float, bench: DetectionModel, group: Group
+    value: float, size: float, bench: DetectionModel, group: CandidateColumns
 ) -> _SmallestEffect | None:
     if not np.isfinite(value):
         return None
-    return _SmallestEffect(float(value), group, size * directions(bench, group)[0])
+    return _SmallestEffect(
+        float(value), group, size * unit_effect_coefficients(bench, group)[0]
+    )
 
 
-def _smallest(bench: DetectionModel, group: Group) -> float:
+def _smallest(bench: DetectionModel, group: CandidateColumns) -> float:
     """Smallest detectable coefficient; the median over directions."""
     sizes = []
-    for one in expect_effect(bench, group, directions(bench, group)):
+    for one in predict_effect_evidence(
+        bench, group, unit_effect_coefficients(bench, group)
+    ):
         information = bench.weight @ one.fall[0] + one.bent[0]
         if information <= 0:
             sizes.append(np.inf)
@@ -468,15 +488,17 @@ def _first_detected(
     Far above it an effect may be lost again, since its own prior does not believe it.
     """
     ladder = unit * np.geomspace(1, WIDEST, STEPS)
-    detected = is_detected(bench, effect, ladder)
+    detected = detects_sizes(bench, effect, ladder)
     if detected[0] or not detected.any():
         return float(ladder[0]) if detected[0] else np.inf
     step = int(np.argmax(detected))
     between = np.geomspace(ladder[step - 1], ladder[step], FINER + 1)[1:]
-    return float(between[int(np.argmax(is_detected(bench, effect, between)))])
+    return float(between[int(np.argmax(detects_sizes(bench, effect, between)))])
 
 
-def directions(bench: DetectionModel, group: Group) -> list[Array]:
+def unit_effect_coefficients(
+    detection: DetectionModel, group: CandidateColumns
+) -> list[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes.
 
     Effects say so themselves where their coefficients differ in kind; those that are
@@ -484,7 +506,7 @@ def directions(bench: DetectionModel, group: Group) -> list[Array]:
     """
     effect, count = group.effect, len(group.ids)
     if effect.unit_directions is not None:
-        return effect.unit_directions(bench.task.design.states, group.joints)
+        return effect.unit_directions(detection.task.design.states, group.joints)
     if not _one_vector(effect, group):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]
@@ -492,21 +514,21 @@ def directions(bench: DetectionModel, group: Group) -> list[Array]:
     return [u / np.linalg.norm(u) for u in half]
 
 
-def _one_vector(effect: Effect, group: Group) -> bool:
+def _one_vector(effect: Effect, group: CandidateColumns) -> bool:
     count = len(group.ids)
     units = list(effect.parameters.values())[:count]
     alike = len(units) == count and len(set(units)) == 1
-    return count > 1 and (Trait.PERIODIC in effect.traits or alike)
+    return count > 1 and (EffectTrait.PERIODIC in effect.traits or alike)
 
 
-def _of_its_own_shape(effect: Effect, group: Group) -> bool:
+def _of_its_own_shape(effect: Effect, group: CandidateColumns) -> bool:
     """Whether the shape is the size (the half gap of a backlash)."""
     if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
         return False
     return not _by_shape_alone(effect, group)
 
 
-def _by_shape_alone(effect: Effect, group: Group) -> bool:
+def _by_shape_alone(effect: Effect, group: CandidateColumns) -> bool:
     """Whether the shape alone is the size (the level of a plateau)."""
     if effect.refine is None or len(effect.parameters) > 1:
         return False

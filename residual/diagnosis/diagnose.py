@@ -8,32 +8,36 @@ from collections.abc import Sequence
 
 from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
-from residual.diagnosis.constants import nominal_with_constants
-from residual.diagnosis.doubts import doubt_names
-from residual.diagnosis.errors_in_variables import noise_notes
-from residual.diagnosis.findings import clouds, split_background
-from residual.diagnosis.held_out import plain_fit, three_models
-from residual.diagnosis.open_question import open_question
-from residual.diagnosis.outcome import Progress, examine
-from residual.diagnosis.unexplained import examine_leftover
-from residual.diagnosis.verdict import conclude, signal_notes
+from residual.diagnosis.constants import add_joint_constants
+from residual.diagnosis.doubts import withdraw_doubtful_names
+from residual.diagnosis.errors_in_variables import describe_angle_noise
+from residual.diagnosis.findings import residual_clouds, split_background
+from residual.diagnosis.held_out import build_three_models, fit_least_squares_model
+from residual.diagnosis.open_question import build_open_question
+from residual.diagnosis.outcome import Progress, search_effects
+from residual.diagnosis.unexplained import analyze_unexplained
+from residual.diagnosis.verdict import build_verdict, describe_signals
 from residual.errors import InputError
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import compare, prepare_held_out, worse_joints
+from residual.model.compare import (
+    compute_model_errors,
+    find_worse_joints,
+    prepare_held_out,
+)
 from residual.model.model import Model
 from residual.model.nominal import (
     GIVEN,
-    Nominal,
-    begin,
-    declared_names,
-    prepare_logs,
-    refuse_baseline,
+    NominalModel,
+    choose_declared_effects,
+    prepare_fit_logs,
+    refuse_known_with_baseline,
+    start_model,
 )
 from residual.recording import Recording
-from residual.robot.robot import Robot, check_joints
-from residual.signals.splitting import hold_out_end, session_clock
-from residual.signals.track import Filters
-from residual.verdict.result import PLAIN, STAGES, Diagnosis, error_tables
+from residual.robot.robot import Robot, check_joint_count
+from residual.signals.splitting import find_session_start, split_off_last_quarter
+from residual.signals.track import FilterSettings
+from residual.verdict.result import PLAIN, STAGES, Diagnosis, tabulate_errors
 
 
 def diagnose(
@@ -66,48 +70,56 @@ def diagnose(
             adopted model comes without its logs.
     """
     tell = progress or (lambda stage, share: None)
-    check_joints(robot, [*fit, *baseline, *held_out])
+    check_joint_count(robot, [*fit, *baseline, *held_out])
     same_run = not held_out
     if same_run:
-        fit, held_out = hold_out_end(fit)
+        fit, held_out = split_off_last_quarter(fit)
     if isinstance(declared, Model) and not baseline:
         raise InputError(
             "The adopted model has no logs, so changes since then cannot be found: "
             "give its logs as the baseline."
         )
     if baseline and not alone:
-        refuse_baseline(robot)
+        refuse_known_with_baseline(robot)
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 
     # The nominal model, and a search for what it lacks.
-    logs = prepare_logs(robot, fit, session_clock([*fit, *held_out]), Filters())
+    logs = prepare_fit_logs(
+        robot, fit, find_session_start([*fit, *held_out]), FilterSettings()
+    )
     if isinstance(declared, Model):
-        nominal = Nominal(begin(logs, declared), (GIVEN,) * len(declared.terms))
+        nominal = NominalModel(
+            start_model(logs, declared), (GIVEN,) * len(declared.terms)
+        )
     else:
-        nominal = nominal_with_constants(logs, declared_names(logs.robot, declared))
-    outcome = examine(logs, nominal, THRESHOLDS, tell)
+        nominal = add_joint_constants(
+            logs, choose_declared_effects(logs.robot, declared)
+        )
+    outcome = search_effects(logs, nominal, THRESHOLDS, tell)
     # Every name is doubted, on held-out motion too; what stands is in the models.
     tell("proof", 0.0)
     proof = prepare_held_out(held_out, outcome.nominal.model)
-    standing = doubt_names(outcome, proof, fit, tell)
+    standing = withdraw_doubtful_names(outcome, proof, fit, tell)
     outcome, validation = standing.outcome, standing.validation
-    models, bodies = three_models(outcome, validation)
+    models, bodies = build_three_models(outcome, validation)
     augmented = models["augmented"]
-    remains = examine_leftover(outcome, validation.fit, augmented)
+    remains = analyze_unexplained(outcome, validation.fit, augmented)
     named, background = split_background(standing.named, outcome.logs.robot.dof)
-    question = open_question(outcome, validation.fit, named)
+    question = build_open_question(outcome, validation.fit, named)
     if check is not None and check.certain:
         named, models["augmented"] = (), models["identified"]
     elif remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
     # The error of every model on the held-out logs, beside plain least squares.
     filters = outcome.logs.filters
-    errors, proofs = compare(models, proof, filters)
-    reference, _ = compare({PLAIN: plain_fit(logs)}, proof, filters)
+    errors, proofs = compute_model_errors(models, proof, filters)
+    reference, _ = compute_model_errors(
+        {PLAIN: fit_least_squares_model(logs)}, proof, filters
+    )
     small = outcome.logs.too_small
     errors = {name: e.without(small) for name, e in (errors | reference).items()}
-    verdict = conclude(
+    verdict = build_verdict(
         standing,
         named,
         background,
@@ -115,12 +127,12 @@ def diagnose(
         remains,
         question,
         errors,
-        error_tables(
+        tabulate_errors(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},
             min(t.cutoff for t in outcome.logs.tracks),
             [r.id for r in held_out],
             same_run,
-            worse_joints(models, proof),
+            find_worse_joints(models, proof),
         ),
         check,
         warnings,
@@ -130,10 +142,10 @@ def diagnose(
         verdict=verdict,
         models=models,
         proofs=proofs,
-        clouds=clouds(outcome, validation.fit, named),
+        clouds=residual_clouds(outcome, validation.fit, named),
         notes=(
-            *signal_notes(outcome),
-            *noise_notes(standing.checks, [t for t, _ in validation.kept]),
+            *describe_signals(outcome),
+            *describe_angle_noise(standing.checks, [t for t, _ in validation.kept]),
             *bodies.notes,
         ),
         residual_clouds=tuple(one.cloud for one in remains.joints),

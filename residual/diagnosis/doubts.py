@@ -10,30 +10,34 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from residual.diagnosis.errors_in_variables import NoiseCheck, check_noise, drop_noise
-from residual.diagnosis.findings import NamedEffect, findings
+from residual.diagnosis.errors_in_variables import (
+    AngleNoiseCheck,
+    check_angle_noise,
+    drop_noise_artifacts,
+)
+from residual.diagnosis.findings import NamedEffect, merge_into_findings
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.held_out import (
-    HeldOutResult,
-    count_splits,
+    HeldOutValidation,
+    count_confirming_splits,
     drop_names,
-    find_harmful,
-    validate_names,
+    find_harmful_name,
+    validate_on_held_out,
 )
 from residual.diagnosis.outcome import (
     Progress,
     SearchOutcome,
-    predictive,
-    refit,
-    search_again,
-    with_constants,
-    without_refuted,
+    name_supported_constants,
+    refit_members,
+    remove_refuted_names,
+    search_without_names,
+    select_predictive_prior,
 )
-from residual.diagnosis.search import needed_nats
-from residual.effects.base import Trait
-from residual.errors import listed
-from residual.evidence.design import Group
-from residual.evidence.fit import as_model, with_possible_bodies
+from residual.diagnosis.search import required_nats
+from residual.effects.base import EffectTrait
+from residual.errors import join_with_commas
+from residual.evidence.design import CandidateColumns
+from residual.evidence.fit import build_fitted_model, fit_possible_bodies
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import HeldOutLog
 from residual.recording import Recording
@@ -47,7 +51,7 @@ PROVEN = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class LogisticCurve:
+class ConfidenceCurve:
     """Log odds of a name: a level, and weights of what speaks for it."""
 
     level: float
@@ -57,20 +61,22 @@ class LogisticCurve:
 
 
 # 70 names of 8 measured arms, seed 1 of `benchmarks/measured_parts/added.py`.
-CURVE = LogisticCurve(level=-3.10, nats=0.41, parts=1.88, gain=2.59)
+CURVE = ConfidenceCurve(level=-3.10, nats=0.41, parts=1.88, gain=2.59)
 # Of a constant, whose evidence is no measure (it is tested on left-out parts): 24 of
 # the same and of simulated arms; the level 0.2 under the fit, as few of them are false.
-OF_CONSTANTS = LogisticCurve(level=-1.60, nats=0.0, parts=2.34, gain=3.28)
+OF_CONSTANTS = ConfidenceCurve(level=-1.60, nats=0.0, parts=2.34, gain=3.28)
 
 
-def confidence(tested: GateResult, gain: float, splits: Splits) -> float:
+def name_probability(tested: GateResult, gain: float, splits: Splits) -> float:
     """Probability that a name is right, on a joint that keeps more than noise.
 
     Args:
         gain: Part of the held-out error that it removes.
         splits: How many parts of the logs show it again.
     """
-    curve = OF_CONSTANTS if Trait.CONSTANT in tested.group.effect.traits else CURVE
+    curve = (
+        OF_CONSTANTS if EffectTrait.CONSTANT in tested.group.effect.traits else CURVE
+    )
     parts = splits.found / splits.of if splits.of else 0.5
     gained = float(np.clip(gain / MOST_GAIN, -1.0, 1.0))
     odds = curve.level + curve.nats * np.log1p(max(tested.nats, 0.0))
@@ -84,22 +90,22 @@ def confidence(tested: GateResult, gain: float, splits: Splits) -> float:
 # fallen name explained is still there: anything that looks like it will be glad to.
 
 
-def substitutes(
+def find_substitute_names(
     outcome: SearchOutcome,
-    validation: HeldOutResult,
+    validation: HeldOutValidation,
     held_out: Sequence[HeldOutLog],
-    late: Sequence[GateResult],
-    fallen: Sequence[Group],
+    late_names: Sequence[GateResult],
+    withdrawn_groups: Sequence[CandidateColumns],
 ) -> list[tuple[GateResult, str]]:
     """Return the late names that only say what a fallen one said, or prove nothing.
 
     Args:
-        late: Those of the names that an earlier search had not found.
-        fallen: What fell although it explained much.
+        late_names: Those of the names that an earlier search had not found.
+        withdrawn_groups: What fell although it explained much.
     """
     out = []
-    for member in late:
-        if not _is_more(outcome, validation, member, fallen):
+    for member in late_names:
+        if not _is_more(outcome, validation, member, withdrawn_groups):
             out.append((member, "withdrawn: it only repeats a withdrawn effect"))
         elif not _is_proven(outcome, validation, held_out, member):
             why = "it replaces a withdrawn effect without a clear held-out gain"
@@ -109,9 +115,9 @@ def substitutes(
 
 def _is_more(
     outcome: SearchOutcome,
-    validation: HeldOutResult,
+    validation: HeldOutValidation,
     member: GateResult,
-    fallen: Sequence[Group],
+    fallen: Sequence[CandidateColumns],
 ) -> bool:
     """Whether a name passes the threshold with the withdrawn names in the fit."""
     task = outcome.task
@@ -123,12 +129,12 @@ def _is_more(
 
 def _is_proven(
     outcome: SearchOutcome,
-    validation: HeldOutResult,
+    validation: HeldOutValidation,
     held_out: Sequence[HeldOutLog],
     member: GateResult,
 ) -> bool:
     """Whether a name lowers the held-out error significantly where it acts."""
-    rest = refit(outcome, [t for t, _ in validation.kept if t is not member])
+    rest = refit_members(outcome, [t for t, _ in validation.kept if t is not member])
     after = outcome.error(validation.fit, held_out)
     before = outcome.error(rest, held_out)
     rms = outcome.task.design.rms
@@ -146,7 +152,7 @@ ALONE = "withdrawn: its evidence is too weak without the refuted effects"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Withdrawal:
+class WithdrawnName:
     """A name that did not stand."""
 
     tested: GateResult  # the name
@@ -156,60 +162,60 @@ class Withdrawal:
     explains: bool = False
     # Whether its family falls with it, which would say the same, only worse; else it
     # was only the wrong one of it.
-    with_kin: bool = False
+    with_related: bool = False
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class DoubtResult:
+class ConfirmedNames:
     """What stands after every name was doubted."""
 
     outcome: SearchOutcome  # the diagnosis of the last search
-    validation: HeldOutResult  # its names with their gain on held-out motion
+    validation: HeldOutValidation  # its names with their gain on held-out motion
     # What noise of the angles does to their fit; None where nobody looked.
-    checks: NoiseCheck | None
+    checks: AngleNoiseCheck | None
     named: tuple[NamedEffect, ...]  # the findings, most important first
     splits: dict[GateResult, Splits]  # how often each tested name was found again
-    withdrawn: tuple[Withdrawal, ...]  # names that fell, of all searches
+    withdrawn: tuple[WithdrawnName, ...]  # names that fell, of all searches
     suspected: tuple[NamedEffect, ...] = ()  # what is less sure, and in no model
     gains: Mapping[GateResult, float] = field(default_factory=dict)  # of all that stood
 
 
-def doubt_names(
+def withdraw_doubtful_names(
     outcome: SearchOutcome,
-    proof: Sequence[HeldOutLog],
+    held_out: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
-    tell: Progress,
-) -> DoubtResult:
+    progress: Progress,
+) -> ConfirmedNames:
     """Doubt every name; search again without those that fall, until none does.
 
     Args:
         recordings: The fit logs, in the diagnosis' order.
     """
-    gone: list[Withdrawal] = []
+    gone: list[WithdrawnName] = []
     first = {_place_of(t) for t in (*outcome.tested, *outcome.withdrawn)}
     for turn in range(1, THRESHOLDS.doubt_rounds + 1):
         last = turn == THRESHOLDS.doubt_rounds
         fallen = [w.tested.group for w in gone if w.explains]
-        now = _doubt_once(outcome, proof, recordings, first, fallen, last)
+        now = _doubt_once(outcome, held_out, recordings, first, fallen, last)
         gone += now.withdrawn
-        tell("proof", turn / (THRESHOLDS.doubt_rounds + 1))
+        progress("proof", turn / (THRESHOLDS.doubt_rounds + 1))
         if not now.withdrawn or last:
             break
-        kin = [w.tested.group for w in gone if w.with_kin]
-        outcome = search_again(outcome, [w.tested.group for w in gone], kin)
-    now = _with_constants(replace(now, withdrawn=tuple(gone)), proof, recordings)
+        kin = [w.tested.group for w in gone if w.with_related]
+        outcome = search_without_names(outcome, [w.tested.group for w in gone], kin)
+    now = _with_constants(replace(now, withdrawn=tuple(gone)), held_out, recordings)
     known = {_place_of(t) for f in now.named for t in f.tested}
     gone = [w for w in now.withdrawn if _place_of(w.tested) not in known]
     tested = [t for t, _ in now.validation.kept]
-    again = count_splits(now.outcome.task, now.validation.fit, tested)
+    again = count_confirming_splits(now.outcome.task, now.validation.fit, tested)
     splits = dict(zip(tested, again, strict=True))
     now = replace(now, splits=splits, withdrawn=tuple(gone))
-    return _split_suspected(now, proof, recordings)
+    return _split_suspected(now, held_out, recordings)
 
 
 def _split_suspected(
-    now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
-) -> DoubtResult:
+    now: ConfirmedNames, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> ConfirmedNames:
     """Part the sure names from the suspected ones, which are in no model."""
     probabilities = _confidences(now)
     gains = dict(now.validation.kept)
@@ -217,18 +223,20 @@ def _split_suspected(
     weak = {
         t
         for f in every
-        for t, s in zip(f.tested, f.sureness, strict=True)
+        for t, s in zip(f.tested, f.confidences, strict=True)
         if s.probability < SURE
     }
-    suspected = [part for f in every if (part := f.only(weak))]
+    suspected = [part for f in every if (part := f.select_members(weak))]
     validation = (
         drop_names(now.outcome, now.validation, list(weak)) if weak else now.validation
     )
-    first = replace(without_refuted(now.outcome, validation.fit), fit=validation.fit)
-    outcome = predictive(first)
+    first = replace(
+        remove_refuted_names(now.outcome, validation.fit), fit=validation.fit
+    )
+    outcome = select_predictive_prior(first)
     if outcome is not first:
         tested = tuple(t for t, _ in validation.kept)
-        revalidated = validate_names(replace(outcome, tested=tested), proof)
+        revalidated = validate_on_held_out(replace(outcome, tested=tested), proof)
         # A scale that a name does not stand at is none to take.
         stand_all = len(revalidated.kept) == len(tested)
         validation, outcome = (
@@ -237,17 +245,23 @@ def _split_suspected(
     if outcome is first and not weak:
         return replace(now, outcome=first, named=tuple(every))
     remaining = [t for t, _ in validation.kept]
-    checks = check_noise(outcome, validation.fit, recordings) if remaining else None
-    named = findings(outcome, validation.fit, remaining, checks)
+    checks = (
+        check_angle_noise(outcome, validation.fit, recordings) if remaining else None
+    )
+    named = merge_into_findings(outcome, validation.fit, remaining, checks)
     unlikely = _find_unlikely(named, _common_names(outcome, validation))
     if outcome is not first and unlikely:
         validation = drop_names(outcome, validation, unlikely)
-        outcome = without_refuted(outcome, validation.fit)
-        gone = tuple(Withdrawal(t, UNLIKELY) for t in unlikely)
+        outcome = remove_refuted_names(outcome, validation.fit)
+        gone = tuple(WithdrawnName(t, UNLIKELY) for t in unlikely)
         now = replace(now, withdrawn=(*now.withdrawn, *gone))
         remaining = [t for t, _ in validation.kept]
-        checks = check_noise(outcome, validation.fit, recordings) if remaining else None
-        named = findings(outcome, validation.fit, remaining, checks)
+        checks = (
+            check_angle_noise(outcome, validation.fit, recordings)
+            if remaining
+            else None
+        )
+        named = merge_into_findings(outcome, validation.fit, remaining, checks)
     return replace(
         now,
         outcome=outcome,
@@ -269,18 +283,18 @@ def _find_unlikely(
     return [
         t
         for finding in named
-        for t, sure in zip(finding.tested, finding.sureness, strict=True)
+        for t, sure in zip(finding.tested, finding.confidences, strict=True)
         if sure.probability < THRESHOLDS.min_probability
         and t not in company
-        and Trait.CONSTANT not in t.group.effect.traits
+        and EffectTrait.CONSTANT not in t.group.effect.traits
     ]
 
 
-def _confidences(now: DoubtResult) -> dict[GateResult, float]:
+def _confidences(now: ConfirmedNames) -> dict[GateResult, float]:
     """Confidence of each name; common names of all drives share one."""
     doubted = now.outcome.adequacy.doubted
     probability = {
-        t: confidence(t, gain, now.splits[t]) if t.joint in doubted else 1.0
+        t: name_probability(t, gain, now.splits[t]) if t.joint in doubted else 1.0
         for t, gain in now.validation.kept
     }
     company = _common_names(now.outcome, now.validation)
@@ -301,38 +315,38 @@ def _with_confidence(
     """
     sureness = []
     for t, s, clear in zip(
-        finding.tested, finding.sureness, finding.sized, strict=True
+        finding.tested, finding.confidences, finding.size_is_significant, strict=True
     ):
         # Of a constant evidence is no measure, and what could stand in its place is
         # said beside it.
-        constant = Trait.CONSTANT in t.group.effect.traits
+        constant = EffectTrait.CONSTANT in t.group.effect.traits
         probability = probabilities[t] * (1.0 if constant else s.probability)
         significant = clear or gains[t] >= PROVEN
         sureness.append(
             replace(s, probability=probability if significant else probability / 2)
         )
-    return replace(finding, sureness=tuple(sureness))
+    return replace(finding, confidences=tuple(sureness))
 
 
 def _with_constants(
-    now: DoubtResult, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
-) -> DoubtResult:
-    outcome, own = with_constants(now.outcome, now.validation.fit)
+    now: ConfirmedNames, proof: Sequence[HeldOutLog], recordings: Sequence[Recording]
+) -> ConfirmedNames:
+    outcome, own = name_supported_constants(now.outcome, now.validation.fit)
     if not own:
         validation = replace(now.validation, fit=outcome.fit)
         return replace(now, outcome=outcome, validation=validation)
     names = [t for t, _ in now.validation.kept]
     every = replace(outcome, tested=(*names, *own))
-    validation = validate_names(every, proof)
-    gone = [Withdrawal(t, _refuted(gain)) for t, gain in validation.refuted]
+    validation = validate_on_held_out(every, proof)
+    gone = [WithdrawnName(t, _refuted(gain)) for t, gain in validation.refuted]
     tested = [t for t, _ in validation.kept]
-    checks = check_noise(outcome, validation.fit, recordings) if tested else None
+    checks = check_angle_noise(outcome, validation.fit, recordings) if tested else None
     return replace(
         now,
         outcome=outcome,
         validation=validation,
         checks=checks,
-        named=tuple(findings(outcome, validation.fit, tested, checks)),
+        named=tuple(merge_into_findings(outcome, validation.fit, tested, checks)),
         withdrawn=(*now.withdrawn, *gone),
     )
 
@@ -342,9 +356,9 @@ def _doubt_once(
     proof: Sequence[HeldOutLog],
     recordings: Sequence[Recording],
     first: Collection[tuple],
-    earlier: Sequence[Group],
+    earlier: Sequence[CandidateColumns],
     last: bool,
-) -> DoubtResult:
+) -> ConfirmedNames:
     """Put the names of one search through every doubt.
 
     The first doubt that one falls by ends the round, since the others lean on it and
@@ -354,9 +368,9 @@ def _doubt_once(
         first: Places of the names of the first search.
         earlier: What fell of earlier searches although it explained much.
     """
-    validation = validate_names(outcome, proof)
+    validation = validate_on_held_out(outcome, proof)
     gone = [
-        Withdrawal(
+        WithdrawnName(
             t,
             f"withdrawn: the residual of joint {t.joint + 1} resembles it, but it does "
             "not explain the residual",
@@ -366,31 +380,35 @@ def _doubt_once(
         for t in outcome.withdrawn
     ]
     gone += [
-        Withdrawal(t, _refuted(gain), True, True) for t, gain in validation.refuted
+        WithdrawnName(t, _refuted(gain), True, True) for t, gain in validation.refuted
     ]
     if last:
-        gone += [Withdrawal(t, ALONE) for t in validation.dropped]
+        gone += [WithdrawnName(t, ALONE) for t in validation.dropped]
     checks, named = None, []
     while last or not gone:
-        validation, checks, noise = drop_noise(outcome, validation, recordings)
+        validation, checks, noise = drop_noise_artifacts(
+            outcome, validation, recordings
+        )
         tested = [t for t, _ in validation.kept]
-        named = findings(outcome, validation.fit, tested, checks)
+        named = merge_into_findings(outcome, validation.fit, tested, checks)
         company = _common_names(outcome, validation)
         fallen = [(t, NOISE) for t in noise] or _find_weak(named, company)
         fallen = fallen or _find_bodiless(outcome, validation)
-        harm = [] if fallen else find_harmful(outcome, validation, proof, company)
+        harm = [] if fallen else find_harmful_name(outcome, validation, proof, company)
         fallen = fallen or harm
         late = [t for t in tested if _place_of(t) not in first]
-        fallen = fallen or substitutes(outcome, validation, proof, late, earlier)
+        fallen = fallen or find_substitute_names(
+            outcome, validation, proof, late, earlier
+        )
         if not fallen:
             break
-        gone += [Withdrawal(t, why, explains=bool(harm)) for t, why in fallen]
+        gone += [WithdrawnName(t, why, explains=bool(harm)) for t, why in fallen]
         validation = drop_names(outcome, validation, [t for t, _ in fallen])
-    return DoubtResult(outcome, validation, checks, tuple(named), {}, tuple(gone))
+    return ConfirmedNames(outcome, validation, checks, tuple(named), {}, tuple(gone))
 
 
 def _common_names(
-    outcome: SearchOutcome, validation: HeldOutResult
+    outcome: SearchOutcome, validation: HeldOutValidation
 ) -> list[GateResult]:
     """Names that stand on half of the arm's joints or more, and came together.
 
@@ -398,7 +416,7 @@ def _common_names(
     friction is no less likely for it.
     """
     members, task = validation.fit.members, outcome.task
-    return [t for t, _ in validation.kept if needed_nats(task, members, t.group) < 0]
+    return [t for t, _ in validation.kept if required_nats(task, members, t.group) < 0]
 
 
 def _find_weak(
@@ -407,14 +425,14 @@ def _find_weak(
     """Names that are improbable, or not significantly different from zero."""
     out = []
     for finding in named:
-        for tested, sure in zip(finding.tested, finding.sureness, strict=True):
+        for tested, sure in zip(finding.tested, finding.confidences, strict=True):
             if tested in company:
                 continue
             if sure.probability < THRESHOLDS.min_probability:
                 out.append((tested, UNLIKELY))
             elif sure.chance > (
                 THRESHOLDS.link_zero_chance
-                if tested.group.effect.of_link
+                if tested.group.effect.replaces_link
                 else THRESHOLDS.zero_chance
             ):
                 why = "withdrawn: its size is not significantly different from zero"
@@ -423,17 +441,17 @@ def _find_weak(
 
 
 def _find_bodiless(
-    outcome: SearchOutcome, validation: HeldOutResult
+    outcome: SearchOutcome, validation: HeldOutValidation
 ) -> list[tuple[GateResult, str]]:
     """Names of bodies, where the logs exclude every possible body."""
-    named = [t for t, _ in validation.kept if Trait.BODY in t.group.effect.traits]
+    named = [t for t, _ in validation.kept if EffectTrait.BODY in t.group.effect.traits]
     if not named:
         return []
-    model = as_model(outcome.nominal, validation.fit)
-    made = with_possible_bodies(outcome.task.design, validation.fit, model)
+    model = build_fitted_model(outcome.nominal, validation.fit)
+    made = fit_possible_bodies(outcome.task.design, validation.fit, model)
     if made.correction is None or not made.contradicted:
         return []
-    bodies = listed(made.correction.bodies)
+    bodies = join_with_commas(made.correction.bodies)
     why = f"withdrawn: the logs give physically impossible inertias for {bodies}"
     return [(t, why) for t in named]
 

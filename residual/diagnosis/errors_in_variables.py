@@ -16,23 +16,23 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import HeldOutResult, drop_names
+from residual.diagnosis.held_out import HeldOutValidation, drop_names
 from residual.diagnosis.outcome import SearchOutcome
-from residual.effects.base import Trait
+from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import (
     Fit,
-    System,
-    as_model,
-    chance_of,
-    physical,
-    scaled_inverse,
+    FitEquations,
+    build_fitted_model,
+    compute_zero_chance,
+    invert_scaled,
+    keep_physical_terms,
 )
-from residual.evidence.priors import first_design
+from residual.evidence.priors import build_first_design
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array, Recording
-from residual.signals.splitting import in_pieces
-from residual.signals.track import on_rows_of, prepare
+from residual.signals.splitting import split_long_logs
+from residual.signals.track import build_tracks, keep_measured_rows
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
 FLAT = 1e-9  # of the largest singular value or correlation: what moves nothing
@@ -40,10 +40,10 @@ LEAST = 1e-3  # of its variance: what a difference is never known better than
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class NoiseCheck:
+class AngleNoiseCheck:
     """A fit, held against the noise of the angles."""
 
-    how: str  # "instruments" or "effective variance"
+    method: str  # "instruments" or "effective variance"
     fit: Fit  # the fit that was checked
     # Coefficients by instruments; without them the fit's own, rid of what the noise
     # took, (m,).
@@ -59,7 +59,7 @@ class NoiseCheck:
         shift, slots = self._shift(tested)
         spread = self.spread[np.ix_(slots, slots)]
         spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
-        return chance_of(shift, spread, LEAST) < THRESHOLDS.noise_chance
+        return compute_zero_chance(shift, spread, LEAST) < THRESHOLDS.noise_chance
 
     def is_noise(self, tested: GateResult) -> bool:
         """Whether the effect is made of the noise, or too much of it to believe.
@@ -72,12 +72,13 @@ class NoiseCheck:
         shift, slots = self._shift(tested)
         own = self.covariance[np.ix_(slots, slots)]
         nothing = (
-            chance_of(self.theta[slots], own, LEAST) > THRESHOLDS.noise_zero_chance
+            compute_zero_chance(self.theta[slots], own, LEAST)
+            > THRESHOLDS.noise_zero_chance
         )
         sd = np.sqrt(np.diag(self.fit.covariance())[slots])
         part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
         return nothing or (
-            self.how == EFFECTIVE and bool(part > THRESHOLDS.noise_shift_share)
+            self.method == EFFECTIVE and bool(part > THRESHOLDS.noise_shift_share)
         )
 
     def estimate(self, tested: GateResult) -> tuple[Array, Array]:
@@ -88,7 +89,7 @@ class NoiseCheck:
         """
         shift, slots = self._shift(tested)
         theta, square = self.fit.theta[slots], np.outer(shift, shift)
-        redrawn = self.how == EFFECTIVE
+        redrawn = self.method == EFFECTIVE
         if self.differs(tested):
             spread = self.spread[np.ix_(slots, slots)]
             return theta + shift, spread + redrawn * square / 4
@@ -99,9 +100,11 @@ class NoiseCheck:
         return (self.theta - self.fit.theta)[slots], slots
 
 
-def drop_noise(
-    outcome: SearchOutcome, validation: HeldOutResult, recordings: Sequence[Recording]
-) -> tuple[HeldOutResult, NoiseCheck | None, tuple[GateResult, ...]]:
+def drop_noise_artifacts(
+    outcome: SearchOutcome,
+    validation: HeldOutValidation,
+    recordings: Sequence[Recording],
+) -> tuple[HeldOutValidation, AngleNoiseCheck | None, tuple[GateResult, ...]]:
     """Drop the names that noise of the angles made.
 
     Args:
@@ -113,7 +116,7 @@ def drop_noise(
     """
     dropped: list[GateResult] = []
     while validation.kept:
-        checks = check_noise(outcome, validation.fit, recordings)
+        checks = check_angle_noise(outcome, validation.fit, recordings)
         noise = [t for t, _ in validation.kept if checks.is_noise(t)]
         if not noise:
             return validation, checks, tuple(dropped)
@@ -122,8 +125,8 @@ def drop_noise(
     return validation, None, tuple(dropped)
 
 
-def noise_notes(
-    checks: NoiseCheck | None, tested: Sequence[GateResult]
+def describe_angle_noise(
+    checks: AngleNoiseCheck | None, tested: Sequence[GateResult]
 ) -> tuple[str, ...]:
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
@@ -131,7 +134,7 @@ def noise_notes(
     corrected = ", ".join(
         sorted({t.group.effect.name for t in tested if checks.differs(t)})
     )
-    if checks.how == EFFECTIVE:
+    if checks.method == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
         moved = f"parameters of {corrected} are corrected for it; " if corrected else ""
         note = (
@@ -153,9 +156,9 @@ def noise_notes(
     return (note,)
 
 
-def check_noise(
+def check_angle_noise(
     outcome: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
-) -> NoiseCheck:
+) -> AngleNoiseCheck:
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
     Args:
@@ -163,17 +166,17 @@ def check_noise(
     """
     if all(r.q_ref is not None for r in recordings):
         logs = outcome.logs
-        recordings = in_pieces(recordings, logs.filters.torque)
+        recordings = split_long_logs(recordings, logs.filters.torque)
         asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
-        tracks, _ = prepare(asked, logs.filters, logs.speed_floor)
-        return _by_instruments(outcome, fitted, on_rows_of(logs.tracks, tracks))
+        tracks, _ = build_tracks(asked, logs.filters, logs.speed_floor)
+        return _by_instruments(outcome, fitted, keep_measured_rows(logs.tracks, tracks))
     return _by_redrawing(outcome, fitted, outcome.logs.shaken)
 
 
-def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
     design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
-    system = System.of(design, outcome.task.prior, fitted.members)
+    system = FitEquations.of(design, outcome.task.prior, fitted.members)
     weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
@@ -183,9 +186,9 @@ def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
         inner, pulled = _project(real, instruments)
         precision[np.ix_(have, have)] += weight[j] * inner
         pull[have] += weight[j] * pulled
-    covariance = scaled_inverse(precision)
-    return NoiseCheck(
-        how=INSTRUMENTS,
+    covariance = invert_scaled(precision)
+    return AngleNoiseCheck(
+        method=INSTRUMENTS,
         fit=fitted,
         theta=covariance @ pull,
         covariance=covariance,
@@ -194,14 +197,14 @@ def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     )
 
 
-def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
+def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     """The normal equations without the noise that one more helping of it shows.
 
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
     noise's own: b is had back where N is known.
     """
     design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
-    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
+    if any(EffectTrait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
         design, own = _design_with(outcome, fitted, outcome.logs.sketch)
     else:
@@ -226,8 +229,8 @@ def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> NoiseCheck:
     left = 1 - np.clip(values, 0, THRESHOLDS.max_noise_information)
     pull = vectors.T @ (lower.T @ fitted.theta) + values * (vectors.T @ lower.T @ start)
     covariance = (turned / left) @ turned.T
-    return NoiseCheck(
-        how=EFFECTIVE,
+    return AngleNoiseCheck(
+        method=EFFECTIVE,
         fit=fitted,
         theta=turned @ (pull / left),
         covariance=covariance,
@@ -240,7 +243,9 @@ def _design_with(outcome: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, A
     """The fit's columns computed from other angles, on the same rows."""
     nominal = outcome.nominal
     other = replace(outcome.logs, tracks=tracks)
-    design = first_design(other, nominal, physical(as_model(nominal, fitted)))
+    design = build_first_design(
+        other, nominal, keep_physical_terms(build_fitted_model(nominal, fitted))
+    )
     members = design.add([g.placed for g in fitted.members])
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 

@@ -7,18 +7,24 @@ import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
-from residual.diagnosis.errors_in_variables import NoiseCheck
+from residual.diagnosis.errors_in_variables import AngleNoiseCheck
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import refine_shape
-from residual.diagnosis.select import alternatives
-from residual.effects.base import Effect, PlacedEffect, Shape, Trait
-from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, chance_of, fit, scaled_inverse
+from residual.diagnosis.search import refine_last_shape
+from residual.diagnosis.select import find_member_alternatives
+from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import (
+    Fit,
+    NominalPrior,
+    compute_zero_chance,
+    fit_jointly,
+    invert_scaled,
+)
 from residual.evidence.priors import OF_NAMES, PriorSpace
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import Cloud
-from residual.quantity import along
+from residual.model.compare import FindingScatter
+from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import EXPLAINED
@@ -32,7 +38,7 @@ STEP = 1e-3  # relative step of the numerical derivatives
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Uncertainty:
+class MemberUncertainty:
     """How well a member is known."""
 
     std: Array  # standard deviation of each parameter, (parameters,)
@@ -43,9 +49,11 @@ class Uncertainty:
     chance: float
 
 
-def standard_deviations(
-    outcome: SearchOutcome, fitted: Fit, sizes: Mapping[Group, tuple[Array, Array]]
-) -> dict[Group, Uncertainty]:
+def estimate_uncertainties(
+    outcome: SearchOutcome,
+    fitted: Fit,
+    sizes: Mapping[CandidateColumns, tuple[Array, Array]],
+) -> dict[CandidateColumns, MemberUncertainty]:
     """Standard deviation of every parameter of every member.
 
     The largest of three: by the noise, by how much logs disagree, and by other forms of
@@ -64,9 +72,11 @@ def standard_deviations(
     slopes = [s for s in extra.values() if s is not None]
     members = (*fitted.members, *slopes)
     known = fitted.counted, fitted.variance, 1
-    full = fit(task.design, outcome.wide, members, *known)
-    covariance, between = full.covariance(), between_logs(task.design, full)
-    sharp = fit(task.design, doubtful(outcome), members, *known).covariance()
+    full = fit_jointly(task.design, outcome.wide, members, *known)
+    covariance, between = full.covariance(), covariance_between_logs(task.design, full)
+    sharp = fit_jointly(
+        task.design, rougher_body_prior(outcome), members, *known
+    ).covariance()
     out = {}
     for g in fitted.members:
         slope, (theta, doubt) = extra[g], sizes[g]
@@ -84,7 +94,7 @@ def standard_deviations(
     return out
 
 
-def doubtful(outcome: SearchOutcome) -> Prior:
+def rougher_body_prior(outcome: SearchOutcome) -> NominalPrior:
     """The prior that a wrong value must stand out from: bodies one step rougher.
 
     Their scale is an estimate from few sums of many parameters, good to such a step.
@@ -98,13 +108,13 @@ def doubtful(outcome: SearchOutcome) -> Prior:
 
 
 def _doubt(
-    group: Group,
+    group: CandidateColumns,
     theta: Array,
     covariances: Sequence[Array],
     jacobian: Array,
     form: Array,
     prior: Array,
-) -> Uncertainty:
+) -> MemberUncertainty:
     """Combine the covariances of one member: noise, between logs, and sharp."""
     by_noise, between, sharp = covariances
     wide = (by_noise, between)
@@ -113,24 +123,26 @@ def _doubt(
     k = len(theta)
     # A structure must stand out though bodies may be off by as much as logs allow;
     # that a value is wrong is asked of this value, the others as good as they are.
-    covariance = sharp if Trait.PARAMETER in group.effect.traits else by_noise
+    covariance = sharp if EffectTrait.PARAMETER in group.effect.traits else by_noise
     spreads = (covariance, covariance + between)
-    chance = max(chance_of(theta, c[:k, :k], FLAT) for c in spreads)
-    before = np.diag(scaled_inverse(group.precision))
+    chance = max(compute_zero_chance(theta, c[:k, :k], FLAT) for c in spreads)
+    before = np.diag(invert_scaled(group.precision))
     after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
     deviations = np.sqrt(np.maximum([after, before], 0.0))
-    return Uncertainty(std, prior, deviations, chance)
+    return MemberUncertainty(std, prior, deviations, chance)
 
 
-def _prior_std(group: Group, slope: Group | None, jacobian: Array) -> Array:
+def _prior_std(
+    group: CandidateColumns, slope: CandidateColumns | None, jacobian: Array
+) -> Array:
     """Standard deviation of the parameters by the prior alone. Shape (parameters,)."""
     parts = [group, *([] if slope is None else [slope])]
-    blocks = [scaled_inverse(part.precision) for part in parts]
+    blocks = [invert_scaled(part.precision) for part in parts]
     covariance = block_diag(*blocks)
     return np.sqrt(np.einsum("ij,jk,ik->i", jacobian, covariance, jacobian))
 
 
-def between_logs(design: Design, full: Fit) -> Array:
+def covariance_between_logs(design: Design, full: Fit) -> Array:
     """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
 
     No effect has the very form of a textbook, and what is left of it pulls each log its
@@ -151,7 +163,7 @@ def between_logs(design: Design, full: Fit) -> Array:
     return wider**2 * design.folds / free * moved.T @ moved
 
 
-def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
+def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: CandidateColumns) -> Array:
     """Half of what another form of the same effect would change. Shape (parameters,).
 
     Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
@@ -171,7 +183,7 @@ def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
         shape = (group.shape[0], *form)
         groups = task.design.add([group.placed._replace(shape=shape)])
         others = [g for g in fitted.members if g is not group]
-        *_, best = refine_shape(task, (*others, *groups), fitted)
+        *_, best = refine_last_shape(task, (*others, *groups), fitted)
         theta = task.fit((*others, best), fitted).of(best)
         doubt = np.maximum(
             doubt, abs(effect.values(theta, best.shape, robot) - values) / 2
@@ -179,7 +191,9 @@ def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: Group) -> Array:
     return doubt
 
 
-def _slope(design: Design, group: Group, theta: Array) -> Group | None:
+def _slope(
+    design: Design, group: CandidateColumns, theta: Array
+) -> CandidateColumns | None:
     """Column of the derivative with respect to the searched shape, as a group."""
     effect = group.effect
     if effect.refine is None:
@@ -196,7 +210,7 @@ def _slope(design: Design, group: Group, theta: Array) -> Group | None:
     (made,) = design.add([PlacedEffect(derivative, group.joints, ())])
     # The search was confined to the shape's own scale: 100 % of it, one sigma.
     width = abs(x)
-    return Group(
+    return CandidateColumns(
         derivative, group.joints, (), made.ids, np.eye(1) / width**2, -2 * np.log(width)
     )
 
@@ -236,7 +250,7 @@ class MemberConfidence:
     """How sure one member of a finding is."""
 
     probability: float  # of its class against all other names and against none
-    doubt: Uncertainty  # what is known of its parameters
+    doubt: MemberUncertainty  # what is known of its parameters
 
     @property
     def chance(self) -> float:
@@ -262,7 +276,7 @@ class NamedEffect:
     parameters: dict[str, tuple[Array, Array, str, bool]]
     # (name, joints from 1) of what cannot be told from it there.
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
-    sureness: tuple[MemberConfidence, ...]  # how sure each member is
+    confidences: tuple[MemberConfidence, ...]  # how sure each member is
     # What the motion determines where it does not determine all of these: value,
     # standard deviation and unit, by formula.
     combined: dict[str, tuple[float, float, str]]
@@ -278,10 +292,10 @@ class NamedEffect:
     @property
     def probability(self) -> float:
         """Of its class against all others; the weakest member's."""
-        return min(s.probability for s in self.sureness)
+        return min(s.probability for s in self.confidences)
 
     @property
-    def sized(self) -> Array:
+    def size_is_significant(self) -> Array:
         """Whether a size of each member is clear of nothing. Shape (members,)."""
         sums = [abs(value) >= SIZED * std for value, std, _ in self.combined.values()]
         clear = [
@@ -290,13 +304,13 @@ class NamedEffect:
         ]
         return np.any(clear, axis=0) | any(sums)
 
-    def only(self, some: Collection[GateResult]) -> "NamedEffect | None":
+    def select_members(self, members: Collection[GateResult]) -> "NamedEffect | None":
         """The same of some members; None where none of them is in it."""
-        keep = [i for i, t in enumerate(self.tested) if t in some]
+        keep = [i for i, t in enumerate(self.tested) if t in members]
         if not keep or len(keep) == len(self.tested):
             return self if keep else None
         kept = tuple(self.tested[i] for i in keep)
-        joints = tuple(j for t in kept for j in public_joints(t.group))
+        joints = tuple(j for t in kept for j in joint_numbers(t.group))
         return replace(
             self,
             tested=kept,
@@ -310,7 +324,7 @@ class NamedEffect:
                 for name, on in self.equivalent
                 if (left := tuple(j for j in on if j in joints)) or not on
             ),
-            sureness=tuple(self.sureness[i] for i in keep),
+            confidences=tuple(self.confidences[i] for i in keep),
             torque=self.torque[keep],
         )
 
@@ -320,20 +334,20 @@ class NamedEffect:
         return sum(t.nats for t in self.tested)
 
 
-def findings(
+def merge_into_findings(
     outcome: SearchOutcome,
     fitted: Fit,
     tested: Sequence[GateResult],
-    checks: NoiseCheck | None = None,
+    noise_check: AngleNoiseCheck | None = None,
 ) -> list[NamedEffect]:
     """Merge members of one name into one finding; what has most torque comes first.
 
     Args:
-        checks: What noise of the angles does to the fit; None where nobody looked.
+        noise_check: What noise of the angles does to the fit; None where nobody looked.
     """
-    sizes = {t.group: _size(fitted, t, checks) for t in tested}
-    doubts = standard_deviations(outcome, fitted, sizes)
-    near = {t: alternatives(outcome.task, fitted, t.group) for t in tested}
+    sizes = {t.group: _size(fitted, t, noise_check) for t in tested}
+    doubts = estimate_uncertainties(outcome, fitted, sizes)
+    near = {t: find_member_alternatives(outcome.task, fitted, t.group) for t in tested}
     out = []
     for members in _merge_joints(tested, outcome.logs.robot):
         options = [near[t] for t in members]
@@ -345,7 +359,7 @@ def findings(
         out.append(
             NamedEffect(
                 tuple(members),
-                tuple(j for t in members for j in public_joints(t.group)),
+                tuple(j for t in members for j in joint_numbers(t.group)),
                 values,
                 _equivalents(members, [o[0] for o in options]),
                 tuple(sure),
@@ -382,7 +396,7 @@ def _rides_on(rider: NamedEffect, base: NamedEffect) -> bool:
     return any(sizes[0][j] >= THRESHOLDS.rides_share * sizes[1][j] for j in shared)
 
 
-def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
+def _torque(outcome: SearchOutcome, fitted: Fit, group: CandidateColumns) -> float:
     """Largest rms torque of a member on any joint, as a share of the joint's rms."""
     design, out = outcome.task.design, 0.0
     for j in range(design.dof):
@@ -392,14 +406,14 @@ def _torque(outcome: SearchOutcome, fitted: Fit, group: Group) -> float:
     return out
 
 
-def _torque_on(design: Design, fitted: Fit, group: Group, j: int) -> Array:
+def _torque_on(design: Design, fitted: Fit, group: CandidateColumns, j: int) -> Array:
     """Torque of a member on the rows of a joint [N m]. Shape (rows,)."""
     place, have = design.present(j, group.ids)
     return design.columns(j, place) @ fitted.of(group)[have]
 
 
 def _size(
-    fitted: Fit, tested: GateResult, checks: NoiseCheck | None
+    fitted: Fit, tested: GateResult, checks: AngleNoiseCheck | None
 ) -> tuple[Array, Array]:
     """Reported coefficients of a member, and the covariance of their doubt."""
     if checks:
@@ -408,7 +422,7 @@ def _size(
     return theta, np.zeros((len(theta), len(theta)))
 
 
-def public_joints(group: Group) -> tuple[int, ...]:
+def joint_numbers(group: CandidateColumns) -> tuple[int, ...]:
     """Joints from 1; empty for a global effect."""
     return tuple(j + 1 for j in group.joints)
 
@@ -438,14 +452,14 @@ def _equivalents(members, near) -> tuple:
     A constant may as well be a spring on one joint and a gas spring on the next.
     """
     if len(members) == 1:
-        return tuple((g.effect.name, public_joints(g)) for g in near[0])
+        return tuple((g.effect.name, joint_numbers(g)) for g in near[0])
     name, on = members[0].group.effect.name, {}
     for member, groups in zip(members, near, strict=True):
         joints = member.group.joints
         for g in dict.fromkeys(g for g in groups if g.effect.name != name):
-            place = None if g.joints == joints else public_joints(g)
+            place = None if g.joints == joints else joint_numbers(g)
             on_joints = on.setdefault((g.effect.name, place), list(place or ()))
-            on_joints += public_joints(member.group) if place is None else ()
+            on_joints += joint_numbers(member.group) if place is None else ()
     ranked = sorted(on.items(), key=lambda item: -len(item[1]))
     return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
@@ -491,9 +505,9 @@ def _combined(
     return out
 
 
-def clouds(
+def residual_clouds(
     outcome: SearchOutcome, fitted: Fit, findings: Sequence[NamedEffect]
-) -> tuple[Cloud, ...]:
+) -> tuple[FindingScatter, ...]:
     """One cloud per finding and joint on which it acts most.
 
     Of an effect that no one variable explains, one on every joint that it moves, over
@@ -526,7 +540,9 @@ def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
     ]
 
 
-def _cloud(outcome: SearchOutcome, fitted: Fit, tested: GateResult, j: int) -> Cloud:
+def _cloud(
+    outcome: SearchOutcome, fitted: Fit, tested: GateResult, j: int
+) -> FindingScatter:
     design, group = outcome.task.design, tested.group
     torque = _torque_on(design, fitted, group, j)
     left = design.residual(j, fitted.ids, fitted.theta)
@@ -534,7 +550,9 @@ def _cloud(outcome: SearchOutcome, fitted: Fit, tested: GateResult, j: int) -> C
     x, label, log = _variable(outcome, group.effect, anchor, j)
     if x is None:
         x = torque
-    return Cloud(group.effect.name, j + 1, label, x, left + torque, torque, log)
+    return FindingScatter(
+        group.effect.name, j + 1, label, x, left + torque, torque, log
+    )
 
 
 def _variable(
@@ -545,7 +563,11 @@ def _variable(
     None where that is the torque that it explains.
     """
     prismatic = outcome.logs.robot.prismatic[j]
-    values, labels, label = [], [], along(EXPLAINED) if prismatic else EXPLAINED
+    values, labels, label = (
+        [],
+        [],
+        convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED,
+    )
     states = outcome.task.design.states
     for track, state in zip(outcome.logs.sketch, states, strict=True):
         rows = track.moving[:, j]
@@ -588,7 +610,7 @@ def split_background(
 
 def _is_background(finding: NamedEffect, least: float) -> bool:
     effect = finding.effect
-    small = effect.traits & (Trait.FRICTION | Trait.PERIODIC)
+    small = effect.traits & (EffectTrait.FRICTION | EffectTrait.PERIODIC)
     if not small or effect.scope != "local":
         return False
     return bool(np.all(finding.torque < min(THRESHOLDS.usual_torque_share, least)))

@@ -5,10 +5,15 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.search import Task, needed_nats, spares_model
-from residual.effects.base import Trait
-from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, System, evidence_gain, possible
+from residual.diagnosis.search import SearchTask, required_nats, spares_model
+from residual.effects.base import EffectTrait
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    compute_evidence_gain,
+    is_fit_possible,
+)
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model
 from residual.recording import Array
@@ -22,7 +27,7 @@ STATIC = "static"  # the family of torques that depend on nothing but the positi
 class GateResult:
     """One member of the chosen set after the gate."""
 
-    group: Group  # the effect, joints and shape
+    group: CandidateColumns  # the effect, joints and shape
     nats: float  # evidence that it carries in the whole set
     by: str | None  # "fit" or "plausibility"; None where it fails
     joint: int  # the joint (from 0) on which it matters most
@@ -33,12 +38,16 @@ class GateResult:
     shown_joint: int
 
 
-def left_out_errors(task: Task, fitted: Fit) -> Array:
+def cross_validation_errors(task: SearchTask, fitted: Fit) -> Array:
     """Squared error of each fold, predicted from the others. Shape (folds, dof)."""
-    return left_out_of(task, fitted, System.of(task.design, task.prior, fitted.members))
+    return system_cross_validation_errors(
+        task, fitted, FitEquations.of(task.design, task.prior, fitted.members)
+    )
 
 
-def left_out_of(task: Task, fitted: Fit, system: System) -> Array:
+def system_cross_validation_errors(
+    task: SearchTask, fitted: Fit, system: FitEquations
+) -> Array:
     """The same, of the normal equations of a fit. Shape (folds, dof)."""
     design, out = task.design, []
     weight = fitted.weight(design.rows)
@@ -50,29 +59,30 @@ def left_out_of(task: Task, fitted: Fit, system: System) -> Array:
     return np.array(out)
 
 
-def gate_members(task: Task, fitted: Fit) -> list[GateResult]:
+def judge_members_by_gate(task: SearchTask, fitted: Fit) -> list[GateResult]:
     """Test every member of a set: left-out error, else plausibility."""
-    full = left_out_errors(task, fitted)
+    full = cross_validation_errors(task, fitted)
     return [_gate_member(task, fitted, group, full) for group in fitted.members]
 
 
-def passes_gate(task: Task, fitted: Fit, group: Group) -> bool:
+def passes_gate(task: SearchTask, fitted: Fit, group: CandidateColumns) -> bool:
     """Whether one member of a set passes."""
     return (
-        _gate_member(task, fitted, group, left_out_errors(task, fitted)).by is not None
+        _gate_member(task, fitted, group, cross_validation_errors(task, fitted)).by
+        is not None
     )
 
 
 def _gate_member(
-    task: Task, fitted: Fit, group: Group, with_errors: Array
+    task: SearchTask, fitted: Fit, group: CandidateColumns, with_errors: Array
 ) -> GateResult:
     design, rules = task.design, task.rules
     rest = [g for g in fitted.members if g is not group]
     # Settled on its own noise, as a user would refit without the name: held to the
     # larger model's noise it would bend its parameters beyond belief instead.
     without = task.settle(task.fit(rest, fitted, rounds=4))
-    nats, big, small = evidence_gain(design, task.prior, fitted, without)
-    without_errors = left_out_errors(task, without)
+    nats, big, small = compute_evidence_gain(design, task.prior, fitted, without)
+    without_errors = cross_validation_errors(task, without)
     power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
     fall = (without_errors - with_errors).sum(axis=0) / power
     relative = np.sign(fall) * np.sqrt(abs(fall))
@@ -83,7 +93,7 @@ def _gate_member(
     acts = [j for j in range(design.dof) if len(design.present(j, group.ids)[0])]
     joint = acts[int(np.argmax(fall[acts]))]
     by = None
-    if nats < needed_nats(task, fitted.members, group) or not possible(
+    if nats < required_nats(task, fitted.members, group) or not is_fit_possible(
         design, fitted, group
     ):
         pass
@@ -97,7 +107,7 @@ def _gate_member(
     return GateResult(group, nats, by, joint, *at_joint, int(np.argmax(fall)))
 
 
-def _acting(design: Design, fitted: Fit, group: Group) -> Array:
+def _acting(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
     """Folds in which a member does anything; the others have no say. Shape (folds,).
 
     A sensor that saturates does so in those logs alone that ask for so much.
@@ -110,10 +120,12 @@ def _acting(design: Design, fitted: Fit, group: Group) -> Array:
     return power > THRESHOLDS.silent_fold_share * power.max()
 
 
-def drop_failed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
+def drop_members_failing_gate(
+    task: SearchTask, fitted: Fit
+) -> tuple[Fit, list[GateResult]]:
     """Drop the members that fail, weakest first, until all pass."""
     while True:
-        tested = gate_members(task, fitted)
+        tested = judge_members_by_gate(task, fitted)
         failed = [t for t in tested if t.by is None]
         if not failed:
             return fitted, tested
@@ -130,7 +142,7 @@ def drop_failed(task: Task, fitted: Fit) -> tuple[Fit, list[GateResult]]:
 # author's form of the same effect leaves so much.
 
 
-def wrong_forms(
+def find_wrong_forms(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[GateResult]
 ) -> list[GateResult]:
     """Return the names that leave a third of their own curve or more unexplained."""
@@ -141,7 +153,7 @@ def _is_wrong(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: GateResult
 ) -> bool:
     group = tested.group
-    if Trait.ONE_VARIABLE not in group.effect.traits:
+    if EffectTrait.ONE_VARIABLE not in group.effect.traits:
         return False
     (j,) = group.joints
     place, have = design.present(j, group.ids)
@@ -198,7 +210,7 @@ def _repeated(x: Array, y: Array, log: Array) -> float:
 # as well, the names say nothing that the curve does not, and none of them stands.
 
 
-def only_curves(
+def find_replaceable_by_curve(
     design: Design, tracks: Sequence[Track], fitted: Fit, tested: Sequence[GateResult]
 ) -> list[GateResult]:
     """Return the names that a free curve of as many numbers could stand for.
@@ -249,7 +261,7 @@ def _waves(
 
 
 def _is_wave(tested: GateResult) -> bool:
-    return Trait.PERIODIC in tested.group.effect.traits
+    return EffectTrait.PERIODIC in tested.group.effect.traits
 
 
 def _of_position(tested: GateResult) -> bool:
@@ -276,7 +288,7 @@ def _without_curve(x: Array, y: Array, numbers: int) -> Array:
 class Adequacy:
     """What the model leaves unexplained on each joint, as a share of torque rms."""
 
-    structured: Array  # root of (residual variance minus noise variance), (dof,)
+    structured_share: Array  # root of (residual variance minus noise variance), (dof,)
     before: Array  # the same without the names, (dof,)
     noise: Array  # noise level, (dof,)
     # Per joint "repeatable" or "time-driven"; None without repeats.
@@ -287,7 +299,7 @@ class Adequacy:
     doubted: tuple[int, ...]
 
 
-def adequacy(
+def assess_adequacy(
     design: Design,
     tracks: tuple[Track, ...],
     before: Fit,
@@ -314,7 +326,7 @@ def adequacy(
         if (structured[j] > THRESHOLDS.flag_share and structured[j] > 0.5 * first[j])
         or structured[j] > 2 * THRESHOLDS.flag_share
     ]
-    periods = [find_period(track) for track in tracks]
+    periods = [find_motion_period(track) for track in tracks]
     kinds = tuple(
         _residual_kind(design, periods, after, noise, j) for j in range(design.dof)
     )
@@ -351,7 +363,7 @@ def _residual_kind(
     return "repeatable" if same / count >= random else "time-driven"
 
 
-def find_period(track: Track) -> int | None:
+def find_motion_period(track: Track) -> int | None:
     """Rows after which the motion repeats, found from q itself; None where it never."""
     q = track.q[:: track.step]
     m = len(q)
@@ -365,8 +377,8 @@ def find_period(track: Track) -> int | None:
     return period
 
 
-def angle_noise_torque(
-    model: Model, tracks: Sequence[Track], redrawn: Sequence[Track]
+def torque_from_angle_noise(
+    model: Model, tracks: Sequence[Track], noisy_tracks: Sequence[Track]
 ) -> Array:
     """Torque noise that the angles' noise makes of a model, on moving rows.
 
@@ -374,13 +386,13 @@ def angle_noise_torque(
     measured and that of what it is held against.
 
     Args:
-        redrawn: The same, ``shaken``.
+        noisy_tracks: The same, ``shaken``.
 
     Returns:
         Root mean square behind the identification filter [N m]. Shape (dof,).
     """
     squares, rows = np.zeros(model.robot.dof), np.zeros(model.robot.dof)
-    for track, redrawn_track in zip(tracks, redrawn, strict=True):
+    for track, redrawn_track in zip(tracks, noisy_tracks, strict=True):
         torque = [model.torque_on(t) for t in (track, redrawn_track)]
         gap = track.filter(torque[1] - torque[0]) * track.moving
         squares += (gap**2).sum(axis=0)

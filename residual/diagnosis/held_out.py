@@ -6,42 +6,47 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.gate import GateResult, passes_gate
-from residual.diagnosis.outcome import SearchOutcome, refit
+from residual.diagnosis.outcome import SearchOutcome, refit_members
 from residual.diagnosis.search import (
-    Task,
-    admissible,
-    needed_nats,
+    SearchTask,
+    is_admissible,
+    member_torque_shares,
     rank_additions,
-    torque_share,
+    required_nats,
 )
-from residual.effects import registry
-from residual.effects.base import Trait
-from residual.errors import InputError, joints_listed
-from residual.evidence.design import Design, Group
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
+from residual.errors import InputError, format_joint_numbers
+from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
     Fit,
+    FitEquations,
     PossibleModel,
-    System,
-    evidence_gain,
-    smallest_change,
+    compute_evidence_gain,
+    solve_minimum_norm,
 )
-from residual.evidence.priors import SCALES, given_slots, relative_prior, with_held
+from residual.evidence.priors import (
+    SCALES,
+    build_relative_prior,
+    find_contradicted_slots,
+    hold_coefficients,
+)
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
-    Errors,
+    ErrorSums,
     HeldOutLog,
-    moving_error,
-    moving_power,
+    compute_error_rise,
+    compute_joint_error_rises,
+    compute_moving_error,
+    compute_moving_power,
     prepare_held_out,
-    rise,
-    rises,
 )
 from residual.model.model import Model, Term
 from residual.model.nominal import (
     DEFAULT_DECLARED,
-    Logs,
-    start_nominal,
-    with_standstill,
+    FitLogs,
+    build_free_nominal,
+    choose_standstill_behaviour,
 )
 from residual.recording import Array, Recording
 from residual.verdict.result import Splits
@@ -50,7 +55,7 @@ ROUND = 3  # gains are compared to 0.1 %
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class HeldOutResult:
+class HeldOutValidation:
     """Names that survive the held-out logs, and those that do not."""
 
     fit: Fit  # fit with the surviving names
@@ -62,9 +67,9 @@ class HeldOutResult:
     dropped: tuple[GateResult, ...]
 
 
-def validate_names(
+def validate_on_held_out(
     outcome: SearchOutcome, held_out: Sequence[HeldOutLog]
-) -> HeldOutResult:
+) -> HeldOutValidation:
     """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
 
     The worst refuted name goes first, then all are judged again.
@@ -75,31 +80,33 @@ def validate_names(
         gains = _held_out_gains(outcome, fitted, tested, held_out)
         if not gains or min(gains) >= 0:
             kept = tuple(zip(tested, gains, strict=True))
-            return HeldOutResult(fitted, kept, tuple(refuted), tuple(dropped))
+            return HeldOutValidation(fitted, kept, tuple(refuted), tuple(dropped))
         worst = int(np.argmin(gains))
         refuted.append((tested.pop(worst), gains[worst]))
-        fitted = refit(outcome, tested)
+        fitted = refit_members(outcome, tested)
         task, members = outcome.task, fitted.members
-        alone = [t for t in tested if t.nats < needed_nats(task, members, t.group)]
+        alone = [t for t in tested if t.nats < required_nats(task, members, t.group)]
         if alone:
             tested = [t for t in tested if t not in alone]
             dropped += alone
-            fitted = refit(outcome, tested)
+            fitted = refit_members(outcome, tested)
 
 
 def drop_names(
-    outcome: SearchOutcome, validation: HeldOutResult, gone: Sequence[GateResult]
-) -> HeldOutResult:
+    outcome: SearchOutcome, validation: HeldOutValidation, dropped: Sequence[GateResult]
+) -> HeldOutValidation:
     """Return the verdicts without some of the kept names, the rest refitted."""
-    kept = tuple((t, gain) for t, gain in validation.kept if t not in gone)
-    return replace(validation, fit=refit(outcome, [t for t, _ in kept]), kept=kept)
+    kept = tuple((t, gain) for t, gain in validation.kept if t not in dropped)
+    return replace(
+        validation, fit=refit_members(outcome, [t for t, _ in kept]), kept=kept
+    )
 
 
-def find_harmful(
+def find_harmful_name(
     outcome: SearchOutcome,
-    validation: HeldOutResult,
+    validation: HeldOutValidation,
     held_out: Sequence[HeldOutLog],
-    company: Sequence[GateResult],
+    excluded: Sequence[GateResult],
 ) -> list[tuple[GateResult, str]]:
     """The name that makes the arm worse than the refit without any name.
 
@@ -108,12 +115,12 @@ def find_harmful(
     single joint that gets worse is said, and no reason: of names that fell by it all
     were true (docs/benchmarks.md).
     """
-    alone = [t for t, _ in validation.kept if t not in company]
+    alone = [t for t, _ in validation.kept if t not in excluded]
     if not alone:
         return []
     after = outcome.error(validation.fit, held_out).sum(axis=1)
     before = outcome.error(outcome.plain, held_out).sum(axis=1)
-    larger = rise(after, before)
+    larger = compute_error_rise(after, before)
     if not larger:
         return []
 
@@ -126,15 +133,15 @@ def find_harmful(
     return [(min(alone, key=error_without), f"withdrawn: {why}")]
 
 
-def describe_gain(gain: float) -> str:
+def classify_gain(gain: float) -> str:
     """The verdict's word for a gain."""
     if gain < 0:
         return "refuted"
     return "confirmed" if gain >= THRESHOLDS.confirmed_gain else "neutral"
 
 
-def three_models(
-    outcome: SearchOutcome, validation: HeldOutResult
+def build_three_models(
+    outcome: SearchOutcome, validation: HeldOutValidation
 ) -> tuple[dict[str, Model], PossibleModel]:
     """The three models, and the bodies of the last.
 
@@ -148,11 +155,11 @@ def three_models(
     return models | {"augmented": augmented}, bodies
 
 
-def describe_unproven(outcome: SearchOutcome, augmented: Errors) -> list[str]:
+def describe_unproven_joints(outcome: SearchOutcome, augmented: ErrorSums) -> list[str]:
     """Sentences on joints of which the logs prove nothing, or less than it seems."""
     out = []
     design, tracks = outcome.task.design, outcome.logs.tracks
-    samples = sum(int(t.inner.sum()) for t in tracks)
+    samples = sum(int(t.valid.sum()) for t in tracks)
     fit_errors = np.sqrt(outcome.fit.sse / design.rows) / design.rms
     held_out_errors = augmented.per_joint("moving") / 100
     for j in range(design.dof):
@@ -192,7 +199,7 @@ def _held_out_gains(
     with_all = outcome.error(fitted, held_out)
     rms, out = outcome.task.design.rms, []
     for member in tested:
-        others = refit(outcome, [t for t in tested if t is not member])
+        others = refit_members(outcome, [t for t in tested if t is not member])
         without = outcome.error(others, held_out)
         fall = _error_fall(member, with_all, without, rms)
         if fall < THRESHOLDS.confirmed_gain and (
@@ -212,12 +219,12 @@ def _at_nominal(
     Of a body all bodies are held: its neighbours would say what it may not. None where
     the name is no value that the model has.
     """
-    slots = given_slots(outcome.nominal.model, member.group)
+    slots = find_contradicted_slots(outcome.nominal.model, member.group)
     if not len(slots):
         return None
     task = outcome.task
     members = [t.group for t in tested if t is not member]
-    held_task = replace(task, prior=with_held(task.prior, slots))
+    held_task = replace(task, prior=hold_coefficients(task.prior, slots))
     return held_task.settle(held_task.fit(members, outcome.fit, rounds=4))
 
 
@@ -234,7 +241,7 @@ def _error_fall(
     after, before = ((e / rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     change = before - after
     if change.sum() < 0:
-        return -rise(after, before)
+        return -compute_error_rise(after, before)
     scatter = np.sqrt(((change - change.mean()) ** 2).sum())
     if (
         member.by == "plausibility"
@@ -248,7 +255,9 @@ PARTS = 3
 SHARE = 1 - 1 / PARTS  # of the evidence that is left in what remains
 
 
-def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[Splits]:
+def count_confirming_splits(
+    task: SearchTask, fitted: Fit, tested: Sequence[GateResult]
+) -> list[Splits]:
     """Leave out each third of the data and let each name win its place anew.
 
     Beside the other names it must again carry its threshold's share, help as a name
@@ -274,15 +283,15 @@ def count_splits(task: Task, fitted: Fit, tested: Sequence[GateResult]) -> list[
     return [Splits(int(k), int(n)) for k, n in zip(hits, shown_parts, strict=True)]
 
 
-def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
+def _wins_again(task: SearchTask, fitted: Fit, group: CandidateColumns) -> bool:
     """Whether these logs alone would name a member, given the others."""
-    if Trait.CONSTANT in group.effect.traits:
+    if EffectTrait.CONSTANT in group.effect.traits:
         return passes_gate(task, fitted, group)
     others = [g for g in fitted.members if g is not group]
     without = task.settle(task.fit(others, fitted))
-    value, big, small = evidence_gain(task.design, task.prior, fitted, without)
+    value, big, small = compute_evidence_gain(task.design, task.prior, fitted, without)
     net = value - task.candidates.cost(group)
-    if net < task.rules.min_nats or not admissible(task, group, value, big, small):
+    if net < task.rules.min_nats or not is_admissible(task, group, value, big, small):
         return False
     rivals = rank_additions(task, without, instead=group)
     family = group.effect.family
@@ -291,10 +300,10 @@ def _wins_again(task: Task, fitted: Fit, group: Group) -> bool:
 
 
 def _has_share(
-    full_design: Design, part_design: Design, fitted: Fit, group: Group
+    full_design: Design, part_design: Design, fitted: Fit, group: CandidateColumns
 ) -> bool:
     part_power, whole_power = (
-        np.sum(torque_share(design, fitted, group) ** 2 * design.rows)
+        np.sum(member_torque_shares(design, fitted, group) ** 2 * design.rows)
         for design in (part_design, full_design)
     )
     return bool(part_power > THRESHOLDS.part_power_share * whole_power)
@@ -325,7 +334,7 @@ class VisibleShare:
             or THRESHOLDS.min_shown_share <= self.part <= THRESHOLDS.max_shown_share
         ):
             return None
-        where = f" on {joints_listed(self.joints)}" if self.joints else ""
+        where = f" on {format_joint_numbers(self.joints)}" if self.joints else ""
         low, high = THRESHOLDS.min_shown_share, THRESHOLDS.max_shown_share
         return (
             f"held-out motion shows {self.part:.2f} times the {self.name}{where} of "
@@ -356,14 +365,14 @@ def check_adoption(
     if not held_out:
         raise InputError("No held-out log given to test the model on.")
     logs = prepare_held_out(held_out, model)
-    after, then = moving_error(model, logs), moving_error(before, logs)
-    power = moving_power(logs)
+    after, then = compute_moving_error(model, logs), compute_moving_error(before, logs)
+    power = compute_moving_power(logs)
     had = {(t.effect.name, t.joints) for t in before.terms}
     new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
     effects = tuple(_visible_share(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
     # What a name must lower an error by at least, a model may raise one by.
-    larger = rises(after, then, power, THRESHOLDS.min_fall)
+    larger = compute_joint_error_rises(after, then, power, THRESHOLDS.min_fall)
     doubts = [
         *_no_better(after, then),
         *(
@@ -406,7 +415,7 @@ def _visible_share(
     effect, gap = np.concatenate(torques), np.concatenate(residuals)
     # Each joint counts by how well the model knows it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
-    torque = np.sqrt(moving_power(logs) / len(effect))
+    torque = np.sqrt(compute_moving_power(logs) / len(effect))
     visible = np.sqrt(
         np.mean(effect**2, axis=0)
     ) > THRESHOLDS.silent_torque_share * np.maximum(torque, 1e-12)
@@ -425,12 +434,16 @@ def _visible_share(
 # it on the held-out logs.
 
 
-def plain_fit(logs: Logs) -> Model:
+def fit_least_squares_model(logs: FitLogs) -> Model:
     """Fit a robot's logs by plain least squares."""
-    constant = (e.name for e in registry().values() if Trait.CONSTANT in e.traits)
-    nominal = start_nominal(logs, (*DEFAULT_DECLARED, *constant))
+    constant = (
+        e.name for e in load_effects().values() if EffectTrait.CONSTANT in e.traits
+    )
+    nominal = build_free_nominal(logs, (*DEFAULT_DECLARED, *constant))
     design = Design(logs.tracks, nominal.model)
-    whole = System.of(design, relative_prior(design, nominal, SCALES[-1]), ())
-    least = smallest_change(whole.gram.sum(axis=0), whole.cross.sum(axis=0))
+    whole = FitEquations.of(
+        design, build_relative_prior(design, nominal, SCALES[-1]), ()
+    )
+    least = solve_minimum_norm(whole.gram.sum(axis=0), whole.cross.sum(axis=0))
     model = nominal.model.with_coefficients(nominal.model.coefficients() + least)
-    return with_standstill(model, logs.sketch)
+    return choose_standstill_behaviour(model, logs.sketch)

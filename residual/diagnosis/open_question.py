@@ -5,27 +5,41 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.diagnosis.findings import NamedEffect, public_joints
+from residual.diagnosis.findings import NamedEffect, joint_numbers
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import Task
-from residual.diagnosis.select import alternatives, near_sets
+from residual.diagnosis.search import SearchTask
+from residual.diagnosis.select import (
+    find_member_alternatives,
+    find_separable_sets,
+)
 from residual.effects.base import PlacedEffect
-from residual.evidence.design import Group
-from residual.evidence.fit import Fit, System, as_model, physical
-from residual.evidence.priors import screen
+from residual.evidence.design import CandidateColumns
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    build_fitted_model,
+    keep_physical_terms,
+)
+from residual.evidence.priors import screen_candidates
 from residual.evidence.thresholds import THRESHOLDS
-from residual.planning.promise import Contest, Question, Rival, Signals, together
+from residual.planning.next_experiment import (
+    OpenQuestion,
+    Rival,
+    RivalContest,
+    SignalSettings,
+    merge_places,
+)
 from residual.recording import Array
 from residual.verdict.result import Place
 
 CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
 PAUSE = 10.0  # s between the logs so far and the next
 
-Groups = tuple[Group, ...]
+Groups = tuple[CandidateColumns, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Swap:
+class MemberSwap:
     """Some of the named effects, and what could stand in their place.
 
     Attributes:
@@ -37,9 +51,11 @@ class Swap:
     instead: tuple[Groups, ...]
 
 
-def swaps(
-    task: Task, fitted: Fit, named: Sequence[tuple[Group, Sequence[Group]]]
-) -> list[Swap]:
+def find_member_swaps(
+    task: SearchTask,
+    fitted: Fit,
+    named: Sequence[tuple[CandidateColumns, Sequence[CandidateColumns]]],
+) -> list[MemberSwap]:
     """Return what other sets within 6 nats differ by, each difference once.
 
     Args:
@@ -47,7 +63,7 @@ def swaps(
     """
     known = {(group.key, other.key) for group, near in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
-    for one in near_sets(task, fitted):
+    for one in find_separable_sets(task, fitted):
         gone = _without(fitted.members, one.members)
         instead = _without(one.members, fitted.members)
         pair = tuple(g.key for g in (*gone, *instead))
@@ -55,16 +71,18 @@ def swaps(
             continue
         key = tuple(g.key for g in gone)
         found.setdefault(key, (gone, []))[1].append(instead)
-    return [Swap(gone, tuple(instead)) for gone, instead in found.values()]
+    return [MemberSwap(gone, tuple(instead)) for gone, instead in found.values()]
 
 
-def _without(members: Sequence[Group], removed: Sequence[Group]) -> Groups:
+def _without(
+    members: Sequence[CandidateColumns], removed: Sequence[CandidateColumns]
+) -> Groups:
     keys = {g.key for g in removed}
     return tuple(g for g in members if g.key not in keys)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Basis:
+class SharedColumns:
     """The shared columns of all rivals: numbers in a design, in their order.
 
     Attributes:
@@ -76,21 +94,21 @@ class Basis:
 
     outcome: SearchOutcome
     fitted: Fit
-    groups: tuple[Group, ...]
+    groups: tuple[CandidateColumns, ...]
     place: dict[int, int]
 
     @classmethod
     def of(
-        cls, outcome: SearchOutcome, fitted: Fit, groups: Sequence[Group]
-    ) -> "Basis":
+        cls, outcome: SearchOutcome, fitted: Fit, groups: Sequence[CandidateColumns]
+    ) -> "SharedColumns":
         """Number the columns of the nominal model, then those of the groups."""
-        unique: dict[int, Group] = {int(g.ids[0]): g for g in groups}
+        unique: dict[int, CandidateColumns] = {int(g.ids[0]): g for g in groups}
         ids = [outcome.task.design.nominal, *(g.ids for g in unique.values())]
         place = {int(c): i for i, c in enumerate(np.concatenate(ids))}
         return cls(outcome, fitted, tuple(unique.values()), place)
 
     @property
-    def task(self) -> Task:
+    def task(self) -> SearchTask:
         """Data, prior and candidates."""
         return self.outcome.task
 
@@ -100,7 +118,10 @@ class Basis:
         return self.fitted.weight(self.task.design.rows)
 
     def rival(
-        self, members: Sequence[Group], deciding: Sequence[Group], without: Fit
+        self,
+        members: Sequence[CandidateColumns],
+        deciding: Sequence[CandidateColumns],
+        without: Fit,
     ) -> Rival:
         """Return what is known of one set of effects.
 
@@ -108,7 +129,7 @@ class Basis:
             deciding: Those that make the difference; empty for none.
             without: The fit without them.
         """
-        system = System.of(self.task.design, self.task.prior, members)
+        system = FitEquations.of(self.task.design, self.task.prior, members)
         theta, _ = system.solve(self.weight)
         nats, at = 0.0, np.zeros(0, dtype=int)
         if deciding:
@@ -119,7 +140,7 @@ class Basis:
             nats = self.task.net_gain(big, without, deciding[0]) - cost
             at = np.array([self.place[int(c)] for g in deciding for c in g.ids])
         return Rival(
-            together(places_of(deciding)),
+            merge_places(list_places(deciding)),
             np.array([self.place[int(c)] for c in system.ids]),
             at,
             theta,
@@ -128,8 +149,11 @@ class Basis:
         )
 
     def contest(
-        self, shared: Sequence[Group], options: Sequence[Groups], enough: float
-    ) -> Contest:
+        self,
+        shared: Sequence[CandidateColumns],
+        options: Sequence[Groups],
+        enough: float,
+    ) -> RivalContest:
         """Return the contest of some sets beside a set of other effects.
 
         Args:
@@ -138,12 +162,12 @@ class Basis:
         """
         without = self.task.fit(shared, self.fitted)
         found = [self.rival((*shared, *own), own, without) for own in options]
-        return Contest(tuple(found), enough)
+        return RivalContest(tuple(found), enough)
 
 
-def open_question(
+def build_open_question(
     outcome: SearchOutcome, fitted: Fit, named: Sequence[NamedEffect]
-) -> Question:
+) -> OpenQuestion:
     """Return what a diagnosis leaves open.
 
     A finding, its equivalents and what could stand in its place together are one
@@ -156,20 +180,21 @@ def open_question(
         for finding in named
         if finding.equivalent
         for t in finding.tested
-        if (near := alternatives(outcome.task, fitted, t.group)[0])
+        if (near := find_member_alternatives(outcome.task, fitted, t.group)[0])
     ]
-    classes: dict[tuple, Swap] = {
-        (group.key,): Swap((group,), tuple((g,) for g in near)) for group, near in equal
+    classes: dict[tuple, MemberSwap] = {
+        (group.key,): MemberSwap((group,), tuple((g,) for g in near))
+        for group, near in equal
     }
-    for swap in swaps(outcome.task, fitted, equal):
+    for swap in find_member_swaps(outcome.task, fitted, equal):
         key = tuple(g.key for g in swap.gone)
-        known = classes.get(key, Swap(swap.gone, ()))
+        known = classes.get(key, MemberSwap(swap.gone, ()))
         classes[key] = replace(known, instead=(*known.instead, *swap.instead))
     doubted = () if named else outcome.adequacy.doubted
     strong = [found for j in doubted if (found := _strongest(outcome, fitted, j))]
     every = [g for s in classes.values() for own in s.instead for g in own]
     every += [g for groups in strong for g in groups]
-    basis = Basis.of(outcome, fitted, [*fitted.members, *every])
+    basis = SharedColumns.of(outcome, fitted, [*fitted.members, *every])
     contests = [
         basis.contest(
             [g for g in fitted.members if g not in swap.gone],
@@ -183,22 +208,26 @@ def open_question(
         basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
         for groups in strong
     ]
-    return question_of(basis, contests)
+    return build_question(basis, contests)
 
 
-def places_of(groups: Sequence[Group]) -> list[Place]:
+def list_places(groups: Sequence[CandidateColumns]) -> list[Place]:
     """Return where some groups of columns sit."""
-    return [Place(g.effect.name, public_joints(g)) for g in groups]
+    return [Place(g.effect.name, joint_numbers(g)) for g in groups]
 
 
-def question_of(basis: Basis, contests: Sequence[Contest]) -> Question:
+def build_question(
+    basis: SharedColumns, contests: Sequence[RivalContest]
+) -> OpenQuestion:
     """Return contests with all that it takes to look at a motion."""
     outcome, model = basis.outcome, basis.outcome.nominal.model
     terms = [PlacedEffect(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
-    return Question(
+    return OpenQuestion(
         nominal=model,
-        seen_with=physical(as_model(outcome.nominal, basis.fitted)),
+        seen_with=keep_physical_terms(
+            build_fitted_model(outcome.nominal, basis.fitted)
+        ),
         effects=(*terms, *groups),
         signals=_signals(basis),
         contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
@@ -217,12 +246,12 @@ def _has_spread(rival: Rival) -> bool:
     return bool(np.linalg.eigvalsh(scaled)[0] > least)
 
 
-def _signals(basis: Basis) -> Signals:
+def _signals(basis: SharedColumns) -> SignalSettings:
     logs, filters = basis.outcome.logs, basis.outcome.logs.filters
     tracks = logs.tracks
     cutoff = min(t.cutoff for t in tracks)
     last = max(t.t[-1] for t in tracks)
-    return Signals(
+    return SignalSettings(
         information=basis.weight,
         speed_floor=logs.speed_floor,
         rate=float(np.median([t.rate / t.step for t in tracks])),
@@ -232,7 +261,9 @@ def _signals(basis: Basis) -> Signals:
     )
 
 
-def _strongest(outcome: SearchOutcome, fitted: Fit, joint: int) -> list[Group]:
+def _strongest(
+    outcome: SearchOutcome, fitted: Fit, joint: int
+) -> list[CandidateColumns]:
     """The candidates with the most evidence on a joint, one shape of each.
 
     None that has no evidence beyond its price: where nothing speaks for a candidate, no
@@ -246,9 +277,9 @@ def _strongest(outcome: SearchOutcome, fitted: Fit, joint: int) -> list[Group]:
         if not g.parts and joint in g.effect.rows(g.joints, dof)
     ]
     price = np.array([task.candidates.cost(g) for g in groups])
-    own = System.of(task.design, task.prior, fitted.members)
-    net = screen(task.design, fitted, groups, own) - price
-    chosen: dict[tuple, Group] = {}
+    own = FitEquations.of(task.design, task.prior, fitted.members)
+    net = screen_candidates(task.design, fitted, groups, own) - price
+    chosen: dict[tuple, CandidateColumns] = {}
     known = {g.key for g in fitted.members}
     for i in np.argsort(-net):
         if net[i] <= 0 or len(chosen) == CANDIDATES:

@@ -9,38 +9,48 @@ from residual.diagnosis import constants
 from residual.diagnosis.gate import (
     Adequacy,
     GateResult,
-    adequacy,
-    angle_noise_torque,
-    drop_failed,
-    gate_members,
-    left_out_errors,
-    only_curves,
-    wrong_forms,
+    assess_adequacy,
+    cross_validation_errors,
+    drop_members_failing_gate,
+    find_replaceable_by_curve,
+    find_wrong_forms,
+    judge_members_by_gate,
+    torque_from_angle_noise,
 )
 from residual.diagnosis.search import (
-    Task,
-    every_candidate,
+    SearchTask,
+    build_candidates,
     recompute_candidates,
-    refine_shape,
+    refine_last_shape,
 )
-from residual.diagnosis.select import Selection, best_set, prefer_simpler, select
-from residual.effects import registry
-from residual.effects.base import Trait
-from residual.evidence.design import Design, Group
+from residual.diagnosis.select import (
+    Selection,
+    improve_set,
+    select_set_and_prior,
+    swap_for_simpler_names,
+)
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
+from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
     Fit,
+    NominalPrior,
     PossibleModel,
-    Prior,
-    as_model,
-    fit,
-    physical,
-    with_possible_bodies,
+    build_fitted_model,
+    fit_jointly,
+    fit_possible_bodies,
+    keep_physical_terms,
 )
-from residual.evidence.priors import OF_NAMES, PriorSpace, first_design, relative_prior
+from residual.evidence.priors import (
+    OF_NAMES,
+    PriorSpace,
+    build_first_design,
+    build_relative_prior,
+)
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
-from residual.model.compare import HeldOutLog, moving_error
+from residual.model.compare import HeldOutLog, compute_moving_error
 from residual.model.model import Model
-from residual.model.nominal import Logs, Nominal, with_standstill
+from residual.model.nominal import FitLogs, NominalModel, choose_standstill_behaviour
 from residual.recording import Array
 
 Progress = Callable[[str, float], None]
@@ -50,17 +60,17 @@ Progress = Callable[[str, float], None]
 class SearchOutcome:
     """What one set of logs says."""
 
-    logs: Logs  # the fit logs
-    nominal: Nominal  # where it started from
-    task: Task  # data, chosen prior and candidates
-    wide: Prior  # the widest prior that the logs do not contradict
+    logs: FitLogs  # the fit logs
+    nominal: NominalModel  # where it started from
+    task: SearchTask  # data, chosen prior and candidates
+    wide: NominalPrior  # the widest prior that the logs do not contradict
     plain: Fit  # fit of the nominal structure alone
-    fit: Fit  # fit with the named effects
+    fit_jointly: Fit  # fit with the named effects
     tested: tuple[GateResult, ...]  # the named effects with their evidence
     withdrawn: tuple[
         GateResult, ...
     ]  # names that merely resemble what flagged joints show
-    adequacy: Adequacy  # what remains
+    assess_adequacy: Adequacy  # what remains
     # What was found with every constant free; None where nothing was sought.
     start: Selection | None = None
     # Joints (from 0) whose constant, that nobody declared, is in the fit.
@@ -68,7 +78,7 @@ class SearchOutcome:
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
         """Squared error of a fit on moving rows by second [N^2 m^2]. (seconds, dof)."""
-        return moving_error(as_model(self.nominal, fitted), held_out)
+        return compute_moving_error(build_fitted_model(self.nominal, fitted), held_out)
 
     def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
         """A fit as a model of possible bodies, with the standstill of the fit logs.
@@ -77,34 +87,40 @@ class SearchOutcome:
             like: A model whose standstill to take over, so that two models differ by
                 nothing but their effects.
         """
-        rough = as_model(self.nominal, fitted)
+        rough = build_fitted_model(self.nominal, fitted)
         if like is not None:
             rough = replace(rough, standstill=like.standstill)
         else:
-            rough = with_standstill(rough, self.logs.sketch)
+            rough = choose_standstill_behaviour(rough, self.logs.sketch)
         return _refitted(self, fitted, rough)
 
 
-def examine(
-    logs: Logs, nominal: Nominal, rules: EvidenceThresholds, progress: Progress
+def search_effects(
+    logs: FitLogs, nominal: NominalModel, rules: EvidenceThresholds, progress: Progress
 ) -> SearchOutcome:
     """Search, test and flag."""
 
     def searching(share: float) -> None:
         progress("search", share)
 
-    design = first_design(logs, nominal)
+    design = build_first_design(logs, nominal)
     progress("features", 0.0)
-    everything = every_candidate(design, nominal, logs.span, logs.clock is not None)
-    selection = select(PriorSpace(design, nominal), everything, rules, searching)
+    everything = build_candidates(design, nominal, logs.span, logs.clock is not None)
+    selection = select_set_and_prior(
+        PriorSpace(design, nominal), everything, rules, searching
+    )
     if _needs_second_search(selection):
         settled = _refit_named(logs, nominal, selection)
-        design.show_torque(physical(as_model(nominal, settled)))
+        design.set_torque_model(
+            keep_physical_terms(build_fitted_model(nominal, settled))
+        )
         progress("features", 0.5)
         everything = recompute_candidates(design, everything)
         prior, wide = selection.task.prior, selection.wide
         again = replace(nominal, scale=prior.scale, widths=prior.widths)
-        selection = select(PriorSpace(design, again), everything, rules, searching)
+        selection = select_set_and_prior(
+            PriorSpace(design, again), everything, rules, searching
+        )
         selection = replace(selection, wide=wide)
     progress("gate", 0.0)
     outcome = _tested(logs, nominal, selection)
@@ -112,8 +128,10 @@ def examine(
     return outcome
 
 
-def search_again(
-    outcome: SearchOutcome, fallen: Sequence[Group], kin: Sequence[Group]
+def search_without_names(
+    outcome: SearchOutcome,
+    withdrawn: Sequence[CandidateColumns],
+    related: Sequence[CandidateColumns],
 ) -> SearchOutcome:
     """Search the same logs again without some names; every other one is tested anew.
 
@@ -122,11 +140,13 @@ def search_again(
 
     Args:
         examined: The diagnosis so far; its prior is kept.
-        fallen: What may not be named any more.
+        withdrawn: What may not be named any more.
     """
     first = outcome.start.task
-    task = replace(first, candidates=first.candidates.barring(fallen, kin))
-    gone = {(g.effect.name, g.joints) for g in fallen}
+    task = replace(
+        first, candidates=first.candidates.exclude_groups(withdrawn, related)
+    )
+    gone = {(g.effect.name, g.joints) for g in withdrawn}
     members = outcome.fit.members
     left = [g for g in members if (g.effect.name, g.joints) not in gone]
     left = task.settle(task.fit(left, outcome.start.fit, rounds=4))
@@ -135,7 +155,10 @@ def search_again(
 
 
 def _tested(
-    logs: Logs, nominal: Nominal, start: Selection, paid: tuple[int, ...] | None = None
+    logs: FitLogs,
+    nominal: NominalModel,
+    start: Selection,
+    paid: tuple[int, ...] | None = None,
 ) -> SearchOutcome:
     """Put what a search found through the gate, and measure what remains.
 
@@ -144,20 +167,22 @@ def _tested(
         paid: Joints (from 0) whose constants paid in an earlier search; then what was
             found has yet to be searched for more.
     """
-    selection, paying = constants.settle_constants(start, nominal, paid)
+    selection, paying = constants.drop_unsupported_constants(start, nominal, paid)
     if paid is None:
-        found = best_set(selection.task, selection.fit)
+        found = improve_set(selection.task, selection.fit)
         selection = replace(selection, fit=found)
     task, design = selection.task, selection.task.design
-    fitted, tested = drop_failed(task, prefer_simpler(task, selection.fit))
-    curved = only_curves(design, logs.sketch, fitted, tested)
+    fitted, tested = drop_members_failing_gate(
+        task, swap_for_simpler_names(task, selection.fit)
+    )
+    curved = find_replaceable_by_curve(design, logs.sketch, fitted, tested)
     rest = [t for t in tested if t not in curved]
     if curved:
         fitted = task.settle(task.fit([t.group for t in rest], fitted))
     plain = task.settle(task.fit((), fitted, rounds=4))
     enough = _adequacy(logs, nominal, design, (plain, fitted))
     # Of those alone: what only draws a curve is out of the fit already.
-    wrong = wrong_forms(design, logs.sketch, fitted, rest)
+    wrong = find_wrong_forms(design, logs.sketch, fitted, rest)
     kept = [t for t in rest if t not in wrong and not _resembles(t, enough)]
     if len(kept) < len(tested):
         fitted = task.settle(task.fit([t.group for t in kept], fitted))
@@ -177,7 +202,7 @@ def _tested(
     )
 
 
-def with_constants(
+def name_supported_constants(
     outcome: SearchOutcome, fitted: Fit
 ) -> tuple[SearchOutcome, list[GateResult]]:
     """The diagnosis with the constants that pay among its effects.
@@ -190,7 +215,7 @@ def with_constants(
     """
     if not outcome.nominal.constants:
         return replace(outcome, fit=fitted), []
-    named = constants.as_effects(
+    named = constants.convert_constants_to_effects(
         outcome.task, outcome.nominal, outcome.wide, outcome.constants
     )
     task, groups = named.task, named.groups
@@ -200,7 +225,7 @@ def with_constants(
     # On noise that is noise evidence counts, of constants too.
     own = [
         t
-        for t in gate_members(task, full)
+        for t in judge_members_by_gate(task, full)
         if t.group in groups
         and t.by
         and (t.nats >= task.rules.min_nats or t.joint in enough.doubted)
@@ -226,7 +251,7 @@ def with_constants(
     )
 
 
-def predictive(outcome: SearchOutcome) -> SearchOutcome:
+def select_predictive_prior(outcome: SearchOutcome) -> SearchOutcome:
     """The same names with the scale of the bodies that predicts left-out parts best.
 
     Evidence compares scales as if noise were all that is left; on a measured arm it is
@@ -238,14 +263,14 @@ def predictive(outcome: SearchOutcome) -> SearchOutcome:
         return outcome
     task, fitted = outcome.task, outcome.fit
     weight = 1 / fitted.variance / task.design.rows
-    best, least = None, left_out_errors(task, fitted).sum(axis=0) @ weight
+    best, least = None, cross_validation_errors(task, fitted).sum(axis=0) @ weight
     least *= (1 - THRESHOLDS.scale_gain_share) ** 2
     for scale in OF_NAMES:
         widths = task.prior.widths
-        prior = relative_prior(task.design, outcome.nominal, scale, widths)
+        prior = build_relative_prior(task.design, outcome.nominal, scale, widths)
         other = replace(task, prior=prior)
         fit_there = other.settle(other.fit(fitted.members, fitted, rounds=4))
-        left = left_out_errors(other, fit_there).sum(axis=0) @ weight
+        left = cross_validation_errors(other, fit_there).sum(axis=0) @ weight
         if left < least:
             best, least = (other, fit_there), left
     if best is None:
@@ -259,10 +284,12 @@ def predictive(outcome: SearchOutcome) -> SearchOutcome:
 
 
 def _adequacy(
-    logs: Logs, nominal: Nominal, design: Design, fits: tuple[Fit, Fit]
+    logs: FitLogs, nominal: NominalModel, design: Design, fits: tuple[Fit, Fit]
 ) -> Adequacy:
-    angles = angle_noise_torque(as_model(nominal, fits[1]), logs.sketch, logs.shaken)
-    return adequacy(design, logs.sketch, *fits, angles)
+    angles = torque_from_angle_noise(
+        build_fitted_model(nominal, fits[1]), logs.sketch, logs.shaken
+    )
+    return assess_adequacy(design, logs.sketch, *fits, angles)
 
 
 def _needs_second_search(selection: Selection) -> bool:
@@ -270,17 +297,19 @@ def _needs_second_search(selection: Selection) -> bool:
     fitted, task = selection.fit, selection.task
     if not fitted.members:
         return False
-    if any(Trait.USES_MODEL in g.effect.traits for g in fitted.members):
+    if any(EffectTrait.USES_MODEL in g.effect.traits for g in fitted.members):
         return True
     plain = task.fit((), fitted, rounds=4)
     fall = np.maximum(plain.sse - fitted.sse, 0) / task.design.rows
-    model_based = any(Trait.USES_MODEL in e.traits for e in registry().values())
+    model_based = any(
+        EffectTrait.USES_MODEL in e.traits for e in load_effects().values()
+    )
     return model_based and bool(
         np.max(np.sqrt(fall) / task.design.rms) > THRESHOLDS.large_torque_share
     )
 
 
-def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
+def _refit_named(logs: FitLogs, nominal: NominalModel, selection: Selection) -> Fit:
     """The named effects on columns of a model that has them: Gauss and Newton's way.
 
     A log that ends at a certain torque bends the model that its plateau is held
@@ -289,12 +318,14 @@ def _refit_named(logs: Logs, nominal: Nominal, selection: Selection) -> Fit:
     task, fitted = selection.task, selection.fit
     design = task.design
     for _ in range(THRESHOLDS.refit_rounds):
-        design.show_torque(physical(as_model(nominal, fitted)))
+        design.set_torque_model(
+            keep_physical_terms(build_fitted_model(nominal, fitted))
+        )
         members = design.add([g.placed for g in fitted.members])
         searched = [g for g in members if g.effect.refine]
-        for group in [g for g in searched if Trait.USES_MODEL in g.effect.traits]:
+        for group in [g for g in searched if EffectTrait.USES_MODEL in g.effect.traits]:
             others = [g for g in members if g is not group]
-            members = refine_shape(task, (*others, group), fitted)
+            members = refine_last_shape(task, (*others, group), fitted)
         before, fitted = fitted.score, task.fit(members, fitted)
         if abs(fitted.score - before) < THRESHOLDS.steady_nats:
             break
@@ -317,8 +348,10 @@ def _resembles(tested: GateResult, enough: Adequacy) -> bool:
     ):
         return True
     much = np.maximum(THRESHOLDS.veto_share, THRESHOLDS.veto_noises * enough.noise)
-    doubted = set() if local else joints & set(np.flatnonzero(enough.structured > much))
-    return any(tested.fall < enough.structured[j] for j in doubted)
+    doubted = (
+        set() if local else joints & set(np.flatnonzero(enough.structured_share > much))
+    )
+    return any(tested.fall < enough.structured_share[j] for j in doubted)
 
 
 def _refitted(outcome: SearchOutcome, fitted: Fit, rough: Model) -> PossibleModel:
@@ -331,12 +364,14 @@ def _refitted(outcome: SearchOutcome, fitted: Fit, rough: Model) -> PossibleMode
     base = replace(nominal.model, standstill=rough.standstill)
     design = Design(tracks, base, seen_with=rough)
     members = design.add([g.placed for g in fitted.members])
-    final = fit(design, outcome.task.prior, members, fitted.counted, fitted.variance)
-    model = as_model(replace(nominal, model=base), final)
-    return with_possible_bodies(design, final, model)
+    final = fit_jointly(
+        design, outcome.task.prior, members, fitted.counted, fitted.variance
+    )
+    model = build_fitted_model(replace(nominal, model=base), final)
+    return fit_possible_bodies(design, final, model)
 
 
-def without_refuted(outcome: SearchOutcome, fitted: Fit) -> SearchOutcome:
+def remove_refuted_names(outcome: SearchOutcome, fitted: Fit) -> SearchOutcome:
     """The diagnosis with fewer names: what remains is measured anew."""
     if len(fitted.members) == len(outcome.fit.members):
         return outcome
@@ -346,10 +381,12 @@ def without_refuted(outcome: SearchOutcome, fitted: Fit) -> SearchOutcome:
     return replace(outcome, fit=fitted, adequacy=enough)
 
 
-def refit(outcome: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
+def refit_members(outcome: SearchOutcome, tested: Sequence[GateResult]) -> Fit:
     """Fit again with some of the names only."""
     task = outcome.task
     members = [t.group for t in tested]
     return task.settle(
-        fit(task.design, task.prior, members, outcome.fit.counted, None, rounds=4)
+        fit_jointly(
+            task.design, task.prior, members, outcome.fit.counted, None, rounds=4
+        )
     )

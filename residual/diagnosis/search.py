@@ -20,23 +20,29 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.effects import registry
-from residual.effects.base import Effect, PlacedEffect, Span, Trait
-from residual.evidence.columns import union
-from residual.evidence.design import Design, Group
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait, MotionSpan, PlacedEffect
+from residual.evidence.columns import merge_groups
+from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
     Fit,
-    Prior,
-    System,
-    evidence_gain,
-    fit,
+    FitEquations,
+    NominalPrior,
+    compute_evidence_gain,
+    fit_jointly,
     fit_nominal,
-    possible,
-    settle,
+    is_fit_possible,
+    refit_effective_rows,
 )
-from residual.evidence.priors import acting, forbidden, priors, screen, with_wide_prior
+from residual.evidence.priors import (
+    list_first_priors,
+    list_forbidden_effects,
+    screen_candidates,
+    select_acting_groups,
+    widen_group_prior,
+)
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
-from residual.model.nominal import Nominal
+from residual.model.nominal import NominalModel
 from residual.recording import Array
 
 FIRST_LOOKS = 4  # admissible candidates to look at where one is to be chosen
@@ -50,7 +56,7 @@ class Candidates:
 
     # All of them: each shape of each effect on each joint, then the effects that are
     # also tried on all joints at once.
-    groups: tuple[Group, ...]
+    groups: tuple[CandidateColumns, ...]
     price: Mapping[tuple, float]  # what choosing one of so many costs [nats], by key
     # Of each group its key, whether it is one of several joints, and its price [nats].
     keys: tuple[tuple, ...] = field(init=False)
@@ -63,11 +69,11 @@ class Candidates:
         object.__setattr__(self, "unions", np.array([bool(g.parts) for g in every]))
         object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
 
-    def cost(self, group: Group) -> float:
+    def cost(self, group: CandidateColumns) -> float:
         """Price of a group [nats]; joints that came together share one price."""
         return self.price[group.key] / group.fellows
 
-    def beside(self, more: Sequence[Group]) -> "Candidates":
+    def beside(self, more: Sequence[CandidateColumns]) -> "Candidates":
         """The same with more of them."""
         price = float(np.log(len({*self.price, *(g.key for g in more)})))
         priced = {**self.price, **{g.key: price for g in more}}
@@ -80,7 +86,9 @@ class Candidates:
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
 
-    def closing(self, joints: Collection[int], bodies: bool = True) -> "Candidates":
+    def exclude_joints(
+        self, joints: Collection[int], bodies: bool = True
+    ) -> "Candidates":
         """The same without what sits on some joints, alone or among others.
 
         Args:
@@ -95,7 +103,9 @@ class Candidates:
         )
         return replace(self, groups=tuple(kept))
 
-    def barring(self, fallen: Sequence[Group], kin: Sequence[Group]) -> "Candidates":
+    def exclude_groups(
+        self, fallen: Sequence[CandidateColumns], kin: Sequence[CandidateColumns]
+    ) -> "Candidates":
         """The same without some effects on their joints, alone or among others.
 
         Args:
@@ -105,7 +115,7 @@ class Candidates:
         keys = {g.key for g in fallen}
         families = {(g.effect.family, g.joints) for g in kin if g.effect.family}
 
-        def falls(group: Group) -> bool:
+        def falls(group: CandidateColumns) -> bool:
             own = group.effect.family, group.joints
             return group.key in keys or own in families
 
@@ -113,8 +123,8 @@ class Candidates:
         return replace(self, groups=tuple(kept))
 
 
-def collect(
-    design: Design, effects: Sequence[Effect], span: Span, dof: int
+def collect_candidates(
+    design: Design, effects: Sequence[Effect], span: MotionSpan, dof: int
 ) -> Candidates:
     """Append the columns of all candidates to the design.
 
@@ -129,11 +139,13 @@ def collect(
             placed += [PlacedEffect(effect, joints, shape) for shape in shapes]
     groups = design.add(placed)
     # Linear local effects that usually sit on every joint, as one candidate.
-    single: dict[str, list[Group]] = {}
+    single: dict[str, list[CandidateColumns]] = {}
     for g in groups:
-        if Trait.GROUPABLE in g.effect.traits and g.shape == ():
+        if EffectTrait.GROUPABLE in g.effect.traits and g.shape == ():
             single.setdefault(g.effect.name, []).append(g)
-    together = [union(parts) for parts in single.values() if len(parts) == dof > 1]
+    together = [
+        merge_groups(parts) for parts in single.values() if len(parts) == dof > 1
+    ]
     groups += together
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
@@ -144,7 +156,7 @@ def collect(
         for some in combinations(drive_groups, count):
             parts = [part for g in some for part in g.parts]
             label = " + ".join(g.effect.name for g in some)
-            groups.append(union(parts, label))
+            groups.append(merge_groups(parts, label))
             price[groups[-1].key] = sum(price[g.key] for g in some)
     return Candidates(tuple(groups), price)
 
@@ -157,37 +169,39 @@ def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
     reading = [
         g
         for g in candidates.groups
-        if Trait.USES_MODEL in g.effect.traits and not g.parts
+        if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
     ]
     recomputed = design.add([g.placed for g in reading])
     new = {_place(g): group for g, group in zip(reading, recomputed, strict=True)}
 
-    def of(group: Group) -> Group:
+    def of(group: CandidateColumns) -> CandidateColumns:
         if not any(_place(p) in new for p in group.parts):
             return new.get(_place(group), group)
         parts = [new.get(_place(p), p) for p in group.parts]
-        return union(parts, group.label)
+        return merge_groups(parts, group.label)
 
     return replace(candidates, groups=tuple(of(g) for g in candidates.groups))
 
 
-def _place(group: Group) -> tuple:
+def _place(group: CandidateColumns) -> tuple:
     return group.effect.name, group.joints, group.shape, len(group.parts)
 
 
-def every_candidate(
-    design: Design, nominal: Nominal, span: Span, clocked: bool
+def build_candidates(
+    design: Design, nominal: NominalModel, span: MotionSpan, clocked: bool
 ) -> Candidates:
     """Append the columns of all effects that some prior allows.
 
     Args:
         clocked: Whether the order of the logs in time is known.
     """
-    absent = Trait.NONE if clocked else Trait.NEEDS_CLOCK
-    effects = [e for e in registry().values() if not e.traits & absent]
-    barred = [forbidden(p, nominal) for p in priors(design, nominal)]
+    absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
+    effects = [e for e in load_effects().values() if not e.traits & absent]
+    barred = [
+        list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)
+    ]
     allowed = [e for e in effects if not all(e.name in b for b in barred)]
-    candidates = collect(design, allowed, span, design.dof)
+    candidates = collect_candidates(design, allowed, span, design.dof)
     # Where all values of a kind are off, that is how good they are, and no effect.
     kinds = nominal.kinds
     groups = [
@@ -195,47 +209,51 @@ def every_candidate(
     ]
     candidates = replace(candidates, groups=tuple(groups))
     # Of joints that hardly move the logs say nothing.
-    return candidates.closing(
+    return candidates.exclude_joints(
         np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
     )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Task:
+class SearchTask:
     """What a search works on: data, prior, candidates and rules.
 
     What stands in for a member of a fit, and which sets are near one, is computed once.
     """
 
     design: Design
-    prior: Prior
+    prior: NominalPrior
     candidates: Candidates
     rules: EvidenceThresholds
-    alternatives: dict[tuple[Fit, Group], tuple[list[Group], float]] = field(
-        default_factory=dict, init=False
-    )
+    alternatives: dict[
+        tuple[Fit, CandidateColumns], tuple[list[CandidateColumns], float]
+    ] = field(default_factory=dict, init=False)
     near_sets: dict[Fit, list] = field(default_factory=dict, init=False)
 
-    def fit(self, members: Sequence[Group], like: Fit, rounds: int = 3) -> Fit:
+    def fit(
+        self, members: Sequence[CandidateColumns], like: Fit, rounds: int = 3
+    ) -> Fit:
         """Fit a set with the row counts and noise of another fit to start from."""
         counted, variance = like.counted, like.variance
-        return fit(self.design, self.prior, members, counted, variance, rounds)
+        return fit_jointly(self.design, self.prior, members, counted, variance, rounds)
 
     def settle(self, fitted: Fit) -> Fit:
         """Count rows anew by the fit's own residual and fit again."""
-        return settle(self.design, self.prior, fitted)
+        return refit_effective_rows(self.design, self.prior, fitted)
 
     def start(self) -> Fit:
         """Fit of the nominal structure alone."""
         return fit_nominal(self.design, self.prior)
 
-    def net_gain(self, big: Fit, small: Fit, group: Group) -> float:
+    def net_gain(self, big: Fit, small: Fit, group: CandidateColumns) -> float:
         """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
-        value, _, _ = evidence_gain(self.design, self.prior, big, small)
+        value, _, _ = compute_evidence_gain(self.design, self.prior, big, small)
         return value - self.candidates.cost(group)
 
 
-def search(task: Task, members: Sequence[Group] = ()) -> Fit:
+def search_effect_set(
+    task: SearchTask, members: Sequence[CandidateColumns] = ()
+) -> Fit:
     """Add the best effect while one is worth it; then swap and delete.
 
     Args:
@@ -253,7 +271,9 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
             break
         chosen = ranked[0][1]
         members = (*current.members, *(chosen.parts or (chosen,)))
-        current = task.settle(task.fit(refine_shape(task, members, current), current))
+        current = task.settle(
+            task.fit(refine_last_shape(task, members, current), current)
+        )
         if not chosen.parts:
             current = _swap(task, current, joints_acted_on(task, chosen))
         current = _delete(task, current)
@@ -261,8 +281,11 @@ def search(task: Task, members: Sequence[Group] = ()) -> Fit:
 
 
 def rank_additions(
-    task: Task, base: Fit, instead: Group | None = None, looks: int | None = None
-) -> list[tuple[float, Group, Fit]]:
+    task: SearchTask,
+    base: Fit,
+    instead: CandidateColumns | None = None,
+    looks: int | None = None,
+) -> list[tuple[float, CandidateColumns, Fit]]:
     """Admissible additions to a fit, most evidence first: (net gain, group, fit).
 
     Args:
@@ -272,7 +295,7 @@ def rank_additions(
             is all that is wanted.
     """
     ranked = []
-    base_system = System.of(task.design, task.prior, base.members)
+    base_system = FitEquations.of(task.design, task.prior, base.members)
     tried = [
         _try_candidate(task, base, g, base_system)
         for g in _shortlist(task, base, instead, base_system)
@@ -280,11 +303,11 @@ def rank_additions(
     tried.sort(key=lambda one: task.candidates.cost(one[0]) - one[1].score)
     for group, trial, system in tried:
         trial = replace(trial, counted=base.counted)
-        value, big, small = evidence_gain(
+        value, big, small = compute_evidence_gain(
             task.design, task.prior, trial, base, (system, base_system)
         )
         value -= task.candidates.cost(group)
-        if admissible(task, group, value, big, small):
+        if is_admissible(task, group, value, big, small):
             ranked.append((value, group, big))
         if len(ranked) == looks:
             break
@@ -292,18 +315,18 @@ def rank_additions(
 
 
 def _try_candidate(
-    task: Task, base: Fit, group: Group, base_system: System
-) -> tuple[Group, Fit, System]:
+    task: SearchTask, base: Fit, group: CandidateColumns, base_system: FitEquations
+) -> tuple[CandidateColumns, Fit, FitEquations]:
     """Fit with a candidate, under a wide prior where it is far beyond the usual."""
 
-    def trial(group: Group) -> tuple[Group, Fit, System]:
+    def trial(group: CandidateColumns) -> tuple[CandidateColumns, Fit, FitEquations]:
         system, members = base_system.beside(task.design, group), (*base.members, group)
         counted = task.design.rows / 4
-        fitted = fit(task.design, task.prior, members, counted, system=system)
+        fitted = fit_jointly(task.design, task.prior, members, counted, system=system)
         return group, fitted, system
 
     standard = trial(group)
-    wide = with_wide_prior(standard[1], group)
+    wide = widen_group_prior(standard[1], group)
     return (
         standard
         if wide is None
@@ -311,22 +334,27 @@ def _try_candidate(
     )
 
 
-def joints_acted_on(task: Task, group: Group) -> set[int]:
+def joints_acted_on(task: SearchTask, group: CandidateColumns) -> set[int]:
     """Joints on which a group's columns act."""
     return set(group.effect.rows(group.joints, task.design.dof))
 
 
 def _shortlist(
-    task: Task, base: Fit, instead: Group | None, base_system: System
-) -> list[Group]:
+    task: SearchTask,
+    base: Fit,
+    instead: CandidateColumns | None,
+    base_system: FitEquations,
+) -> list[CandidateColumns]:
     """The best shape of the most promising keys, at most a third of them per joint."""
     groups = task.candidates.groups
     values, floor = (
-        screen(task.design, base, groups, base_system),
+        screen_candidates(task.design, base, groups, base_system),
         task.rules.min_nats / 4,
     )
     if instead is not None:
-        acting_too = acting(task.design, groups, joints_acted_on(task, instead))
+        acting_too = select_acting_groups(
+            task.design, groups, joints_acted_on(task, instead)
+        )
         values = np.where(acting_too & ~task.candidates.unions, values, -np.inf)
         alike = values[[key == instead.key for key in task.candidates.keys]]
         floor = max(floor, THRESHOLDS.rival_share * alike.max(initial=0.0))
@@ -336,7 +364,7 @@ def _shortlist(
         and (top := values.max(initial=0.0)) > THRESHOLDS.clear_best_nats
     ):
         floor = max(floor, THRESHOLDS.faint_share * top)
-    taken = {g.key for g in base.members if Trait.PERIODIC not in g.effect.traits}
+    taken = {g.key for g in base.members if EffectTrait.PERIODIC not in g.effect.traits}
     if instead is not None:
         taken.add(instead.key)
     families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
@@ -358,7 +386,7 @@ def _shortlist(
     return list(chosen.values())
 
 
-def _neighbours(first: Group, second: Group) -> bool:
+def _neighbours(first: CandidateColumns, second: CandidateColumns) -> bool:
     """Whether two ripples of one joint have nearly the same order: they cancel."""
     if (
         first.effect is not second.effect
@@ -370,16 +398,18 @@ def _neighbours(first: Group, second: Group) -> bool:
     return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio
 
 
-def admissible(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
+def is_admissible(
+    task: SearchTask, group: CandidateColumns, value: float, big: Fit, small: Fit
+) -> bool:
     """Does the effect lower the error, or spare the model beyond belief?"""
-    if not possible(task.design, big, group):
+    if not is_fit_possible(task.design, big, group):
         return False
     return lowers_error(task, big, small) or spares_model(
         task, group, value, big, small
     )
 
 
-def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
+def lowers_error(task: SearchTask, big: Fit, small: Fit) -> bool:
     """The error of some joint falls by enough, of torque and of what was left."""
     design = task.design
     fall = np.maximum(small.sse - big.sse, 0)
@@ -388,7 +418,9 @@ def lowers_error(task: Task, big: Fit, small: Fit) -> bool:
     return bool(np.any(task.rules.lower(relative, share)))
 
 
-def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -> bool:
+def spares_model(
+    task: SearchTask, group: CandidateColumns, value: float, big: Fit, small: Fit
+) -> bool:
     """The refit can imitate the effect, but only with implausible parameters."""
     rules = task.rules
     if (
@@ -397,11 +429,12 @@ def spares_model(task: Task, group: Group, value: float, big: Fit, small: Fit) -
     ):
         return False
     return bool(
-        torque_share(task.design, big, group).max() >= rules.min_plausible_torque
+        member_torque_shares(task.design, big, group).max()
+        >= rules.min_plausible_torque
     )
 
 
-def torque_share(design: Design, fitted: Fit, group: Group) -> Array:
+def member_torque_shares(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
     """Rms torque of a member on each joint, as a share of torque rms. Shape (dof,)."""
     theta, out = fitted.of(group), np.zeros(design.dof)
     for j in range(design.dof):
@@ -413,16 +446,21 @@ def torque_share(design: Design, fitted: Fit, group: Group) -> Array:
     return out
 
 
-def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group, ...]:
+def refine_last_shape(
+    task: SearchTask, members: Sequence[CandidateColumns], like: Fit
+) -> tuple[CandidateColumns, ...]:
     """The set with the last member's nonlinear parameter searched off the grid."""
     *others, last = members
     how = last.effect.refine
     if how is None:
         return tuple(members)
     ratio = how.step == "ratio"
-    reach = how.half_width(last.joints, task.design.states[0].robot)
+    reach = how.compute_half_width(last.joints, task.design.states[0].robot)
     offsets = np.linspace(-reach, reach, 7)
-    base_system, size = System.of(task.design, task.prior, others), task.design.size
+    base_system, size = (
+        FitEquations.of(task.design, task.prior, others),
+        task.design.size,
+    )
     counted = task.design.rows / 4
     centre, winner, top = last.shape[0], last, -np.inf
     for _ in range(3):
@@ -432,7 +470,7 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
             last.placed._replace(shape=(float(x), *last.shape[1:])) for x in points
         ]
         for group in task.design.add(shapes):
-            trial = fit(
+            trial = fit_jointly(
                 task.design,
                 task.prior,
                 (*others, group),
@@ -440,11 +478,11 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
                 like.variance,
                 system=base_system.beside(task.design, group),
             )
-            if trial.score > top and possible(task.design, trial, group):
+            if trial.score > top and is_fit_possible(task.design, trial, group):
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
-    task.design.take_back(size)  # of all that was tried one shape is kept
+    task.design.drop_newest_columns(size)  # of all that was tried one shape is kept
     if winner is not last:
         (winner,) = task.design.add([winner.placed])
     winner, *_ = _try_candidate(
@@ -453,7 +491,7 @@ def refine_shape(task: Task, members: Sequence[Group], like: Fit) -> tuple[Group
     return (*others, winner)
 
 
-def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
+def _swap(task: SearchTask, current: Fit, where: set[int]) -> Fit:
     """Replace a member where another candidate explains the same better by 1 nat.
 
     Only members that share a joint with the last addition are looked at: nothing
@@ -470,7 +508,7 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
             ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
             margin = 1.0 if group.fellows == 1 else task.rules.min_nats
             if ranked and ranked[0][0] > member_nats + margin:
-                members = refine_shape(task, (*others, ranked[0][1]), without)
+                members = refine_last_shape(task, (*others, ranked[0][1]), without)
                 current = task.settle(task.fit(members, without))
                 break
         else:
@@ -478,7 +516,7 @@ def _swap(task: Task, current: Fit, where: set[int]) -> Fit:
     return current
 
 
-def _delete(task: Task, current: Fit) -> Fit:
+def _delete(task: SearchTask, current: Fit) -> Fit:
     """Drop members that no longer carry their own weight.
 
     Members of a group that came together stay while they carry any: the name stands
@@ -487,19 +525,21 @@ def _delete(task: Task, current: Fit) -> Fit:
     for group in current.members:
         others = tuple(g for g in current.members if g is not group)
         without = task.fit(others, current)
-        value, _, _ = evidence_gain(task.design, task.prior, current, without)
-        if value < needed_nats(task, current.members, group):
+        value, _, _ = compute_evidence_gain(task.design, task.prior, current, without)
+        if value < required_nats(task, current.members, group):
             current = task.settle(without)
     return current
 
 
-def needed_nats(task: Task, members: Sequence[Group], group: Group) -> float:
+def required_nats(
+    task: SearchTask, members: Sequence[CandidateColumns], group: CandidateColumns
+) -> float:
     """Evidence that a member must carry to stay [nats].
 
     None for one of several joints, as long as half of the arm's joints have the name;
     what every drive has may even cost as much, since what a joint lacks may hide it.
     """
-    if Trait.CONSTANT in group.effect.traits:
+    if EffectTrait.CONSTANT in group.effect.traits:
         # Tested on left-out parts: a joint whose error it halves may have five rows
         # that count.
         return -np.inf

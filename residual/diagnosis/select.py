@@ -22,15 +22,26 @@ from scipy.linalg import solve_triangular
 from residual.diagnosis.search import (
     FIRST_LOOKS,
     Candidates,
-    Task,
+    SearchTask,
     joints_acted_on,
     rank_additions,
-    refine_shape,
-    search,
+    refine_last_shape,
+    search_effect_set,
 )
-from residual.evidence.design import Group
-from residual.evidence.fit import Fit, Prior, System, fit, possible
-from residual.evidence.priors import WIDTHS, PriorSpace, overlap, stacks
+from residual.evidence.design import CandidateColumns
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    NominalPrior,
+    fit_jointly,
+    is_fit_possible,
+)
+from residual.evidence.priors import (
+    WIDTHS,
+    PriorSpace,
+    stack_groups,
+    weight_column_products,
+)
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.recording import Array
 from residual.verdict.result import Detectable
@@ -46,10 +57,10 @@ from residual.verdict.result import Detectable
 class Selection:
     """The search's result."""
 
-    task: Task  # data under the chosen prior
-    fit: Fit  # its best fit
+    task: SearchTask  # data under the chosen prior
+    fit_jointly: Fit  # its best fit
     # The widest prior that the logs do not contradict, for standard deviations.
-    wide: Prior
+    wide: NominalPrior
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -62,14 +73,16 @@ class _SearchRuns:
     done: dict[tuple, Selection] = field(default_factory=dict)
     allowed: dict[frozenset[str], Candidates] = field(default_factory=dict)
 
-    def search(self, prior: Prior) -> None:
+    def search(self, prior: NominalPrior) -> None:
         """Search under a prior, unless that was done."""
         if (key := _key(prior)) not in self.done:
-            barred = frozenset(self.space.barred(prior))
+            barred = frozenset(self.space.list_barred_effects(prior))
             if barred not in self.allowed:
                 self.allowed[barred] = self.candidates.without(tuple(barred))
-            task = Task(self.space.design, prior, self.allowed[barred], self.rules)
-            self.done[key] = Selection(task, search(task), prior)
+            task = SearchTask(
+                self.space.design, prior, self.allowed[barred], self.rules
+            )
+            self.done[key] = Selection(task, search_effect_set(task), prior)
 
     @property
     def counted(self) -> Array:
@@ -82,17 +95,19 @@ class _SearchRuns:
         counted = self.counted
         return max(self.done.values(), key=lambda r: _comparable_score(r, counted))
 
-    def score(self, prior: Prior, run: Selection) -> float:
+    def score(self, prior: NominalPrior, run: Selection) -> float:
         """Evidence of a run's set under another prior [nats]."""
         members = run.fit.members
-        return fit(self.space.design, prior, members, self.counted, rounds=4).score
+        return fit_jointly(
+            self.space.design, prior, members, self.counted, rounds=4
+        ).score
 
 
-def _key(prior: Prior) -> tuple:
+def _key(prior: NominalPrior) -> tuple:
     return prior.scale, tuple(sorted(prior.widths.items()))
 
 
-def select(
+def select_set_and_prior(
     space: PriorSpace,
     candidates: Candidates,
     rules: EvidenceThresholds,
@@ -108,7 +123,7 @@ def select(
         candidates: All that may be named under some prior.
     """
 
-    def as_given(runs: _SearchRuns) -> Iterable[Prior]:
+    def as_given(runs: _SearchRuns) -> Iterable[NominalPrior]:
         return [space.at(scale, space.even[0]) for scale in space.scales]
 
     runs, turns = (
@@ -123,7 +138,7 @@ def select(
     return replace(best, fit=best.task.settle(best.fit), wide=_widest_prior(runs, best))
 
 
-def _even_widths(runs: _SearchRuns) -> Iterable[Prior]:
+def _even_widths(runs: _SearchRuns) -> Iterable[NominalPrior]:
     """Every width at the best scale, and at others that are best beside their own.
 
     A sharp prior with names and a wide one without are two hills of evidence.
@@ -142,7 +157,7 @@ def _even_widths(runs: _SearchRuns) -> Iterable[Prior]:
     return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
 
 
-def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
+def _by_kind(runs: _SearchRuns) -> Iterable[NominalPrior]:
     for _ in range(THRESHOLDS.width_rounds):
         best = runs.best
         if not runs.space.free or len(best.wide.widths) < 2:
@@ -153,7 +168,7 @@ def _by_kind(runs: _SearchRuns) -> Iterable[Prior]:
         yield turned
 
 
-def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
+def _best_widths(runs: _SearchRuns, best: Selection) -> NominalPrior:
     """The prior with the best width of each kind, one after the other."""
     prior = best.wide
     for kind in best.wide.widths:
@@ -165,7 +180,7 @@ def _best_widths(runs: _SearchRuns, best: Selection) -> Prior:
     return prior
 
 
-def _adjacent_scales(runs: _SearchRuns) -> Iterable[Prior]:
+def _adjacent_scales(runs: _SearchRuns) -> Iterable[NominalPrior]:
     best, scales = runs.best.wide, runs.space.scales
     index = scales.index(best.scale)
     return [
@@ -173,7 +188,7 @@ def _adjacent_scales(runs: _SearchRuns) -> Iterable[Prior]:
     ]
 
 
-def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
+def _widest_prior(runs: _SearchRuns, run: Selection) -> NominalPrior:
     """The widest prior within 6 nats, and none under 10 % where the scale is open.
 
     How wrong a URDF is can be estimated only as far as the wrong values can be seen;
@@ -194,7 +209,7 @@ def _widest_prior(runs: _SearchRuns, run: Selection) -> Prior:
     return max(allowed, key=lambda p: p.scale)
 
 
-def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
+def neighbor_priors(space: PriorSpace, prior: NominalPrior) -> tuple[NominalPrior, ...]:
     """Priors that a search might have turned to, beside the one that it chose."""
     pairs = [(s, widths) for widths in space.even for s in space.scales]
     pairs += [(s, prior.widths) for s in space.scales]
@@ -212,10 +227,10 @@ def neighbor_priors(space: PriorSpace, prior: Prior) -> tuple[Prior, ...]:
 def _comparable_score(run: Selection, counted: Array) -> float:
     """Evidence with equal row counts for all runs, less the price of names."""
     task, members = run.task, run.fit.members
-    common = fit(task.design, task.prior, members, counted, rounds=4)
+    common = fit_jointly(task.design, task.prior, members, counted, rounds=4)
     # What a name costs beside its choice: a link's, all that a name must win.
     price = (
-        THRESHOLDS.nats_per_link if g.effect.of_link else THRESHOLDS.nats_per_name
+        THRESHOLDS.nats_per_link if g.effect.replaces_link else THRESHOLDS.nats_per_name
         for g in members
     )
     costs = (task.candidates.cost(g) for g in members)
@@ -236,10 +251,12 @@ def _comparable_score(run: Selection, counted: Array) -> float:
 FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
 FAR = 2 * THRESHOLDS.class_nats  # nats from where a set is not worth a closer look
 
-Members = tuple[Group, ...]
+Members = tuple[CandidateColumns, ...]
 
 
-def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+def find_member_alternatives(
+    task: SearchTask, fitted: Fit, group: CandidateColumns
+) -> tuple[list[CandidateColumns], float]:
     """What could stand in a member's place, and how sure its class is.
 
     Returns:
@@ -251,7 +268,9 @@ def alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], fl
     return task.alternatives[fitted, group]
 
 
-def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], float]:
+def _alternatives(
+    task: SearchTask, fitted: Fit, group: CandidateColumns
+) -> tuple[list[CandidateColumns], float]:
     others = [g for g in fitted.members if g is not group]
     without = task.fit(others, fitted)
     member_nats = task.net_gain(fitted, without, group)
@@ -276,7 +295,7 @@ def _alternatives(task: Task, fitted: Fit, group: Group) -> tuple[list[Group], f
     return near, float(inside / (inside + outside))
 
 
-def prefer_simpler(task: Task, fitted: Fit) -> Fit:
+def swap_for_simpler_names(task: SearchTask, fitted: Fit) -> Fit:
     """Prefer the simpler of two names that the data cannot tell apart.
 
     A member gives way to an alternative with fewer coefficients and shape parameters
@@ -297,14 +316,14 @@ def prefer_simpler(task: Task, fitted: Fit) -> Fit:
     return fitted
 
 
-def _size(group: Group) -> float:
+def _size(group: CandidateColumns) -> float:
     """Number of free parameters of a group, and how far-fetched it is."""
     shape = group.effect.refine is not None
     return len(group.ids) + shape + group.effect.far_fetched
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Rival:
+class RivalSet:
     """Another set that the logs cannot tell from the one named."""
 
     members: Members  # its effects
@@ -312,7 +331,7 @@ class Rival:
     twin: bool = False  # whether the two differ by what these logs cannot show at all
 
 
-def best_set(task: Task, fitted: Fit) -> Fit:
+def improve_set(task: SearchTask, fitted: Fit) -> Fit:
     """Move to a better set near the one found, as long as there is one."""
     if any(g.fellows > 1 for g in fitted.members):
         return fitted
@@ -324,23 +343,28 @@ def best_set(task: Task, fitted: Fit) -> Fit:
             default=fitted,
         )
         if _set_score(task, best) < score + THRESHOLDS.better_set_nats or not all(
-            possible(task.design, best, g) for g in best.members
+            is_fit_possible(task.design, best, g) for g in best.members
         ):
             break
         fitted = task.settle(task.fit(best.members, best))
     return fitted
 
 
-def rivals(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
+def find_rival_sets(
+    task: SearchTask, fitted: Fit, detectable: Sequence[Detectable]
+) -> list[RivalSet]:
     """Return all sets within 6 nats of the one named, nearest first."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
-    near, twins = near_sets(task, fitted), _body_twins(task, fitted, least)
+    near, twins = (
+        find_separable_sets(task, fitted),
+        _body_twins(task, fitted, detectable),
+    )
     known = {_places_of(r.members) for r in near}
     return [*near, *(r for r in twins if _places_of(r.members) not in known)]
 
 
-def near_sets(task: Task, fitted: Fit) -> list[Rival]:
+def find_separable_sets(task: SearchTask, fitted: Fit) -> list[RivalSet]:
     """Return the sets of those that another motion may tell from the one named."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
@@ -349,7 +373,7 @@ def near_sets(task: Task, fitted: Fit) -> list[Rival]:
     return task.near_sets[fitted]
 
 
-def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
+def _near_sets(task: SearchTask, fitted: Fit) -> list[RivalSet]:
     score, rivals = _set_score(task, fitted), {}
     for neighbor in _neighboring_fits(task, fitted):
         gap = _set_score(task, neighbor) - score
@@ -357,11 +381,11 @@ def _near_sets(task: Task, fitted: Fit) -> list[Rival]:
         if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
             rival = rivals.get(key)
             if rival is None or gap > rival.nats:
-                rivals[key] = Rival(neighbor.members, gap)
+                rivals[key] = RivalSet(neighbor.members, gap)
     return sorted(rivals.values(), key=lambda r: -r.nats)
 
 
-def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
+def _neighboring_fits(task: SearchTask, fitted: Fit) -> Iterator[Fit]:
     """Sets one move away: another for one, two for one, one for two, one less."""
     members = fitted.members
     for group in members:
@@ -384,27 +408,36 @@ def _neighboring_fits(task: Task, fitted: Fit) -> Iterator[Fit]:
                 yield _fit_with(task, others, candidate, without)
 
 
-def _other_additions(task: Task, base: Fit, gone: Sequence[Group]) -> list:
+def _other_additions(
+    task: SearchTask, base: Fit, gone: Sequence[CandidateColumns]
+) -> list:
     """Additions to a fit that are not among the removed candidates."""
     keys = {g.key for g in gone}
     ranked = rank_additions(task, base, looks=FIRST_LOOKS)
     return [one for one in ranked if not one[1].parts and one[1].key not in keys]
 
 
-def _fit_with(task: Task, others: Sequence[Group], candidate: Group, like: Fit) -> Fit:
-    return task.fit(refine_shape(task, (*others, candidate), like), like)
+def _fit_with(
+    task: SearchTask,
+    others: Sequence[CandidateColumns],
+    candidate: CandidateColumns,
+    like: Fit,
+) -> Fit:
+    return task.fit(refine_last_shape(task, (*others, candidate), like), like)
 
 
-def _set_score(task: Task, fitted: Fit) -> float:
+def _set_score(task: SearchTask, fitted: Fit) -> float:
     price = sum(task.candidates.cost(g) + task.rules.min_nats for g in fitted.members)
     return fitted.score - price
 
 
-def _places_of(members: Sequence[Group]) -> tuple:
+def _places_of(members: Sequence[CandidateColumns]) -> tuple:
     return tuple(sorted((g.effect.name, g.joints) for g in members))
 
 
-def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Rival]:
+def _body_twins(
+    task: SearchTask, fitted: Fit, least: Sequence[Detectable]
+) -> list[RivalSet]:
     """Sets with one more change of a body that the named ones take up unseen.
 
     A smaller load and a heavier link do what a load does; no evidence chooses, only
@@ -436,11 +469,11 @@ def _body_twins(task: Task, fitted: Fit, least: Sequence[Detectable]) -> list[Ri
             after < THRESHOLDS.absorbed_share * before,
         )
         if clear and taken_up and _is_hidden(candidate, least):
-            out.append(Rival((*fitted.members, candidate), -cost, twin=True))
+            out.append(RivalSet((*fitted.members, candidate), -cost, twin=True))
     return out
 
 
-def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
+def _is_hidden(candidate: CandidateColumns, least: Sequence[Detectable]) -> bool:
     """Whether the usual change of a body is below the detectable size."""
     place = candidate.effect.name, tuple(j + 1 for j in candidate.joints)
     sizes = [d.value for d in least if (d.name, d.joints) == place]
@@ -450,14 +483,17 @@ def _is_hidden(candidate: Group, least: Sequence[Detectable]) -> bool:
 
 
 def _information(
-    task: Task, fitted: Fit, members: Sequence[Group], candidates: Sequence[Group]
+    task: SearchTask,
+    fitted: Fit,
+    members: Sequence[CandidateColumns],
+    candidates: Sequence[CandidateColumns],
 ) -> Array:
     """Information on each candidate beyond a set. Shape (g,)."""
     weight = fitted.weight(task.design.rows)
-    system = System.of(task.design, task.prior, members)
-    shared = overlap(task.design, system, weight)
+    system = FitEquations.of(task.design, task.prior, members)
+    shared = weight_column_products(task.design, system, weight)
     half = solve_triangular(system.solve(weight)[1], shared, lower=True)
     out = np.empty(len(candidates))
-    for stack in stacks(task.design, candidates):
+    for stack in stack_groups(task.design, candidates):
         out[stack.members] = stack.beyond(weight, half)[:, 0, 0]
     return out

@@ -1,10 +1,11 @@
 """The leftover of one examined, looked at and corrected, with the sentences on it.
 
-The default form of the data-driven tables (`residual/calibration/choice.py`): nothing,
-PLSR, least squares, tables, whichever serves fit logs best that were left out. The
-variables are the joint's own state and what its leftover was found to depend on.
-"Nothing" means not correctable from the state. The logs held out for the proof have no
-part in it (G2017 eq. 31, on top of the named effects).
+The default form of the data-driven tables
+(`residual/calibration/correction_choice.py`): nothing, PLSR, least squares, tables,
+whichever serves fit logs best that were left out. The variables are the joint's own
+state and what its leftover was found to depend on. "Nothing" means not correctable
+from the state. The logs held out for the proof have no part in it (G2017 eq. 31, on
+top of the named effects).
 """
 
 from collections.abc import Sequence
@@ -13,22 +14,28 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from residual.calibration.choice import Training, chosen_tables
-from residual.calibration.effects import make_tables
-from residual.diagnosis.gate import Adequacy, find_period
+from residual.calibration.correction_choice import TrainingRows, fit_chosen_tables
+from residual.calibration.table_regression import choose_table_levels
+from residual.diagnosis.gate import Adequacy, find_motion_period
 from residual.diagnosis.outcome import SearchOutcome
-from residual.errors import joints_listed
-from residual.evidence.columns import fold_labels
+from residual.errors import format_joint_numbers
+from residual.evidence.columns import label_folds
 from residual.evidence.design import Design
 from residual.evidence.fit import Fit
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import Cloud
-from residual.model.lookup import DIFFERENCE, Column, CorrectedModel, Tables, read
+from residual.model.compare import FindingScatter
+from residual.model.lookup import (
+    DIFFERENCE,
+    CorrectedModel,
+    JointCorrection,
+    TableVariable,
+    compute_table_variables,
+)
 from residual.model.model import Model
-from residual.quantity import along
+from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
 from residual.signals.filters import randomise_phases
-from residual.signals.splitting import logs_of
+from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 from residual.verdict.result import Dependence
 
@@ -50,7 +57,7 @@ PLAIN, DIRECTION, SUM = "curve", "by direction", "sum"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Variable:
+class StateVariable:
     """Something that a leftover may depend on, on the rows of one joint."""
 
     on: str  # "q", "qd", "qdd" or "tau" (the model's torque)
@@ -66,7 +73,7 @@ class Variable:
         """Its name with the unit, for an axis: "q4 + q5 [rad]"."""
         sign = " - " if self.form == DIFFERENCE else " + "
         unit = {"q": "rad", "qd": "rad/s", "qdd": "rad/s²", "tau": "N m"}[self.on]
-        unit = along(unit) if self.slides else unit
+        unit = convert_to_sliding_unit(unit) if self.slides else unit
         return f"{sign.join(f'{self.on}{k + 1}' for k in self.of)} [{unit}]"
 
     def codes(self, bins: int) -> tuple[Array, int]:
@@ -79,10 +86,10 @@ class Variable:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Curve:
+class ResidualCurve:
     """A dependence that holds on left-out folds."""
 
-    variable: Variable  # what it is over
+    variable: StateVariable  # what it is over
     # Fall of the left-out squared error, as a share of the structured leftover.
     share: float
     fitted: Array  # the curve on the rows [N m], (n,)
@@ -99,41 +106,43 @@ class JointResidual:
     power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
 
 
-def curves(
-    rows: JointResidual, variables: Sequence[Variable]
-) -> tuple[list[Curve], Array]:
+def fit_residual_curves(
+    joint_residual: JointResidual, variables: Sequence[StateVariable]
+) -> tuple[list[ResidualCurve], Array]:
     """Take the best curve while one beats chance; each is drawn on what is left.
 
     Returns:
         The curves, and what they leave [N m]. Shape (n,).
     """
-    residual, found_curves = rows.residual, []
-    tables = [_CellTable.of(rows, v, bins) for v in variables for bins in BINS]
+    residual, found_curves = joint_residual.residual, []
+    tables = [
+        _CellTable.of(joint_residual, v, bins) for v in variables for bins in BINS
+    ]
     while tables and len(found_curves) < THRESHOLDS.max_curves:
         # A mean is no dependence: what it explains is no curve's merit.
-        mean = _CellTable.of(rows, None, 1)
+        mean = _CellTable.of(joint_residual, None, 1)
         falls = np.array([t.fall(residual[:, None]) for t in tables])[:, :, 0]
         falls -= mean.fall(residual[:, None])[:, 0]
         gains = falls.sum(axis=1)
         best = int(np.argmax(gains))
-        share = gains[best] / max(rows.power, 1e-300)
+        share = gains[best] / max(joint_residual.power, 1e-300)
         if share < THRESHOLDS.min_curve_share or np.mean(falls[best] > 0) < MOST_FOLDS:
             break
-        block = surrogates(rows, residual)
+        block = draw_surrogate_residuals(joint_residual, residual)
         most = np.max([t.fall(block).sum(axis=0) for t in tables], axis=0)
         most -= mean.fall(block).sum(axis=0)
         if (1 + np.sum(most >= gains[best])) / (1 + DRAWS) > THRESHOLDS.curve_chance:
             break
         fitted = tables[best].curve(residual)
         found_curves.append(
-            Curve(tables[best].variable, min(float(share), 1.0), fitted)
+            ResidualCurve(tables[best].variable, min(float(share), 1.0), fitted)
         )
         residual = residual - fitted
         tables = [t for t in tables if t.variable is not tables[best].variable]
     return found_curves, residual
 
 
-def surrogates(rows: JointResidual, residual: Array) -> Array:
+def draw_surrogate_residuals(rows: JointResidual, residual: Array) -> Array:
     """Leftovers of the same spectrum in every log that know nothing of the motion.
 
     Returns:
@@ -155,7 +164,7 @@ def surrogates(rows: JointResidual, residual: Array) -> Array:
 class _CellTable:
     """Cells of one variable in one width, and who is in them."""
 
-    variable: Variable | None  # the variable; None for a constant
+    variable: StateVariable | None  # the variable; None for a constant
     codes: Array  # cell of each row, (n,)
     gather: csr_array  # sums rows into (fold, cell), (folds cells, n)
     counts: Array  # rows of each fold and cell, (folds, cells)
@@ -163,7 +172,7 @@ class _CellTable:
 
     @classmethod
     def of(
-        cls, rows: JointResidual, variable: Variable | None, bins: int
+        cls, rows: JointResidual, variable: StateVariable | None, bins: int
     ) -> "_CellTable":
         """Sort the rows into cells."""
         n, folds = len(rows.residual), int(rows.fold.max()) + 1
@@ -204,7 +213,7 @@ FINE = 0.5  # step of the frequencies, in units of 1 / piece
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class TimeLine:
+class ResidualTimeSeries:
     """A leftover on its time line."""
 
     t: Array  # time of each row [s], (n,)
@@ -215,37 +224,37 @@ class TimeLine:
 
 
 @dataclass(frozen=True, slots=True)
-class Wave:
+class SpectralLine:
     """A spectral line of a leftover."""
 
     share: float  # fall of the left-out squared error, as a share of the leftover
     frequency: float  # [Hz]
 
 
-def wave_of(line: TimeLine) -> Wave | None:
+def find_spectral_line(series: ResidualTimeSeries) -> SpectralLine | None:
     """A frequency that predicts left-out blocks, beyond red noise that does not."""
-    pieces = _pieces(line)
-    span = max(np.ptp(line.t[p]) for p in pieces)
-    low, high = SLOWEST / span, line.cutoff
+    pieces = _pieces(series)
+    span = max(np.ptp(series.t[p]) for p in pieces)
+    low, high = SLOWEST / span, series.cutoff
     if not low < high:
         return None
     grid = np.arange(low, high, FINE / span)
-    block = np.column_stack([line.residual, _red_noise(line)])
-    fall, chosen = _left_out_line(line, pieces, grid, block)
+    block = np.column_stack([series.residual, _red_noise(series)])
+    fall, chosen = _left_out_line(series, pieces, grid, block)
     total = fall.sum(axis=0)
     chance = np.mean(np.append(total[1:], np.inf) >= total[0])
-    share = total[0] / max(line.power, 1e-300)
-    logs = np.array([line.log[p[0]] for p in pieces])
+    share = total[0] / max(series.power, 1e-300)
+    logs = np.array([series.log[p[0]] for p in pieces])
     if (
         share < THRESHOLDS.min_curve_share
         or chance > THRESHOLDS.curve_chance
         or np.mean([fall[logs == k, 0].sum() > 0 for k in np.unique(logs)]) < MOST_FOLDS
     ):
         return None
-    return Wave(min(float(share), 1.0), float(grid[chosen]))
+    return SpectralLine(min(float(share), 1.0), float(grid[chosen]))
 
 
-def _pieces(line: TimeLine) -> list[Array]:
+def _pieces(line: ResidualTimeSeries) -> list[Array]:
     """Rows of each log, in stretches of 20 s or less."""
     out = []
     for log in np.unique(line.log):
@@ -259,7 +268,7 @@ def _pieces(line: TimeLine) -> list[Array]:
 
 
 def _left_out_line(
-    line: TimeLine, pieces: list[Array], grid: Array, block: Array
+    line: ResidualTimeSeries, pieces: list[Array], grid: Array, block: Array
 ) -> tuple[Array, int]:
     """Fall of the squared error of every piece, and the frequency all rows choose.
 
@@ -312,7 +321,7 @@ def _amplitudes(gram: Array, cross: Array) -> Array:
     return np.einsum("fij,jfb->ifb", inverse, cross)
 
 
-def _red_noise(line: TimeLine) -> Array:
+def _red_noise(line: ResidualTimeSeries) -> Array:
     """Noise with the residual's variance and lag-1 correlation. (n, DRAWS)."""
     rng = np.random.default_rng(0)
     left = line.residual - line.residual.mean()
@@ -337,21 +346,21 @@ REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class JointLeftover:
+class JointRemainder:
     """What one joint keeps, on the rows on which it moves."""
 
     joint: int  # from 0
     # State variables that predict it on left-out folds, best first.
-    curves: tuple[Curve, ...]
-    wave: Wave | None  # a spectral line of what the curves leave
+    fit_residual_curves: tuple[ResidualCurve, ...]
+    wave: SpectralLine | None  # a spectral line of what the curves leave
     kind: str | None  # "repeatable", "time-driven", or None where neither is known
-    cloud: Cloud  # leftover over the variable that it depends on most
+    cloud: FindingScatter  # leftover over the variable that it depends on most
 
 
-def depends_on(leftovers: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
+def list_dependences(remainders: Sequence[JointRemainder]) -> tuple[Dependence, ...]:
     """What each joint's leftover varies with, the largest share of a joint first."""
     out = []
-    for leftover in leftovers:
+    for leftover in remainders:
         joint, entries = leftover.joint + 1, []
         for c in leftover.curves:
             v = c.variable
@@ -365,27 +374,31 @@ def depends_on(leftovers: Sequence[JointLeftover]) -> tuple[Dependence, ...]:
     return tuple(out)
 
 
-def joint_leftovers(
+def analyze_joint_remainders(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
-) -> tuple[JointLeftover, ...]:
+) -> tuple[JointRemainder, ...]:
     """Look at every joint on which more than noise remains."""
     out = []
     for j in adequacy.doubted:
         residual = design.residual(j, fitted.ids, fitted.theta)
-        power = (adequacy.structured[j] * design.rms[j]) ** 2 * len(residual)
+        power = (adequacy.structured_share[j] * design.rms[j]) ** 2 * len(residual)
         log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
         rows = JointResidual(
             residual,
-            np.unique(design.folds_of(j), return_inverse=True)[1],
+            np.unique(design.label_joint_folds(j), return_inverse=True)[1],
             log,
             design.rows[j] / fitted.counted[j],
             power,
         )
-        found_curves, remaining = curves(rows, _variables(design, tracks, j))
+        found_curves, remaining = fit_residual_curves(
+            rows, _variables(design, tracks, j)
+        )
         times = [s.t[:: t.step] for s, t in zip(design.states, tracks, strict=True)]
         cutoff = min(t.cutoff for t in tracks)
-        line = TimeLine(_stack(tracks, j, times), remaining, log, power, cutoff)
-        wave = wave_of(line)
+        line = ResidualTimeSeries(
+            _stack(tracks, j, times), remaining, log, power, cutoff
+        )
+        wave = find_spectral_line(line)
         kind = _kind(adequacy.kind[j], found_curves, wave, tracks)
         # Over the variable that it depends on most; over time where there is none.
         x, y, drawn, label = line.t, residual, np.zeros(len(line.t)), "t [s]"
@@ -397,12 +410,12 @@ def joint_leftovers(
             x, drawn = _folded(line, wave.frequency)
             label = f"turns of {wave.frequency:.3g} Hz"
         names = np.array([t.id for t in tracks])
-        cloud = Cloud("", j + 1, label, x, y, drawn, names[log])
-        out.append(JointLeftover(j, tuple(found_curves), wave, kind, cloud))
+        cloud = FindingScatter("", j + 1, label, x, y, drawn, names[log])
+        out.append(JointRemainder(j, tuple(found_curves), wave, kind, cloud))
     return tuple(out)
 
 
-def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable]:
+def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[StateVariable]:
     """Variables of a joint's residual: its state, its load, other joints."""
 
     def read(name: str) -> list[Array]:
@@ -411,20 +424,20 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable
         lines = [getattr(s, name)[:: t.step] for s, t in states]
         return list(_stack(tracks, j, lines).T)
 
-    q, qd, qdd, tau = map(read, ("q", "qd", "qdd", "tau_model"))
+    q, qd, qdd, tau = map(compute_table_variables, ("q", "qd", "qdd", "tau_model"))
     side = (qd[j] > 0).astype(int)
     own = [("q", q[j]), ("qdd", qdd[j]), ("tau", tau[j])]
-    out = [Variable("qd", (j,), PLAIN, qd[j])]
-    out += [Variable(on, (j,), PLAIN, x) for on, x in own]
-    out += [Variable(on, (j,), DIRECTION, x, side) for on, x in own]
+    out = [StateVariable("qd", (j,), PLAIN, qd[j])]
+    out += [StateVariable(on, (j,), PLAIN, x) for on, x in own]
+    out += [StateVariable(on, (j,), DIRECTION, x, side) for on, x in own]
     for k in range(design.dof):
         if k != j:
             out += [
-                Variable(on, (k,), PLAIN, x[k])
+                StateVariable(on, (k,), PLAIN, x[k])
                 for on, x in (("q", q), ("qd", qd), ("qdd", qdd))
             ]
-            out.append(Variable("q", (j, k), SUM, q[j] + q[k]))
-            out.append(Variable("q", (j, k), DIFFERENCE, q[j] - q[k]))
+            out.append(StateVariable("q", (j, k), SUM, q[j] + q[k]))
+            out.append(StateVariable("q", (j, k), DIFFERENCE, q[j] - q[k]))
     slides = design.states[0].robot.prismatic
     return [
         replace(v, slides=slides[v.of[0]])
@@ -436,8 +449,8 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[Variable
 
 def _kind(
     repeats: str | None,
-    curves_found: Sequence[Curve],
-    wave: Wave | None,
+    curves_found: Sequence[ResidualCurve],
+    wave: SpectralLine | None,
     tracks: Sequence[Track],
 ) -> str | None:
     """State-driven if left-out logs are predicted from the state; else by the clock.
@@ -451,7 +464,7 @@ def _kind(
     turns = [
         wave.frequency * period * track.step / track.rate
         for track in tracks
-        if (period := find_period(track)) is not None
+        if (period := find_motion_period(track)) is not None
     ]
     free = len(turns) < len(tracks) or any(
         abs(x - round(x)) > THRESHOLDS.off_harmonic_turns for x in turns
@@ -459,7 +472,7 @@ def _kind(
     return TIME_DRIVEN if len(tracks) > 1 and free else repeats
 
 
-def _folded(line: TimeLine, frequency: float) -> tuple[Array, Array]:
+def _folded(line: ResidualTimeSeries, frequency: float) -> tuple[Array, Array]:
     """Turns of a wave from its crest in each log, and the wave of all logs [N m]."""
     turns = line.t * frequency
     for log in np.unique(line.log):
@@ -479,34 +492,36 @@ MOST_ROWS = 12_000  # more of the same logs change nothing but the time
 
 
 def fit_correction(
-    model: Model, tracks: Sequence[Track], leftovers: Sequence[JointLeftover]
+    model: Model, tracks: Sequence[Track], remainders: Sequence[JointRemainder]
 ) -> CorrectedModel | None:
     """Fit the correction to what a model leaves on the fit logs.
 
     Returns:
         None where no joint moves enough for one log, or block, to check another.
     """
-    if not leftovers:
+    if not remainders:
         return None
     states = [model.observe(t) for t in tracks]
     torque = [model.torque_of_state(s) for s in states]
     logs = list(zip(tracks, states, torque, strict=True))
-    tables = [_tables(logs, one) for one in leftovers]
+    tables = [_tables(logs, one) for one in remainders]
     kept = tuple(t for t in tables if t is not None)
     return CorrectedModel(model, kept) if kept else None
 
 
-def _tables(logs, leftover: JointLeftover) -> Tables | None:
+def _tables(logs, leftover: JointRemainder) -> JointCorrection | None:
     j = leftover.joint
     columns = _columns(leftover)
     X, Y, tau, second, seconds = [], [], [], [], 0
     for track, state, torque in logs:
         rows = slice(None, None, track.step)
-        load = track.filter(torque[:, j])[track.inner]
-        X.append(np.column_stack(read(state, columns))[rows][track.inner])
-        tau.append(track.tau[track.inner, j])
+        load = track.filter(torque[:, j])[track.valid]
+        X.append(
+            np.column_stack(compute_table_variables(state, columns))[rows][track.valid]
+        )
+        tau.append(track.tau[track.valid, j])
         Y.append(tau[-1] - load)
-        t = track.t[rows][: len(track.inner)][track.inner]
+        t = track.t[rows][: len(track.valid)][track.valid]
         second.append(seconds + (t - track.t[0]).astype(int))
         seconds = 1 + max(seconds, int(second[-1].max(initial=0)))
     fold = _folds([track for track, _, _ in logs])
@@ -520,11 +535,11 @@ def _tables(logs, leftover: JointLeftover) -> Tables | None:
     loads = (tau - Y)[:, None]
     names = [f"{on}{'-' if f == DIFFERENCE else '+'}{of}" for on, of, f in columns]
     speeds = [i for i, (on, _, _) in enumerate(columns) if on == "qd"]
-    tables = make_tables(X, loads, (0,), (*names, "load"), speeds)
+    tables = choose_table_levels(X, loads, (0,), (*names, "load"), speeds)
     Z = tables.encode(X, loads)
-    training = Training(X, Y[:, None], tau[:, None], second, Z)
-    lookup, (option,) = chosen_tables(training, fold[thin], tables)
-    return Tables(j, columns, lookup, option.kind)
+    training = TrainingRows(X, Y[:, None], tau[:, None], second, Z)
+    lookup, (option,) = fit_chosen_tables(training, fold[thin], tables)
+    return JointCorrection(j, columns, lookup, option.kind)
 
 
 def _folds(tracks: Sequence[Track]) -> Array:
@@ -533,16 +548,16 @@ def _folds(tracks: Sequence[Track]) -> Array:
     Blocks of one log are next to each other, and a table may remember the path: with a
     second log there is something better to check it by.
     """
-    logs = logs_of([t.id for t in tracks])
+    logs = group_pieces_by_log([t.id for t in tracks])
     if len(logs) > 1:
         of = {i: k for k, pieces in enumerate(logs) for i in pieces}
         labels = [np.full(len(t.tau), of[i]) for i, t in enumerate(tracks)]
     else:
-        labels = fold_labels(tracks)
-    return np.concatenate([f[t.inner] for f, t in zip(labels, tracks, strict=True)])
+        labels = label_folds(tracks)
+    return np.concatenate([f[t.valid] for f, t in zip(labels, tracks, strict=True)])
 
 
-def _columns(leftover: JointLeftover) -> tuple[Column, ...]:
+def _columns(leftover: JointRemainder) -> tuple[TableVariable, ...]:
     """Own speed, position and acceleration, then the variables of the curves."""
     state_columns = [(on, (leftover.joint,), "") for on in ("qd", "q", "qdd")]
     used = {(on, of) for on, of, _ in state_columns}
@@ -552,28 +567,28 @@ def _columns(leftover: JointLeftover) -> tuple[Column, ...]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class LeftoverAnalysis:
+class UnexplainedAnalysis:
     """What is known of the leftover."""
 
-    joints: tuple[JointLeftover, ...]  # one entry per unexplained joint
+    joints: tuple[JointRemainder, ...]  # one entry per unexplained joint
     # The model with a statistical correction; None where nothing is left, or no joint
     # can be checked.
     correction: CorrectedModel | None
     sentences: tuple[str, ...]  # sentences
 
 
-def examine_leftover(
+def analyze_unexplained(
     outcome: SearchOutcome, fitted: Fit, augmented: Model
-) -> LeftoverAnalysis:
+) -> UnexplainedAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = outcome.adequacy, outcome.logs.sketch
-    found = joint_leftovers(outcome.task.design, tracks, fitted, told)
+    found = analyze_joint_remainders(outcome.task.design, tracks, fitted, told)
     made = fit_correction(augmented, tracks, found)
     sentences = ()
-    if made is not None and made.helpless:
-        on = joints_listed([j + 1 for j in made.helpless])
+    if made is not None and made.uncorrected_joints:
+        on = format_joint_numbers([j + 1 for j in made.uncorrected_joints])
         sentences = (
             f"{on}: not correctable from state: tables of position, speed, "
             "acceleration and load do not help on logs left out",
         )
-    return LeftoverAnalysis(found, made, sentences)
+    return UnexplainedAnalysis(found, made, sentences)

@@ -7,33 +7,49 @@ import numpy as np
 from scipy.special import ndtri
 
 from residual.check.result import LogCheck
-from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.doubts import DoubtResult, Withdrawal
+from residual.diagnosis.detectable import find_detectable_sizes
+from residual.diagnosis.doubts import ConfirmedNames, WithdrawnName
 from residual.diagnosis.findings import (
     NamedEffect,
-    between_logs,
-    doubtful,
-    public_joints,
+    covariance_between_logs,
+    joint_numbers,
+    rougher_body_prior,
     values_jacobian,
 )
 from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import describe_gain, describe_unproven
-from residual.diagnosis.open_question import places_of
+from residual.diagnosis.held_out import classify_gain, describe_unproven_joints
+from residual.diagnosis.open_question import list_places
 from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.select import neighbor_priors, rivals
-from residual.diagnosis.unexplained import JointLeftover, LeftoverAnalysis, depends_on
-from residual.effects import registry
-from residual.effects.base import Effect, Trait
-from residual.errors import joints_listed
-from residual.evidence.fit import Fit, PossibleModel, scaled_inverse
-from residual.evidence.priors import PriorSpace, inertial_precision, inertial_sd
+from residual.diagnosis.select import find_rival_sets, neighbor_priors
+from residual.diagnosis.unexplained import (
+    JointRemainder,
+    UnexplainedAnalysis,
+    list_dependences,
+)
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait
+from residual.errors import format_joint_numbers
+from residual.evidence.fit import Fit, PossibleModel, invert_scaled
+from residual.evidence.priors import (
+    PriorSpace,
+    compute_inertial_precision,
+    compute_inertial_sd,
+)
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import Errors
-from residual.model.model import Term, with_slots
-from residual.planning.promise import Question, promised, settled_by
-from residual.quantity import plain
+from residual.model.compare import ErrorSums
+from residual.model.model import Term, pair_coefficient_slices
+from residual.planning.next_experiment import (
+    OpenQuestion,
+    mark_inseparable_alternatives,
+    predict_best_motion,
+)
+from residual.quantity import convert_to_plain_values
 from residual.recording import Array
-from residual.robot.dynamics import base_parameters, inertial_parameters, regressor
+from residual.robot.dynamics import (
+    compute_base_parameters,
+    compute_inertial_regressor,
+    read_inertial_parameters,
+)
 from residual.verdict.result import (
     LOAD,
     MOTION,
@@ -49,21 +65,21 @@ from residual.verdict.result import (
     Place,
     Unexplained,
     Verdict,
-    with_model_values,
+    replace_by_model_values,
 )
 
 
-def conclude(
-    standing: DoubtResult,
+def build_verdict(
+    confirmed: ConfirmedNames,
     named: Sequence[NamedEffect],
     background: Sequence[NamedEffect],
     bodies: PossibleModel,
-    remains: LeftoverAnalysis,
-    question: Question,
-    errors: Mapping[str, Errors],
+    unexplained: UnexplainedAnalysis,
+    question: OpenQuestion,
+    errors: Mapping[str, ErrorSums],
     tables: ErrorTables,
     check: LogCheck | None,
-    logged: Sequence[str],
+    notes: Sequence[str],
 ) -> Verdict:
     """Return the verdict, of plain values: what is not finite is None.
 
@@ -73,122 +89,134 @@ def conclude(
         background: Those that any used arm has.
         bodies: The augmented model, and what of it no body could be.
         errors: Errors of each model on the held-out logs; `tables` has them as values.
-        logged: Warnings on the logs, which come first.
+        notes: Warnings on the logs, which come first.
     """
-    outcome, validation = standing.outcome, standing.validation
+    outcome, validation = confirmed.outcome, confirmed.validation
     task, robot = outcome.task, outcome.logs.robot
     faulty = check is not None and bool(check.certain)
-    contradicted = (*contradictions(outcome, validation.fit, errors), *bodies.doubts)
+    contradicted = (
+        *describe_contradictions(outcome, validation.fit, errors),
+        *bodies.doubts,
+    )
     doubtful = len(outcome.adequacy.doubted) or contradicted or faulty
     every = neighbor_priors(PriorSpace(task.design, outcome.nominal), task.prior)
-    least = _clear_links(outcome, minimum_detectable(task, validation.fit, every))
+    least = _clear_links(outcome, find_detectable_sizes(task, validation.fit, every))
     alternatives = tuple(
         Alternative(
-            set=tuple(Place(g.effect.name, public_joints(g)) for g in rival.members),
-            nats=plain(rival.nats),
+            set=tuple(Place(g.effect.name, joint_numbers(g)) for g in rival.members),
+            nats=convert_to_plain_values(rival.nats),
             separated_by=LOAD if rival.twin else MOTION,
         )
-        for rival in rivals(task, validation.fit, least)
+        for rival in find_rival_sets(task, validation.fit, least)
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
-        return [_finding(f, i, standing) for i, f in enumerate(some, 1)]
+        return [_finding(f, i, confirmed) for i, f in enumerate(some, 1)]
 
     return Verdict(
         robot=robot.name,
         declared=tuple(outcome.nominal.names),
         verdict="effects" if named else "unknown" if doubtful else "none",
-        effects=tuple(with_model_values(f, bodies) for f in listing(named)),
+        effects=tuple(replace_by_model_values(f, bodies) for f in listing(named)),
         minimum_detectable=() if faulty else tuple(least),
-        unexplained=_unexplained(outcome, remains.joints),
+        unexplained=_unexplained(outcome, unexplained.joints),
         error=tables,
-        nominal_scale=plain(task.prior.scale),
-        next_experiment=None if faulty else promised(question),
+        nominal_scale=convert_to_plain_values(task.prior.scale),
+        next_experiment=None if faulty else predict_best_motion(question),
         warnings=(
-            *logged,
+            *notes,
             *(check.sentences if check else ()),
-            *warnings(outcome, standing.withdrawn, tables.same_run),
-            *describe_unproven(outcome, errors["augmented"]),
-            *remains.sentences,
+            *collect_warnings(outcome, confirmed.withdrawn, tables.same_run),
+            *describe_unproven_joints(outcome, errors["augmented"]),
+            *unexplained.sentences,
         ),
         log_check=check,
         contradictions=contradicted,
         frames=Frames.of(robot),
-        changes=compare_values(outcome, validation.fit),
-        alternatives=settled_by(
-            question, places_of(validation.fit.members), alternatives
+        changes=compare_nominal_values(outcome, validation.fit),
+        alternatives=mark_inseparable_alternatives(
+            question, list_places(validation.fit.members), alternatives
         ),
         background=tuple(listing(background)),
         bodies=bodies.correction,
-        suspected=() if faulty else tuple(listing(standing.suspected)),
+        suspected=() if faulty else tuple(listing(confirmed.suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )
 
 
 def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
     """Raise the detectable size of a link to four deviations of the URDF's error."""
-    prior, model = doubtful(outcome), outcome.logs.robot.model
-    bodies = inertial_parameters(model)
-    pull = inertial_precision(outcome.logs.robot) @ np.diag(bodies)
+    prior, model = rougher_body_prior(outcome), outcome.logs.robot.model
+    bodies = read_inertial_parameters(model)
+    pull = compute_inertial_precision(outcome.logs.robot) @ np.diag(bodies)
     with np.errstate(divide="ignore"):  # of a link without mass nothing is known
         rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
     out = []
     for d in least:
-        if registry()[d.name].of_link and d.value is not None:
+        if load_effects()[d.name].replaces_link and d.value is not None:
             floor = THRESHOLDS.link_deviations * float(rough[d.joints[0] - 1])
             d = replace(d, value=max(d.value, floor))
         out.append(d)
     return out
 
 
-def _finding(named: NamedEffect, order: int, standing: DoubtResult) -> Finding:
+def _finding(named: NamedEffect, order: int, standing: ConfirmedNames) -> Finding:
     gains = {**standing.gains, **dict(standing.validation.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
     splits = [standing.splits[t] for t in named.tested]
     parameters = {}
     for key, (values, stds, unit, clear) in named.parameters.items():
-        row, std = tuple(plain(values)), tuple(plain(stds))
+        row, std = (
+            tuple(convert_to_plain_values(values)),
+            tuple(convert_to_plain_values(stds)),
+        )
         if len(named.tested) == 1:
             row, std = row[0], std[0]
         parameters[key] = Parameter(row, std, unit, clear)
     return Finding(
         name=named.effect.name,
         joints=named.joints,
-        probability=plain(named.probability),
+        probability=convert_to_plain_values(named.probability),
         order=order,
         equivalent=tuple(Place(*other) for other in named.equivalent),
         parameters=parameters,
         combinations={
-            key: Parameter(plain(value), plain(std), unit)
+            key: Parameter(
+                convert_to_plain_values(value), convert_to_plain_values(std), unit
+            )
             for key, (value, std, unit) in named.combined.items()
         },
         evidence=Evidence(
-            nats=plain(named.nats),
+            nats=convert_to_plain_values(named.nats),
             by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
-            held_out=describe_gain(gain),
-            held_out_gain=plain(gain),
+            held_out=classify_gain(gain),
+            held_out_gain=convert_to_plain_values(gain),
             splits=min(splits, key=lambda s: s.found),
         ),
     )
 
 
 def _unexplained(
-    outcome: SearchOutcome, leftovers: Sequence[JointLeftover]
+    outcome: SearchOutcome, leftovers: Sequence[JointRemainder]
 ) -> Unexplained:
     a, design, logs = outcome.adequacy, outcome.task.design, outcome.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
     kinds = [one.kind for one in leftovers if one.kind]
     alike = len(set(logs.robot.prismatic)) == 1
-    per_joint = a.structured.copy()
+    per_joint = a.structured_share.copy()
     per_joint[list(logs.too_small)] = np.nan
     return Unexplained(
         joints=tuple(int(j) + 1 for j in a.doubted),
-        fraction=plain(np.sqrt(weight @ a.structured**2)) if alike else None,
-        noise_floor=plain(np.sqrt(weight @ a.noise**2)) if alike else None,
-        depends_on=depends_on(leftovers),
+        fraction=convert_to_plain_values(np.sqrt(weight @ a.structured_share**2))
+        if alike
+        else None,
+        noise_floor=convert_to_plain_values(np.sqrt(weight @ a.noise**2))
+        if alike
+        else None,
+        depends_on=list_dependences(leftovers),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
-        per_joint=tuple(plain(per_joint)),
+        per_joint=tuple(convert_to_plain_values(per_joint)),
         noise_model="autocorrelation",
     )
 
@@ -202,8 +230,8 @@ PLACES = 20  # positions at which the inertia is looked at
 # deviation follows from the fit's covariance: nothing is called impossible by chance.
 
 
-def contradictions(
-    outcome: SearchOutcome, fitted: Fit, errors: dict[str, Errors]
+def describe_contradictions(
+    outcome: SearchOutcome, fitted: Fit, errors: dict[str, ErrorSums]
 ) -> tuple[str, ...]:
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
     if not outcome.task.design.fold_rows.any():
@@ -215,12 +243,14 @@ def contradictions(
     out = []
     if friction:
         out.append(
-            f"the fitted friction of {joints_listed(friction)} drives the arm: check "
+            f"the fitted friction of {format_joint_numbers(friction)} drives the "
+            f"arm: check "
             "the sign of the torque"
         )
     if inertia:
         out.append(
-            f"the fitted inertia of {joints_listed(inertia)} is negative: check signs, "
+            f"the fitted inertia of {format_joint_numbers(inertia)} is negative: "
+            f"check signs, "
             "units and the order of the joints"
         )
     before, after = (errors[k].overall("moving") for k in ("nominal", "identified"))
@@ -237,7 +267,9 @@ def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction drives the motion."""
     design, covariance = outcome.task.design, fitted.covariance()
     theta, out = _absolute_coefficients(outcome, fitted), []
-    brakes = _select_slots(outcome, fitted, lambda e, on: Trait.FRICTION in e.traits)
+    brakes = _select_slots(
+        outcome, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
+    )
     speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
@@ -261,11 +293,11 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
     zero, out = np.zeros_like(q), []
-    resting = regressor(model, q, zero, zero)
+    resting = compute_inertial_regressor(model, q, zero, zero)
     for j in range(design.dof):
         push = zero.copy()
         push[:, j] = 1.0
-        rows = regressor(model, q, zero, push)[:, j] - resting[:, j]
+        rows = compute_inertial_regressor(model, q, zero, push)[:, j] - resting[:, j]
         rotors = _select_slots(
             outcome,
             fitted,
@@ -297,8 +329,8 @@ def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Arr
     return np.concatenate(marks)
 
 
-def warnings(
-    outcome: SearchOutcome, withdrawn: Sequence[Withdrawal], same_run: bool
+def collect_warnings(
+    outcome: SearchOutcome, withdrawn: Sequence[WithdrawnName], same_run: bool
 ) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
 
@@ -323,18 +355,18 @@ def warnings(
     return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
 
 
-def describe_withdrawal(tested: GateResult, why: str) -> str:
+def describe_withdrawal(tested: GateResult, reason: str) -> str:
     """A warning about a name that did not stand: 'ripple on joint 3: why'."""
     joints = [j + 1 for j in tested.group.joints]
-    place = f" on {joints_listed(joints)}" if joints else ""
-    return f"{tested.group.effect.name}{place}: {why}"
+    place = f" on {format_joint_numbers(joints)}" if joints else ""
+    return f"{tested.group.effect.name}{place}: {reason}"
 
 
-def signal_notes(outcome: SearchOutcome) -> tuple[str, ...]:
+def describe_signals(outcome: SearchOutcome) -> tuple[str, ...]:
     """Return what was understood of the signals: filter and rows."""
     logs = outcome.logs
     rows = outcome.task.design.rows
-    every = sum(int(t.inner.sum()) for t in logs.tracks)
+    every = sum(int(t.valid.sum()) for t in logs.tracks)
     notes = [
         f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "
         "on torque and regressor alike; "
@@ -373,7 +405,7 @@ class _Values:
     added: Array
 
 
-def compare_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
+def compare_nominal_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
     groups = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
     count = sum(len(a.names) for a in groups)
@@ -398,12 +430,15 @@ class _Covariances:
         task = outcome.task
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
         p = len(task.design.nominal)
-        before[:p, :p] = scaled_inverse(task.prior.precision)
+        before[:p, :p] = invert_scaled(task.prior.precision)
         for g in fitted.members:
             at = fitted.slots(g)
-            before[np.ix_(at, at)] = scaled_inverse(g.precision)
+            before[np.ix_(at, at)] = invert_scaled(g.precision)
         return cls(
-            fitted.theta, before, fitted.covariance(), between_logs(task.design, fitted)
+            fitted.theta,
+            before,
+            fitted.covariance(),
+            covariance_between_logs(task.design, fitted),
         )
 
 
@@ -411,9 +446,9 @@ def _value_changes(
     state: _Covariances, values: _Values, sure: float
 ) -> Iterator[Change]:
     a, p = values.added, values.slope.shape[1]
-    after = scaled_inverse(a @ state.after @ a.T)
+    after = invert_scaled(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
-    information = _positive_information(after - scaled_inverse(prior), prior)
+    information = _positive_information(after - invert_scaled(prior), prior)
     covariance = np.linalg.inv(information)
     gap = covariance @ (after @ (a @ state.theta))
     # Logs that disagree pull a value that its prior holds by less than a free one.
@@ -427,11 +462,11 @@ def _value_changes(
             name=name,
             joints=joints,
             parameter=parameter,
-            nominal=plain(values.nominal[i]),
-            identified=plain(values.nominal[i] + gap[i]),
-            std=plain(sd),
+            nominal=convert_to_plain_values(values.nominal[i]),
+            identified=convert_to_plain_values(values.nominal[i] + gap[i]),
+            std=convert_to_plain_values(sd),
             unit=unit,
-            sigma=plain(gap[i] / sd),
+            sigma=convert_to_plain_values(gap[i] / sd),
             beyond=bool(abs(gap[i]) > least),
             explained=bool(a[i, p:].any() and abs(refit_gap[i]) < least),
         )
@@ -441,7 +476,7 @@ def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Declared values, grouped by joints."""
     nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
-    placed = with_slots(terms, len(nominal.model.inertial))
+    placed = pair_coefficient_slices(terms, len(nominal.model.inertial))
     together: dict[tuple, list] = {}
     for (term, own), width in zip(placed, given, strict=True):
         if width is not None:
@@ -487,9 +522,9 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
 def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
     """Identifiable base parameters of the arm's bodies, one by one."""
     robot = outcome.logs.robot
-    base = base_parameters(robot.model)
+    base = compute_base_parameters(robot.model)
     inertial = outcome.nominal.model.inertial
-    size = np.sqrt(base.mapping**2 @ inertial_sd(robot) ** 2)
+    size = np.sqrt(base.mapping**2 @ compute_inertial_sd(robot) ** 2)
     added = np.zeros((len(base), len(fitted.ids)))
     added[:, : len(inertial)] = base.mapping
     for g in fitted.members:

@@ -7,13 +7,13 @@ from pkgutil import iter_modules
 
 from residual.effects.base import Effect
 from residual.errors import InputError
-from residual.plugins import plugins
+from residual.plugins import load_plugins
 
 _HELPERS = {"base", "sensitivity"}
 
 
 @cache
-def registry() -> dict[str, Effect]:
+def load_effects() -> dict[str, Effect]:
     """Every effect by name, in alphabetical order of the files; then plug-ins.
 
     Raises:
@@ -23,7 +23,7 @@ def registry() -> dict[str, Effect]:
     modules = (m for m in every if m not in _HELPERS and m[0] != "_")
     found = (import_module(f"{__name__}.{m}").EFFECT for m in sorted(modules))
     effects = {effect.name: effect for effect in found}
-    for name, given in plugins("modelgap.effects").items():
+    for name, given in load_plugins("modelgap.effects").items():
         if not isinstance(given, Effect) or given.name != name or name in effects:
             raise InputError(
                 f"The plug-in '{name}' (modelgap.effects) gives "
@@ -34,29 +34,31 @@ def registry() -> dict[str, Effect]:
     return effects
 
 
-def vocabulary() -> dict[str, Mapping[str, str]]:
+def list_effect_parameters() -> dict[str, Mapping[str, str]]:
     """Parameters of every effect with their SI units: what a robot.toml may declare."""
-    return {name: effect.parameters for name, effect in registry().items()}
+    return {name: effect.parameters for name, effect in load_effects().items()}
 
 
-def joint_properties() -> dict[str, tuple[str, str]]:
+def map_joint_properties() -> dict[str, tuple[str, str]]:
     """Effects that every drive has, by the property of a simulated joint that each is.
 
     Returns:
         Name and parameter of the effect, by property: what an MJCF declares.
     """
-    usual = (e for e in registry().values() if e.drive_order)
+    usual = (e for e in load_effects().values() if e.drive_order)
     return {
         effect.portable.joint[0]: (effect.name, next(iter(effect.parameters)))
         for effect in sorted(usual, key=lambda e: e.drive_order)
     }
 
 
-def reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ...]:
+def number_reported_joints(
+    name: str, joints: Iterable[int], dof: int
+) -> tuple[int, ...]:
     """Joints (from 1) as a verdict has them: what is at the flange is on the last.
 
     What an effect that nobody looks for sits on stays where it is.
     """
-    effect = registry().get(name)
+    effect = load_effects().get(name)
     at_flange = effect is not None and effect.scope == "flange"
     return (dof,) if at_flange else tuple(sorted(joints))

@@ -9,8 +9,18 @@ controller that is stiff against the link hold it, it crosses with its load, at 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from residual.effects.base import Effect, Portable, Refinement, Trait, against_load
-from residual.effects.sensitivity import sensitivity, time_derivatives, torque_of_shift
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    ExportedLaw,
+    ShapeRefinement,
+    against_load,
+)
+from residual.effects.sensitivity import (
+    compute_shift_torque,
+    compute_time_derivatives,
+    compute_torque_derivatives,
+)
 from residual.recording import Array
 
 # The coefficient is the half gap, the shape the one that the flight is drawn for; a
@@ -28,13 +38,15 @@ def _columns(state, joints, shape):
     gap = max(abs(shape[0]), TINY)
     if len(shape) > 1:
         side = gaussian_filter1d(np.sign(state.rigid[:, j]), shape[1] * state.rate)
-        return torque_of_shift(state, j, side, time_derivatives(state, side))[
-            :, :, None
-        ]
-    inertia = np.maximum(sensitivity(state)[2][:, j, j], 1e-9)
+        return compute_shift_torque(
+            state, j, side, compute_time_derivatives(state, side)
+        )[:, :, None]
+    inertia = np.maximum(compute_torque_derivatives(state)[2][:, j, j], 1e-9)
     push = -state.rigid[:, j] / inertia
     side = _flight(push, gap, 1 / state.rate) / gap
-    return torque_of_shift(state, j, side, time_derivatives(state, side))[:, :, None]
+    return compute_shift_torque(state, j, side, compute_time_derivatives(state, side))[
+        :, :, None
+    ]
 
 
 def _flight(push: Array, gap: float, dt: float) -> Array:
@@ -89,13 +101,13 @@ EFFECT = Effect(
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: ((5e-4,), (1e-3,), (2e-3,), (4e-3,), (1e-3, HELD)),
-    refine=Refinement("ratio", 0.7, lower=1e-5, upper=WIDEST),
-    traits=Trait.USES_MODEL | Trait.MEMORY,
+    refine=ShapeRefinement("ratio", 0.7, lower=1e-5, upper=WIDEST),
+    traits=EffectTrait.USES_MODEL | EffectTrait.MEMORY,
     prior_sd=lambda robot: np.array([2e-3]),
     possible=_possible,
     # Where the load never changes its side it is an offset of the encoder.
     far_fetched=0.5,
     family="geometry",
     variable=against_load,
-    portable=Portable(why_not=FUTURE),
+    portable=ExportedLaw(obstacle=FUTURE),
 )

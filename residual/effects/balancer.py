@@ -2,7 +2,14 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, against_position, formula, local, wave
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    against_position,
+    build_formula_law,
+    build_joint_columns,
+    describe_wave,
+)
 
 MOST = 3.0  # times the joint's torque
 
@@ -12,9 +19,9 @@ EFFECT = Effect(
     noun="a balancer",
     sentence="a torque that follows sin and cos of position, as from a counterbalance",
     equation="tau = sin * sin(q) + cos * cos(q)",
-    traits=Trait.NEEDS_TURN | Trait.ONE_VARIABLE,
+    traits=EffectTrait.NEEDS_TURN | EffectTrait.ONE_VARIABLE,
     parameters={"sin": "N m", "cos": "N m"},
-    columns=local(
+    columns=build_joint_columns(
         lambda state, j, shape: [np.sin(state.q[:, j]), np.cos(state.q[:, j])]
     ),
     family="static",
@@ -22,6 +29,6 @@ EFFECT = Effect(
     variable=against_position,
     # It carries what the drive need not, so it may exceed the drive's own torque.
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
-    portable=formula("a[0] * sin(q) + a[1] * cos(q)"),
-    display=wave(0, 1, "N m"),
+    portable=build_formula_law("a[0] * sin(q) + a[1] * cos(q)"),
+    display=describe_wave(0, 1, "N m"),
 )

@@ -13,7 +13,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from residual.quantity import along
+from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
 from residual.robot.dynamics import LazyRegressor
 from residual.robot.robot import Robot
@@ -22,7 +22,7 @@ Shape = tuple[float, ...]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Limits:
+class JointLimits:
     """What an arm can do where an effect sits; of the whole arm the largest.
 
     Attributes:
@@ -41,36 +41,42 @@ class Limits:
     speed: float
     weight: float
     reach: float
-    had: Array
+    nominal_coefficients: Array
 
 
 SLACK = 0.1  # of what the model has: by so much a change may overshoot it
 
 
-def within_torque(theta: Array, shape: Shape, limits: Limits) -> bool:
+def stays_within_torque(theta: Array, shape: Shape, limits: JointLimits) -> bool:
     """Of either sign, and no larger than the torque of the joint."""
     return bool(np.linalg.norm(theta) <= limits.torque)
 
 
-def stays_positive(theta: Array, shape: Shape, limits: Limits) -> bool:
+def stays_positive(theta: Array, shape: Shape, limits: JointLimits) -> bool:
     """With what the model has of it, not negative: an inertia, or a friction.
 
     A change may overshoot what the model has by a little, since both have an error.
     """
-    had = limits.had if len(limits.had) == len(theta) else np.zeros(len(theta))
+    had = (
+        limits.nominal_coefficients
+        if len(limits.nominal_coefficients) == len(theta)
+        else np.zeros(len(theta))
+    )
     total = had + theta
     return bool(np.all(np.where(had > 0, total > -SLACK * had, total > 0)))
 
 
-def dissipates(theta: Array, shape: Shape, limits: Limits) -> bool:
+def dissipates(theta: Array, shape: Shape, limits: JointLimits) -> bool:
     """Friction takes power; and no joint moves against more than its torque."""
-    return stays_positive(theta, shape, limits) and within_torque(theta, shape, limits)
+    return stays_positive(theta, shape, limits) and stays_within_torque(
+        theta, shape, limits
+    )
 
 
-def dissipates_with_speed(theta: Array, shape: Shape, limits: Limits) -> bool:
+def dissipates_with_speed(theta: Array, shape: Shape, limits: JointLimits) -> bool:
     """The same of friction per speed, at the speed that the joint was seen at."""
     positive = stays_positive(theta, shape, limits)
-    return positive and within_torque(theta * limits.speed, shape, limits)
+    return positive and stays_within_torque(theta * limits.speed, shape, limits)
 
 
 Property = Literal[
@@ -80,7 +86,7 @@ BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its mem
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Portable:
+class ExportedLaw:
     """What of an effect other programs can be told; nothing where all is empty.
 
     A formula is an expression of C. It may use of the joint it acts on ``q``, ``qd``,
@@ -114,15 +120,17 @@ class Portable:
     gravity: Callable[[Array, Any], Array] | None = None
     force: Callable[[Array], Array] | None = None
     possible: Callable[[Array, tuple[float, ...]], bool] = lambda theta, shape: True
-    why_not: str = ""
+    obstacle: str = ""
 
 
-def formula(*rows: str, joint: tuple[Property, ...] = (), memory: int = 0) -> Portable:
+def build_formula_law(
+    *rows: str, joint: tuple[Property, ...] = (), memory: int = 0
+) -> ExportedLaw:
     """An effect that its torque says, and what its coefficients are to a joint."""
-    return Portable(formula=rows, joint=joint, memory=memory)
+    return ExportedLaw(formula=rows, joint=joint, memory=memory)
 
 
-NOWHERE = Portable(why_not="its file does not say it")
+NOWHERE = ExportedLaw(obstacle="its file does not say it")
 
 
 Joints = tuple[int, ...]
@@ -174,7 +182,7 @@ class State:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Span:
+class MotionSpan:
     """How far one set of logs moves each joint: what decides which shapes to try.
 
     Attributes:
@@ -199,7 +207,7 @@ Columns = Callable[[State, Joints, Shape], Array]
 
 
 @dataclass(frozen=True, slots=True)
-class Refinement:
+class ShapeRefinement:
     """How the first number of a shape is searched between the grid points.
 
     Attributes:
@@ -215,13 +223,13 @@ class Refinement:
     upper: float = np.inf
     sliding: float = 0.0
 
-    def half_width(self, joints: Joints, robot: Robot) -> float:
+    def compute_half_width(self, joints: Joints, robot: Robot) -> float:
         """Return the reach on some joints (from 0)."""
         slides = any(robot.prismatic[j] for j in joints)
         return (slides and self.sliding) or self.reach
 
 
-class Trait(Flag):
+class EffectTrait(Flag):
     """What the search, the report and the exporters must know of an effect."""
 
     NONE = 0
@@ -265,8 +273,8 @@ class Effect:
         portable: The same for other programs.
         traits: See `Trait`.
         scope: Which joints it belongs to.
-        sliding: Units on a prismatic joint that `residual.quantity.along` does not
-            give.
+        sliding: Units on a prismatic joint that
+            `residual.quantity.convert_to_sliding_unit` does not give.
         place: Where a sentence puts it, by its ``{joints}`` or ``{links}`` in words.
         values: (theta, shape, robot) -> one value per parameter key.
         from_values: (values, robot) -> (theta, shape): the inverse of ``values``.
@@ -307,10 +315,10 @@ class Effect:
     noun: str = ""
     equation: str = ""
     variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
-        against("qd", "qd{} [rad/s]")(state, j)
+        plot_over_signal("qd", "qd{} [rad/s]")(state, j)
     )
-    portable: Portable = NOWHERE
-    traits: Trait = Trait.NONE
+    portable: ExportedLaw = NOWHERE
+    traits: EffectTrait = EffectTrait.NONE
     scope: Scope = "local"
     sliding: Mapping[str, str] = field(default_factory=dict)
     place: str = "on {joints}"
@@ -321,12 +329,14 @@ class Effect:
         values,
         (),
     )
-    shapes: Callable[[Span, int], Sequence[Shape]] = lambda span, joint: ((),)
-    refine: Refinement | None = None
+    shapes: Callable[[MotionSpan, int], Sequence[Shape]] = lambda span, joint: ((),)
+    refine: ShapeRefinement | None = None
     drive_order: int = 0
     carries: Carried = ""
     prior_sd: Callable[[Robot], Array] | None = None
-    possible: Callable[[Array, Shape, Limits], bool] = lambda theta, shape, limits: True
+    possible: Callable[[Array, Shape, JointLimits], bool] = (
+        lambda theta, shape, limits: True
+    )
     reports: Callable[[str, Array, Array], bool] | None = None
     combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
     unit_directions: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
@@ -335,7 +345,7 @@ class Effect:
     family: str = ""
     outermost: int = 0
     rides_on: str = ""
-    in_any_arm: Callable[[Span, int], Sequence[Shape]] = lambda span, joint: ()
+    in_any_arm: Callable[[MotionSpan, int], Sequence[Shape]] = lambda span, joint: ()
     least_seen: tuple[Shape, ...] = ()
     frame: str = ""
     display: Callable[[Array], Mapping[str, tuple[float, str]]] | None = None
@@ -346,9 +356,9 @@ class Effect:
         return self.equation or "; ".join(f"tau = {f}" for f in self.portable.formula)
 
     @property
-    def of_link(self) -> bool:
+    def replaces_link(self) -> bool:
         """Whether it says that a link of every model is another."""
-        return Trait.IN_EVERY_MODEL | Trait.BODY in self.traits
+        return EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY in self.traits
 
     def units(self, joints: Joints, robot: Robot) -> dict[str, str]:
         """Return the unit of each parameter on some joints (from 0) of an arm."""
@@ -357,7 +367,10 @@ class Effect:
         )
         if not own:
             return dict(self.parameters)
-        return {k: self.sliding.get(k, along(u)) for k, u in self.parameters.items()}
+        return {
+            k: self.sliding.get(k, convert_to_sliding_unit(u))
+            for k, u in self.parameters.items()
+        }
 
     def candidates(
         self, dof: int, prismatic: Sequence[bool] = ()
@@ -371,7 +384,9 @@ class Effect:
         return tuple(
             joints
             for joints in self._places(dof)
-            if not (Trait.NEEDS_TURN in self.traits and any(slides[j] for j in joints))
+            if not (
+                EffectTrait.NEEDS_TURN in self.traits and any(slides[j] for j in joints)
+            )
             and (self.scope != "pair" or len({slides[j] for j in joints}) == 1)
         )
 
@@ -393,7 +408,9 @@ class Effect:
         return tuple(range(dof))
 
 
-def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
+def build_joint_columns(
+    feature: Callable[[State, int, Shape], Sequence[Array]],
+) -> Columns:
     """Columns of a local effect from its features on one joint."""
 
     def columns(state: State, joints: Joints, shape: Shape) -> Array:
@@ -403,7 +420,7 @@ def local(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
     return columns
 
 
-def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
+def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
     """Tell a wave over the position by its amplitude, and where it is largest.
 
     Args:
@@ -422,21 +439,23 @@ def wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
     return display
 
 
-def against(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
+def plot_over_signal(
+    signal: str, label: str
+) -> Callable[[State, int], tuple[Array, str]]:
     """Draw over a signal of the joint, whose number goes into the label."""
 
     def variable(state: State, j: int) -> tuple[Array, str]:
-        text = along(label) if state.robot.prismatic[j] else label
+        text = convert_to_sliding_unit(label) if state.robot.prismatic[j] else label
         return getattr(state, signal)[:, j], text.format(j + 1)
 
     return variable
 
 
-against_position = against("q", "q{} [rad]")
-against_load = against("rigid", "rigid-body torque {} [N m]")
-against_torque = against("tau_model", "model torque {} [N m]")
+against_position = plot_over_signal("q", "q{} [rad]")
+against_load = plot_over_signal("rigid", "rigid-body torque {} [N m]")
+against_torque = plot_over_signal("tau_model", "model torque {} [N m]")
 
 
-def shaped(values: Array, robot: Robot) -> tuple[Array, Shape]:
+def append_shape(values: Array, robot: Robot) -> tuple[Array, Shape]:
     """One coefficient, then the shape: what most parameters of a shape come to."""
     return values[:1], tuple(values[1:])

@@ -7,18 +7,18 @@ to gravity in the base frame.
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, Trait
-from residual.effects.sensitivity import model_of
-from residual.robot.dynamics import gravity_torque
+from residual.effects.base import Effect, EffectTrait, ExportedLaw
+from residual.effects.sensitivity import build_loaded_model
+from residual.robot.dynamics import compute_gravity_torque
 
 MOST = np.deg2rad(10.0)
 
 
 def _columns(state, joints, shape):
-    model = model_of(state)
+    model = build_loaded_model(state)
     size = np.linalg.norm(model.gravity.linear)
     pushes = size * np.eye(3)[:2]
-    return np.stack([gravity_torque(model, state.q, g) for g in pushes], axis=2)
+    return np.stack([compute_gravity_torque(model, state.q, g) for g in pushes], axis=2)
 
 
 def _angles(theta, shape, robot):
@@ -42,12 +42,12 @@ EFFECT = Effect(
     scope="global",
     values=_angles,
     from_values=_tangents,
-    traits=Trait.USES_MODEL,
+    traits=EffectTrait.USES_MODEL,
     # Two degrees: more is seen with the eye.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < np.tan(MOST)),
-    portable=Portable(
+    portable=ExportedLaw(
         gravity=lambda theta, robot: (
             np.linalg.norm(robot.model.gravity.linear) * np.array([*theta, 0.0])
         )

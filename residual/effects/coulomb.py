@@ -1,6 +1,12 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
-from residual.effects.base import Effect, Trait, dissipates, formula, local
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    dissipates,
+)
 
 EFFECT = Effect(
     name="coulomb",
@@ -8,10 +14,13 @@ EFFECT = Effect(
     sentence="dry friction of constant size against the direction of motion",
     equation="tau = level * sgn(qd)",
     parameters={"level": "N m"},
-    columns=local(lambda state, j, shape: [state.sign[:, j]]),
-    traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE | Trait.FRICTION,
+    columns=build_joint_columns(lambda state, j, shape: [state.sign[:, j]]),
+    traits=EffectTrait.PARAMETER
+    | EffectTrait.NOT_NEGATIVE
+    | EffectTrait.GROUPABLE
+    | EffectTrait.FRICTION,
     drive_order=2,
     possible=dissipates,
     in_any_arm=lambda span, j: ((),),
-    portable=formula("a[0] * sign", joint=("friction",)),
+    portable=build_formula_law("a[0] * sign", joint=("friction",)),
 )

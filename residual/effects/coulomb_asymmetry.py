@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, formula, local, within_torque
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    stays_within_torque,
+)
 
 EFFECT = Effect(
     name="coulomb_asymmetry",
@@ -12,10 +18,10 @@ EFFECT = Effect(
         "tau = level * |sgn(qd)|: the same in both directions of motion, zero at rest"
     ),
     parameters={"level": "N m"},
-    columns=local(lambda state, j, shape: [np.abs(state.sign[:, j])]),
+    columns=build_joint_columns(lambda state, j, shape: [np.abs(state.sign[:, j])]),
     far_fetched=0.5,
     family="static",
-    traits=Trait.GROUPABLE | Trait.FRICTION,
-    possible=within_torque,
-    portable=formula("a[0] * fabs(sign)"),
+    traits=EffectTrait.GROUPABLE | EffectTrait.FRICTION,
+    possible=stays_within_torque,
+    portable=build_formula_law("a[0] * fabs(sign)"),
 )

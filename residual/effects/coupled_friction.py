@@ -6,7 +6,7 @@ qd_i - qd_j; its friction and its inertia load both joints.
 
 import numpy as np
 
-from residual.effects.base import Effect, formula
+from residual.effects.base import Effect, build_formula_law
 
 
 def _columns(state, joints, shape):
@@ -61,5 +61,5 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[:3], (float(values[3]), WIDTH)),
     shapes=_shapes,
     possible=_possible,
-    portable=formula(DRAG, f"s[0] * ({DRAG})"),
+    portable=build_formula_law(DRAG, f"s[0] * ({DRAG})"),
 )

@@ -6,7 +6,13 @@ bends it as a delay of that size does.
 
 import numpy as np
 
-from residual.effects.base import EARLIER, Effect, Portable, Refinement, Trait
+from residual.effects.base import (
+    EARLIER,
+    Effect,
+    EffectTrait,
+    ExportedLaw,
+    ShapeRefinement,
+)
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative
@@ -32,8 +38,8 @@ EFFECT = Effect(
     values=lambda theta, shape, robot: theta,
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: tuple((a,) for a in FIRST),
-    refine=Refinement("shift", 0.015, lower=LEAST, upper=LARGEST),
-    traits=Trait.USES_MODEL | Trait.MEMORY | Trait.REPORT,
+    refine=ShapeRefinement("shift", 0.015, lower=LEAST, upper=LARGEST),
+    traits=EffectTrait.USES_MODEL | EffectTrait.MEMORY | EffectTrait.REPORT,
     prior_sd=lambda robot: np.array([0.01]),
     # No report comes before what it reports, and the bend must be of that size.
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 4 * max(shape[0], LEAST)),
@@ -41,11 +47,11 @@ EFFECT = Effect(
         np.gradient(state.tau_model[:, j], 1 / state.rate),
         f"rate of model torque {j + 1} [N m/s]",
     ),
-    portable=Portable(
+    portable=ExportedLaw(
         formula=("a[0] * (earlier(m, t, tau, s[0]) - tau) / s[0]",),
         memory=EARLIER,
         # What is late to the angles looks ahead for them.
         possible=lambda theta, shape: shape[0] >= LEAST,
-        why_not="a negative delay looks ahead in time",
+        obstacle="a negative delay looks ahead in time",
     ),
 )

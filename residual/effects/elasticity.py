@@ -5,8 +5,12 @@ The encoder sits on the motor, so the link is at the reading less load over stif
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, Trait, against_load
-from residual.effects.sensitivity import low_passed, time_derivatives, torque_of_shift
+from residual.effects.base import Effect, EffectTrait, ExportedLaw, against_load
+from residual.effects.sensitivity import (
+    compute_shift_torque,
+    compute_time_derivatives,
+    filter_before_differentiation,
+)
 
 FUTURE = "its filter looks ahead in time"
 SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
@@ -14,8 +18,10 @@ SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
 
 def _columns(state, joints, shape):
     (j,) = joints
-    lag = -low_passed(state, state.rigid[:, j])
-    return torque_of_shift(state, j, lag, time_derivatives(state, lag))[:, :, None]
+    lag = -filter_before_differentiation(state, state.rigid[:, j])
+    return compute_shift_torque(state, j, lag, compute_time_derivatives(state, lag))[
+        :, :, None
+    ]
 
 
 EFFECT = Effect(
@@ -31,7 +37,7 @@ EFFECT = Effect(
     scope="link",
     values=lambda theta, shape, robot: 1 / np.where(theta == 0, 1e-12, theta),
     from_values=lambda values, robot: (1 / values, ()),
-    traits=Trait.USES_MODEL | Trait.MEMORY,
+    traits=EffectTrait.USES_MODEL | EffectTrait.MEMORY,
     # In compliance: 1e4 N m/rad is a soft gear of an arm of 100 kg.
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
@@ -39,5 +45,5 @@ EFFECT = Effect(
     # Its column ends at 5 Hz and the torque does not: it comes out 10 to 35 % too soft.
     inexact=0.3,
     variable=against_load,
-    portable=Portable(why_not=FUTURE),
+    portable=ExportedLaw(obstacle=FUTURE),
 )

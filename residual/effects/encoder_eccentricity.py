@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, Trait, wave
-from residual.effects.sensitivity import torque_of_shift_with_drive
+from residual.effects.base import Effect, EffectTrait, ExportedLaw, describe_wave
+from residual.effects.sensitivity import compute_drive_shift_torque
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -22,7 +22,7 @@ def _columns(state, joints, shape):
         (sin, (cos * qd, -sin * qd**2 + cos * qdd)),
     )
     return np.stack(
-        [torque_of_shift_with_drive(state, j, x, speeds) for x, speeds in shifts],
+        [compute_drive_shift_torque(state, j, x, speeds) for x, speeds in shifts],
         axis=2,
     )
 
@@ -35,7 +35,7 @@ EFFECT = Effect(
         "d tau = dtau/dq_j x + dtau/dqd_j x' + dtau/dqdd_j x'', where x = cos * "
         "cos(q_j) + sin * sin(q_j)"
     ),
-    traits=Trait.NEEDS_TURN | Trait.USES_MODEL,
+    traits=EffectTrait.NEEDS_TURN | EffectTrait.USES_MODEL,
     parameters={"cos": "rad", "sin": "rad"},
     columns=_columns,
     scope="link",
@@ -43,6 +43,6 @@ EFFECT = Effect(
     family="geometry",
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST),
-    portable=Portable(shift=SHIFT),
-    display=wave(1, 0, "rad"),
+    portable=ExportedLaw(shift=SHIFT),
+    display=describe_wave(1, 0, "rad"),
 )

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, Trait
-from residual.effects.sensitivity import sensitivity
+from residual.effects.base import Effect, EffectTrait, ExportedLaw
+from residual.effects.sensitivity import compute_torque_derivatives
 
 MOST = 0.5  # rad: nobody would overlook more
 
@@ -14,12 +14,14 @@ EFFECT = Effect(
     sentence="an encoder that is off by a constant angle",
     equation="d tau = dtau/dq_j * angle",
     parameters={"angle": "rad"},
-    columns=lambda state, joints, shape: sensitivity(state)[0][:, :, list(joints)],
+    columns=lambda state, joints, shape: compute_torque_derivatives(state)[0][
+        :, :, list(joints)
+    ],
     scope="link",
-    traits=Trait.USES_MODEL,
+    traits=EffectTrait.USES_MODEL,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),
     family="geometry",
     variable=None,
     possible=lambda theta, shape, limits: bool(abs(theta[0]) < MOST),
-    portable=Portable(shift=("a[0]", "0", "0")),
+    portable=ExportedLaw(shift=("a[0]", "0", "0")),
 )

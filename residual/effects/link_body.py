@@ -3,7 +3,7 @@
 import pinocchio as pin
 
 from residual.effects import _body
-from residual.effects.base import Effect, Portable, Trait
+from residual.effects.base import Effect, EffectTrait, ExportedLaw
 
 _JOINT = pin.SE3.Identity()  # it is told in the axes of its link's joint
 
@@ -19,13 +19,13 @@ EFFECT = Effect(
     outermost=2,  # what sits on the wrist is told as a load
     values=lambda theta, shape, robot: _body.values_in(_JOINT, theta),
     from_values=lambda values, robot: _body.theta_from(_JOINT, values),
-    traits=Trait.PARAMETER | Trait.IN_EVERY_MODEL | Trait.BODY,
+    traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
     prior_sd=_body.prior_sd,
     unit_directions=lambda states, joints: _body.usual_in(_JOINT),
     reports=_body.reports,
     variable=None,
     # Also lighter than nothing: a body that the model has and the link has lost.
     possible=lambda theta, shape, limits: _body.possible(theta, limits, -limits.weight),
-    portable=Portable(bodies=_body.bodies),
+    portable=ExportedLaw(bodies=_body.bodies),
     frame="in the axes of the joint that moves the link, from its origin",
 )

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable, Trait
-from residual.robot.dynamics import inertial_parameters
+from residual.effects.base import Effect, EffectTrait, ExportedLaw
+from residual.robot.dynamics import read_inertial_parameters
 
 # Of the body that the model has: what is more is a body beside it, and a flange nine
 # times as heavy is a load.
@@ -13,12 +13,12 @@ MOST = 1.0
 def _columns(state, joints, shape):
     (link,) = joints
     own = slice(10 * link, 10 * link + 10)
-    body = inertial_parameters(state.robot.model)[own]
+    body = read_inertial_parameters(state.robot.model)[own]
     return (state.regressor[:, :, own] @ body)[:, :, None]
 
 
 def _bodies(theta, joints, robot):
-    body = inertial_parameters(robot.model).reshape(-1, 10)
+    body = read_inertial_parameters(robot.model).reshape(-1, 10)
     scale = np.zeros((robot.dof, 1))
     scale[list(joints)] = theta[0]
     return (scale * body).ravel()
@@ -36,11 +36,11 @@ EFFECT = Effect(
     parameters={"scale": "1"},
     columns=_columns,
     scope="link",
-    traits=Trait.PARAMETER | Trait.IN_EVERY_MODEL | Trait.BODY,
+    traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
     prior_sd=lambda robot: np.array([0.3]),
     # No body weighs less than nothing.
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     variable=None,
-    portable=Portable(bodies=_bodies),
+    portable=ExportedLaw(bodies=_bodies),
     display=lambda values: {"mass and inertia": (100 * float(values[0]), "%")},
 )

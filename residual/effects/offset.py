@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, formula, local, within_torque
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    stays_within_torque,
+)
 
 EFFECT = Effect(
     name="offset",
@@ -10,10 +16,10 @@ EFFECT = Effect(
     sentence="a constant torque, as from a biased current sensor",
     equation="tau = torque",
     parameters={"torque": "N m"},
-    columns=local(lambda state, j, shape: [np.ones(len(state.t))]),
+    columns=build_joint_columns(lambda state, j, shape: [np.ones(len(state.t))]),
     family="static",
-    traits=Trait.CONSTANT | Trait.GROUPABLE,
-    possible=within_torque,
+    traits=EffectTrait.CONSTANT | EffectTrait.GROUPABLE,
+    possible=stays_within_torque,
     in_any_arm=lambda span, j: ((),),
-    portable=formula("a[0]", joint=("constant",)),
+    portable=build_formula_law("a[0]", joint=("constant",)),
 )

@@ -1,8 +1,8 @@
 """A load on the flange that the model does not have, or has wrong."""
 
 from residual.effects import _body
-from residual.effects.base import Effect, Portable, Trait
-from residual.robot.dynamics import flange_placement
+from residual.effects.base import Effect, EffectTrait, ExportedLaw
+from residual.robot.dynamics import find_flange_placement
 
 
 def _combined(theta, robot):
@@ -25,24 +25,26 @@ EFFECT = Effect(
     columns=_body.columns,
     scope="flange",
     values=lambda theta, shape, robot: _body.values_in(
-        flange_placement(robot.model), theta
+        find_flange_placement(robot.model), theta
     ),
     from_values=lambda values, robot: _body.theta_from(
-        flange_placement(robot.model), values
+        find_flange_placement(robot.model), values
     ),
-    traits=Trait.PARAMETER | Trait.BODY,
+    traits=EffectTrait.PARAMETER | EffectTrait.BODY,
     carries="body",
     prior_sd=_body.prior_sd,
     combined=_combined,
     unit_directions=lambda states, joints: _body.usual_in(
-        flange_placement(states[0].robot.model)
+        find_flange_placement(states[0].robot.model)
     ),
     reports=_body.reports,
     variable=None,
     # No heavier than the arm, no lighter than the load the model has, within reach.
     possible=lambda theta, shape, limits: _body.possible(
-        theta, limits, -limits.had[0] if len(limits.had) else 0.0
+        theta,
+        limits,
+        -limits.nominal_coefficients[0] if len(limits.nominal_coefficients) else 0.0,
     ),
-    portable=Portable(bodies=_body.bodies),
+    portable=ExportedLaw(bodies=_body.bodies),
     frame="in the axes of {flange}, from its origin; inertia about the centre",
 )

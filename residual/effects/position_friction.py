@@ -4,12 +4,12 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Trait,
+    EffectTrait,
     against_position,
-    formula,
-    local,
-    wave,
-    within_torque,
+    build_formula_law,
+    build_joint_columns,
+    describe_wave,
+    stays_within_torque,
 )
 
 EFFECT = Effect(
@@ -17,17 +17,17 @@ EFFECT = Effect(
     noun="friction that varies with position",
     sentence="dry friction whose size varies with the joint's position",
     equation="tau = (cos * cos(q) + sin * sin(q)) * sgn(qd)",
-    traits=Trait.NEEDS_TURN | Trait.FRICTION,
+    traits=EffectTrait.NEEDS_TURN | EffectTrait.FRICTION,
     parameters={"cos": "N m", "sin": "N m"},
-    columns=local(
+    columns=build_joint_columns(
         lambda s, j, shape: [
             s.sign[:, j] * wave(s.q[:, j]) for wave in (np.cos, np.sin)
         ]
     ),
     inexact=0.2,
     variable=against_position,
-    possible=within_torque,
+    possible=stays_within_torque,
     in_any_arm=lambda span, j: ((),),
-    portable=formula("sign * (a[0] * cos(q) + a[1] * sin(q))"),
-    display=wave(1, 0, "N m"),
+    portable=build_formula_law("sign * (a[0] * cos(q) + a[1] * sin(q))"),
+    display=describe_wave(1, 0, "N m"),
 )

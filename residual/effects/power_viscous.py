@@ -4,12 +4,12 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
+    append_shape,
+    build_formula_law,
+    build_joint_columns,
     dissipates,
-    formula,
-    local,
-    shaped,
 )
 
 EFFECT = Effect(
@@ -18,15 +18,15 @@ EFFECT = Effect(
     sentence="viscous friction that grows less than linearly with speed",
     equation="tau = coefficient * |qd|^exponent * sgn(qd), exponent below 1",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
-    columns=local(
+    columns=build_joint_columns(
         lambda s, j, shape: [np.sign(s.qd[:, j]) * np.abs(s.qd[:, j]) ** shape[0]]
     ),
-    from_values=shaped,
+    from_values=append_shape,
     shapes=lambda span, j: ((0.25,), (0.5,), (0.75,)),
-    refine=Refinement("ratio", 0.4, lower=0.05, upper=0.95),
-    traits=Trait.GROUPABLE | Trait.FRICTION,
+    refine=ShapeRefinement("ratio", 0.4, lower=0.05, upper=0.95),
+    traits=EffectTrait.GROUPABLE | EffectTrait.FRICTION,
     possible=lambda theta, shape, limits: dissipates(
         theta * limits.speed ** shape[0], shape, limits
     ),
-    portable=formula("a[0] * sgn(qd) * pow(fabs(qd), s[0])"),
+    portable=build_formula_law("a[0] * sgn(qd) * pow(fabs(qd), s[0])"),
 )

@@ -7,14 +7,14 @@ Coulomb friction of the model it makes friction that takes some way to turn roun
 from residual.effects.base import (
     BRISTLE,
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
+    append_shape,
+    build_formula_law,
+    build_joint_columns,
     dissipates,
-    formula,
-    local,
-    shaped,
 )
-from residual.signals.track import bristle
+from residual.signals.track import compute_dahl_state
 
 
 def _shapes(span, j):
@@ -32,13 +32,15 @@ EFFECT = Effect(
         "on top of level * sgn(qd)"
     ),
     parameters={"level": "N m", "displacement": "rad"},
-    columns=local(lambda s, j, shape: [bristle(s.q[:, j], *shape) - s.sign[:, j]]),
-    traits=Trait.MEMORY | Trait.FRICTION,
+    columns=build_joint_columns(
+        lambda s, j, shape: [compute_dahl_state(s.q[:, j], *shape) - s.sign[:, j]]
+    ),
+    traits=EffectTrait.MEMORY | EffectTrait.FRICTION,
     rides_on="coulomb",
-    from_values=shaped,
+    from_values=append_shape,
     shapes=_shapes,
-    refine=Refinement("ratio", 0.6),
+    refine=ShapeRefinement("ratio", 0.6),
     possible=dissipates,
     least_seen=((0.006,),),  # rad
-    portable=formula("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
+    portable=build_formula_law("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
 )

@@ -4,12 +4,12 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
     against_position,
-    formula,
-    local,
-    within_torque,
+    build_formula_law,
+    build_joint_columns,
+    stays_within_torque,
 )
 
 
@@ -40,7 +40,7 @@ EFFECT = Effect(
     equation="tau = amplitude * cos(order * q + phase)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     sliding={"order": "rad/m", "phase": "rad"},
-    columns=local(
+    columns=build_joint_columns(
         lambda s, j, shape: [wave(shape[0] * s.q[:, j]) for wave in (np.cos, np.sin)]
     ),
     values=lambda theta, shape, robot: np.array(
@@ -48,10 +48,10 @@ EFFECT = Effect(
     ),
     from_values=_from_values,
     shapes=_shapes,
-    refine=Refinement("shift", 0.8, sliding=4.0),
-    traits=Trait.PERIODIC,
+    refine=ShapeRefinement("shift", 0.8, sliding=4.0),
+    traits=EffectTrait.PERIODIC,
     variable=against_position,
-    possible=within_torque,
+    possible=stays_within_torque,
     in_any_arm=lambda span, j: ((1.0,), (2.0,), (3.0,)),
-    portable=formula("a[0] * cos(s[0] * q) + a[1] * sin(s[0] * q)"),
+    portable=build_formula_law("a[0] * cos(s[0] * q) + a[1] * sin(s[0] * q)"),
 )

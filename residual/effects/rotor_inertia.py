@@ -1,6 +1,13 @@
 """Inertia of motor rotor and gear, reflected to the joint."""
 
-from residual.effects.base import Effect, Trait, against, formula, local, stays_positive
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    plot_over_signal,
+    stays_positive,
+)
 
 EFFECT = Effect(
     name="rotor_inertia",
@@ -8,11 +15,11 @@ EFFECT = Effect(
     sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
     equation="tau = inertia * qdd",
     parameters={"inertia": "kg m^2"},
-    columns=local(lambda state, j, shape: [state.qdd[:, j]]),
-    traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE,
+    columns=build_joint_columns(lambda state, j, shape: [state.qdd[:, j]]),
+    traits=EffectTrait.PARAMETER | EffectTrait.NOT_NEGATIVE | EffectTrait.GROUPABLE,
     drive_order=3,
     carries="acceleration",
-    variable=against("qdd", "qdd{} [rad/s^2]"),
+    variable=plot_over_signal("qdd", "qdd{} [rad/s^2]"),
     possible=stays_positive,
-    portable=formula("a[0] * qdd", joint=("armature",)),
+    portable=build_formula_law("a[0] * qdd", joint=("armature",)),
 )

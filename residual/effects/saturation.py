@@ -4,11 +4,11 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
     against_torque,
-    formula,
-    local,
+    build_formula_law,
+    build_joint_columns,
 )
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
@@ -27,7 +27,7 @@ EFFECT = Effect(
     sentence="a report of torque that ends at a certain size",
     equation="d tau = clip(tau, -level, level) - tau",
     parameters={"level": "N m"},
-    columns=local(
+    columns=build_joint_columns(
         lambda s, j, shape: [
             np.clip(s.tau_model[:, j], -shape[0], shape[0]) - s.tau_model[:, j]
         ]
@@ -35,10 +35,10 @@ EFFECT = Effect(
     values=lambda theta, shape, robot: np.array([shape[0]]),
     from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
     shapes=_shapes,
-    refine=Refinement("ratio", 0.1),
-    traits=Trait.USES_MODEL | Trait.REPORT,
+    refine=ShapeRefinement("ratio", 0.1),
+    traits=EffectTrait.USES_MODEL | EffectTrait.REPORT,
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=against_torque,
-    portable=formula("a[0] * (fmin(fmax(tau, -s[0]), s[0]) - tau)"),
+    portable=build_formula_law("a[0] * (fmin(fmax(tau, -s[0]), s[0]) - tau)"),
 )

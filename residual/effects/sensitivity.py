@@ -14,8 +14,8 @@ from cachetools import LRUCache, cached
 
 from residual.effects.base import State
 from residual.recording import Array
-from residual.robot.dynamics import motion_key, with_inertial_parameters
-from residual.signals.filters import low_pass
+from residual.robot.dynamics import build_motion_key, replace_inertial_parameters
+from residual.signals.filters import filter_low_pass
 
 # A shift made of the model's torque holds qdd, and its own second derivative the fourth
 # of a noisy angle: only what is slow is told apart from noise.
@@ -26,16 +26,16 @@ KEPT = 1 << 27  # bytes of derivatives that are kept: they are read many times
 
 def _key(state: State) -> tuple:
     own = b"" if state.inertial is None else state.inertial.tobytes()
-    return *motion_key(state.robot, state.q, state.qd, state.qdd), own
+    return *build_motion_key(state.robot, state.q, state.qd, state.qdd), own
 
 
 @cached(LRUCache(KEPT, getsizeof=lambda slopes: slopes.nbytes), key=_key)
-def sensitivity(state: State) -> Array:
+def compute_torque_derivatives(state: State) -> Array:
     """Derivatives of the rigid torque to q, qd and qdd. Shape (3, n, dof, dof).
 
     The last axis is the joint that moves, the one before it the row of torque.
     """
-    model = model_of(state)
+    model = build_loaded_model(state)
     data = model.createData()
     q, qd, qdd = map(np.ascontiguousarray, (state.q, state.qd, state.qdd))
     out = np.empty((3, len(q), model.nv, model.nv))
@@ -44,41 +44,41 @@ def sensitivity(state: State) -> Array:
     return out
 
 
-def model_of(state: State) -> pin.Model:
+def build_loaded_model(state: State) -> pin.Model:
     """The rigid body of the current model, loads included."""
     if state.inertial is None:
         return state.robot.model
-    return with_inertial_parameters(state.robot.model, state.inertial)
+    return replace_inertial_parameters(state.robot.model, state.inertial)
 
 
-def torque_of_shift(
+def compute_shift_torque(
     state: State, joint: int, shift: Array, rates: tuple[Array, Array]
 ) -> Array:
     """Change of all torques when joint j (from 0) is shifted [rad]. Shape (n, dof).
 
     Rates are the first and second derivative of the shift [rad/s, rad/s^2].
     """
-    parts = zip(sensitivity(state), (shift, *rates), strict=True)
+    parts = zip(compute_torque_derivatives(state), (shift, *rates), strict=True)
     return sum(slope[:, :, joint] * x[:, None] for slope, x in parts)
 
 
-def torque_of_shift_with_drive(
+def compute_drive_shift_torque(
     state: State, joint: int, shift: Array, rates: tuple[Array, Array]
 ) -> Array:
     """The same where the drive is shifted with the joint. Shape (n, dof)."""
-    out = torque_of_shift(state, joint, shift, rates)
+    out = compute_shift_torque(state, joint, shift, rates)
     if state.drive is not None:
         viscous, rotor = state.drive[:, joint]
         out[:, joint] += viscous * rates[0] + rotor * rates[1]
     return out
 
 
-def low_passed(state: State, values: Array) -> Array:
+def filter_before_differentiation(state: State, values: Array) -> Array:
     """What of a signal is slow enough to be differentiated twice. Shape (n,)."""
-    return low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)
+    return filter_low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)
 
 
-def time_derivatives(state: State, values: Array) -> tuple[Array, Array]:
+def compute_time_derivatives(state: State, values: Array) -> tuple[Array, Array]:
     """First and second time derivative of a signal. Shapes (n,)."""
     first = np.gradient(values, 1 / state.rate)
     return first, np.gradient(first, 1 / state.rate)

@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, against_position, formula, local
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    against_position,
+    build_formula_law,
+    build_joint_columns,
+)
 
 MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
 
@@ -38,13 +44,15 @@ EFFECT = Effect(
     sentence="a torque proportional to position, as from a spring or hose package",
     equation="tau = stiffness * (q - rest)",
     parameters={"stiffness": "N m/rad", "rest": "rad"},
-    columns=local(lambda state, j, shape: [state.q[:, j], np.ones(len(state.t))]),
+    columns=build_joint_columns(
+        lambda state, j, shape: [state.q[:, j], np.ones(len(state.t))]
+    ),
     values=_values,
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     unit_directions=_unit_directions,
     family="static",
-    traits=Trait.ONE_VARIABLE,
+    traits=EffectTrait.ONE_VARIABLE,
     variable=against_position,
     possible=_possible,
-    portable=formula("a[0] * q + a[1]", joint=("stiffness", "constant")),
+    portable=build_formula_law("a[0] * q + a[1]", joint=("stiffness", "constant")),
 )

@@ -7,12 +7,12 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
+    append_shape,
+    build_formula_law,
+    build_joint_columns,
     dissipates,
-    formula,
-    local,
-    shaped,
 )
 
 
@@ -33,13 +33,13 @@ EFFECT = Effect(
     sentence="extra friction at low speed that fades as the joint speeds up",
     equation="tau = level * exp(-|qd / velocity|^exponent) * sgn(qd)",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
-    columns=local(_feature),
-    from_values=shaped,
+    columns=build_joint_columns(_feature),
+    from_values=append_shape,
     shapes=_shapes,
-    refine=Refinement("ratio", 0.6),
-    traits=Trait.NOT_NEGATIVE | Trait.FRICTION,
+    refine=ShapeRefinement("ratio", 0.6),
+    traits=EffectTrait.NOT_NEGATIVE | EffectTrait.FRICTION,
     possible=dissipates,
     in_any_arm=lambda span, j: _shapes(span, j, (0.03, 0.06, 0.12), (1.0,)),
     least_seen=tuple((velocity, 1.0) for velocity in (0.06, 0.12)),  # rad/s
-    portable=formula("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
+    portable=build_formula_law("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

@@ -2,13 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Portable
-from residual.robot.dynamics import flange_jacobian
+from residual.effects.base import Effect, ExportedLaw
+from residual.robot.dynamics import compute_flange_jacobian
 
 
 def _columns(state, joints, shape):
     """The drives hold against the force: -J' f."""
-    linear = flange_jacobian(state.robot.model, state.q)[:, :3]
+    linear = compute_flange_jacobian(state.robot.model, state.q)[:, :3]
     return -linear.transpose(0, 2, 1)
 
 
@@ -28,6 +28,6 @@ EFFECT = Effect(
     possible=lambda theta, shape, limits: bool(
         np.linalg.norm(theta) < 9.81 * limits.weight
     ),
-    portable=Portable(force=np.array),
+    portable=ExportedLaw(force=np.array),
     frame="in the axes of the base",
 )

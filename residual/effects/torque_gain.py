@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, against_torque, formula, local
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    against_torque,
+    build_formula_law,
+    build_joint_columns,
+)
 
 MOST = 10.0  # beyond it the unit is another one
 
@@ -13,12 +19,12 @@ EFFECT = Effect(
     sentence="measured torque scaled by a wrong torque constant",
     equation="d tau = gain * tau",
     parameters={"gain": "1"},
-    columns=local(lambda state, j, shape: [state.tau_model[:, j]]),
-    traits=Trait.USES_MODEL | Trait.REPORT | Trait.ONE_VARIABLE,
+    columns=build_joint_columns(lambda state, j, shape: [state.tau_model[:, j]]),
+    traits=EffectTrait.USES_MODEL | EffectTrait.REPORT | EffectTrait.ONE_VARIABLE,
     # A torque constant is wrong by some per cent; a free gain would imitate any
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),
     variable=against_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
-    portable=formula("a[0] * tau"),
+    portable=build_formula_law("a[0] * tau"),
 )

@@ -1,6 +1,12 @@
 """Viscous friction: torque proportional to speed."""
 
-from residual.effects.base import Effect, Trait, dissipates_with_speed, formula, local
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    dissipates_with_speed,
+)
 
 EFFECT = Effect(
     name="viscous",
@@ -8,11 +14,14 @@ EFFECT = Effect(
     sentence="resistance proportional to the joint's speed (grease, seals)",
     equation="tau = coefficient * qd",
     parameters={"coefficient": "N m s/rad"},
-    columns=local(lambda state, j, shape: [state.qd[:, j]]),
-    traits=Trait.PARAMETER | Trait.NOT_NEGATIVE | Trait.GROUPABLE | Trait.FRICTION,
+    columns=build_joint_columns(lambda state, j, shape: [state.qd[:, j]]),
+    traits=EffectTrait.PARAMETER
+    | EffectTrait.NOT_NEGATIVE
+    | EffectTrait.GROUPABLE
+    | EffectTrait.FRICTION,
     drive_order=1,
     carries="speed",
     possible=dissipates_with_speed,
     in_any_arm=lambda span, j: ((),),
-    portable=formula("a[0] * qd", joint=("damping",)),
+    portable=build_formula_law("a[0] * qd", joint=("damping",)),
 )

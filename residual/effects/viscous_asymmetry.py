@@ -2,7 +2,13 @@
 
 import numpy as np
 
-from residual.effects.base import Effect, Trait, formula, local, within_torque
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    build_formula_law,
+    build_joint_columns,
+    stays_within_torque,
+)
 
 EFFECT = Effect(
     name="viscous_asymmetry",
@@ -10,11 +16,11 @@ EFFECT = Effect(
     sentence="viscous friction that is stronger in one direction than in the other",
     equation="tau = coefficient * |qd|",
     parameters={"coefficient": "N m s/rad"},
-    columns=local(lambda state, j, shape: [np.abs(state.qd[:, j])]),
-    possible=lambda theta, shape, limits: within_torque(
+    columns=build_joint_columns(lambda state, j, shape: [np.abs(state.qd[:, j])]),
+    possible=lambda theta, shape, limits: stays_within_torque(
         theta * limits.speed, shape, limits
     ),
-    traits=Trait.FRICTION,
+    traits=EffectTrait.FRICTION,
     in_any_arm=lambda span, j: ((),),
-    portable=formula("a[0] * fabs(qd)"),
+    portable=build_formula_law("a[0] * fabs(qd)"),
 )

@@ -4,12 +4,12 @@ import numpy as np
 
 from residual.effects.base import (
     Effect,
-    Refinement,
-    Trait,
+    EffectTrait,
+    ShapeRefinement,
+    append_shape,
+    build_formula_law,
+    build_joint_columns,
     dissipates,
-    formula,
-    local,
-    shaped,
 )
 
 
@@ -24,14 +24,16 @@ EFFECT = Effect(
     sentence="friction that falls with the time since the session began",
     equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
-    columns=local(lambda s, j, shape: [s.sign[:, j] * np.exp(-s.t / shape[0])]),
-    from_values=shaped,
+    columns=build_joint_columns(
+        lambda s, j, shape: [s.sign[:, j] * np.exp(-s.t / shape[0])]
+    ),
+    from_values=append_shape,
     shapes=_shapes,
-    refine=Refinement("ratio", 0.6),
-    traits=Trait.NEEDS_CLOCK | Trait.FRICTION,
+    refine=ShapeRefinement("ratio", 0.6),
+    traits=EffectTrait.NEEDS_CLOCK | EffectTrait.FRICTION,
     # One over time and two time constants: 7 to 34 % from this level at the start.
     inexact=0.15,
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
-    portable=formula("a[0] * sign * exp(-t / s[0])"),
+    portable=build_formula_law("a[0] * sign * exp(-t / s[0])"),
 )

@@ -13,7 +13,7 @@ import numpy as np
 
 from residual.effects.base import Effect, Joints, PlacedEffect, Shape
 from residual.recording import Array
-from residual.signals.splitting import logs_of
+from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 
 
@@ -100,7 +100,7 @@ class ColumnCache:
         return out
 
 
-class Sums:
+class GramSums:
     """Gram matrices of appended columns, and their products with the target.
 
     Attributes:
@@ -118,9 +118,9 @@ class Sums:
         self.cross = [np.zeros((folds, 0)) for _ in range(dof)]
         self._room = list(zip(self.gram, self.cross, strict=True))
 
-    def with_cross(self, cross: Sequence[Array]) -> "Sums":
+    def with_cross(self, cross: Sequence[Array]) -> "GramSums":
         """The same columns, that may grow on their own, for another target."""
-        other = Sums(len(cross), 0)
+        other = GramSums(len(cross), 0)
         other.size, other.place = self.size, list(self.place)
         other.gram, other.cross = list(self.gram), list(cross)
         other._room = list(zip(other.gram, other.cross, strict=True))
@@ -180,7 +180,7 @@ class Sums:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Group:
+class CandidateColumns:
     """Columns that stand or fall together: one candidate finding."""
 
     # What they are; joints from 0.
@@ -191,7 +191,7 @@ class Group:
     precision: Array  # prior precision of their coefficients, (k, k)
     log_det: float  # log determinant of the precision
     # For one effect on all joints at once, the groups of the single joints.
-    parts: tuple["Group", ...] = ()
+    parts: tuple["CandidateColumns", ...] = ()
     fellows: int = 1  # how many came together with this one in such a group
     label: str = ""  # name of the candidate; the effect's own where empty
     # What is known of the coefficients for sure, beside the usual prior.
@@ -210,7 +210,7 @@ class Group:
         """What its columns are made of."""
         return PlacedEffect(self.effect, self.joints, self.shape)
 
-    def times_as_precise(self, times: float) -> "Group":
+    def scale_precision(self, times: float) -> "CandidateColumns":
         """The same with a prior that is so many times as precise."""
         log_det = self.log_det + len(self.ids) * float(np.log(times))
         return replace(self, precision=times * self.precision, log_det=log_det)
@@ -243,7 +243,7 @@ class KnownPrior:
         )
 
 
-def regularize(precision: Array) -> tuple[Array, float]:
+def regularize_precision(precision: Array) -> tuple[Array, float]:
     """A precision that has an inverse, and its log determinant. (k, k) as given."""
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
     precision = precision + 1e-6 * np.diag(scale**2)
@@ -252,7 +252,9 @@ def regularize(precision: Array) -> tuple[Array, float]:
     return precision, float(log_det)
 
 
-def union(parts: Sequence[Group], label: str = "") -> Group:
+def merge_groups(
+    parts: Sequence[CandidateColumns], label: str = ""
+) -> CandidateColumns:
     """One candidate of several groups, such as an effect on all joints."""
     parts = [replace(g, fellows=len(parts)) for g in parts]
     sizes = [len(g.ids) for g in parts]
@@ -261,7 +263,7 @@ def union(parts: Sequence[Group], label: str = "") -> Group:
     for g, k in zip(parts, sizes, strict=True):
         precision[start : start + k, start : start + k] = g.precision
         start += k
-    return Group(
+    return CandidateColumns(
         effect=parts[0].effect,
         joints=tuple(sorted({j for g in parts for j in g.joints})),
         shape=parts[0].shape,
@@ -276,9 +278,9 @@ def union(parts: Sequence[Group], label: str = "") -> Group:
 BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
 
 
-def fold_labels(tracks: Sequence[Track]) -> list[Array]:
+def label_folds(tracks: Sequence[Track]) -> list[Array]:
     """Fold of each row of the logs: a log, or blocks of it where logs are few."""
-    logs, blocks = logs_of([track.id for track in tracks]), 1
+    logs, blocks = group_pieces_by_log([track.id for track in tracks]), 1
     if len(logs) < ENOUGH_LOGS:
         blocks = BLOCKS_OF_ONE_LOG if len(logs) == 1 else BLOCKS_OF_A_LOG
     out = []
@@ -291,17 +293,17 @@ def fold_labels(tracks: Sequence[Track]) -> list[Array]:
     return out
 
 
-def rows_that_count(tracks: Sequence[Track]) -> list[Array]:
+def select_moving_rows(tracks: Sequence[Track]) -> list[Array]:
     """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
     out = []
-    for pieces in logs_of([t.id for t in tracks]):
+    for pieces in group_pieces_by_log([t.id for t in tracks]):
         own = [tracks[i] for i in pieces]
         alive = np.any([np.ptp(t.tau, axis=0) > 0 for t in own], axis=0)
         out += [t.moving & alive for t in own]
     return out
 
 
-def squares_per_fold(
+def sum_squares_per_fold(
     values: Sequence[Array], labels: Sequence[Array], folds: int
 ) -> Array:
     """Sum of squares per fold and joint, of rows and folds. Shape (folds, dof)."""
@@ -310,7 +312,7 @@ def squares_per_fold(
     return np.stack(sums, axis=1)
 
 
-def fold_slices(labels: Array) -> Iterator[tuple[int, slice]]:
+def slice_folds(labels: Array) -> Iterator[tuple[int, slice]]:
     """Folds of rows with their rows, which follow each other."""
     folds, starts = np.unique(labels, return_index=True)
     counts = np.bincount(labels)[folds]

@@ -16,22 +16,22 @@ import numpy as np
 
 from residual.effects.base import Joints, PlacedEffect, State
 from residual.evidence.columns import (
+    CandidateColumns,
     ColumnCache,
-    Group,
+    GramSums,
     KnownPrior,
-    Sums,
-    fold_labels,
-    fold_slices,
-    regularize,
-    rows_that_count,
-    squares_per_fold,
+    label_folds,
+    regularize_precision,
+    select_moving_rows,
+    slice_folds,
+    sum_squares_per_fold,
 )
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model, Term
-from residual.model.nominal import known_prior, of_effect
+from residual.model.nominal import compute_known_prior, select_effect_values
 from residual.recording import Array
-from residual.robot.dynamics import links_of
-from residual.signals.splitting import is_cut, spread
+from residual.robot.dynamics import split_regressor_by_link
+from residual.signals.splitting import choose_spread_pieces, exceeds_memory_length
 from residual.signals.track import Track
 
 LAGS = 80  # rows over which noise is asked whether it remembers
@@ -83,15 +83,18 @@ class Design:
         self._tracks = list(tracks)
         self._seen_with = seen_with or model
         self._states: list = list(states) or [None] * len(tracks)
-        every, long = range(len(tracks)), is_cut([t.seconds for t in tracks])
+        every, long = (
+            range(len(tracks)),
+            exceeds_memory_length([t.seconds for t in tracks]),
+        )
         self._chunks = [[i] for i in every] if long else [list(every)]
-        self._shown = spread([t.seconds for t in tracks])
-        self._use = rows_that_count(tracks)
-        self._labels = list(labels) or fold_labels(tracks)
+        self._shown = choose_spread_pieces([t.seconds for t in tracks])
+        self._use = select_moving_rows(tracks)
+        self._labels = list(labels) or label_folds(tracks)
         self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
         qd = np.concatenate([t.qd for t in tracks])
         self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
-        self._columns, self._sums = ColumnCache(long), Sums(self.dof, self.folds)
+        self._columns, self._sums = ColumnCache(long), GramSums(self.dof, self.folds)
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
         self._lines: dict[int, tuple[Array, int]] = {}
@@ -105,10 +108,10 @@ class Design:
         every = range(len(self._tracks))
         tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
         labels = [self._rows_labels(j, every) for j in self._js]
-        self.fold_rows = squares_per_fold(
+        self.fold_rows = sum_squares_per_fold(
             [np.ones_like(x) for x in tau], labels, self.folds
         )
-        self.tau_power = squares_per_fold(tau, labels, self.folds)
+        self.tau_power = sum_squares_per_fold(tau, labels, self.folds)
         count = self.fold_rows.sum(axis=0)
         self.rows = np.maximum(count, 1.0)
         rms = np.sqrt(self.tau_power.sum(axis=0) / self.rows)
@@ -134,7 +137,7 @@ class Design:
         dof, model = self.dof, self.model
 
         def columns_of(state: State) -> list[tuple[Joints, Array]]:
-            links = links_of(state.regressor, dof)
+            links = split_regressor_by_link(state.regressor, dof)
             out = [(tuple(range(x.shape[1])), x) for x in links]
             for t in model.terms:
                 columns = t.effect.columns(state, t.joints, t.shape)
@@ -168,7 +171,7 @@ class Design:
     def _show_target(self) -> None:
         labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
         whole = [np.concatenate(own) for own in self._targets]
-        self.power = squares_per_fold(whole, labels, self.folds)
+        self.power = sum_squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
@@ -211,10 +214,10 @@ class Design:
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
-        for fold, own in fold_slices(self._rows_labels(j, self._chunks[c])):
+        for fold, own in slice_folds(self._rows_labels(j, self._chunks[c])):
             self._sums.add(j, fold, every[:, own], first, y[own])
 
-    def add(self, candidates: Sequence[PlacedEffect]) -> list[Group]:
+    def add(self, candidates: Sequence[PlacedEffect]) -> list[CandidateColumns]:
         """Append candidates and return their groups, in order."""
         if not candidates:
             return []
@@ -233,7 +236,7 @@ class Design:
             return [(rows, of_rows(state, own)) for rows, own in by_rows.items()]
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
-        groups: dict[int, Group] = {}
+        groups: dict[int, CandidateColumns] = {}
         ids = self._append(columns_of, bodies)
         for own, (rows, members) in zip(ids, by_rows.items(), strict=True):
             parts = np.split(own, np.cumsum([sizes[i] for i in members])[:-1])
@@ -241,7 +244,7 @@ class Design:
                 groups[i] = self._group(candidates[i], rows, columns)
         return [groups[i] for i in range(len(candidates))]
 
-    def take_back(self, size: int) -> None:
+    def drop_newest_columns(self, size: int) -> None:
         """Forget the columns that were added since there were ``size`` of them."""
         for j, count in enumerate(self._sums.cut(size)):
             for c in range(len(self._chunks)):
@@ -250,7 +253,7 @@ class Design:
                 gram, cross, have = self._totals[j]
                 self._totals[j] = gram, cross, min(have, count)
 
-    def _group(self, candidate, rows: Joints, ids: Array) -> Group:
+    def _group(self, candidate, rows: Joints, ids: Array) -> CandidateColumns:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
         effect, joints, shape = candidate
         if effect.prior_sd is not None:
@@ -259,12 +262,16 @@ class Design:
             precision = (
                 self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
             )
-        group = Group(effect, joints, shape, ids, *regularize(precision))
-        known = of_effect(self.model.robot, effect, joints)
+        group = CandidateColumns(
+            effect, joints, shape, ids, *regularize_precision(precision)
+        )
+        known = select_effect_values(self.model.robot, effect, joints)
         if not known:
             return group
         terms = [(t.effect.name, t.joints) for t in self.model.terms]
-        added = known_prior(known, group.precision, (effect.name, joints) in terms)
+        added = compute_known_prior(
+            known, group.precision, (effect.name, joints) in terms
+        )
         return replace(group, known_prior=KnownPrior.of(group.precision, *added))
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
@@ -276,14 +283,14 @@ class Design:
             out[np.ix_(have, have)] += total / self.rows[j] / self.rms[j] ** 2
         return out
 
-    def grouped(self, term: Term, ids: Array) -> Group:
+    def group_columns(self, term: Term, ids: Array) -> CandidateColumns:
         """An effect on columns that are here already."""
         placed = PlacedEffect(term.effect, term.joints, term.shape)
         return self._group(placed, term.effect.rows(term.joints, self.dof), ids)
 
     # -- other designs of the same columns ----------------------------------------
 
-    def without_terms(self, count: int) -> "Design":
+    def drop_last_terms(self, count: int) -> "Design":
         """The same without the last terms of the nominal model, all of them zero."""
         out, terms = copy(self), self.model.terms
         width = sum(len(t.theta) for t in terms[-count:])
@@ -291,26 +298,26 @@ class Design:
         out.model = replace(self.model, terms=terms[:-count])
         return out
 
-    def show_torque(self, model: Model) -> None:
+    def set_torque_model(self, model: Model) -> None:
         """From now on let effects see the logs with another model's torque."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
 
-    def show_states(self, states: Sequence[State]) -> None:
+    def set_states(self, states: Sequence[State]) -> None:
         """From now on let effects see these states of the logs, one of each."""
         self._states = list(states)
 
-    def part(self, folds: Array, alone: bool = False) -> "Design":
+    def part(self, folds: Array, detached: bool = False) -> "Design":
         """Some folds (k,) as a design of its own; columns are shared with the whole.
 
         How long noise remembers, the same in every part, is told by all rows; not so
-        of a part ``alone``, which nothing of the others may reach.
+        of a part ``detached``, which nothing of the others may reach.
         """
         out = copy(self)
-        out._alone = alone
+        out._alone = detached
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
-        if alone:
+        if detached:
             out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)
         out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         return out
@@ -330,7 +337,7 @@ class Design:
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
             x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
-            for fold, rows in fold_slices(self._rows_labels(j, self._chunks[0])):
+            for fold, rows in slice_folds(self._rows_labels(j, self._chunks[0])):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)
@@ -365,7 +372,7 @@ class Design:
         have = np.flatnonzero(place >= 0)
         return place[have], have
 
-    def acts(self, j: int, group: Group) -> bool:
+    def acts(self, j: int, group: CandidateColumns) -> bool:
         """Whether all columns of a group act on joint j."""
         return bool((self._sums.place[j][group.ids] >= 0).all())
 
@@ -460,11 +467,13 @@ class Design:
         at, size = self._lines[j]
         out = np.zeros(size)
         if self._alone:
-            values = np.where(np.isin(self.folds_of(j), self._kept), values, 0.0)
+            values = np.where(
+                np.isin(self.label_joint_folds(j), self._kept), values, 0.0
+            )
         out[at] = values
         return out
 
-    def folds_of(self, j: int) -> Array:
+    def label_joint_folds(self, j: int) -> Array:
         """Fold of each row of joint j on the sketch. Shape (rows,)."""
         return self._rows_labels(j, self._shown)
 

@@ -26,21 +26,21 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import chdtrc
 
-from residual.effects.base import Limits, Trait
-from residual.errors import listed
-from residual.evidence.design import LAGS, Design, Group
+from residual.effects.base import EffectTrait, JointLimits
+from residual.errors import join_with_commas
+from residual.evidence.design import LAGS, CandidateColumns, Design
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.bodies import BodyCorrection, bodies_of, nearest
-from residual.model.model import Model, Term, with_slots
-from residual.model.nominal import Nominal
+from residual.model.bodies import BodyCorrection, build_body_sums, find_nearest_possible
+from residual.model.model import Model, Term, pair_coefficient_slices
+from residual.model.nominal import NominalModel
 from residual.recording import Array
-from residual.robot.dynamics import reach
+from residual.robot.dynamics import compute_reach
 
 CUT = 1e-10  # eigenvalues of a scaled Gram below this share tell nothing
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Prior:
+class NominalPrior:
     """Gaussian prior of the nominal model's coefficients about their nominal values."""
 
     precision: Array  # , (p, p)
@@ -54,7 +54,7 @@ class Prior:
 class Fit:
     """Posterior of one set of effects."""
 
-    members: tuple[Group, ...]  # the effects
+    members: tuple[CandidateColumns, ...]  # the effects
     ids: Array  # columns: the nominal model's, then each member's, (m,)
     theta: Array  # posterior mean (nominal: deviation from its value), (m,)
     cholesky: Array  # lower factor of the posterior precision, (m, m)
@@ -64,11 +64,11 @@ class Fit:
     score: float  # log evidence up to a constant [nats]
     bent: float  # prior energy of the nominal coefficients [nats]
 
-    def of(self, group: Group) -> Array:
+    def of(self, group: CandidateColumns) -> Array:
         """Coefficients of one member. Shape (k,)."""
         return self.theta[self.slots(group)]
 
-    def slots(self, group: Group) -> Array:
+    def slots(self, group: CandidateColumns) -> Array:
         """Where one member's coefficients stand. Shape (k,)."""
         start = len(self.ids) - sum(len(g.ids) for g in self.members)
         for member in self.members:
@@ -77,7 +77,7 @@ class Fit:
             start += len(member.ids)
         raise KeyError(group.key)
 
-    def place(self, group: Group) -> Array:
+    def place(self, group: CandidateColumns) -> Array:
         """Where the coefficients of a group's columns stand. Shape (k,)."""
         where = {int(column): i for i, column in enumerate(self.ids)}
         return np.array([where[int(column)] for column in group.ids])
@@ -92,14 +92,14 @@ class Fit:
         return lower + np.tril(lower, -1).T
 
 
-def fit(
+def fit_jointly(
     design: Design,
-    prior: Prior,
-    members: Sequence[Group],
+    prior: NominalPrior,
+    members: Sequence[CandidateColumns],
     counted: Array,
     variance: Array | None = None,
     rounds: int = 3,
-    system: "System | None" = None,
+    system: "FitEquations | None" = None,
 ) -> Fit:
     """Fit nominal and effects jointly; alternate coefficients and noise variance.
 
@@ -108,7 +108,7 @@ def fit(
         variance: Noise variance to start from [N^2 m^2]. Shape (dof,).
         system: The normal equations of these members, where they are known already.
     """
-    system = system or System.of(design, prior, members)
+    system = system or FitEquations.of(design, prior, members)
     floor = (THRESHOLDS.noise_floor * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
     for _ in range(rounds):
@@ -130,7 +130,7 @@ def fit(
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class System:
+class FitEquations:
     """Normal equations of one set of effects, per joint."""
 
     ids: Array  # columns, (m,)
@@ -151,10 +151,10 @@ class System:
     def of(
         cls,
         design: Design,
-        prior: Prior,
-        members: Sequence[Group],
+        prior: NominalPrior,
+        members: Sequence[CandidateColumns],
         folds: Array | None = None,
-    ) -> "System":
+    ) -> "FitEquations":
         """Gather from the design; ``folds`` selects some folds only."""
         ids = np.concatenate([design.nominal, *(g.ids for g in members)])
         p, m = len(design.nominal), len(ids)
@@ -179,7 +179,7 @@ class System:
         power = design.power[chosen].sum(axis=0)
         return cls(ids, precision, pull, level, log_det, gram, cross, power, present)
 
-    def folds(self, design: Design) -> list["System"]:
+    def folds(self, design: Design) -> list["FitEquations"]:
         """The same equations, of each fold alone."""
         m, dof = len(self.ids), design.dof
         gram = np.zeros((design.folds, dof, m, m))
@@ -191,7 +191,7 @@ class System:
         parts = zip(gram, cross, design.power, strict=True)
         return [replace(self, gram=g, cross=c, power=p) for g, c, p in parts]
 
-    def beside(self, design: Design, group: Group) -> "System":
+    def beside(self, design: Design, group: CandidateColumns) -> "FitEquations":
         """The same with one more effect: only what is new is gathered."""
         m, k = len(self.ids), len(group.ids)
         precision = np.zeros((m + k, m + k))
@@ -215,7 +215,7 @@ class System:
             gram[j, mine[:, None], mine] = every[new[:, None], new]
             cross[j, mine] = products[new]
         ids = np.concatenate([self.ids, group.ids])
-        return System(
+        return FitEquations(
             ids,
             precision,
             np.concatenate([self.pull, own.pull]),
@@ -245,7 +245,7 @@ class System:
         return np.maximum(left, 0.0)
 
 
-def smallest_change(gram: Array, cross: Array) -> Array:
+def solve_minimum_norm(gram: Array, cross: Array) -> Array:
     """Least squares of normal equations, without a prior. Shape (p,).
 
     Of the many solutions where columns depend on each other it is the smallest, in
@@ -264,27 +264,31 @@ def smallest_change(gram: Array, cross: Array) -> Array:
     return np.where(seen, vectors[:, good] @ (right / values[good]) / scale, 0.0)
 
 
-def scaled_inverse(matrix: Array) -> Array:
+def invert_scaled(matrix: Array) -> Array:
     """Inverse of a positive definite matrix whose scales differ widely."""
     size = np.sqrt(np.diag(matrix))
     return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
 
 
-def chance_of(gap: Array, covariance: Array, floor: float) -> float:
+def compute_zero_chance(
+    coefficients: Array, covariance: Array, error_floor: float
+) -> float:
     """Chance of coefficients at least so far from zero, were they zero.
 
     Args:
-        gap: The coefficients. Shape (k,).
+        coefficients: The coefficients. Shape (k,).
         covariance: Of them. Shape (k, k).
-        floor: Least variance, of a correlation matrix, that a direction is given.
+        error_floor: Least variance, of a correlation matrix, that a direction is given.
     """
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
-    along = vectors.T @ (gap / size)
-    return float(chdtrc(len(gap), np.sum(along**2 / np.maximum(values, floor))))
+    along = vectors.T @ (coefficients / size)
+    return float(
+        chdtrc(len(coefficients), np.sum(along**2 / np.maximum(values, error_floor)))
+    )
 
 
-def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
+def count_effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     """Rows over the autocorrelation time of the residual. Shape (dof,).
 
     Only ``joints`` are counted anew; the others keep the fit's own count.
@@ -292,12 +296,12 @@ def effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
     out = fitted.counted.copy()
     for j in joints:
         left = design.residual(j, fitted.ids, fitted.theta)
-        slow = autocorrelation_time(design.line(j, left))
+        slow = estimate_autocorrelation_time(design.line(j, left))
         out[j] = min(max(design.rows[j] / slow, THRESHOLDS.min_rows), design.rows[j])
     return out
 
 
-def autocorrelation_time(line: Array) -> float:
+def estimate_autocorrelation_time(line: Array) -> float:
     """Integrated autocorrelation time of the rows of several logs (Geyer 1992).
 
     Args:
@@ -312,12 +316,12 @@ def autocorrelation_time(line: Array) -> float:
     return float(1 + 2 * pairs[:stop].sum())
 
 
-def evidence_gain(
+def compute_evidence_gain(
     design: Design,
-    prior: Prior,
+    prior: NominalPrior,
     big: Fit,
     small: Fit,
-    systems: "tuple[System | None, System | None]" = (None, None),
+    systems: "tuple[FitEquations | None, FitEquations | None]" = (None, None),
 ) -> tuple[float, Fit, Fit]:
     """Evidence of the larger set over the smaller [nats], and both fits.
 
@@ -325,40 +329,46 @@ def evidence_gain(
     correlated because it lacks the effect, and would hide it.
     """
     changed = np.flatnonzero(np.abs(small.sse / np.maximum(big.sse, 1e-300) - 1) > 0.02)
-    counted = np.maximum(effective_rows(design, big, changed), small.counted)
+    counted = np.maximum(count_effective_rows(design, big, changed), small.counted)
     first, second = (
-        fit(design, prior, f.members, counted, f.variance, rounds=2, system=system)
+        fit_jointly(
+            design, prior, f.members, counted, f.variance, rounds=2, system=system
+        )
         for f, system in zip((big, small), systems, strict=True)
     )
     return first.score - second.score, first, second
 
 
-def settle(design: Design, prior: Prior, fitted: Fit) -> Fit:
+def refit_effective_rows(design: Design, prior: NominalPrior, fitted: Fit) -> Fit:
     """Count rows anew by the fit's own residual and fit again."""
-    counted = effective_rows(design, fitted, range(design.dof))
-    return fit(design, prior, fitted.members, counted, fitted.variance)
+    counted = count_effective_rows(design, fitted, range(design.dof))
+    return fit_jointly(design, prior, fitted.members, counted, fitted.variance)
 
 
-def fit_nominal(design: Design, prior: Prior) -> Fit:
+def fit_nominal(design: Design, prior: NominalPrior) -> Fit:
     """Fit of the nominal structure alone."""
-    return settle(design, prior, fit(design, prior, (), design.rows / 5, rounds=4))
+    return refit_effective_rows(
+        design, prior, fit_jointly(design, prior, (), design.rows / 5, rounds=4)
+    )
 
 
 BODY = 10  # inertial parameters of a link
 
 
-def possible(design: Design, fitted: Fit, group: Group) -> bool:
+def is_fit_possible(design: Design, fitted: Fit, group: CandidateColumns) -> bool:
     """Whether an arm can have an effect as it came out of a fit.
 
     Of an effect on several joints at once every part is asked later, alone.
     """
     if group.parts:
         return True
-    limits = limits_of(design, fitted, group)
+    limits = find_group_limits(design, fitted, group)
     return group.effect.possible(fitted.of(group), group.shape, limits)
 
 
-def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
+def find_group_limits(
+    design: Design, fitted: Fit, group: CandidateColumns
+) -> JointLimits:
     """Return what the arm can do at the joints of a group.
 
     Args:
@@ -372,18 +382,18 @@ def limits_of(design: Design, fitted: Fit, group: Group) -> Limits:
     torque = np.where(
         known, np.maximum(limit, seen), THRESHOLDS.unknown_limit_factor * seen
     )
-    return Limits(
+    return JointLimits(
         torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),
         upper=float(robot.upper[on].max()),
         speed=float(design.speed[on].max()),
         weight=float(sum(body.mass for body in robot.model.inertias)),
-        reach=reach(robot.model),
-        had=_model_coefficients(design, fitted, group),
+        reach=compute_reach(robot.model),
+        nominal_coefficients=_model_coefficients(design, fitted, group),
     )
 
 
-def _model_coefficients(design: Design, fitted: Fit, group: Group) -> Array:
+def _model_coefficients(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
     """The model's coefficients of the effect, refitted. Shape (k,)."""
     model, count = design.model, len(design.nominal)
     now = model.coefficients() + fitted.theta[:count]
@@ -391,24 +401,24 @@ def _model_coefficients(design: Design, fitted: Fit, group: Group) -> Array:
         end = BODY * design.dof
         return now[end - BODY : end]
     out = np.zeros(len(group.ids))
-    for term, own in with_slots(model.terms, len(model.inertial)):
+    for term, own in pair_coefficient_slices(model.terms, len(model.inertial)):
         same = term.effect.name == group.effect.name and term.joints == group.joints
         if same and term.shape == group.shape:
             out = out + now[own]
     return out
 
 
-def physical(model: Model) -> Model:
+def keep_physical_terms(model: Model) -> Model:
     """Only what has a physical parameter in it: loads, friction levels, rotors.
 
     A feature that reads the model's torque must not carry the shape of another finding:
     a torque gain times a found warm-up would explain the warm-up.
     """
-    terms = tuple(t for t in model.terms if Trait.PARAMETER in t.effect.traits)
+    terms = tuple(t for t in model.terms if EffectTrait.PARAMETER in t.effect.traits)
     return replace(model, terms=terms, tables=())
 
 
-def as_model(nominal: Nominal, fitted: Fit) -> Model:
+def build_fitted_model(nominal: NominalModel, fitted: Fit) -> Model:
     """Nominal model moved by a fit's coefficients, its members added as terms."""
     base = nominal.model
     count = len(base.coefficients())
@@ -442,7 +452,8 @@ class PossibleModel:
         more = f"{cost:.2g} %" if cost >= LITTLE else f"under {LITTLE:g} %"
         return (
             "the unconstrained fit gives physically impossible inertias for "
-            f"{listed(self.correction.bodies)}: the model uses the nearest possible "
+            f"{join_with_commas(self.correction.bodies)}: the model uses the "
+            f"nearest possible "
             "ones (positive definite pseudo-inertia), which raise the torque error of "
             f"a joint by {more} at most",
         )
@@ -454,7 +465,8 @@ class PossibleModel:
             return ()
         return (
             "the logs give physically impossible inertias for "
-            f"{listed(self.correction.bodies)}: check gravity, signs, units, the order "
+            f"{join_with_commas(self.correction.bodies)}: check gravity, signs, "
+            f"units, the order "
             "of the joints and external forces on the arm",
         )
 
@@ -467,24 +479,30 @@ class SeparateTerm:
     columns: tuple[Array, ...]  # its torque on the rows of each joint, (rows, k)
 
 
-def with_possible_bodies(
-    design: Design, fitted: Fit, model: Model, beside: Sequence[SeparateTerm] = ()
+def fit_possible_bodies(
+    design: Design,
+    fitted: Fit,
+    model: Model,
+    separate_terms: Sequence[SeparateTerm] = (),
 ) -> PossibleModel:
     """Move a fitted model to the nearest one whose bodies can exist.
 
     Args:
         fitted: The fit that the model is of.
-        model: It, as a model; behind the fit's coefficients those of ``beside``.
+        model: It, as a model; behind the fit's coefficients those of
+            ``separate_terms``.
     """
     best = model.coefficients()
-    bodies = bodies_of(model)
-    impossible = bodies.impossible(best)
+    bodies = build_body_sums(model)
+    impossible = bodies.list_impossible(best)
     if not impossible:
         return PossibleModel(model, None)
-    apart = [np.linalg.cholesky(scaled_inverse(b.covariance)).T for b in beside]
-    nearest_theta = nearest(bodies, best, block_diag(fitted.cholesky.T, *apart))
+    apart = [np.linalg.cholesky(invert_scaled(b.covariance)).T for b in separate_terms]
+    nearest_theta = find_nearest_possible(
+        bodies, best, block_diag(fitted.cholesky.T, *apart)
+    )
     before, after = (
-        _mean_squares(design, fitted, beside, gap)
+        _mean_squares(design, fitted, separate_terms, gap)
         for gap in (np.zeros(len(best)), nearest_theta - best)
     )
     price = (np.sqrt(after) - np.sqrt(before)) / design.rms

@@ -7,21 +7,27 @@ from functools import lru_cache
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.effects import registry
-from residual.effects.base import Trait
-from residual.evidence.design import Design, Group
-from residual.evidence.fit import Fit, Prior, System, as_model, fit_nominal
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    NominalPrior,
+    build_fitted_model,
+    fit_nominal,
+)
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.model import Model, with_slots
+from residual.model.model import Model, pair_coefficient_slices
 from residual.model.nominal import (
     ASSUMED,
     EXACT,
     GIVEN,
-    Logs,
-    Nominal,
-    known_prior,
-    mass_of_links,
-    of_effect,
+    FitLogs,
+    NominalModel,
+    compute_known_prior,
+    read_known_masses,
+    select_effect_values,
 )
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
@@ -39,7 +45,7 @@ TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
 
-def inertial_sd(robot: Robot) -> Array:
+def compute_inertial_sd(robot: Robot) -> Array:
     """Size of each inertial parameter, for relative priors [SI]. Shape (10 dof,).
 
     A link's centre is never known better than a share of 5 cm, its inertia of 1 dm
@@ -54,7 +60,7 @@ def inertial_sd(robot: Robot) -> Array:
 
 
 @lru_cache(maxsize=4)  # of one robot, asked for under a score of priors
-def inertial_precision(robot: Robot) -> Array:
+def compute_inertial_precision(robot: Robot) -> Array:
     """Prior precision of the inertial parameters at a relative scale of 1.
 
     Half of a link's doubt is common to its ten parameters (the density of a CAD body
@@ -64,7 +70,7 @@ def inertial_precision(robot: Robot) -> Array:
     Returns:
         Block diagonal by link. Shape (10 dof, 10 dof).
     """
-    sd = inertial_sd(robot)
+    sd = compute_inertial_sd(robot)
     out = np.zeros((len(sd), len(sd)))
     for i, body in enumerate(list(robot.model.inertias)[1 : robot.dof + 1]):
         own = slice(10 * i, 10 * i + 10)
@@ -84,7 +90,7 @@ class PriorSpace:
     """
 
     design: Design  # columns
-    nominal: Nominal  # the nominal model
+    nominal: NominalModel  # the nominal model
     ladder: tuple[float, ...] = OF_NAMES  # scales where the logs are to tell
 
     @property
@@ -106,27 +112,29 @@ class PriorSpace:
         """Whether the widths are still to be chosen."""
         return self.nominal.widths is None
 
-    def at(self, scale: float, widths: Mapping[str, float] | None) -> Prior:
+    def at(self, scale: float, widths: Mapping[str, float] | None) -> NominalPrior:
         """The prior of a scale and widths."""
-        return relative_prior(self.design, self.nominal, scale, widths)
+        return build_relative_prior(self.design, self.nominal, scale, widths)
 
-    def barred(self, prior: Prior) -> set[str]:
+    def list_barred_effects(self, prior: NominalPrior) -> set[str]:
         """Effects that may not be blamed under a prior."""
-        return forbidden(prior, self.nominal)
+        return list_forbidden_effects(prior, self.nominal)
 
 
-def priors(design: Design, nominal: Nominal) -> tuple[Prior, ...]:
+def list_first_priors(
+    design: Design, nominal: NominalModel
+) -> tuple[NominalPrior, ...]:
     """The priors to compare first: each even width at each scale, the widest last."""
     space = PriorSpace(design, nominal, SCALES)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
 
-def relative_prior(
+def build_relative_prior(
     design: Design,
-    nominal: Nominal,
+    nominal: NominalModel,
     scale: float,
     widths: Mapping[str, float] | None = None,
-) -> Prior:
+) -> NominalPrior:
     """Inertial parameters within a relative scale, declared effects as given.
 
     Args:
@@ -137,11 +145,11 @@ def relative_prior(
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
     robot = nominal.model.robot
-    precision[:size, :size] = inertial_precision(robot) / scale**2
-    for link, mass in mass_of_links(robot).items():
+    precision[:size, :size] = compute_inertial_precision(robot) / scale**2
+    for link, mass in read_known_masses(robot).items():
         at = PER_LINK * link
         precision[at, at] += 1 / (EXACT * mass) ** 2
-    placed = with_slots(nominal.model.terms, size)
+    placed = pair_coefficient_slices(nominal.model.terms, size)
     for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
@@ -158,19 +166,19 @@ def relative_prior(
             width = widths[term.effect.name]
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
-        known = of_effect(robot, term.effect, term.joints)
-        precision[own, own] += known_prior(known, precision[own, own], True)[0]
+        known = select_effect_values(robot, term.effect, term.joints)
+        precision[own, own] += compute_known_prior(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
 
 
-def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> Prior:
+def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> NominalPrior:
     size = np.sqrt(np.diag(precision))
     log_det = 2 * np.log(size).sum()
     log_det += np.linalg.slogdet(precision / np.outer(size, size))[1]
-    return Prior(precision, float(log_det), scale, widths)
+    return NominalPrior(precision, float(log_det), scale, widths)
 
 
-def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
+def list_forbidden_effects(prior: NominalPrior, nominal: NominalModel) -> set[str]:
     """Effects that may not be blamed under this prior.
 
     A declared effect is no candidate unless values of its kind are known, by what the
@@ -180,37 +188,37 @@ def forbidden(prior: Prior, nominal: Nominal) -> set[str]:
     out = set()
     for term, given in nominal.declared:
         settled = given is not None and prior.widths[term.effect.name] < ASSUMED
-        if not (settled and Trait.PARAMETER in term.effect.traits):
+        if not (settled and EffectTrait.PARAMETER in term.effect.traits):
             out.add(term.effect.name)
     if prior.scale > THRESHOLDS.rough_scale:
-        out |= {e.name for e in registry().values() if Trait.BODY in e.traits}
+        out |= {e.name for e in load_effects().values() if EffectTrait.BODY in e.traits}
     return out
 
 
-def given_slots(model: Model, group: Group) -> Array:
+def find_contradicted_slots(model: Model, group: CandidateColumns) -> Array:
     """Coefficients of the nominal model that an effect says are wrong. Shape (k,).
 
     All inertial ones for a body; none where the model has no such value.
     """
-    if Trait.PARAMETER not in group.effect.traits:
+    if EffectTrait.PARAMETER not in group.effect.traits:
         return np.zeros(0, dtype=int)
-    if Trait.BODY in group.effect.traits:
+    if EffectTrait.BODY in group.effect.traits:
         return np.arange(len(model.inertial))
     out: list[int] = []
-    for term, own in with_slots(model.terms, len(model.inertial)):
+    for term, own in pair_coefficient_slices(model.terms, len(model.inertial)):
         if term.effect.name == group.effect.name and term.joints == group.joints:
             out += range(own.start, own.stop)
     return np.array(out, dtype=int)
 
 
-def with_held(prior: Prior, slots: Array) -> Prior:
+def hold_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
     """The same prior with some coefficients held at their nominal values."""
     stiff = np.zeros(len(prior.precision))
     stiff[slots] = HELD * np.diag(prior.precision)[slots]
     return replace(prior, precision=prior.precision + np.diag(stiff))
 
 
-def without_slots(prior: Prior, slots: Array) -> Prior:
+def drop_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
     """The prior of the other coefficients, which do not hang on these."""
     rest = np.setdiff1d(np.arange(len(prior.precision)), slots)
     return _prior(prior.precision[np.ix_(rest, rest)], prior.scale, prior.widths)
@@ -227,7 +235,7 @@ PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
 # for the price of that choice.
 
 
-def with_wide_prior(fitted: Fit, group: Group) -> Group | None:
+def widen_group_prior(fitted: Fit, group: CandidateColumns) -> CandidateColumns | None:
     """Return a group with the prior of its own size; None where it is usual."""
     if group.parts or group.known_prior:
         return None
@@ -242,7 +250,9 @@ def with_wide_prior(fitted: Fit, group: Group) -> Group | None:
     )
 
 
-def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> Design:
+def build_first_design(
+    logs: FitLogs, nominal: NominalModel, named: Model | None = None
+) -> Design:
     """Nominal columns, and features seen with a model that fits these logs roughly.
 
     Args:
@@ -250,16 +260,21 @@ def first_design(logs: Logs, nominal: Nominal, named: Model | None = None) -> De
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        prior = relative_prior(design, nominal, THRESHOLDS.first_scale)
-        named = as_model(nominal, fit_nominal(design, prior))
-    design.show_torque(named)
+        prior = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
+        named = build_fitted_model(nominal, fit_nominal(design, prior))
+    design.set_torque_model(named)
     return design
 
 
 # A quick look at every candidate at once, and what it shares with a fit.
 
 
-def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -> Array:
+def screen_candidates(
+    design: Design,
+    fitted: Fit,
+    groups: Sequence[CandidateColumns],
+    system: FitEquations,
+) -> Array:
     """Evidence gain of every group on top of a fit, by one projection [nats]. (g,).
 
     Rows count for a quarter of their number or more: optimistic, so that nothing worth
@@ -267,14 +282,14 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     q, at most half of the n rows however well a group explains them; with noise taken
     from what is left it is -n/2 log(1 - 2 q / n). Groups of one shape go as one stack.
     """
-    counted = np.maximum(0.25 * design.rows, base.counted)
-    weight = counted / design.rows / base.variance
+    counted = np.maximum(0.25 * design.rows, fitted.counted)
+    weight = counted / design.rows / fitted.variance
     theta, lower = system.solve(weight)
-    shared = overlap(design, system, weight)
-    pull = pulls(design, weight) - theta @ shared
+    shared = weight_column_products(design, system, weight)
+    pull = weight_target_products(design, weight) - theta @ shared
     half = solve_triangular(lower, shared, lower=True, check_finite=False)
     out = np.empty(len(groups))
-    for stack in stacks(design, groups):
+    for stack in stack_groups(design, groups):
         c = stack.precision + stack.beyond(weight, half)
         fall, volume = _quadratic(c, pull[stack.ids] + stack.pull)
         n = stack.acts @ counted
@@ -284,7 +299,7 @@ def screen(design: Design, base: Fit, groups: Sequence[Group], system: System) -
     return out
 
 
-def pulls(design: Design, weight: Array) -> Array:
+def weight_target_products(design: Design, weight: Array) -> Array:
     """Weighted products of the target with all columns. Shape (size,)."""
     out = np.zeros(design.size)
     for j in range(design.dof):
@@ -293,7 +308,9 @@ def pulls(design: Design, weight: Array) -> Array:
     return out
 
 
-def overlap(design: Design, system: System, weight: Array) -> Array:
+def weight_column_products(
+    design: Design, system: FitEquations, weight: Array
+) -> Array:
     """Weighted products of a fit's columns with all columns. Shape (m, size)."""
     out = np.zeros((len(system.ids), design.size))
     for j in range(design.dof):
@@ -332,7 +349,9 @@ class GroupStack:
         return known - own.transpose(0, 2, 1) @ own
 
 
-def stacks(design: Design, groups: Sequence[Group]) -> list[GroupStack]:
+def stack_groups(
+    design: Design, groups: Sequence[CandidateColumns]
+) -> list[GroupStack]:
     """Return groups, put together where they are alike; kept by the design."""
     key = tuple(groups)
     if key not in design.stacks:
@@ -345,15 +364,19 @@ def stacks(design: Design, groups: Sequence[Group]) -> list[GroupStack]:
     return design.stacks[key]
 
 
-def acting(design: Design, groups: Sequence[Group], joints: Iterable[int]) -> Array:
+def select_acting_groups(
+    design: Design, groups: Sequence[CandidateColumns], joints: Iterable[int]
+) -> Array:
     """Which groups act on one of some joints. Shape (g,), bool."""
     out, on = np.zeros(len(groups), dtype=bool), sorted(joints)
-    for stack in stacks(design, groups):
+    for stack in stack_groups(design, groups):
         out[stack.members] = stack.acts[:, on].any(axis=1)
     return out
 
 
-def _stack(design: Design, groups: Sequence[Group], members: Array) -> GroupStack:
+def _stack(
+    design: Design, groups: Sequence[CandidateColumns], members: Array
+) -> GroupStack:
     own = [groups[i] for i in members]
     ids = np.stack([g.ids for g in own])
     grams = np.zeros((design.dof, *ids.shape, ids.shape[1]))

@@ -13,19 +13,25 @@ from importlib import resources
 
 import numpy as np
 
-from residual.effects.base import BRISTLE, Trait
-from residual.export.export import (
+from residual.effects.base import BRISTLE, EffectTrait
+from residual.export.model_export import (
     AnyModel,
     ModelExport,
-    Omission,
-    file_stem,
-    split,
-    without_tables,
+    OmittedTerm,
+    make_file_stem,
+    remove_tables,
+    split_exportable_terms,
 )
-from residual.model.lookup import DIFFERENCE, NONE, NOTHING, CorrectedModel, Tables
+from residual.model.lookup import (
+    DIFFERENCE,
+    NONE,
+    NOTHING,
+    CorrectedModel,
+    JointCorrection,
+)
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
-from residual.robot.dynamics import chain_of
+from residual.robot.dynamics import build_kinematic_chain
 from residual.signals.track import SMOOTH
 
 WORD = re.compile(r"[a-z]\w*")
@@ -49,30 +55,34 @@ static inline void @P@_torque(
 
 def to_c99(source: AnyModel) -> ModelExport:
     """Return a model as a header; its functions begin with the robot's name."""
-    made = split(source, refuse)
-    text, _ = header(made.carried, made.omissions)
-    return replace(made, files={f"{prefix_of(file_stem(source))}.h": text.encode()})
+    made = split_exportable_terms(source, explain_missing_formula)
+    text, _ = write_c_header(made.carried, made.omissions)
+    return replace(
+        made, files={f"{make_c_identifier(make_file_stem(source))}.h": text.encode()}
+    )
 
 
-def refuse(term: Term) -> str:
+def explain_missing_formula(term: Term) -> str:
     """Return why a program cannot compute a term sample by sample; "" if it can."""
     form = term.effect.portable
     ways = (form.formula, form.shift, form.bodies, form.gravity, form.force)
     if any(ways) and form.possible(term.theta, term.shape):
         return ""
-    return form.why_not or "no formula says it"
+    return form.obstacle or "no formula says it"
 
 
-def prefix_of(name: str) -> str:
+def make_c_identifier(name: str) -> str:
     """Return the name of a robot as C can have it."""
     word = re.sub(r"\W", "_", name)
     return word if word[0].isalpha() else f"arm_{word}"
 
 
-def header(carried: AnyModel, omissions: Iterable[Omission] = ()) -> tuple[str, int]:
+def write_c_header(
+    exported_model: AnyModel, omissions: Iterable[OmittedTerm] = ()
+) -> tuple[str, int]:
     """Return the text of the header, and the size of its memory."""
-    model, stem = without_tables(carried), file_stem(carried)
-    tables = carried.tables if isinstance(carried, CorrectedModel) else ()
+    model, stem = remove_tables(exported_model), make_file_stem(exported_model)
+    tables = exported_model.tables if isinstance(exported_model, CorrectedModel) else ()
     tables = tuple(t for t in tables if t.kind != NONE)
     shifts = [t for t in model.terms if t.effect.portable.shift]
     arrays = _arrays(model, bool(shifts))
@@ -81,31 +91,37 @@ def header(carried: AnyModel, omissions: Iterable[Omission] = ()) -> tuple[str, 
     titles += [f"tables on joint {t.joint + 1}" for t in tables]
     words = {
         "NAME": stem,
-        "GUARD": f"{prefix_of(stem).upper()}_H",
+        "GUARD": f"{make_c_identifier(stem).upper()}_H",
         "HAS": _comment(titles),
         "LEFT": _comment([str(each) for each in omissions] or ["nothing is left out"]),
         "MEMORY": str(max(memory, 1)),
         "COMPLEX": "#include <complex.h>\n" if shifts else "",
-        "P": prefix_of(stem),
+        "P": make_c_identifier(stem),
         "DOF": str(model.robot.dof),
     }
     body = {"REAL": "double", "BODY": "body", "COS": "cos", "SIN": "sin"}
-    pieces = [template("head.h")]
+    pieces = [read_template("head.h")]
     for name, values in arrays.items():
         flat = values.reshape(-1, 9) if values.ndim == 3 else values
         size = "".join(f"[{n}]" for n in flat.shape)
         pieces.append(f"static const double @P@_{name}{size} = {_list(flat)};")
-    helpers = template("helpers.h")
-    pieces += ["", helpers, filled(template("body.h"), body | {"CROSS": "@P@_cross"})]
+    helpers = read_template("helpers.h")
+    pieces += [
+        "",
+        helpers,
+        fill_template(read_template("body.h"), body | {"CROSS": "@P@_cross"}),
+    ]
     if shifts:
         # The same for complex numbers: their imaginary part carries a derivative.
         real, start = "double complex", "static inline void @P@_"
         cross = helpers.split(f"{start}cross")[1].replace("double", real)
         body = {"REAL": real, "BODY": "change", "COS": "ccos", "SIN": "csin"}
         pieces.append(f"{start}ccross{cross}")
-        pieces.append(filled(template("body.h"), body | {"CROSS": "@P@_ccross"}))
+        pieces.append(
+            fill_template(read_template("body.h"), body | {"CROSS": "@P@_ccross"})
+        )
     text = "\n".join([*pieces, *torque, "\n#endif"])
-    return filled(text, words) + "\n", memory
+    return fill_template(text, words) + "\n", memory
 
 
 def _title(term: Term) -> str:
@@ -115,7 +131,7 @@ def _title(term: Term) -> str:
 
 def _arrays(model: Model, shifted: bool) -> dict[str, Array]:
     """The constants of a header: R(q) = still + cos(q) along + sin(q) across."""
-    chain, dof = chain_of(model.robot.model), model.robot.dof
+    chain, dof = build_kinematic_chain(model.robot.model), model.robot.dof
     turns = ~chain.slides[:, None, None]
     onto = np.where(turns, np.einsum("ij,ik->ijk", chain.axis, chain.axis), np.eye(3))
     skew = np.cross(np.eye(3)[None], chain.axis[:, None, :]) * turns
@@ -152,7 +168,7 @@ def _torque(
     model: Model,
     arrays: Mapping[str, Array],
     shifts: Sequence[Term],
-    tables: Sequence[Tables],
+    tables: Sequence[JointCorrection],
 ) -> tuple[list[str], int]:
     """The function that computes the torque, and the size of its memory."""
     p, dof, motion = "@P@", model.robot.dof, "angle, speed, acceleration"
@@ -200,7 +216,9 @@ def _torque(
         for k, row in enumerate(rows):
             formula = form.formula[k if len(form.formula) > 1 else 0]
             block = _block(term, row, formula, memory)
-            (report if Trait.REPORT in term.effect.traits else lines).append(block)
+            (report if EffectTrait.REPORT in term.effect.traits else lines).append(
+                block
+            )
             memory += form.memory
     lines += [_each(dof, "out[i] = total[i];"), *report, *_tables(tables), "}"]
     return lines, memory
@@ -226,7 +244,7 @@ def _block(term: Term, row: int, formula: str, memory: int) -> str:
         lines.append(f"double *m = memory->number + {memory};")
     joints = term.joints if term.effect.scope == "pair" else (row,)
     formula = re.sub(r"\b(sgn|bristle|earlier)\(", r"@P@_\1(", formula)
-    target = "out" if Trait.REPORT in term.effect.traits else "total"
+    target = "out" if EffectTrait.REPORT in term.effect.traits else "total"
     lines += [*_names(words, joints), f"{target}[{row}] += {formula};"]
     return _braces(_title(term), lines)
 
@@ -266,7 +284,7 @@ def _shifted(dof: int, shifts: Sequence[Term]) -> Iterator[str]:
     yield _each(dof, f"total[i] += cimag(change[i]) / {_STEP} + {drive};")
 
 
-def _tables(every: Sequence[Tables]) -> Iterator[str]:
+def _tables(every: Sequence[JointCorrection]) -> Iterator[str]:
     """The blocks that add the tables of each joint, in their order."""
     level_names: dict[tuple, str] = {}
     for number, tables in enumerate(every):
@@ -326,14 +344,14 @@ def _comment(parts: Iterable[str]) -> str:
     return ",\n     ".join(parts).replace("*/", "")
 
 
-def filled(text: str, words: Mapping[str, str]) -> str:
+def fill_template(text: str, values: Mapping[str, str]) -> str:
     """Return a text with @NAME@ replaced by what it stands for."""
-    for name, word in words.items():
+    for name, word in values.items():
         text = text.replace(f"@{name}@", word)
     return text
 
 
-def template(name: str) -> str:
+def read_template(name: str) -> str:
     """Return a text of the folder `templates`."""
     folder = resources.files("residual") / "export" / "templates"
     return folder.joinpath(name).read_text(encoding="utf-8")
@@ -362,22 +380,24 @@ _DATE = (2000, 1, 1, 0, 0, 0)  # the same model makes the same bytes
 Sources = Mapping[str, bytes]
 
 
-def to_fmu(source: AnyModel, build: Callable[[Sources], bytes | None]) -> ModelExport:
+def to_fmu(
+    source: AnyModel, compile_library: Callable[[Sources], bytes | None]
+) -> ModelExport:
     """Return a model as an FMU.
 
     Args:
-        build: Compiles C files (text by name) into a library for this platform (64-bit
-            Linux); None leaves that to whoever imports the FMU.
+        compile_library: Compiles C files (text by name) into a library for this
+            platform (64-bit Linux); None leaves that to whoever imports the FMU.
     """
     made = to_c99(source)
     ((file, text),) = made.files.items()
-    name, robot = file.removesuffix(".h"), without_tables(source).robot
+    name, robot = file.removesuffix(".h"), remove_tables(source).robot
     guid = f"{{{hashlib.sha256(text).hexdigest()[:32]}}}"
     words = {"P": name, "DOF": str(robot.dof), "GUID": guid}
-    sources = {file: text, SOURCE: filled(template(SOURCE), words).encode()}
+    sources = {file: text, SOURCE: fill_template(read_template(SOURCE), words).encode()}
     content = {"modelDescription.xml": _description(name, guid, robot.prismatic)}
     content |= {f"sources/{name}": text for name, text in sources.items()}
-    if library := build(sources):
+    if library := compile_library(sources):
         content[f"binaries/linux64/{name}.so"] = library
     buffer = io.BytesIO()
     with zipfile.ZipFile(buffer, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -24,8 +24,8 @@ import numpy as np
 
 from residual.errors import InputError, check_name
 from residual.evidence.design import LAGS
-from residual.evidence.fit import autocorrelation_time
-from residual.identification.structure import JointRows
+from residual.evidence.fit import estimate_autocorrelation_time
+from residual.identification.observability import JointRows
 from residual.recording import Array
 
 METHODS = ("ols", "wls", "irls")
@@ -73,7 +73,7 @@ class Options:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Start:
+class FitStart:
     """Where a fit starts, and what it may move."""
 
     value: Array  # theta_0: what stays if the rows tell nothing, (b,)
@@ -97,9 +97,13 @@ class Estimate:
     theta: Array  # base parameters [SI], (b,)
     covariance: Array  # of theta; 0 where held or dropped, (b, b)
     noise: Array  # standard deviation of each joint's residual [N m], (dof,)
-    independent: Array  # rows of each joint over their autocorrelation time, (dof,)
+    independent_rows: (
+        Array  # rows of each joint over their autocorrelation time, (dof,)
+    )
     weight: Array  # w_j, (dof,)
-    condition: float  # condition number of the weighted, column-normalised rows
+    compute_condition_number: (
+        float  # condition number of the weighted, column-normalised rows
+    )
     outliers: Array  # share of each joint's rows that weigh less than half, (dof,)
     counts: Array  # rows of each joint, (dof,)
     row_weights: tuple[Array, ...] | None = None  # of irls, else None, (m_j,)
@@ -115,7 +119,9 @@ class Estimate:
         return self.sd / np.maximum(np.abs(self.theta), 1e-300)
 
 
-def compress(rows: JointRows, weights: tuple[Array, ...] | None = None) -> Blocks:
+def compress_joint_rows(
+    rows: JointRows, weights: tuple[Array, ...] | None = None
+) -> Blocks:
     """Return R_j of every joint, (at most b + 1, b + 1), of rows or weighted rows."""
     out = []
     for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
@@ -126,13 +132,13 @@ def compress(rows: JointRows, weights: tuple[Array, ...] | None = None) -> Block
     return tuple(out)
 
 
-def solve(blocks: Blocks, weight: Array, start: Start) -> Array:
+def solve_least_squares(blocks: Blocks, joint_weights: Array, start: FitStart) -> Array:
     """Return the parameters that minimise the squares weighted by w_j. Shape (b,).
 
     Directions that no row speaks of stay where they start.
     """
     size = start.size[start.free]
-    rows = stacked(blocks, weight)
+    rows = stack_weighted_blocks(blocks, joint_weights)
     left = rows[:, start.free] * size
     right = rows[:, -1] - rows[:, :-1] @ start.value
     if start.precision is not None:
@@ -143,39 +149,43 @@ def solve(blocks: Blocks, weight: Array, start: Start) -> Array:
     return theta
 
 
-def stacked(blocks: Blocks, weight: Array) -> Array:
+def stack_weighted_blocks(blocks: Blocks, joint_weights: Array) -> Array:
     """Return the rows of all joints, by the roots of their weights."""
-    pairs = zip(weight, blocks, strict=True)
+    pairs = zip(joint_weights, blocks, strict=True)
     return np.concatenate([np.sqrt(w) * block for w, block in pairs])
 
 
-def squares(blocks: Blocks, theta: Array) -> Array:
+def sum_squared_residuals(blocks: Blocks, theta: Array) -> Array:
     """Return |x_j theta - y_j|^2 of each joint [N^2 m^2]. Shape (dof,)."""
     both = np.append(theta, -1.0)
     return np.array([np.sum((r @ both) ** 2) for r in blocks])
 
 
-def gram(blocks: Blocks, weight: Array) -> Array:
+def compute_weighted_gram(blocks: Blocks, joint_weights: Array) -> Array:
     """Return sum_j w_j x_j' x_j. Shape (b, b)."""
-    pairs = zip(weight, blocks, strict=True)
+    pairs = zip(joint_weights, blocks, strict=True)
     return sum(w * r[:, :-1].T @ r[:, :-1] for w, r in pairs)
 
 
-def condition(blocks: Blocks, weight: Array, free: Array) -> float:
+def compute_condition_number(
+    blocks: Blocks, joint_weights: Array, free_indices: Array
+) -> float:
     """Return the condition number of the weighted, column-normalised rows."""
-    rows = stacked(blocks, weight)[:, free]
+    rows = stack_weighted_blocks(blocks, joint_weights)[:, free_indices]
     size = np.linalg.norm(rows, axis=0)
-    if len(free) == 0 or size.min() == 0:
+    if len(free_indices) == 0 or size.min() == 0:
         return float("inf")
     return float(np.linalg.cond(rows / size))
 
 
-def residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
+def compute_joint_residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
     """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
 
 
-def autocorrelation(rows: JointRows, residual: tuple[Array, ...]) -> Array:
+def compute_autocorrelation_times(
+    rows: JointRows, residual: tuple[Array, ...]
+) -> Array:
     """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
     out = np.ones(len(residual))
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
@@ -186,32 +196,36 @@ def autocorrelation(rows: JointRows, residual: tuple[Array, ...]) -> Array:
             lines.append(np.zeros(place.max() + 1 + LAGS))
             lines[-1][place] = values[in_log]
         if lines:
-            out[j] = autocorrelation_time(np.concatenate(lines))
+            out[j] = estimate_autocorrelation_time(np.concatenate(lines))
     return out
 
 
-def estimated(
-    rows: JointRows, blocks: Blocks, start: Start, options: Options
+def estimate_parameters(
+    rows: JointRows, blocks: Blocks, start: FitStart, options: Options
 ) -> Estimate:
     """Fit rows, and the same compressed, by the method asked for, with covariance."""
     free = replace(start, precision=None)
-    theta = solve(blocks, np.ones(len(rows.y)), free)
+    theta = solve_least_squares(blocks, np.ones(len(rows.y)), free)
     for _ in range(_ROUNDS):
         before = theta
-        weight, noise, memory = weights_of(rows, theta, options.method, len(start.free))
-        theta = solve(blocks, weight, free)
+        weight, noise, memory = compute_joint_weights(
+            rows, theta, options.method, len(start.free)
+        )
+        theta = solve_least_squares(blocks, weight, free)
         if np.all(np.abs(theta - before) <= 1e-9 * start.size):
             break
     # Noise is that of the free fit: a prior that binds would make its own misfit look
     # like noise, and bind the more.
-    theta = solve(blocks, weight, start)
+    theta = solve_least_squares(blocks, weight, start)
     weights, means = None, np.ones((2, len(weight)))
     outliers = np.zeros(len(weight))
     if options.method == "irls":
-        theta, noise, weights = reweighted(rows, start, theta, memory, options.loss)
+        theta, noise, weights = fit_reweighted(rows, start, theta, memory, options.loss)
         # Mean psi' and mean psi^2 of each joint's standardised residuals turn the
         # covariance of least squares into that of the robust fit.
-        for j, (r, s) in enumerate(zip(residuals(rows, theta), noise, strict=True)):
+        for j, (r, s) in enumerate(
+            zip(compute_joint_residuals(rows, theta), noise, strict=True)
+        ):
             if len(r) == 0:
                 continue
             u = r / s
@@ -228,8 +242,8 @@ def estimated(
     size, pick = start.size[start.free], np.ix_(start.free, start.free)
     unit, prior = np.outer(size, size), start.prior
     meat = weight**2 * means[1] * noise**2 * memory
-    inner = gram(blocks, meat)[pick] * unit + prior
-    outer = gram(blocks, weight * means[0])[pick] * unit + prior
+    inner = compute_weighted_gram(blocks, meat)[pick] * unit + prior
+    outer = compute_weighted_gram(blocks, weight * means[0])[pick] * unit + prior
     inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
     covariance = np.zeros((len(start.size), len(start.size)))
     covariance[pick] = inverse @ inner @ inverse * unit
@@ -237,16 +251,16 @@ def estimated(
         theta=theta,
         covariance=covariance,
         noise=noise,
-        independent=rows.counts / memory,
+        independent_rows=rows.counts / memory,
         weight=weight,
-        condition=condition(blocks, weight, start.free),
+        condition=compute_condition_number(blocks, weight, start.free),
         outliers=outliers,
         counts=rows.counts,
         row_weights=weights,
     )
 
 
-def weights_of(
+def compute_joint_weights(
     rows: JointRows, theta: Array, method: str, parameters: int = 0
 ) -> tuple[Array, Array, Array]:
     """Return weight w_j, noise s_j [N m] and autocorrelation time t_j of each joint.
@@ -255,8 +269,8 @@ def weights_of(
         method: "ols" gives all joints one weight.
         parameters: How many were fitted to these rows.
     """
-    residual = residuals(rows, theta)
-    memory = autocorrelation(rows, residual)
+    residual = compute_joint_residuals(rows, theta)
+    memory = compute_autocorrelation_times(rows, residual)
     sse = np.array([np.sum(r**2) for r in residual])
     spent = max(1 - parameters / max(rows.counts.sum(), 1), 0.1)
     noise = np.sqrt(sse / np.maximum(rows.counts * spent, 1))
@@ -272,8 +286,12 @@ def _least_noise(rows: JointRows) -> float:
     return _FLOOR * max(rows.rms.max(), 1e-9)
 
 
-def reweighted(
-    rows: JointRows, start: Start, theta: Array, memory: Array, loss: str
+def fit_reweighted(
+    rows: JointRows,
+    start: FitStart,
+    theta: Array,
+    autocorrelation_times: Array,
+    loss: str,
 ) -> tuple[Array, Array, tuple[Array, ...]]:
     """Fit until weights and parameters agree; bisquare starts from Huber.
 
@@ -281,16 +299,20 @@ def reweighted(
         Parameters (b,), noise of each joint [N m] (dof,), weights of rows (m_j,) each.
     """
     if loss == "bisquare":
-        theta, _, _ = reweighted(rows, start, theta, memory, "huber")
+        theta, _, _ = fit_reweighted(rows, start, theta, autocorrelation_times, "huber")
     for _ in range(_REWEIGHTINGS):
-        residual = residuals(rows, theta)
+        residual = compute_joint_residuals(rows, theta)
         middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in residual]
         noise = np.maximum(_MAD * np.array(middle), _least_noise(rows))
         weights = tuple(
             _weight(r / s, loss) for r, s in zip(residual, noise, strict=True)
         )
         before = theta
-        theta = solve(compress(rows, weights), 1 / (noise**2 * memory), start)
+        theta = solve_least_squares(
+            compress_joint_rows(rows, weights),
+            1 / (noise**2 * autocorrelation_times),
+            start,
+        )
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break
     return theta, noise, weights

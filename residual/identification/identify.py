@@ -14,40 +14,49 @@ from scipy.special import fdtri
 from residual.errors import InputError
 from residual.identification.estimate import (
     Estimate,
+    FitStart,
     Options,
-    Start,
-    compress,
-    estimated,
-    gram,
-    solve,
-    squares,
-    stacked,
-    weights_of,
+    compress_joint_rows,
+    compute_joint_weights,
+    compute_weighted_gram,
+    estimate_parameters,
+    solve_least_squares,
+    stack_weighted_blocks,
+    sum_squared_residuals,
 )
-from residual.identification.structure import (
-    Preflight,
-    doubt,
-    load,
-    preflight,
-    rows_of,
-    state_at,
-    structure,
+from residual.identification.observability import (
+    Observability,
+    build_joint_rows,
+    build_sampled_states,
+    compute_load_parameters,
+    compute_model_base_parameters,
+    compute_nominal_covariance,
+    find_unobserved_parameters,
 )
-from residual.model.bodies import bodies_of, least_eigenvalues, nearest
-from residual.model.compare import Errors, compare, prepare_held_out
+from residual.model.bodies import (
+    build_body_sums,
+    compute_link_eigenvalues,
+    find_nearest_possible,
+)
+from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.dynamics import (
     POSES,
     AccelerationError,
-    acceleration_error,
-    least_mass_matrix,
+    compute_acceleration_error,
+    find_least_mass_eigenvalue,
 )
-from residual.model.model import Model, torque_columns
-from residual.model.nominal import Logs, begin, prepare_logs, with_standstill
+from residual.model.model import Model, compute_torque_columns
+from residual.model.nominal import (
+    FitLogs,
+    choose_standstill_behaviour,
+    prepare_fit_logs,
+    start_model,
+)
 from residual.recording import Array, Recording
-from residual.robot.dynamics import BaseParameters, random_states
-from residual.robot.robot import Robot, check_joints
-from residual.signals.splitting import hold_out_end, session_clock
-from residual.signals.track import Filters
+from residual.robot.dynamics import BaseParameters, draw_random_states
+from residual.robot.robot import Robot, check_joint_count
+from residual.signals.splitting import find_session_start, split_off_last_quarter
+from residual.signals.track import FilterSettings
 
 _LIMIT = 0.05  # relative sd that every parameter may keep
 _CHANCE = 0.95
@@ -63,29 +72,29 @@ _ROWS_PER_PARAMETER = 3
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Essential:
+class EssentialReduction:
     """The outcome of a reduction."""
 
     dropped: tuple[int, ...]  # parameters set to zero, in the order in which they went
-    start: Start  # start of the fit of those that remain
+    start: FitStart  # start of the fit of those that remain
     f_value: float  # f of all that was dropped together
     f_limit: float  # its 95 % quantile
 
 
-def reduce(
-    blocks: tuple[Array, ...], start: Start, estimate: Estimate, every: int
-) -> Essential:
+def drop_inessential_parameters(
+    blocks: tuple[Array, ...], start: FitStart, estimate: Estimate, row_count: int
+) -> EssentialReduction:
     """Drop parameters one by one; the full fit's weights are kept."""
     weight = estimate.weight
-    rows = float(estimate.independent.sum())
-    least = float(weight @ squares(blocks, estimate.theta))
-    freedom = rows * max(1 - len(start.free) / every, 0.1)
-    kept = Essential((), start, 0.0, float("nan"))
+    rows = float(estimate.independent_rows.sum())
+    least = float(weight @ sum_squared_residuals(blocks, estimate.theta))
+    freedom = rows * max(1 - len(start.free) / row_count, 0.1)
+    kept = EssentialReduction((), start, 0.0, float("nan"))
     theta = estimate.theta
     while len(kept.start.free) > 1:
         keep = kept.start.free
         size, pick = start.size[keep], np.ix_(keep, keep)
-        scaled = gram(blocks, weight)[pick] * np.outer(size, size)
+        scaled = compute_weighted_gram(blocks, weight)[pick] * np.outer(size, size)
         covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
         sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
         relative = sd / np.maximum(np.abs(theta[keep]), 1e-300)
@@ -95,14 +104,14 @@ def reduce(
         value = kept.start.value.copy()
         value[worst] = 0.0
         tried = replace(kept.start, value=value, free=keep[keep != worst])
-        theta = solve(blocks, weight, tried)
+        theta = solve_least_squares(blocks, weight, tried)
         count = len(kept.dropped) + 1
-        more = float(weight @ squares(blocks, theta)) - least
+        more = float(weight @ sum_squared_residuals(blocks, theta)) - least
         ratio = more / count / (least / freedom)
         limit = float(fdtri(count, freedom, _CHANCE))
         if ratio > limit:
             break
-        kept = Essential((*kept.dropped, worst), tried, float(ratio), limit)
+        kept = EssentialReduction((*kept.dropped, worst), tried, float(ratio), limit)
     return kept
 
 
@@ -111,7 +120,7 @@ class Identification:
     """Identified parameters, and all that tells how far to trust them."""
 
     options: Options  # how it was done
-    logs: Logs  # the logs that were fitted
+    logs: FitLogs  # the logs that were fitted
     nominal: Model  # the model before
     model: Model  # the model after: full parameters nearest to the nominal ones
     base: BaseParameters  # base parameters over ``model.coefficients()``
@@ -119,8 +128,10 @@ class Identification:
     nominal_theta: Array  # base parameters before, (b,)
     # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
-    preflight: Preflight  # what the motion cannot tell
-    essential: Essential | None  # what was dropped, None where nothing was to be
+    find_unobserved_parameters: Observability  # what the motion cannot tell
+    essential: (
+        EssentialReduction | None
+    )  # what was dropped, None where nothing was to be
     # Compressed rows (``solve``), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
@@ -154,21 +165,21 @@ def identify(
     """
     if not recordings:
         raise InputError("No log to identify from: give at least one.")
-    check_joints(robot, recordings)
-    logs = prepare_logs(robot, recordings, clock, Filters())
-    nominal = begin(logs, declared)
-    base = structure(nominal)
+    check_joint_count(robot, recordings)
+    logs = prepare_fit_logs(robot, recordings, clock, FilterSettings())
+    nominal = start_model(logs, declared)
+    base = compute_model_base_parameters(nominal)
     first = _fitted(nominal, base, logs, options)
     # A prediction needs an answer at standstill; one that reaches into moving rows
     # changes the fit a little, so it is done once more.
-    settled = with_standstill(first.model, logs.sketch).standstill
+    settled = choose_standstill_behaviour(first.model, logs.sketch).standstill
     return _fitted(replace(nominal, standstill=settled), base, logs, options)
 
 
 def _fitted(
-    nominal: Model, base: BaseParameters, logs: Logs, options: Options
+    nominal: Model, base: BaseParameters, logs: FitLogs, options: Options
 ) -> Identification:
-    rows = rows_of(nominal, logs.tracks, base)
+    rows = build_joint_rows(nominal, logs.tracks, base)
     total, least = int(rows.counts.sum()), _ROWS_PER_PARAMETER * len(base)
     if total == 0:
         raise InputError(
@@ -180,19 +191,21 @@ def _fitted(
             f"Too few rows: {total} moving rows for {len(base)} parameters, expected "
             f"{least} or more. Give longer logs, or declare fewer effects."
         )
-    states = random_states(nominal.robot.model)
-    columns = torque_columns(nominal, state_at(nominal, *states))
-    spread = doubt(nominal, rows.rms, columns)
+    states = draw_random_states(nominal.robot.model)
+    columns = compute_torque_columns(nominal, build_sampled_states(nominal, *states))
+    spread = compute_nominal_covariance(nominal, rows.rms, columns)
     theta = base.mapping @ nominal.coefficients()
-    wide = spread + np.diag(load(nominal) ** 2)
+    wide = spread + np.diag(compute_load_parameters(nominal) ** 2)
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
-    blocks = compress(rows)
-    start = Start(theta, size, np.arange(len(base)))
+    blocks = compress_joint_rows(rows)
+    start = FitStart(theta, size, np.arange(len(base)))
     # What the motion shows, under the noise of a first fit of everything.
-    rough = solve(blocks, np.ones(len(rows.y)), start)
-    weight, _, _ = weights_of(rows, rough, "wls")
+    rough = solve_least_squares(blocks, np.ones(len(rows.y)), start)
+    weight, _, _ = compute_joint_weights(rows, rough, "wls")
     per_row = np.stack([weight, rows.counts])
-    shown = preflight(nominal, base, gram(blocks, weight), size, per_row)
+    shown = find_unobserved_parameters(
+        nominal, base, compute_weighted_gram(blocks, weight), size, per_row
+    )
     start = replace(start, free=shown.free)
     if options.prior is not None:
         # A prior speaks for what the motion does not show: nothing need be held.
@@ -206,14 +219,16 @@ def _fitted(
         precision = np.linalg.inv(prior / np.outer(unit, unit)) / np.outer(unit, unit)
         start = replace(start, free=np.arange(len(base)), precision=precision)
         shown = replace(shown, fixed=())
-    estimate = estimated(rows, blocks, start, options)
+    estimate = estimate_parameters(rows, blocks, start, options)
     essential = None
     if options.essential:
-        essential = reduce(blocks, start, estimate, int(rows.counts.sum()))
-        estimate = estimated(rows, blocks, essential.start, options)
-    full = base.embed(estimate.theta, nominal.coefficients(), wide)
+        essential = drop_inessential_parameters(
+            blocks, start, estimate, int(rows.counts.sum())
+        )
+        estimate = estimate_parameters(rows, blocks, essential.start, options)
+    full = base.expand_to_standard(estimate.theta, nominal.coefficients(), wide)
     model = nominal.with_coefficients(full)
-    compressed = compress(rows, estimate.row_weights)
+    compressed = compress_joint_rows(rows, estimate.row_weights)
     fit = (base, estimate, theta, wide, shown, essential, compressed)
     return Identification(options, logs, nominal, model, *fit)
 
@@ -230,7 +245,7 @@ LOOSE = 1.0  # relative doubt of nominal values that logs may override
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Consistent:
+class ConsistentParameters:
     """Physically consistent parameters."""
 
     model: Model  # the model that has them
@@ -238,41 +253,51 @@ class Consistent:
     # and m r^2, (dof,).
     least_eigenvalue: Array
     # Smallest eigenvalue of M(q), rotors included, over all poses [kg m^2].
-    least_mass_matrix: float
+    find_least_mass_eigenvalue: float
     poses: int  # poses at which it was looked at
     # Rms of each joint's rows, fitted freely and consistently [N m], (2, dof).
     misfit: Array
 
 
-def consistent(free: Identification, scale: float = LOOSE) -> Consistent:
+def find_consistent_parameters(
+    unconstrained: Identification, prior_scale: float = LOOSE
+) -> ConsistentParameters:
     """Find the physically consistent parameters that fit, nearest to the nominal.
 
     Raises:
         InputError: If the scale is no positive number, or the method fails.
     """
-    if not 0 < scale < np.inf:
+    if not 0 < prior_scale < np.inf:
         raise InputError(
-            f"Scale {scale:g}: expected a positive number; 1 doubts nominal values by "
+            f"Scale {prior_scale:g}: expected a positive number; 1 doubts nominal "
+            f"values by "
             "their own size."
         )
     # The best parameters without the cone, and U'U, the information of rows and nominal
     # together, in SI units.
-    unit = np.sqrt(np.diag(free.spread))
-    rows = stacked(free.blocks, free.estimate.weight)
-    left = rows[:, :-1] @ free.base.mapping * unit
-    right = rows[:, -1] - rows[:, :-1] @ free.nominal_theta
-    correlation = free.spread / np.outer(unit, unit)
-    root = np.linalg.cholesky(np.linalg.inv(correlation)).T / scale
+    unit = np.sqrt(np.diag(unconstrained.spread))
+    rows = stack_weighted_blocks(unconstrained.blocks, unconstrained.estimate.weight)
+    left = rows[:, :-1] @ unconstrained.base.mapping * unit
+    right = rows[:, -1] - rows[:, :-1] @ unconstrained.nominal_theta
+    correlation = unconstrained.spread / np.outer(unit, unit)
+    root = np.linalg.cholesky(np.linalg.inv(correlation)).T / prior_scale
     q, upper = np.linalg.qr(np.concatenate([left, root]))
     target = q.T @ np.concatenate([right, np.zeros(len(root))])
-    best = free.nominal.coefficients() + unit * np.linalg.solve(upper, target)
-    bodies = bodies_of(free.nominal.with_coefficients(best), friction=True)
-    model = free.nominal.with_coefficients(nearest(bodies, best, upper / unit))
-    theta = free.base.mapping @ model.coefficients()
-    both = [squares(free.blocks, t) for t in (free.estimate.theta, theta)]
-    misfit = np.sqrt(np.array(both) / np.maximum(free.estimate.counts, 1))
-    least = least_eigenvalues(model), least_mass_matrix(model)
-    return Consistent(model, *least, POSES, misfit)
+    best = unconstrained.nominal.coefficients() + unit * np.linalg.solve(upper, target)
+    bodies = build_body_sums(
+        unconstrained.nominal.with_coefficients(best), friction=True
+    )
+    model = unconstrained.nominal.with_coefficients(
+        find_nearest_possible(bodies, best, upper / unit)
+    )
+    theta = unconstrained.base.mapping @ model.coefficients()
+    both = [
+        sum_squared_residuals(unconstrained.blocks, t)
+        for t in (unconstrained.estimate.theta, theta)
+    ]
+    misfit = np.sqrt(np.array(both) / np.maximum(unconstrained.estimate.counts, 1))
+    least = compute_link_eigenvalues(model), find_least_mass_eigenvalue(model)
+    return ConsistentParameters(model, *least, POSES, misfit)
 
 
 SAME_RUN = (
@@ -288,14 +313,16 @@ SAME_RUN = (
 # arm or its simulation: ``modelgap validate``.
 
 
-def torque_errors(
+def compute_torque_errors(
     models: Mapping[str, Model], recordings: Sequence[Recording]
-) -> dict[str, Errors]:
+) -> dict[str, ErrorSums]:
     """Return the error of torque from motion on unseen logs, of models by name."""
     if not models or not recordings:
         raise InputError("Validation needs at least one model and one held-out log.")
     some = next(iter(models.values()))
-    errors, _ = compare(models, prepare_held_out(recordings, some), some.filters)
+    errors, _ = compute_model_errors(
+        models, prepare_held_out(recordings, some), some.filters
+    )
     return errors
 
 
@@ -318,10 +345,10 @@ class ValidatedIdentification:
 
     robot: Robot
     free: Identification
-    consistent: Consistent | None
-    errors: Mapping[str, Errors]
+    find_consistent_parameters: ConsistentParameters | None
+    errors: Mapping[str, ErrorSums]
     accelerations: Mapping[str, AccelerationError | None]
-    least_mass_matrix: Mapping[str, float]
+    find_least_mass_eigenvalue: Mapping[str, float]
     fit: tuple[str, ...]
     held_out: tuple[str, ...]
     same_run: bool
@@ -333,13 +360,13 @@ class ValidatedIdentification:
         return (self.consistent or self.free).model
 
 
-def identify_and_prove(
+def identify_and_validate(
     robot: Robot,
     fit: Sequence[Recording],
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | Model | None = None,
     options: Options | None = None,
-    bodies: bool = False,
+    require_consistent: bool = False,
 ) -> ValidatedIdentification:
     """Fit the parameters of a model and compare it with the nominal one.
 
@@ -350,18 +377,18 @@ def identify_and_prove(
     """
     same_run = not held_out
     if same_run:
-        fit, held_out = hold_out_end(fit)
-    clock = session_clock([*fit, *held_out])
+        fit, held_out = split_off_last_quarter(fit)
+    clock = find_session_start([*fit, *held_out])
     free = identify(robot, fit, declared, options or Options(), clock)
     models = {"nominal": free.nominal, "identified": free.model}
-    consistent_fit = consistent(free) if bodies else None
+    consistent_fit = find_consistent_parameters(free) if require_consistent else None
     if consistent_fit is not None:
         models["consistent"] = consistent_fit.model
-    least = {name: least_mass_matrix(model) for name, model in models.items()}
+    least = {name: find_least_mass_eigenvalue(model) for name, model in models.items()}
     accelerations: dict[str, AccelerationError | None] = {}
     for name, model in models.items():
         try:
-            accelerations[name] = acceleration_error(model, held_out)
+            accelerations[name] = compute_acceleration_error(model, held_out)
         except InputError:
             accelerations[name] = None
     doubts = (
@@ -375,7 +402,7 @@ def identify_and_prove(
         robot=robot,
         free=free,
         consistent=consistent_fit,
-        errors=torque_errors(models, held_out),
+        errors=compute_torque_errors(models, held_out),
         accelerations=accelerations,
         least_mass_matrix=least,
         fit=tuple(r.id for r in fit),

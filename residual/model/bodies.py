@@ -17,9 +17,9 @@ from dataclasses import dataclass
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.effects.base import Trait
+from residual.effects.base import EffectTrait
 from residual.errors import InputError
-from residual.model.model import Model, with_slots
+from residual.model.model import Model, pair_coefficient_slices
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
@@ -38,7 +38,7 @@ _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Bodies:
+class BodySums:
     """The bodies of a model as sums of its coefficients."""
 
     names: tuple[str, ...]  # in words, "link 3" or "the load"
@@ -48,17 +48,17 @@ class Bodies:
     start: Array  # coefficients with which every body can exist, (s,)
     not_negative: Array  # which coefficients cannot be negative, (k,)
 
-    def pseudo(self, coefficients: Array) -> Array:
+    def compute_pseudo_inertias(self, coefficients: Array) -> Array:
         """Pseudo-inertias in units of their scale. Shape (bodies, 4, 4)."""
-        return pseudo_inertias(self.sums @ coefficients) / _squares(self.scale)
+        return build_pseudo_inertias(self.sums @ coefficients) / _squares(self.scale)
 
-    def least(self, coefficients: Array) -> Array:
+    def compute_least_eigenvalues(self, coefficients: Array) -> Array:
         """Least eigenvalue of each in units of its scale. Shape (bodies,)."""
-        return np.linalg.eigvalsh(self.pseudo(coefficients))[:, 0]
+        return np.linalg.eigvalsh(self.compute_pseudo_inertias(coefficients))[:, 0]
 
-    def impossible(self, coefficients: Array) -> tuple[str, ...]:
+    def list_impossible(self, coefficients: Array) -> tuple[str, ...]:
         """The bodies that cannot exist with these coefficients."""
-        bad = self.least(coefficients) < 0.5 * LEAST
+        bad = self.compute_least_eigenvalues(coefficients) < 0.5 * LEAST
         return tuple(n for n, b in zip(self.names, bad, strict=True) if b)
 
 
@@ -74,7 +74,7 @@ class BodyCorrection:
     chance: float | None
 
 
-def bodies_of(model: Model, friction: bool = False) -> Bodies:
+def build_body_sums(model: Model, friction: bool = False) -> BodySums:
     """Return the bodies of a model: its links with all that terms add, and its load.
 
     A load of negative mass is one that went: what was taken off has to be a body.
@@ -87,7 +87,7 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
     size = len(model.inertial)
     links[:, :size] = np.eye(size)
     load, positive, placed = np.zeros((PER_LINK, len(c))), [], []
-    for term, own in with_slots(model.terms, size):
+    for term, own in pair_coefficient_slices(model.terms, size):
         if term.effect.carries == "body":
             load[:, own] += np.eye(PER_LINK)
             placed.append(own)
@@ -96,15 +96,17 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
             links[:, own] += np.transpose(
                 [add(way, term.joints, model.robot) for way in ways]
             )
-        if friction and Trait.NOT_NEGATIVE in term.effect.traits:
+        if friction and EffectTrait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)
     robot = model.robot
-    scale, start = link_scales(robot), np.zeros(len(c))
+    scale, start = compute_link_scales(robot), np.zeros(len(c))
     names = [f"link {i + 1}" for i in range(robot.dof)]
     sums = links.reshape(robot.dof, PER_LINK, -1)
     nominal = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
     for i, body in enumerate(nominal):
-        least = np.linalg.eigvalsh(pseudo_inertias(body)[0] / _squares(scale[i]))[0]
+        least = np.linalg.eigvalsh(build_pseudo_inertias(body)[0] / _squares(scale[i]))[
+            0
+        ]
         own = slice(PER_LINK * i, PER_LINK * (i + 1))
         start[own] = body if least > 2 * LEAST else _ball(scale[i])
     if placed:
@@ -115,7 +117,7 @@ def bodies_of(model: Model, friction: bool = False) -> Bodies:
         sums, scale = np.concatenate([sums, sign * load[None]]), np.vstack([scale, own])
         start[placed[0]] = sign * _ball(own)
     start[positive] = 1.0
-    return Bodies(tuple(names), sums, scale, start, np.array(positive, int))
+    return BodySums(tuple(names), sums, scale, start, np.array(positive, int))
 
 
 def _ball(scale: Array) -> Array:
@@ -124,7 +126,7 @@ def _ball(scale: Array) -> Array:
     return np.array([mass, 0, 0, 0, turn, 0, turn, 0, 0, turn])
 
 
-def link_scales(robot: Robot) -> Array:
+def compute_link_scales(robot: Robot) -> Array:
     """Return the root of the size of each pseudo-inertia: sqrt(m) (r, 1). (dof, 4)."""
     out, bodies = [], list(robot.model.inertias)[1:]
     least = FLOOR_MASS * sum(body.mass for body in bodies)
@@ -136,7 +138,7 @@ def link_scales(robot: Robot) -> Array:
     return np.array(out)
 
 
-def pseudo_inertias(parameters: Array) -> Array:
+def build_pseudo_inertias(parameters: Array) -> Array:
     """Return J of every body. Shape (bodies, 4, 4) from (10 bodies,) or (bodies, 10).
 
     Linear in the parameters: m, h, and xx, xy, yy, xz, yz, zz.
@@ -156,30 +158,32 @@ def _squares(scale: Array) -> Array:
     return scale[..., :, None] * scale[..., None, :]
 
 
-def nearest(bodies: Bodies, best: Array, root: Array) -> Array:
+def find_nearest_possible(
+    bodies: BodySums, fitted: Array, precision_root: Array
+) -> Array:
     """Return the coefficients nearest to the best with which every body can exist.
 
     Args:
-        best: x_0, which stays as it is where its bodies can exist. Shape (s,).
-        root: U, upper triangular: |U (x - x_0)|^2 is a distance in squared standard
-            deviations. Shape (s, s).
+        fitted: x_0, which stays as it is where its bodies can exist. Shape (s,).
+        precision_root: U, upper triangular: |U (x - x_0)|^2 is a distance in squared
+            standard deviations. Shape (s, s).
 
     Raises:
         InputError: If the method does not get there.
     """
-    across = solve_triangular(root, np.eye(len(best)))
-    cones = _Cones.of(bodies, best, across)
-    if cones.inside(np.zeros(len(best))):
-        return best
-    e = root @ (bodies.start - best)
+    across = solve_triangular(precision_root, np.eye(len(fitted)))
+    cones = _Cones.of(bodies, fitted, across)
+    if cones.inside(np.zeros(len(fitted))):
+        return fitted
+    e = precision_root @ (bodies.start - fitted)
     weight, count = cones.count / (1 + e @ e), cones.count
     while True:
         e = cones.centre(e, weight)
         if count / weight < GAP * (1 + e @ e):
             break
         weight *= GROWTH
-    out = best + across @ e
-    if bad := bodies.impossible(out):
+    out = fitted + across @ e
+    if bad := bodies.list_impossible(out):
         raise InputError(
             f"No possible bodies were found near the fit: {', '.join(bad)} stayed "
             "impossible. Check units and signs of the logs, and the robot's masses."
@@ -200,11 +204,13 @@ class _Cones:
     values: Array
 
     @classmethod
-    def of(cls, bodies: Bodies, best: Array, across: Array) -> "_Cones":
+    def of(cls, bodies: BodySums, best: Array, across: Array) -> "_Cones":
         flat = (len(bodies.names), ORDER**2)
-        units = pseudo_inertias(np.eye(PER_LINK)).reshape(PER_LINK, -1).T
+        units = build_pseudo_inertias(np.eye(PER_LINK)).reshape(PER_LINK, -1).T
         sums = units @ bodies.sums / _squares(bodies.scale).reshape(*flat, 1)
-        at = (bodies.pseudo(best) - LEAST * np.eye(ORDER)).reshape(flat)
+        at = (bodies.compute_pseudo_inertias(best) - LEAST * np.eye(ORDER)).reshape(
+            flat
+        )
         k = bodies.not_negative
         return cls(sums @ across, at, across[k], best[k])
 
@@ -254,8 +260,8 @@ class _Cones:
         return e
 
 
-def least_eigenvalues(model: Model) -> Array:
+def compute_link_eigenvalues(model: Model) -> Array:
     """Return the least eigenvalue of each scaled pseudo-inertia of links. (dof,)."""
-    scale = link_scales(model.robot)
-    pseudo = pseudo_inertias(model.inertial)
+    scale = compute_link_scales(model.robot)
+    pseudo = build_pseudo_inertias(model.inertial)
     return np.linalg.eigvalsh(pseudo / _squares(scale))[:, 0]

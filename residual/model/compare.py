@@ -9,8 +9,19 @@ from scipy.special import stdtrit
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array, Recording
-from residual.signals.splitting import are_long, in_pieces, logs_of, overlap, spread
-from residual.signals.track import Filters, Track, at_samples, prepare
+from residual.signals.splitting import (
+    choose_spread_pieces,
+    compute_piece_overlap,
+    exceed_split_length,
+    group_pieces_by_log,
+    split_long_logs,
+)
+from residual.signals.track import (
+    FilterSettings,
+    Track,
+    build_tracks,
+    interpolate_torque,
+)
 
 # Whether a model predicts worse than another beyond chance: one rule for all of them.
 #
@@ -25,7 +36,7 @@ PAIRED, FEW = 2, 8  # seconds of a block; blocks
 SMALL = 1e-3  # of a joint's torque: less is within what no model is good for
 
 
-def rise(after: Array, before: Array, worse: float = WORSE) -> float:
+def compute_error_rise(after: Array, before: Array, min_rise: float = WORSE) -> float:
     """By how much an error is larger, as a share; 0 where by chance.
 
     Args:
@@ -33,16 +44,18 @@ def rise(after: Array, before: Array, worse: float = WORSE) -> float:
         before: The same of the other model. Shape (seconds,).
     """
     ratio = float(np.sqrt(after.sum() / max(before.sum(), 1e-300)))
-    return ratio - 1 if ratio > worse and is_sure(after, before) else 0.0
+    return (
+        ratio - 1 if ratio > min_rise and is_error_significant(after, before) else 0.0
+    )
 
 
-def is_sure(after: Array, before: Array, sure: float = SURE) -> bool:
+def is_error_significant(after: Array, before: Array, confidence: float = SURE) -> bool:
     """Whether blocks of two seconds, each paired, show that one error is larger.
 
     Args:
         after: Squared errors per second. Shape (seconds,).
         before: The same of the other model. Shape (seconds,).
-        sure: How surely, one-sided.
+        confidence: How surely, one-sided.
     """
     change = _blocks(after) - _blocks(before)
     # A block in which a joint stands says nothing.
@@ -50,10 +63,12 @@ def is_sure(after: Array, before: Array, sure: float = SURE) -> bool:
     if len(change) < FEW:
         return bool(change.sum() > 0)
     scatter = change.std(ddof=1) * np.sqrt(len(change))
-    return bool(change.sum() > stdtrit(len(change) - 1, sure) * scatter)
+    return bool(change.sum() > stdtrit(len(change) - 1, confidence) * scatter)
 
 
-def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Array:
+def compute_joint_error_rises(
+    after: Array, before: Array, power: Array, min_share: float = SMALL
+) -> Array:
     """By how much each joint's error is larger, as a share; 0 where by chance. (dof,).
 
     Args:
@@ -61,14 +76,16 @@ def rises(after: Array, before: Array, power: Array, least: float = SMALL) -> Ar
         before: The same of the other model. Shape (seconds, dof).
         power: Squared torque on the same rows [N^2 m^2]; a joint without is not logged.
             Shape (dof,).
-        least: Share of that torque by which an error must rise to count.
+        min_share: Share of that torque by which an error must rise to count.
     """
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
     clear = (power > 1e-12 * power.max(initial=0.0)) & (
-        now - then > least * np.sqrt(power)
+        now - then > min_share * np.sqrt(power)
     )
     pairs = zip(after.T, before.T, clear, strict=True)
-    return np.array([rise(a, b) if counts else 0.0 for a, b, counts in pairs])
+    return np.array(
+        [compute_error_rise(a, b) if counts else 0.0 for a, b, counts in pairs]
+    )
 
 
 def _blocks(seconds: Array) -> Array:
@@ -79,7 +96,7 @@ def _blocks(seconds: Array) -> Array:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class LogProof:
+class LogPrediction:
     """Measured torque against the prediction of each model on one held-out log."""
 
     id: str  # label of the recording
@@ -92,7 +109,7 @@ class LogProof:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Cloud:
+class FindingScatter:
     """What one finding explains on one joint, over the variable that explains it."""
 
     name: str  # name of the effect
@@ -122,15 +139,15 @@ def prepare_held_out(
 
     Long ones are cut into pieces and looked at, at the rate of the features.
     """
-    pieces = in_pieces(recordings, model.filters.torque)
-    long = are_long(recordings)
+    pieces = split_long_logs(recordings, model.filters.torque)
+    long = exceed_split_length(recordings)
     floor = model.speed_floor
-    tracks, _ = prepare(pieces, model.filters, floor, full_rate=not long)
+    tracks, _ = build_tracks(pieces, model.filters, floor, full_rate=not long)
     return tuple(map(HeldOutLog, pieces, tracks))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Errors:
+class ErrorSums:
     """Sums behind the relative error 100·||tau - tau_hat||/||tau|| of one model."""
 
     # Squared error and squared torque per kind of sample: "raw", "filtered", "moving"
@@ -145,7 +162,7 @@ class Errors:
         some = power > 1e-12 * max(float(power.max()), 1e-30)
         return 100 * np.sqrt(self.miss[kind] / np.where(some, power, np.nan))
 
-    def without(self, joints: Sequence[int]) -> "Errors":
+    def without(self, joints: Sequence[int]) -> "ErrorSums":
         """The same without what some joints (from 0) have."""
         keep = np.ones(len(self.miss["raw"]))
         keep[list(joints)] = 0.0
@@ -166,11 +183,11 @@ class Errors:
         return float(100 * np.sqrt(self.miss[kind].sum() / power)) if power else np.nan
 
 
-def compare(
+def compute_model_errors(
     models: Mapping[str, Model | CorrectedModel],
     held_out: Sequence[HeldOutLog],
-    filters: Filters,
-) -> tuple[dict[str, Errors], tuple[LogProof, ...]]:
+    filters: FilterSettings,
+) -> tuple[dict[str, ErrorSums], tuple[LogPrediction, ...]]:
     """Errors of every model on the held-out logs, and the curves behind them.
 
     Raw errors are taken on torque as logged, at its own samples, the edges dropped
@@ -192,11 +209,11 @@ def compare(
             torque = model.torque_on(witness.track)
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
-        inner = witness.track.inner
+        inner = witness.track.valid
         start = first.setdefault(witness.recording.id, witness.track.t[0])
         t = (witness.track.t - start)[:: witness.track.step]
         proofs.append(
-            LogProof(
+            LogPrediction(
                 witness.recording.id,
                 t[inner],
                 witness.track.tau[inner],
@@ -206,9 +223,9 @@ def compare(
         )
     bodies = [m.model if isinstance(m, CorrectedModel) else m for m in models.values()]
     alike = all(len(set(body.robot.prismatic)) == 1 for body in bodies)
-    errors = {name: Errors(s["miss"], s["power"], alike) for name, s in sums.items()}
+    errors = {name: ErrorSums(s["miss"], s["power"], alike) for name, s in sums.items()}
     joined = []  # of all pieces of each log
-    for numbers in logs_of([p.id for p in proofs]):
+    for numbers in group_pieces_by_log([p.id for p in proofs]):
         pieces = [proofs[i] for i in numbers]
         hats = [p.tau_hat for p in pieces]
         joined.append(
@@ -223,7 +240,7 @@ def compare(
     return errors, tuple(joined)
 
 
-def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
+def compute_moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof).
 
     Of long logs on pieces that are evenly spread.
@@ -239,36 +256,39 @@ def moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     return np.concatenate(out)
 
 
-def worse_joints(
+def find_worse_joints(
     models: Mapping[str, Model | CorrectedModel], held_out: Sequence[HeldOutLog]
 ) -> tuple[int, ...]:
     """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
     after, before = (
-        moving_error(models[name], held_out) for name in ("augmented", "identified")
+        compute_moving_error(models[name], held_out)
+        for name in ("augmented", "identified")
     )
-    larger = rises(after, before, moving_power(held_out))
+    larger = compute_joint_error_rises(after, before, compute_moving_power(held_out))
     return tuple(int(j) + 1 for j in np.flatnonzero(larger))
 
 
-def moving_power(held_out: Sequence[HeldOutLog]) -> Array:
+def compute_moving_power(held_out: Sequence[HeldOutLog]) -> Array:
     """Squared filtered torque on the same rows [N^2 m^2]. Shape (dof,)."""
     torques = (w.track.tau * w.track.moving for w in _sketch(held_out))
     return sum((tau**2).sum(axis=0) for tau in torques)
 
 
 def _sketch(held_out: Sequence[HeldOutLog]) -> list[HeldOutLog]:
-    return [held_out[i] for i in spread([w.track.seconds for w in held_out])]
+    return [
+        held_out[i] for i in choose_spread_pieces([w.track.seconds for w in held_out])
+    ]
 
 
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
     log, track = witness.recording, witness.track
-    at = at_samples(torque, track, log)
+    at = interpolate_torque(torque, track, log)
     if not track.entire:  # what its neighbours have too
-        edge = overlap(track.cutoff, track.rate)
+        edge = compute_piece_overlap(track.cutoff, track.rate)
     inside = (log.t >= log.t[0] + edge) & (log.t <= log.t[-1] - edge)
     pairs = {
         "raw": (log.tau[inside], at[inside]),
-        "filtered": (track.tau[track.inner], filtered[track.inner]),
+        "filtered": (track.tau[track.valid], filtered[track.valid]),
         "moving": (track.tau * track.moving, filtered * track.moving),
     }
     for kind, (tau, tau_hat) in pairs.items():
@@ -292,11 +312,11 @@ class Prediction:
     # dof).
     torque: tuple[Mapping[str, Array], ...]
     # Of each model over all logs, against what was measured.
-    errors: Mapping[str, Errors]
+    errors: Mapping[str, ErrorSums]
     cutoff: float  # of the identification filter [Hz]
 
 
-def predict(
+def predict_logs(
     model: Model | CorrectedModel, logs: Sequence[Recording], without: Edits = ()
 ) -> Prediction:
     """Compute the torque of a model on logs, and with effects taken out of it.
@@ -310,10 +330,10 @@ def predict(
     """
     models: dict[str, Model | CorrectedModel] = {WHOLE: model}
     if without:
-        models[EDITED] = taken_apart(model, without)
+        models[EDITED] = remove_effects(model, without)
     base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
-    errors, _ = compare(models, ready, base.filters)
+    errors, _ = compute_model_errors(models, ready, base.filters)
     torque = [
         {name: entry.predict(log) for name, entry in models.items()} for log in logs
     ]
@@ -321,12 +341,12 @@ def predict(
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 
-def taken_apart(
+def remove_effects(
     model: Model | CorrectedModel, without: Edits
 ) -> Model | CorrectedModel:
     """Return a model without some effects; tables on top of it stay as they are."""
     if isinstance(model, CorrectedModel):
-        edited = taken_apart(model.model, without)
+        edited = remove_effects(model.model, without)
         assert isinstance(edited, Model)
         return replace(model, model=edited)
     for name, joints in without:

@@ -18,16 +18,19 @@ import numpy as np
 import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
-from residual.effects.base import State, Trait
+from residual.effects.base import EffectTrait, State
 from residual.errors import InputError
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot import dynamics
-from residual.robot.dynamics import inverse_dynamics, with_inertial_parameters
+from residual.robot.dynamics import (
+    compute_inverse_dynamics,
+    replace_inertial_parameters,
+)
 from residual.robot.robot import Robot
-from residual.signals.splitting import are_long, in_pieces
-from residual.signals.track import Standstill, Track, prepare
+from residual.signals.splitting import exceed_split_length, split_long_logs
+from residual.signals.track import StandstillFriction, Track, build_tracks
 
 POSES = 10_000
 CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
@@ -44,7 +47,7 @@ class AccelerationError:
     overall: float  # the same over all joints, Frobenius norm [%]
 
 
-def acceleration_error(
+def compute_acceleration_error(
     model: Model | CorrectedModel, recordings: Sequence[Recording]
 ) -> AccelerationError:
     """Return the error of acceleration from torque (forward dynamics).
@@ -58,11 +61,14 @@ def acceleration_error(
     base: Model = getattr(model, "model", model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full, pieces = not are_long(recordings), in_pieces(recordings, base.filters.torque)
-    tracks, _ = prepare(pieces, base.filters, base.speed_floor, full_rate=full)
+    full, pieces = (
+        not exceed_split_length(recordings),
+        split_long_logs(recordings, base.filters.torque),
+    )
+    tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
-        computed = acceleration(model, track, np.column_stack(measured))
+        computed = compute_acceleration(model, track, np.column_stack(measured))
         both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
@@ -74,7 +80,9 @@ def acceleration_error(
     return AccelerationError(share, overall)
 
 
-def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Array:
+def compute_acceleration(
+    model: Model | CorrectedModel, track: Track, tau: Array
+) -> Array:
     """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
 
     What remembers, distorts a report, or is a table, is taken along the measured
@@ -102,7 +110,7 @@ def acceleration(model: Model | CorrectedModel, track: Track, tau: Array) -> Arr
 
 
 def _of_now(term) -> bool:
-    return not term.effect.traits & (Trait.MEMORY | Trait.REPORT)
+    return not term.effect.traits & (EffectTrait.MEMORY | EffectTrait.REPORT)
 
 
 def _solved(
@@ -133,13 +141,13 @@ def _solved(
 
 def _bodies(model: Model, q: Array) -> Array:
     """M(q) of bodies, loads and rotors [kg m^2]. Shape (n, dof, dof)."""
-    body = dynamics.with_inertial_parameters(model.robot.model, model.loaded())
-    out = dynamics.mass_matrix(body, q)
+    body = dynamics.replace_inertial_parameters(model.robot.model, model.loaded())
+    out = dynamics.compute_mass_matrix(body, q)
     np.einsum("nii->ni", out)[:] += model.drive()[1]
     return out
 
 
-def mass_matrices(model: Model, q: Array) -> Array:
+def compute_model_mass_matrix(model: Model, q: Array) -> Array:
     """Return M(q) of a model at standstill, with what effects add to it [kg m^2].
 
     Its symmetric part; what remembers or distorts a report has none.
@@ -177,7 +185,7 @@ def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
     return out
 
 
-def least_mass_matrix(model: Model, poses: int = POSES) -> float:
+def find_least_mass_eigenvalue(model: Model, poses: int = POSES) -> float:
     """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
 
     M is positive definite for every pose where it is for every one that was tried
@@ -187,10 +195,10 @@ def least_mass_matrix(model: Model, poses: int = POSES) -> float:
     low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
     high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
     q = rng.uniform(low, high, (poses, robot.dof))
-    return float(np.linalg.eigvalsh(mass_matrices(model, q))[:, 0].min())
+    return float(np.linalg.eigvalsh(compute_model_mass_matrix(model, q))[:, 0].min())
 
 
-_TURN = Standstill("smooth", 1.0)
+_TURN = StandstillFriction("smooth", 1.0)
 
 Law = Callable[[int, Array, Array, Array], Array]
 
@@ -202,7 +210,7 @@ SAMPLES = 50.0
 
 
 @dataclass(frozen=True, slots=True)
-class Turning:
+class FrictionReversal:
     """How dry friction turns where the reference reverses; measured defaults."""
 
     encoder_step: float = 1e-4  # of every joint [rad]
@@ -219,36 +227,36 @@ class Turning:
         """
         return self.encoder_step * rate / SAMPLES
 
-    def torque_rate(self, robot: Robot) -> Array:
+    def compute_torque_rate(self, robot: Robot) -> Array:
         """Return by how much torque may change at a reversal [N m/s]. Shape (dof,)."""
         if not self.rise:
             return np.full(robot.dof, np.inf)
         return robot.torque_limit / self.rise
 
 
-AS_MEASURED = Turning()
+AS_MEASURED = FrictionReversal()
 
 
-def feed_forward(
+def compute_feed_forward(
     model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
-    turning: Turning = AS_MEASURED,
+    reversal: FrictionReversal = AS_MEASURED,
 ) -> Array:
     """Return the torque of a model for a reference [N m]. Shape (n, dof).
 
     Args:
         t: Times, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
-        turning: How friction turns at reversals.
+        reversal: How friction turns at reversals.
     """
     rate = (len(t) - 1) / np.ptp(t)
-    prepared = _used(model, turning.width(rate))
+    prepared = _used(model, reversal.width(rate))
     base: Model = getattr(prepared, "model", prepared)
     # Of a log the session's clock is known, of a motion to come it is not.
     since = t - t[0] if base.clock is None else t
     state = base.state(rate, since, motion)
-    most = turning.torque_rate(base.robot) / rate
+    most = reversal.compute_torque_rate(base.robot) / rate
     # Friction turns at the torque rate at most. A reversal is known beforehand, so the
     # ramp lies around it, half before.
     ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
@@ -278,18 +286,18 @@ def _turned(base: Model, state: State, sign: Array | float) -> State:
     return replace(state, tau_model=base.torque_seen(state, as_reported=False))
 
 
-def computed_torque(
+def build_computed_torque_law(
     model: Model | CorrectedModel,
     t: Array,
     motion: Sequence[Array],
-    turning: Turning = AS_MEASURED,
+    reversal: FrictionReversal = AS_MEASURED,
 ) -> Law:
     """Return the law of computed torque, with the mass matrix of that model.
 
     Args:
         t: Times of the reference, evenly spaced [s]. Shape (n,).
         motion: q, qd and qdd of the reference. Shapes (n, dof).
-        turning: How friction turns at reversals.
+        reversal: How friction turns at reversals.
 
     Returns:
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
@@ -297,10 +305,10 @@ def computed_torque(
     prepared = _used(model, 1.0)
     base: Model = getattr(prepared, "model", prepared)
     rotor = base.drive()[1]
-    body = with_inertial_parameters(base.robot.model, base.loaded())
-    data, along = body.createData(), feed_forward(model, t, motion, turning)
+    body = replace_inertial_parameters(base.robot.model, base.loaded())
+    data, along = body.createData(), compute_feed_forward(model, t, motion, reversal)
     q, qd, qdd = motion
-    beside = along - inverse_dynamics(body, q, qd, qdd) - rotor * qdd
+    beside = along - compute_inverse_dynamics(body, q, qd, qdd) - rotor * qdd
 
     def law(k: int, angle: Array, speed: Array, demand: Array) -> Array:
         return pin.rnea(body, data, angle, speed, demand) + rotor * demand + beside[k]
@@ -316,7 +324,7 @@ def _used(model: Model | CorrectedModel, width: float) -> Model | CorrectedModel
     """
     base = getattr(model, "model", model)
     dof = base.robot.dof
-    late_report = Trait.REPORT | Trait.MEMORY
+    late_report = EffectTrait.REPORT | EffectTrait.MEMORY
     late = [t for t in base.terms if late_report in t.effect.traits]
     base = replace(
         base,

@@ -29,7 +29,7 @@ def predict(model, X):
     return out
 
 
-def by_row(model):
+def build_row_evaluator(model):
     """Return a function of one row, (d,) -> (joints,): all is looked up beforehand."""
     edges = [model[f"edges_{k}"].tolist() for k in range(len(model["axis_variable"]))]
     axes = list(zip(model["axis_variable"].tolist(), edges, strict=True))
@@ -56,7 +56,7 @@ def by_row(model):
     return correction
 
 
-def outside(model, X):
+def flag_outside_range(model, X):
     """Return which values lie outside the calibrated range. Shape (n, d)."""
     return np.less(X, model["low"]) | np.greater(X, model["high"])
 

@@ -17,15 +17,15 @@ import numpy as np
 
 from residual.effects.base import State
 from residual.model.model import Model
-from residual.quantity import as_rows, plain
+from residual.quantity import check_rows, convert_to_plain_values
 from residual.recording import Array, Recording
-from residual.signals.track import Track, at_samples, prepare
+from residual.signals.track import Track, build_tracks, interpolate_torque
 
 FORM = 1  # of the exported files; raised when they change
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Axis:
+class LevelAxis:
     """Levels of one variable."""
 
     variable: int  # column of X, from 0
@@ -47,7 +47,7 @@ class Lookup:
     names: tuple[str, ...]  # variables, in the order of X's columns
     joints: tuple[str, ...]  # names of the responses
     # Levels, and corrections on them.
-    axes: tuple[Axis, ...]
+    axes: tuple[LevelAxis, ...]
     tables: tuple[LookupTable, ...]
     offset: Array  # , (j,)
     slope: Array  # shape (d, j); zero where nothing is linear
@@ -63,7 +63,7 @@ class Lookup:
 
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j)."""
-        X = as_rows(X, self.names, "the tables are of")
+        X = check_rows(X, self.names, "the tables are of")
         levels = [
             np.searchsorted(a.edges, X[:, a.variable], "right") for a in self.axes
         ]
@@ -74,17 +74,17 @@ class Lookup:
 
     def outside(self, X: Array) -> Array:
         """Values outside the calibrated range, which take the nearest level. (m, d)."""
-        X = as_rows(X, self.names, "the tables are of")
+        X = check_rows(X, self.names, "the tables are of")
         return np.less(X, self.low) | np.greater(X, self.high)
 
     def to_record(self) -> dict:
         """The tables as plain values."""
-        return plain(asdict(self))
+        return convert_to_plain_values(asdict(self))
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Lookup":
         """The way back."""
-        axes = (Axis(a["variable"], np.array(a["edges"])) for a in record["axes"])
+        axes = (LevelAxis(a["variable"], np.array(a["edges"])) for a in record["axes"])
         tables = (
             LookupTable(tuple(t["axes"]), np.array(t["values"]))
             for t in record["tables"]
@@ -98,7 +98,7 @@ class Lookup:
         """Read the `model.npz` of an export."""
         with np.load(path) as file:
             axes = tuple(
-                Axis(int(variable), file[f"edges_{i}"])
+                LevelAxis(int(variable), file[f"edges_{i}"])
                 for i, variable in enumerate(file["axis_variable"])
             )
             tables = tuple(
@@ -110,7 +110,7 @@ class Lookup:
             return cls(names, joints, axes, tables, *arrays)
 
 
-def export_lookup(lookup: Lookup) -> dict[str, bytes]:
+def build_lookup_files(lookup: Lookup) -> dict[str, bytes]:
     """Return the files of an export by name; the same bytes for the same tables.
 
     `model.npz` holds everything, `tables.csv` the same cells to read, `model.json` what
@@ -200,7 +200,7 @@ NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
 DIFFERENCE = "difference"  # of two positions, where their sum is not meant
 
 
-class Column(NamedTuple):
+class TableVariable(NamedTuple):
     """A variable that a table reads: of which signal, of which joints (from 0), how."""
 
     on: str
@@ -209,12 +209,12 @@ class Column(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Tables:
+class JointCorrection:
     """The correction of one joint."""
 
     joint: int  # from 0
     # What its tables read, beside the load; velocities among them.
-    columns: tuple[Column, ...]
+    columns: tuple[TableVariable, ...]
     lookup: Lookup  # the tables
     kind: str  # what it got: NONE, or a kind of `calibration.choice`
     # What it says beyond the range it was drawn on: "nothing", or what the "nearest"
@@ -223,7 +223,7 @@ class Tables:
 
     def torque(self, state: State, load: Array) -> Array:
         """Correction under the model's torque `load` [N m]. Shape (n,)."""
-        X = np.column_stack([*read(state, self.columns), load])
+        X = np.column_stack([*compute_table_variables(state, self.columns), load])
         X = X[:, : len(self.lookup.names)]
         if self.beyond == NEAREST:
             return self.lookup.predict(X)[:, 0]
@@ -236,22 +236,24 @@ class CorrectedModel:
     """A model with tables on top of it."""
 
     model: Model  # the model
-    tables: tuple[Tables, ...]  # one entry per unexplained joint that could be checked
+    tables: tuple[
+        JointCorrection, ...
+    ]  # one entry per unexplained joint that could be checked
 
     def __repr__(self) -> str:
         joints = ", ".join(f"J{t.joint + 1}" for t in self.tables if t.kind != NONE)
         return f"Corrected({self.model!r}, tables on {joints or 'no joint'})"
 
     @property
-    def helpless(self) -> tuple[int, ...]:
+    def uncorrected_joints(self) -> tuple[int, ...]:
         """Joints from 0 that no table of the state helps."""
         return tuple(t.joint for t in self.tables if t.kind == NONE)
 
     def predict(self, recording: Recording) -> Array:
         """Torque on a recorded motion, as ``Model.predict`` [N m]. Shape (n, dof)."""
         base = self.model
-        (track,), _ = prepare([recording], base.filters, base.speed_floor, True)
-        return at_samples(self.torque_on(track), track, recording)
+        (track,), _ = build_tracks([recording], base.filters, base.speed_floor, True)
+        return interpolate_torque(self.torque_on(track), track, recording)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
         """Torque along a motion that is known, as ``Model.along`` [N m]. (n, dof)."""
@@ -303,10 +305,10 @@ class CorrectedModel:
     def from_record(cls, record: Mapping) -> "CorrectedModel":
         """The way back: it predicts the very bits."""
         tables = [
-            Tables(
+            JointCorrection(
                 t["joint"] - 1,
                 tuple(
-                    Column(on, tuple(j - 1 for j in of), f)
+                    TableVariable(on, tuple(j - 1 for j in of), f)
                     for on, of, f in t["columns"]
                 ),
                 Lookup.from_record(t["lookup"]),
@@ -318,7 +320,9 @@ class CorrectedModel:
         return cls(Model.from_record(record), tuple(tables))
 
 
-def read(state: State, columns: Sequence[Column]) -> list[Array]:
+def compute_table_variables(
+    state: State, columns: Sequence[TableVariable]
+) -> list[Array]:
     """Values of the columns of a table along a log. Shapes (n,)."""
     out = []
     for on, of, form in columns:

@@ -8,20 +8,20 @@ from pathlib import Path
 import numpy as np
 import pinocchio
 
-from residual.effects import registry
-from residual.effects.base import Effect, Joints, Shape, State, Trait
-from residual.errors import InputError, check_name, shown
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait, Joints, Shape, State
+from residual.errors import InputError, check_name, quote_value
 from residual.recording import Array, Recording
-from residual.robot.dynamics import LazyRegressor, with_inertial_parameters
-from residual.robot.robot import Robot, robot_from_texts
+from residual.robot.dynamics import LazyRegressor, replace_inertial_parameters
+from residual.robot.robot import Robot, build_robot
 from residual.signals.track import (
     SMOOTH,
-    Filters,
-    Standstill,
+    FilterSettings,
+    StandstillFriction,
     Track,
-    at_samples,
-    directions,
-    prepare,
+    build_tracks,
+    compute_friction_directions,
+    interpolate_torque,
 )
 
 
@@ -87,7 +87,7 @@ class Term:
     @classmethod
     def from_record(cls, record: Mapping) -> "Term":
         """The way back."""
-        effect = registry()[check_name(record["name"], registry(), "effect")]
+        effect = load_effects()[check_name(record["name"], load_effects(), "effect")]
         joints = tuple(j - 1 for j in record["joints"])
         nominal = record.get("nominal")
 
@@ -98,7 +98,9 @@ class Term:
         return read(record, None if nominal is None else read(nominal))
 
 
-def with_slots(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]]:
+def pair_coefficient_slices(
+    terms: Iterable[Term], start: int
+) -> Iterator[tuple[Term, slice]]:
     """Terms with where their coefficients stand, behind ``start`` inertial ones."""
     for term in terms:
         stop = start + len(term.theta)
@@ -146,9 +148,9 @@ class Model:
     inertial: Array
     terms: tuple[Term, ...] = ()
     speed_floor: Array | None = None
-    standstill: tuple[Standstill, ...] = ()
+    standstill: tuple[StandstillFriction, ...] = ()
     clock: float | None = None
-    filters: Filters = field(default_factory=Filters)
+    filters: FilterSettings = field(default_factory=FilterSettings)
     tables: tuple[Term, ...] = ()
 
     def __repr__(self) -> str:
@@ -173,8 +175,8 @@ class Model:
         Returns:
             Joint torque [N m]. Shape (n, dof).
         """
-        (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        return at_samples(self.torque_on(track), track, recording)
+        (track,), _ = build_tracks([recording], self.filters, self.speed_floor, True)
+        return interpolate_torque(self.torque_on(track), track, recording)
 
     @property
     def theta(self) -> Array:
@@ -189,10 +191,12 @@ class Model:
         Returns:
             [N m per SI unit of theta]. Shape (n, dof, p).
         """
-        (track,), _ = prepare([recording], self.filters, self.speed_floor, True)
-        flat = torque_columns(self, self.observe(track)).reshape(len(track.t), -1)
+        (track,), _ = build_tracks([recording], self.filters, self.speed_floor, True)
+        flat = compute_torque_columns(self, self.observe(track)).reshape(
+            len(track.t), -1
+        )
         n, dof = len(recording.t), self.robot.dof
-        return at_samples(flat, track, recording).reshape(n, dof, -1)
+        return interpolate_torque(flat, track, recording).reshape(n, dof, -1)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
         """Torque at single states, each by itself.
@@ -219,7 +223,7 @@ class Model:
                 f"expected {shape} each: a row per state, a column per joint."
             )
         late = [t.effect for t in self.terms]
-        along_log = Trait.MEMORY | Trait.NEEDS_CLOCK
+        along_log = EffectTrait.MEMORY | EffectTrait.NEEDS_CLOCK
         names = [e.name for e in late if e.traits & along_log]
         if names:
             raise InputError(
@@ -227,7 +231,7 @@ class Model:
                 "the state. Use predict(recording), or leave it out: "
                 f"model.without('{names[0]}')."
             )
-        still = self.by_sign()
+        still = self.replace_bristles_by_sign()
         return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
 
     def pin(self) -> pinocchio.Model:
@@ -235,7 +239,7 @@ class Model:
 
         Effects are not in it: ``torque`` less Pinocchio's ``rnea`` is theirs.
         """
-        return with_inertial_parameters(self.robot.model, self.inertial)
+        return replace_inertial_parameters(self.robot.model, self.inertial)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
         """Torque along a known motion, effects with a memory and all [N m]. (n, dof).
@@ -246,7 +250,7 @@ class Model:
         """
         return self.torque_of_state(self.state((len(t) - 1) / np.ptp(t), t, motion))
 
-    def by_sign(self) -> "Model":
+    def replace_bristles_by_sign(self) -> "Model":
         """The same with the sign of velocity for the state of a bristle."""
         shapes = [
             replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill
@@ -288,11 +292,17 @@ class Model:
             inertial=self.loaded(),
             drive=self.drive(),
         )
-        return self.seen_by(state, self.standstill or (SMOOTH,) * self.robot.dof)
+        return self.replace_standstill(
+            state, self.standstill or (SMOOTH,) * self.robot.dof
+        )
 
-    def seen_by(self, state: State, standstill: Sequence[Standstill]) -> State:
+    def replace_standstill(
+        self, state: State, standstill: Sequence[StandstillFriction]
+    ) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
-        sign = directions(state.q, state.qd, self._floor(), tuple(standstill))
+        sign = compute_friction_directions(
+            state.q, state.qd, self._floor(), tuple(standstill)
+        )
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 
@@ -304,7 +314,7 @@ class Model:
         """Torque at the samples of a state that this very model made. (n, dof)."""
         out = state.rigid.copy()
         for term in (*self.terms, *self.tables):
-            if as_reported or Trait.REPORT not in term.effect.traits:
+            if as_reported or EffectTrait.REPORT not in term.effect.traits:
                 term.add_to(out, state)
         return out
 
@@ -339,7 +349,7 @@ class Model:
     def with_coefficients(self, values: Array) -> "Model":
         """The same structure with other linear parameters. Shape (p,)."""
         size = len(self.inertial)
-        placed = with_slots(self.terms, size)
+        placed = pair_coefficient_slices(self.terms, size)
         terms = tuple(replace(term, theta=values[part]) for term, part in placed)
         return replace(self, inertial=values[:size], terms=terms)
 
@@ -420,18 +430,18 @@ class Model:
             InputError: If it is of another form, or damaged.
         """
         if record.get("form") != FORM:
-            form = shown(record.get("form"))
+            form = quote_value(record.get("form"))
             raise InputError(f"A model of form {form}, expected {FORM}: make it anew.")
         try:
             floor = record["speed_floor"]
             return cls(
-                robot=robot_from_texts(**record["robot"]),
+                robot=build_robot(**record["robot"]),
                 inertial=np.array(record["inertial"]),
                 terms=tuple(map(Term.from_record, record["terms"])),
                 speed_floor=None if floor is None else np.array(floor),
-                standstill=tuple(Standstill(**s) for s in record["standstill"]),
+                standstill=tuple(StandstillFriction(**s) for s in record["standstill"]),
                 clock=record["clock"],
-                filters=Filters(**record["filters"]),
+                filters=FilterSettings(**record["filters"]),
                 tables=tuple(map(Term.from_record, record["background"])),
             )
         except (KeyError, TypeError, ValueError) as error:
@@ -442,7 +452,7 @@ class Model:
         Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
 
 
-def torque_columns(model: Model, state: State) -> Array:
+def compute_torque_columns(model: Model, state: State) -> Array:
     """Torque per parameter at the samples of a state. Shape (n, dof, p)."""
     parts = (term.regressor(state) for term in model.terms)
     return np.concatenate([np.asarray(state.regressor), *parts], axis=2)

@@ -13,23 +13,29 @@ from functools import lru_cache
 
 import numpy as np
 
-from residual.effects import registry
-from residual.effects.base import Effect, Joints, Span, State
-from residual.errors import InputError, check_keys, check_name, listed, shown
+from residual.effects import load_effects
+from residual.effects.base import Effect, Joints, MotionSpan, State
+from residual.errors import (
+    InputError,
+    check_keys,
+    check_name,
+    join_with_commas,
+    quote_value,
+)
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
-from residual.robot.dynamics import PER_LINK, inertial_parameters
+from residual.robot.dynamics import PER_LINK, read_inertial_parameters
 from residual.robot.robot import Robot
-from residual.signals.splitting import in_pieces, spread
+from residual.signals.splitting import choose_spread_pieces, split_long_logs
 from residual.signals.track import (
     CHOICES,
     SMOOTH,
-    Filters,
-    Standstill,
+    FilterSettings,
+    StandstillFriction,
     Track,
-    prepare,
-    shaken,
-    too_small,
+    add_angle_noise,
+    build_tracks,
+    find_unresolved_torques,
 )
 
 LINK, MASS = "link", "mass"
@@ -49,7 +55,7 @@ class KnownValue:
 
 
 @lru_cache(maxsize=8)
-def known_values(robot: Robot) -> tuple[KnownValue, ...]:
+def list_known_values(robot: Robot) -> tuple[KnownValue, ...]:
     """Return what is known of an arm and what it may have.
 
     Raises:
@@ -61,7 +67,7 @@ def known_values(robot: Robot) -> tuple[KnownValue, ...]:
     )
 
 
-def refuse_baseline(robot: Robot) -> None:
+def refuse_known_with_baseline(robot: Robot) -> None:
     """Refuse the baseline of an arm with values that are known for sure.
 
     Raises:
@@ -69,29 +75,32 @@ def refuse_baseline(robot: Robot) -> None:
     """
     if robot.known_values:
         raise InputError(
-            f"Known values ({listed(robot.known_values)}) belong to one state of the "
+            f"Known values ({join_with_commas(robot.known_values)}) belong to one "
+            f"state of the "
             "arm; a baseline compares two. Leave out --known, and [known] of "
             "robot.toml, or the baseline."
         )
 
 
-def of_effect(robot: Robot, effect: Effect, joints: Joints) -> list[KnownValue]:
+def select_effect_values(
+    robot: Robot, effect: Effect, joints: Joints
+) -> list[KnownValue]:
     """Return what is known of an effect on given joints."""
-    every = [k for k in known_values(robot) if k.name == effect.name]
+    every = [k for k in list_known_values(robot) if k.name == effect.name]
     # What is at the flange has one place, whichever joint it is counted with.
     out = [k for k in every if not k.joints or k.joints == joints]
-    if effect.of_link and joints[0] in mass_of_links(robot):
+    if effect.replaces_link and joints[0] in read_known_masses(robot):
         # A link whose mass is known is no other link.
         out.append(KnownValue(effect.name, joints, "", 0.0, np.ones(1)))
     return out
 
 
-def mass_of_links(robot: Robot) -> dict[int, float]:
+def read_known_masses(robot: Robot) -> dict[int, float]:
     """Return the links, from 0, whose mass is known [kg]."""
-    return {k.joints[0]: k.value for k in known_values(robot) if k.name == LINK}
+    return {k.joints[0]: k.value for k in list_known_values(robot) if k.name == LINK}
 
 
-def known_prior(
+def compute_known_prior(
     values: Sequence[KnownValue], precision: Array, change: bool
 ) -> tuple[Array, Array]:
     """Return what known values add to a usual prior: information K, and pull b.
@@ -117,16 +126,16 @@ def known_prior(
 
 def _read(word: str, value: float, robot: Robot) -> KnownValue:
     name, *middle, key = word.split(".") if "." in word else (word, "")
-    check_name(name, (*registry(), LINK), f"effect in the known value '{word}'")
+    check_name(name, (*load_effects(), LINK), f"effect in the known value '{word}'")
     if name == LINK:
         check_name(key, (MASS,), "parameter of a link that can be known")
         if not value > 0:
             raise InputError(f"Known {word} = {value:g}: expected a mass above 0 kg.")
         return KnownValue(name, _joint(word, middle, robot), key, value, np.ones(1))
-    effect = registry()[name]
+    effect = load_effects()[name]
     rows = _rows(effect, robot)
     if not rows:
-        able = ", ".join(n for n, e in registry().items() if _rows(e, robot))
+        able = ", ".join(n for n, e in load_effects().items() if _rows(e, robot))
         raise InputError(
             f"No value of {name} can be known: what its parameters do is not linear. "
             f"Expected one of link, {able}."
@@ -149,7 +158,8 @@ def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:
     if not text.isdigit() or not 1 <= int(text) <= robot.dof:
         first, *_, last = word.split(".") if "." in word else (word, "")
         raise InputError(
-            f"Known {word}: joint {shown(text)} expected from 1 to {robot.dof} or a "
+            f"Known {word}: joint {quote_value(text)} expected from 1 to "
+            f"{robot.dof} or a "
             f"joint of the URDF ({', '.join(names)}), as in {first}.2.{last}."
         )
     return (int(text) - 1,)
@@ -174,14 +184,14 @@ MOST_SHAPES = 4
 # What a model has where nobody says otherwise, in the order of its coefficients.
 DEFAULT_DECLARED = tuple(
     effect.name
-    for effect in sorted(registry().values(), key=lambda e: e.drive_order)
+    for effect in sorted(load_effects().values(), key=lambda e: e.drive_order)
     if effect.drive_order
 )
 GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed one
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Nominal:
+class NominalModel:
     """The nominal model and how firmly it is held."""
 
     model: Model  # the model
@@ -196,7 +206,7 @@ class Nominal:
     # zero, free while names are sought, and then names themselves.
     constants: int = 0
 
-    def without_constants(self) -> "Nominal":
+    def without_constants(self) -> "NominalModel":
         """The model as it was declared."""
         count = len(self.sd) - self.constants
         model = replace(self.model, terms=self.model.terms[:count])
@@ -218,7 +228,9 @@ class Nominal:
         return tuple(dict.fromkeys(t.effect.name for t, _ in self.declared))
 
 
-def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
+def choose_declared_effects(
+    robot: Robot, names: Sequence[str] | None
+) -> tuple[str, ...]:
     """What the model has: the user's list, else robot.toml's, else the usual three.
 
     Raises:
@@ -226,13 +238,17 @@ def declared_names(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]
     """
     chosen = (robot.declared or DEFAULT_DECLARED) if names is None else names
     for name in chosen:
-        check_name(name, registry(), "effect")
+        check_name(name, load_effects(), "effect")
     return tuple(dict.fromkeys(chosen))
 
 
 def build_nominal(
-    robot: Robot, names: Sequence[str], span: Span, speed_floor, filters: Filters
-) -> Nominal:
+    robot: Robot,
+    names: Sequence[str],
+    span: MotionSpan,
+    speed_floor,
+    filters: FilterSettings,
+) -> NominalModel:
     """Nominal model with the robot's values where given, else zero and free.
 
     Raises:
@@ -241,7 +257,7 @@ def build_nominal(
     """
     terms, widths = [], []
     for name in names:
-        effect = registry()[name]
+        effect = load_effects()[name]
         declared = robot.declared.get(name)
         for joints in effect.candidates(robot.dof, robot.prismatic):
             if declared is None or not declared.values:
@@ -251,18 +267,18 @@ def build_nominal(
             else:
                 terms.append(_declared_term(effect, joints, declared.values, robot))
                 widths.append(ASSUMED if declared.assumed else GIVEN)
-    body = inertial_parameters(robot.model).reshape(-1, PER_LINK)
-    for link, mass in mass_of_links(robot).items():
+    body = read_inertial_parameters(robot.model).reshape(-1, PER_LINK)
+    for link, mass in read_known_masses(robot).items():
         body[link] *= mass / max(body[link, 0], 1e-9)
     for i, term in enumerate(terms):
         theta = term.theta.copy()
-        for fixed in of_effect(robot, term.effect, term.joints):
+        for fixed in select_effect_values(robot, term.effect, term.joints):
             row = fixed.row
             theta += row * (fixed.value - row @ theta) / (row @ row)
         if not np.array_equal(theta, term.theta):
             terms[i] = replace(term, theta=theta).as_nominal()
     model = Model(robot, body.ravel(), tuple(terms), speed_floor, (), None)
-    return Nominal(model, tuple(widths), scale=robot.prior_scale)
+    return NominalModel(model, tuple(widths), scale=robot.prior_scale)
 
 
 def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
@@ -283,7 +299,7 @@ def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term
     return Term(effect, joints, shape, np.asarray(theta, dtype=float)).as_nominal()
 
 
-def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term]:
+def _free(effect: Effect, joints: Joints, span: MotionSpan, robot: Robot) -> list[Term]:
     """A declared effect of unknown size; its shapes, if few, are all carried along."""
     anchor = joints[0] if joints else 0
     shapes = list(effect.shapes(span, anchor))
@@ -298,7 +314,7 @@ def _free(effect: Effect, joints: Joints, span: Span, robot: Robot) -> list[Term
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Logs:
+class FitLogs:
     """Fit logs, ready: signals, session clock and how far they move the arm.
 
     ``shaken`` are those of the ``sketch`` with one more helping of the noise of their
@@ -308,33 +324,37 @@ class Logs:
     robot: Robot
     tracks: tuple[Track, ...]
     clock: float | None
-    span: Span
+    span: MotionSpan
     speed_floor: np.ndarray
-    filters: Filters
-    shaken: tuple[Track, ...]
+    filters: FilterSettings
+    add_angle_noise: tuple[Track, ...]
     # Joints (from 0) whose torque is little more than its step or noise: none of their
     # rows counts.
-    too_small: tuple[int, ...] = ()
+    find_unresolved_torques: tuple[int, ...] = ()
 
     @property
     def sketch(self) -> tuple[Track, ...]:
         """All logs; of long ones as many pieces as may be kept whole."""
-        shown = spread([t.seconds for t in self.tracks])
+        shown = choose_spread_pieces([t.seconds for t in self.tracks])
         return tuple(self.tracks[i] for i in shown)
 
 
-def prepare_logs(
+def prepare_fit_logs(
     robot: Robot,
     recordings: Sequence[Recording],
     clock: float | None,
-    filters: Filters,
-    split: bool = True,
-) -> Logs:
+    filters: FilterSettings,
+    split_long: bool = True,
+) -> FitLogs:
     """Prepare the signals of the fit logs; long ones in pieces where split is true."""
-    recordings = in_pieces(recordings, filters.torque) if split else recordings
-    tracks, floor = prepare(recordings, filters)
-    shown = spread([t.seconds for t in tracks])
-    small = too_small([recordings[i] for i in shown], [tracks[i] for i in shown])
+    recordings = (
+        split_long_logs(recordings, filters.torque) if split_long else recordings
+    )
+    tracks, floor = build_tracks(recordings, filters)
+    shown = choose_spread_pieces([t.seconds for t in tracks])
+    small = find_unresolved_torques(
+        [recordings[i] for i in shown], [tracks[i] for i in shown]
+    )
     # Rows of joints that log no torque, or too little, do not count.
     alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0) & ~small
     if not alive.all():
@@ -343,7 +363,7 @@ def prepare_logs(
     qd = np.concatenate([t.qd for t in tracks])
     tau = np.concatenate([t.tau for t in tracks])
     last = max(t.t[-1] for t in tracks)
-    span = Span(
+    span = MotionSpan(
         speed=np.quantile(np.abs(qd), 0.95, axis=0),
         travel=np.ptp(q, axis=0),
         duration=0.0 if clock is None else float(last - clock),
@@ -352,12 +372,12 @@ def prepare_logs(
         prismatic=robot.prismatic,
     )
     some = [recordings[i] for i in shown], [tracks[i] for i in shown]
-    noisier = shaken(*some, filters)
+    noisier = add_angle_noise(*some, filters)
     places = tuple(np.flatnonzero(small).tolist())
-    return Logs(robot, tracks, clock, span, floor, filters, noisier, places)
+    return FitLogs(robot, tracks, clock, span, floor, filters, noisier, places)
 
 
-def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
+def start_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> Model:
     """The model to start from, on the clock and thresholds of these logs.
 
     Args:
@@ -366,10 +386,10 @@ def begin(logs: Logs, declared: Sequence[str] | Model | None) -> Model:
     """
     if isinstance(declared, Model):
         return replace(declared, speed_floor=logs.speed_floor, clock=logs.clock)
-    return start_nominal(logs, declared_names(logs.robot, declared)).model
+    return build_free_nominal(logs, choose_declared_effects(logs.robot, declared)).model
 
 
-def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
+def build_free_nominal(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     """The user's model, on the clock and thresholds of these logs."""
     nominal = build_nominal(
         logs.robot, names, logs.span, logs.speed_floor, logs.filters
@@ -380,7 +400,7 @@ def start_nominal(logs: Logs, names: Sequence[str]) -> Nominal:
 WORTH = 0.98  # share of the usual choice's squared error that another must get under
 
 
-def with_standstill(model: Model, tracks: Sequence[Track]) -> Model:
+def choose_standstill_behaviour(model: Model, tracks: Sequence[Track]) -> Model:
     """Choose each joint's behaviour at standstill by the fit logs' whole error.
 
     The torque is linear in the share that is held at standstill, so that share has a
@@ -399,18 +419,18 @@ def with_standstill(model: Model, tracks: Sequence[Track]) -> Model:
 
 
 def _standstill_error(
-    model: Model, observed: Sequence[tuple[Track, State]], shape: Standstill
+    model: Model, observed: Sequence[tuple[Track, State]], shape: StandstillFriction
 ) -> tuple[Array, Array]:
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
     base, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
     for track, state in observed:
         sides = [
-            model.torque_seen(model.seen_by(state, (side,) * dof))
+            model.torque_seen(model.replace_standstill(state, (side,) * dof))
             for side in (replace(shape, hold=0.0), shape)
         ]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
-        gap, step = (track.tau - none)[track.inner], (full - none)[track.inner]
+        gap, step = (track.tau - none)[track.valid], (full - none)[track.valid]
         base += (gap**2).sum(axis=0)
         mixed += (gap * step).sum(axis=0)
         power += (step**2).sum(axis=0)

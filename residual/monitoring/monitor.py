@@ -16,9 +16,9 @@ from scipy.special import stdtrit
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.monitoring.thresholds import MONITOR
-from residual.quantity import plain
+from residual.quantity import convert_to_plain_values
 from residual.recording import Array, Recording
-from residual.signals.track import sample_rate
+from residual.signals.track import estimate_sample_rate
 
 # What a monitor looks at: per joint, a number each 16 ms for every kind of fault.
 #
@@ -29,7 +29,7 @@ from residual.signals.track import sample_rate
 _TINY = 1e-9
 
 
-class Kind(NamedTuple):
+class ScoreKind(NamedTuple):
     """One number that is looked at for each joint."""
 
     name: str
@@ -39,21 +39,21 @@ class Kind(NamedTuple):
 
 # The surest first; from `BIAS` on errors are collected over 0.25 and over 1 s.
 KINDS = (
-    Kind("frozen", "encoder", "frozen"),
-    Kind("still", "encoder", "frozen"),
-    Kind("encoder noise", "encoder", "noise"),
-    Kind("torque noise", "torque", "noise"),
-    Kind("jump", "encoder", "jump"),
-    Kind("spikes", "torque", "spikes"),
-    *(Kind(name, "torque", "bias") for name in ("bias", "long bias")),
-    *(Kind(name, "torque", "lost scale") for name in ("scale", "long scale")),
-    *(Kind(name, "encoder", "bias") for name in ("tracking", "long tracking")),
+    ScoreKind("frozen", "encoder", "frozen"),
+    ScoreKind("still", "encoder", "frozen"),
+    ScoreKind("encoder noise", "encoder", "noise"),
+    ScoreKind("torque noise", "torque", "noise"),
+    ScoreKind("jump", "encoder", "jump"),
+    ScoreKind("spikes", "torque", "spikes"),
+    *(ScoreKind(name, "torque", "bias") for name in ("bias", "long bias")),
+    *(ScoreKind(name, "torque", "lost scale") for name in ("scale", "long scale")),
+    *(ScoreKind(name, "encoder", "bias") for name in ("tracking", "long tracking")),
 )
 STILL, BIAS, SCALE, TRACKING = 1, 6, 8, 10
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Sight:
+class MonitorSignals:
     """What is seen of a log, by rows of 16 ms, not yet compared with healthy ones."""
 
     t: Array  # time of the last sample of each row [s], (m,)
@@ -70,14 +70,14 @@ class Sight:
     raw: tuple[Array, ...]
 
 
-def sight_of(model: Model, recording: Recording) -> Sight:
+def compute_monitor_signals(model: Model, recording: Recording) -> MonitorSignals:
     """Return what is seen of a log.
 
     Raises:
         InputError: If it is shorter than a second, or so slow that a window of 60 ms
             has fewer than five samples.
     """
-    rate = sample_rate(recording.t)
+    rate = estimate_sample_rate(recording.t)
     half, step = round(MONITOR.half * rate), max(1, round(MONITOR.step * rate))
     if half < 2:
         raise InputError(
@@ -108,7 +108,7 @@ def sight_of(model: Model, recording: Recording) -> Sight:
     expected = model.torque_seen(seen)
     first, last = np.concatenate([[0], ends[:-1] + 1]), ends[-1] + 1
     raw = (x[:last] for x in _raw(recording, late))
-    return Sight(
+    return MonitorSignals(
         t=t[ends],
         rate=rate / step,
         slow=_trailing(slow, MONITOR.memory * rate / step) > 0,
@@ -138,7 +138,7 @@ def _raw(recording: Recording, late: Array) -> tuple[Array, ...]:
     return travel, (row - since).astype(float), bend, off
 
 
-def usual_size(logs: Sequence[Sight]) -> Array:
+def residual_rms(logs: Sequence[MonitorSignals]) -> Array:
     """Return the root mean square of the residual, moving and slow [N m]. (2, dof)."""
     x = np.vstack([log.residual for log in logs])
     slow = np.vstack([log.slow for log in logs])
@@ -152,7 +152,7 @@ def usual_size(logs: Sequence[Sight]) -> Array:
     return np.array([moving, np.maximum(standing, moving)])
 
 
-def scores_of(log: Sight, size: Array) -> Array:
+def compute_scores(log: MonitorSignals, size: Array) -> Array:
     """Return the numbers of `KINDS`, at least 0; larger is worse. Shape (k, m, dof).
 
     Errors x are collected as |sum w f x| / sqrt(sum w f^2): the residual for f = 1 (a
@@ -235,14 +235,16 @@ class Monitor:
             InputError: If it is of another robot or rate, or too short.
         """
         log = self._sight(recording)
-        return _alarms(log, scores_of(log, self.size), self.limits)
+        return _alarms(log, compute_scores(log, self.size), self.limits)
 
     def scores(self, recording: Recording) -> tuple[Array, Array]:
         """Return times [s], (m,), and scores, (m, dof); above 1 is an alarm."""
         log = self._sight(recording)
-        return log.t, (scores_of(log, self.size) / self.limits[:, None]).max(axis=0)
+        return log.t, (compute_scores(log, self.size) / self.limits[:, None]).max(
+            axis=0
+        )
 
-    def _sight(self, recording: Recording) -> Sight:
+    def _sight(self, recording: Recording) -> MonitorSignals:
         _check_log(recording, self.model, self.rate)
         if not self.referenced:
             recording = replace(recording, q_ref=None)
@@ -251,7 +253,7 @@ class Monitor:
                 f"{recording.id} has no q_ref, the runs of the calibration have it. "
                 "Log the reference, or calibrate on runs without it."
             )
-        return sight_of(self.model, recording)
+        return compute_monitor_signals(self.model, recording)
 
     def to_record(self) -> dict:
         """Return it as plain values, with its model; a limit never reached is null."""
@@ -261,12 +263,12 @@ class Monitor:
             "form": 2,
             "robot": self.model.robot.name,
             "model": self.model.to_record(),
-            **plain({name: getattr(self, name) for name in names}),
-            "limits": plain(limits),
+            **convert_to_plain_values({name: getattr(self, name) for name in names}),
+            "limits": convert_to_plain_values(limits),
         }
 
 
-def calibrate(
+def calibrate_monitor(
     model: Model, recordings: Sequence[Recording], per_hour: float = 1.0
 ) -> Monitor:
     """Learn from runs of a robot in good order what is usual, and set limits.
@@ -289,17 +291,19 @@ def calibrate(
         raise InputError(f"{per_hour:g} false alarms per hour, expected more than 0.")
     if model.speed_floor is None:
         raise InputError("The model has no speed_floor; make it from logs first.")
-    rate = sample_rate(recordings[0].t)
+    rate = estimate_sample_rate(recordings[0].t)
     for run in recordings:
         _check_log(run, model, rate)
     referenced = all(run.q_ref is not None for run in recordings)
     runs = [r if referenced else replace(r, q_ref=None) for r in recordings]
-    logs = [sight_of(model, run) for run in runs]
-    size = usual_size(logs)
-    peaks = [block_maxima(log.t, scores_of(log, size)) for log in logs]
+    logs = [compute_monitor_signals(model, run) for run in runs]
+    size = residual_rms(logs)
+    peaks = [maxima_per_block(log.t, compute_scores(log, size)) for log in logs]
     # The false alarms are shared among the kinds.
     probability = per_hour * MONITOR.block / 3600 / len(KINDS)
-    limits = np.array([limits_of(own, probability) for own in zip(*peaks, strict=True)])
+    limits = np.array(
+        [fit_score_limits(own, probability) for own in zip(*peaks, strict=True)]
+    )
     limits[BIAS:] *= MONITOR.wider
     # A reading without noise rests while its joint does, however long that is.
     limits[STILL, limits[STILL] > MONITOR.still * rate] = np.inf
@@ -322,7 +326,7 @@ def _check_log(recording: Recording, model: Model, rate: float) -> None:
             f"{recording.id} has {recording.dof} joints, the monitor is for {dof}. "
             "Give a run of the same robot."
         )
-    own = sample_rate(recording.t)
+    own = estimate_sample_rate(recording.t)
     if abs(own - rate) > 0.01 * rate:
         raise InputError(
             f"{recording.id} is logged at {own:g} Hz, the monitor is calibrated at "
@@ -330,13 +334,13 @@ def _check_log(recording: Recording, model: Model, rate: float) -> None:
         )
 
 
-def block_maxima(t: Array, values: Array) -> Array:
+def maxima_per_block(t: Array, values: Array) -> Array:
     """Return the largest value of each block of time. (k, m, dof) to (k, b, dof)."""
     block = ((t - t[0]) // MONITOR.block).astype(int)
     return np.maximum.reduceat(values, np.flatnonzero(np.diff(block, prepend=-1)), 1)
 
 
-def limits_of(runs: Sequence[Array], probability: float) -> Array:
+def fit_score_limits(runs: Sequence[Array], probability: float) -> Array:
     """Return the limits of one kind, from its maxima of blocks on healthy runs.
 
     Neighbouring values are nearly the same; blocks of some seconds are nearly
@@ -372,7 +376,7 @@ def limits_of(runs: Sequence[Array], probability: float) -> Array:
     return np.where(peaks.max(axis=0) > 0, level * limit, np.inf)
 
 
-def _alarms(log: Sight, values: Array, limits: Array) -> tuple[Alarm, ...]:
+def _alarms(log: MonitorSignals, values: Array, limits: Array) -> tuple[Alarm, ...]:
     """Join what is over its limit to alarms, and name them.
 
     A fault shows in several kinds: an encoder that jumps moves the arm, which takes
@@ -426,7 +430,7 @@ def _named(
     raise AssertionError("an alarm without a crossing")
 
 
-def _fault(log: Sight, values: Array, first: int, k: int, j: int) -> str:
+def _fault(log: MonitorSignals, values: Array, first: int, k: int, j: int) -> str:
     """Return the name of a collected error: lost scale, drift or bias.
 
     A bias and a loss of scale are alike for a moment. They are compared on windows that

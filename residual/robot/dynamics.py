@@ -20,7 +20,7 @@ from cachetools import LRUCache, cached
 from scipy.linalg import qr
 
 from residual.recording import Array
-from residual.robot.files import sliding
+from residual.robot.files import find_prismatic_joints
 from residual.robot.robot import Robot
 from residual.robot.urdf import ENDLESS
 
@@ -43,7 +43,9 @@ def _over(
     return out
 
 
-def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
+def compute_inverse_dynamics(
+    model: pin.Model, q: Array, qd: Array, qdd: Array
+) -> Array:
     """Return the joint torques of the rigid body [N m]. Shape (n, dof).
 
     tau = M(q) qdd + C(q, qd) qd + g(q)    (paper eq. 3 without F)
@@ -51,7 +53,9 @@ def inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array
     return _over((model.nv,), pin.rnea, model, q, qd, qdd)
 
 
-def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
+def compute_inertial_regressor(
+    model: pin.Model, q: Array, qd: Array, qdd: Array
+) -> Array:
     """Return the inertial regressor: inverse_dynamics = regressor @ parameters.
 
     In SI units, of the same motion. Shape (n, dof, 10 * dof).
@@ -60,14 +64,14 @@ def regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     return _over(shape, pin.computeJointTorqueRegressor, model, q, qd, qdd)
 
 
-def mass_matrix(model: pin.Model, q: Array) -> Array:
+def compute_mass_matrix(model: pin.Model, q: Array) -> Array:
     """Return M(q) [kg m^2]. Shape (n, dof, dof)."""
     # It fills no more than the upper half.
     upper = np.triu(_over((model.nv, model.nv), pin.crba, model, q))
     return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
 
-def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
+def compute_gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     """Return the torques that hold the arm in a field of gravity [N m]. (n, dof).
 
     Linear in the direction, in the base frame [m/s^2]; model.gravity.linear gives the
@@ -78,13 +82,13 @@ def gravity_torque(model: pin.Model, q: Array, direction: Array) -> Array:
     return _over((model.nv,), pin.computeGeneralizedGravity, tilted, q)
 
 
-def flange_jacobian(model: pin.Model, q: Array) -> Array:
+def compute_flange_jacobian(model: pin.Model, q: Array) -> Array:
     """Return the Jacobian of the flange, the last frame of the arm. Shape (n, 6, dof).
 
     Rows are linear [m] then angular velocity of the flange per joint speed, along the
     axes of the base frame.
     """
-    where = flange_frame(model), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
+    where = find_flange_frame(model), pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
     def jacobian(*sample) -> Array:
         return pin.computeFrameJacobian(*sample, *where)
@@ -92,25 +96,25 @@ def flange_jacobian(model: pin.Model, q: Array) -> Array:
     return _over((6, model.nv), jacobian, model, q)
 
 
-def flange_frame(model: pin.Model) -> int:
+def find_flange_frame(model: pin.Model) -> int:
     """Return the index of the last frame that the last joint moves."""
     frames = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
     return frames[-1]
 
 
-def flange_placement(model: pin.Model) -> pin.SE3:
+def find_flange_placement(model: pin.Model) -> pin.SE3:
     """Return where the flange sits in the frame of the last joint."""
-    return model.frames[flange_frame(model)].placement
+    return model.frames[find_flange_frame(model)].placement
 
 
-def outward(model: pin.Model) -> Array:
+def find_flange_axis(model: pin.Model) -> Array:
     """Return the axis of the last joint in the flange frame, pointing away. (3,).
 
     Away is where the flange lies from the last joint, else where its link's mass is.
     """
     last = model.njoints - 1
-    axis = joint_axis(model, last)
-    flange = flange_placement(model)
+    axis = find_joint_axis(model, last)
+    flange = find_flange_placement(model)
     for direction in (flange.translation, model.inertias[last].lever):
         along = float(direction @ axis)
         if abs(along) > 1e-6:
@@ -119,14 +123,14 @@ def outward(model: pin.Model) -> Array:
     return flange.rotation.T @ axis
 
 
-def joint_axis(model: pin.Model, joint: int) -> Array:
+def find_joint_axis(model: pin.Model, joint: int) -> Array:
     """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
     data, zero = model.createData(), pin.neutral(model)
     column = pin.computeJointJacobian(model, data, zero, joint)[:, joint - 1]
     return column[3:] if column[3:].any() else column[:3]
 
 
-def joints_length(model: pin.Model) -> float:
+def compute_last_joint_distance(model: pin.Model) -> float:
     """Return the way from the base over all joints to the last one [m].
 
     A joint that slides adds the way that it can go.
@@ -134,25 +138,27 @@ def joints_length(model: pin.Model) -> float:
     ends = np.maximum(
         np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
     )
-    slides = np.array(sliding(model), dtype=bool) & (ends < float(ENDLESS))
+    slides = np.array(find_prismatic_joints(model), dtype=bool) & (
+        ends < float(ENDLESS)
+    )
     way = sum(np.linalg.norm(p.translation) for p in model.jointPlacements)
     return float(way + ends[slides].sum())
 
 
-def reach(model: pin.Model) -> float:
+def compute_reach(model: pin.Model) -> float:
     """Return the way from the base over all joints to the flange [m]."""
-    return joints_length(model) + float(
-        np.linalg.norm(flange_placement(model).translation)
+    return compute_last_joint_distance(model) + float(
+        np.linalg.norm(find_flange_placement(model).translation)
     )
 
 
-def inertial_parameters(model: pin.Model) -> Array:
+def read_inertial_parameters(model: pin.Model) -> Array:
     """Return the ten parameters of every moving body, in SI units. (10 * dof,)."""
     bodies = list(model.inertias)[1:]
     return np.concatenate([body.toDynamicParameters() for body in bodies])
 
 
-def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
+def replace_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
     """Return a copy of the model with other inertial parameters.
 
     Ten per moving body, in SI units. Values that no body can have (negative mass or
@@ -168,7 +174,7 @@ def with_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Chain:
+class KinematicChain:
     """Kinematics of a serial arm of joints that turn or slide."""
 
     rotation: Array  # frame of each joint in the one before, at angle zero, (dof, 3, 3)
@@ -178,7 +184,7 @@ class Chain:
     flange: Array  # origin of the flange in the frame of the last joint [m], (3,)
     flange_rotation: Array  # its axes in that frame, (3, 3)
 
-    def origins(self, q: Array) -> Array:
+    def compute_joint_origins(self, q: Array) -> Array:
         """Return the origins of base, joints and flange in the base frame [m].
 
         All postures (n, dof) at once; one axis after the other, by Rodrigues' formula.
@@ -202,16 +208,16 @@ class Chain:
         return out
 
 
-def chain_of(model: pin.Model) -> Chain:
+def build_kinematic_chain(model: pin.Model) -> KinematicChain:
     """Return the kinematics of a Pinocchio model."""
-    axes = [joint_axis(model, i) for i in range(1, model.njoints)]
+    axes = [find_joint_axis(model, i) for i in range(1, model.njoints)]
     placements = list(model.jointPlacements)[1:]
-    flange = flange_placement(model)
-    return Chain(
+    flange = find_flange_placement(model)
+    return KinematicChain(
         np.array([p.rotation for p in placements]),
         np.array([p.translation for p in placements]),
         np.array(axes),
-        np.array(sliding(model)),
+        np.array(find_prismatic_joints(model)),
         np.array(flange.translation),
         np.array(flange.rotation),
     )
@@ -240,7 +246,9 @@ class LazyRegressor:
     def __getitem__(self, key) -> Array:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
-            return regressor(self.robot.model, *(x[key] for x in self.motion))
+            return compute_inertial_regressor(
+                self.robot.model, *(x[key] for x in self.motion)
+            )
         dof = self.motion[0].shape[1]
         if isinstance(key[2], slice):
             first, stop, step = key[2].indices(PER_LINK * dof)
@@ -258,8 +266,8 @@ class LazyRegressor:
         """
         blocks = self._remembered()
         if blocks is None:
-            body = with_inertial_parameters(self.robot.model, parameters)
-            return inverse_dynamics(body, *self.motion)
+            body = replace_inertial_parameters(self.robot.model, parameters)
+            return compute_inverse_dynamics(body, *self.motion)
         out = np.zeros(self.motion[0].shape)
         for i, block in enumerate(blocks):
             part = parameters[PER_LINK * i : PER_LINK * (i + 1)]
@@ -290,20 +298,22 @@ class LazyRegressor:
         return out
 
 
-def motion_key(robot: Robot, *motion: Array) -> tuple:
+def build_motion_key(robot: Robot, *motion: Array) -> tuple:
     """Return a key of a cache for what is computed of a motion: its values."""
     return robot, *(x.tobytes() for x in motion)
 
 
 @cached(
     LRUCache(KEPT, getsizeof=lambda blocks: sum(x.nbytes for x in blocks)),
-    key=lambda lazy: motion_key(lazy.robot, *lazy.motion),
+    key=lambda lazy: build_motion_key(lazy.robot, *lazy.motion),
 )
 def _kept_links(lazy: LazyRegressor) -> tuple[Array, ...]:
     return lazy._by_link()
 
 
-def links_of(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:
+def split_regressor_by_link(
+    regressor: Array | LazyRegressor, dof: int
+) -> Iterator[Array]:
     """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
     if isinstance(regressor, LazyRegressor):
         yield from regressor.links()
@@ -338,7 +348,7 @@ _KINDS = (
 
 
 @dataclass(frozen=True, slots=True)
-class Standard:
+class StandardParameter:
     """One parameter of the full, redundant description."""
 
     name: str  # in words: "mass of link 3", "coulomb level of joint 2"
@@ -350,7 +360,7 @@ class Standard:
 class BaseParameters:
     """Base parameters and how they are made of the standard ones."""
 
-    standard: tuple[Standard, ...]  # the s standard parameters, in order
+    standard: tuple[StandardParameter, ...]  # the s standard parameters, in order
     columns: Array  # standard parameters that lead a base parameter, increasing, (b,)
     mapping: Array  # k, base from standard parameters; 1 at the leading one, (b, s)
     # Smallest singular value that counts over the largest that does not, of the column-
@@ -365,7 +375,7 @@ class BaseParameters:
         return len(self.columns)
 
     @property
-    def leading(self) -> tuple[Standard, ...]:
+    def leading(self) -> tuple[StandardParameter, ...]:
         """The leading standard parameter of each base parameter."""
         return tuple(self.standard[c] for c in self.columns)
 
@@ -384,7 +394,9 @@ class BaseParameters:
             text += f" {sign} {factor}{self.standard[k].name}"
         return text
 
-    def embed(self, theta: Array, nominal: Array, covariance: Array) -> Array:
+    def expand_to_standard(
+        self, theta: Array, nominal: Array, covariance: Array
+    ) -> Array:
         """Standard parameters that have these base parameters, nearest to the nominal.
 
         pi = pi_0 + S K' (K S K')^-1 (theta_b - K pi_0): of all that move the same
@@ -399,7 +411,7 @@ class BaseParameters:
         )
 
 
-def base_columns(model: pin.Model) -> Array:
+def find_independent_columns(model: pin.Model) -> Array:
     """Return the columns of the regressor that no other columns add up to.
 
     QR with column pivoting over random states, columns at length one; what the other
@@ -408,13 +420,15 @@ def base_columns(model: pin.Model) -> Array:
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
     """
-    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+    rows = compute_inertial_regressor(model, *draw_random_states(model)).reshape(
+        STATES * model.nv, -1
+    )
     factors = qr(_scaled(rows, _SILENT), mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _INDEPENDENT * pivots[0]).sum())])
 
 
-def random_states(model: pin.Model) -> Array:
+def draw_random_states(model: pin.Model) -> Array:
     """Return q, qd and qdd of the states that decide. Shape (3, STATES, dof).
 
     Which columns depend on which is a property of the arm: any states tell it.
@@ -422,16 +436,16 @@ def random_states(model: pin.Model) -> Array:
     return np.random.default_rng(0).uniform(-3, 3, (3, STATES, model.nv))
 
 
-def standard_inertial(dof: int) -> tuple[Standard, ...]:
+def list_inertial_parameters(dof: int) -> tuple[StandardParameter, ...]:
     """Return the inertial parameters of every link, in Pinocchio's order."""
     return tuple(
-        Standard(f"{name} of link {link}", unit, link)
+        StandardParameter(f"{name} of link {link}", unit, link)
         for link in range(1, dof + 1)
         for name, unit in _KINDS
     )
 
 
-def base_parameters(model: pin.Model) -> BaseParameters:
+def compute_base_parameters(model: pin.Model) -> BaseParameters:
     """Return the base parameters of the rigid body.
 
     The rank is read from the singular values, and columns are kept in an order that
@@ -439,10 +453,12 @@ def base_parameters(model: pin.Model) -> BaseParameters:
     URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
     by rounding alone; they count as one.
     """
-    rows = regressor(model, *random_states(model)).reshape(STATES * model.nv, -1)
+    rows = compute_inertial_regressor(model, *draw_random_states(model)).reshape(
+        STATES * model.nv, -1
+    )
     links = range(model.nv)
     order = [PER_LINK * link + kind for kind in _ORDER for link in links]
-    columns = np.sort(further_columns(rows, np.zeros(0, dtype=int), order))
+    columns = np.sort(extend_independent_columns(rows, np.zeros(0, dtype=int), order))
     scaled = _scaled(rows)
     values = np.linalg.svd(scaled, compute_uv=False)
     rank = int((values > _ROUNDING * values[0]).sum())
@@ -450,11 +466,11 @@ def base_parameters(model: pin.Model) -> BaseParameters:
         # Columns in a fixed order may lean on one another; pivoting never lets them.
         pivoted = np.asarray(qr(scaled, mode="r", pivoting=True)[-1])
         columns = np.sort(pivoted[:rank])
-    return express(rows, columns, standard_inertial(model.nv))
+    return reduce_to_base_parameters(rows, columns, list_inertial_parameters(model.nv))
 
 
-def express(
-    rows: Array, columns: Array, standard: Sequence[Standard]
+def reduce_to_base_parameters(
+    rows: Array, independent: Array, standard: Sequence[StandardParameter]
 ) -> BaseParameters:
     """Write all columns of a regressor as sums of those that are kept.
 
@@ -463,26 +479,28 @@ def express(
     """
     size = np.linalg.norm(rows, axis=0)
     scaled = _scaled(rows)
-    kept, _, _, _ = np.linalg.lstsq(scaled[:, columns], scaled, rcond=None)
+    kept, _, _, _ = np.linalg.lstsq(scaled[:, independent], scaled, rcond=None)
     kept[np.abs(kept) < _NOTHING] = 0.0
-    kept[:, columns] = np.eye(len(columns))
-    mapping = kept * size / size[columns, None]
-    values, rank = np.linalg.svd(scaled, compute_uv=False), len(columns)
+    kept[:, independent] = np.eye(len(independent))
+    mapping = kept * size / size[independent, None]
+    values, rank = np.linalg.svd(scaled, compute_uv=False), len(independent)
     gap = float("inf")
     if rank < len(values):
         gap = float(values[rank - 1] / max(values[rank], 1e-300))
-    return BaseParameters(tuple(standard), np.array(columns), mapping, gap)
+    return BaseParameters(tuple(standard), np.array(independent), mapping, gap)
 
 
-def further_columns(rows: Array, columns: Array, candidates: Sequence[int]) -> Array:
+def extend_independent_columns(
+    rows: Array, independent: Array, candidates: Sequence[int]
+) -> Array:
     """Return those kept, and the candidates that are no sum of them, one by one.
 
     Rows are of the regressor on states of every kind, columns kept already, and those
     to try, in order. Shapes (rows, s), (b,) to (b + more,).
     """
     size = np.linalg.norm(rows, axis=0)
-    basis = np.linalg.qr(rows[:, columns] / size[columns])[0]
-    kept = list(columns)
+    basis = np.linalg.qr(rows[:, independent] / size[independent])[0]
+    kept = list(independent)
     for k in candidates:
         if size[k] <= _TOLERANCE * size.max():
             continue

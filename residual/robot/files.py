@@ -24,18 +24,18 @@ import pinocchio as pin
 from residual.errors import (
     InputError,
     RobotError,
+    build_missing_package_error,
     check_keys,
     check_name,
     check_nesting,
-    not_installed,
-    shortened,
-    shown,
+    quote_value,
+    shorten_value,
 )
 from residual.recording import Array
-from residual.robot.urdf import Choice
+from residual.robot.urdf import ArmChoice
 
 
-def build_model(text: str, where: str) -> pin.Model:
+def build_pinocchio_model(text: str, where: str) -> pin.Model:
     """Build the Pinocchio model of a URDF text.
 
     Raises:
@@ -58,7 +58,7 @@ def build_model(text: str, where: str) -> pin.Model:
     return model
 
 
-def sliding(model: pin.Model) -> tuple[bool, ...]:
+def find_prismatic_joints(model: pin.Model) -> tuple[bool, ...]:
     """Return which joints of a model move along their axis, not about it."""
     kinds = list(model.joints)[1:]
     return tuple("JointModelP" in kind.shortname() for kind in kinds)
@@ -129,7 +129,7 @@ def parse_toml(text: str, where: str) -> dict:
         raise RobotError(f"{where} is not valid TOML: {error}.") from error
 
 
-def read_choice(chain: object, locked: object, where: str) -> Choice:
+def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
     """Check what a robot.toml says of its chain and of the joints outside of it.
 
     Raises:
@@ -143,18 +143,20 @@ def read_choice(chain: object, locked: object, where: str) -> Choice:
     joints = chain.get("joints", [])
     if not isinstance(joints, list) or not all(isinstance(j, str) for j in joints):
         raise RobotError(
-            f"{where}: joints of [chain] is {shown(joints)}, expected a list of names."
+            f"{where}: joints of [chain] is {quote_value(joints)}, expected a list "
+            f"of names."
         )
     for joint, value in locked.items():
         if not _is_number(value):
             raise RobotError(
-                f"{where}: {joint} in [locked] is {shown(value)}, expected a position "
+                f"{where}: {joint} in [locked] is {quote_value(value)}, expected a "
+                f"position "
                 "in rad or m."
             )
-    return Choice(tuple(joints), None, (), dict(locked))
+    return ArmChoice(tuple(joints), None, (), dict(locked))
 
 
-def read_robot_toml(
+def parse_robot_settings(
     content: Mapping, dof: int, where: str, effects: Effects | None = None
 ) -> dict[str, Any]:
     """Check the content of a robot.toml.
@@ -241,7 +243,7 @@ def _scale(table: dict, where: str) -> float | None:
         return None
     if not (_is_number(scale) and scale > 0):
         raise RobotError(
-            f"{where}: prior scale is {shown(scale)}, expected 'estimate' or a "
+            f"{where}: prior scale is {quote_value(scale)}, expected 'estimate' or a "
             "positive number such as 0.03."
         )
     return float(scale)
@@ -251,7 +253,7 @@ def _known_values(table: dict, where: str) -> Mapping[str, float]:
     for word, value in table.items():
         if not _is_number(value):
             raise RobotError(
-                f"{where}: {word} is {shown(value)}, expected a number, as in "
+                f"{where}: {word} is {quote_value(value)}, expected a number, as in "
                 f'"payload.mass" = 2.8 (a name with dots stands in quotes).'
             )
     return {word: float(value) for word, value in table.items()}
@@ -267,7 +269,7 @@ def _text(table: dict, key: str, where: str) -> str | None:
     text = table.get(key)
     pattern, expected = _TEXTS[key]
     if text is not None and not (isinstance(text, str) and pattern.fullmatch(text)):
-        raise RobotError(f"{where}: {key} is {shown(text)}, expected {expected}.")
+        raise RobotError(f"{where}: {key} is {quote_value(text)}, expected {expected}.")
     return text
 
 
@@ -289,7 +291,7 @@ _KINDS = {2: "prismatic", 3: "revolute"}  # mjtJoint; 0 is free, 1 a ball
 _JOINT_EQUALITY = 2  # mjtEq
 
 
-class CompiledFile(NamedTuple):
+class CompiledMjcf(NamedTuple):
     """What MuJoCo makes of an MJCF."""
 
     urdf: str
@@ -299,7 +301,7 @@ class CompiledFile(NamedTuple):
     notes: tuple[str, ...] = ()
 
 
-def read_mjcf(path: Path) -> CompiledFile:
+def read_mjcf(path: Path) -> CompiledMjcf:
     """Compile an MJCF file and write it as a URDF.
 
     Raises:
@@ -309,11 +311,11 @@ def read_mjcf(path: Path) -> CompiledFile:
     try:
         import mujoco
     except ImportError as error:
-        raise not_installed("mujoco") from error
+        raise build_missing_package_error("mujoco") from error
     try:
         model = mujoco.MjModel.from_xml_path(str(path))
     except (ValueError, RuntimeError) as error:
-        why = shortened(" ".join(str(error).split()))
+        why = shorten_value(" ".join(str(error).split()))
         raise RobotError(f"MuJoCo does not compile {path.name}: {why}") from error
     return _Writer(model).compiled()
 
@@ -329,7 +331,7 @@ class _Writer:
         # Of each body: its link, and where the body's frame is in that of the link.
         self.frames: list[tuple[str, pin.SE3]] = []
 
-    def compiled(self) -> CompiledFile:
+    def compiled(self) -> CompiledMjcf:
         ET.SubElement(self.root, "link", {"name": "world"})
         self.frames.append(("world", pin.SE3.Identity()))
         for b in range(1, self.m.nbody):
@@ -337,7 +339,7 @@ class _Writer:
         self._equalities()
         text = ET.tostring(self.root, encoding="unicode")
         gravity = tuple(float(g) for g in self.m.opt.gravity)
-        return CompiledFile(text, gravity, self.properties, tuple(self.notes))
+        return CompiledMjcf(text, gravity, self.properties, tuple(self.notes))
 
     def _body(self, b: int) -> None:
         m = self.m

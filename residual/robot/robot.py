@@ -20,22 +20,22 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError, RobotError, check_name, shortened
-from residual.quantity import along
-from residual.recording import Array, Recording, usual_speed
+from residual.errors import InputError, RobotError, check_name, shorten_value
+from residual.quantity import convert_to_sliding_unit
+from residual.recording import Array, Recording, compute_speed_quantile
 from residual.robot.files import (
     GRAVITY,
-    CompiledFile,
+    CompiledMjcf,
     DeclaredEffect,
     Effects,
-    build_model,
+    build_pinocchio_model,
+    find_prismatic_joints,
+    parse_arm_choice,
+    parse_robot_settings,
     parse_toml,
-    read_choice,
     read_mjcf,
-    read_robot_toml,
-    sliding,
 )
-from residual.robot.urdf import Arm, end, read_urdf, read_xacro
+from residual.robot.urdf import UrdfArm, expand_xacro, read_joint_link, read_urdf
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
 Properties = Mapping[str, tuple[str, str]]
@@ -109,7 +109,7 @@ class Robot:
     @property
     def prismatic(self) -> tuple[bool, ...]:
         """Which joints move along their axis, not about it."""
-        return sliding(self.model)
+        return find_prismatic_joints(self.model)
 
     @property
     def content_hash(self) -> str:
@@ -124,7 +124,7 @@ class Robot:
         return self.motor_from_joint
 
 
-def check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
+def check_joint_count(robot: Robot, recordings: Sequence[Recording]) -> None:
     """Check that logs are of an arm with as many joints."""
     for recording in recordings:
         if recording.dof != robot.dof:
@@ -134,12 +134,12 @@ def check_joints(robot: Robot, recordings: Sequence[Recording]) -> None:
             )
 
 
-def built_in_robots() -> tuple[str, ...]:
+def list_built_in_robots() -> tuple[str, ...]:
     """Return the names of the robots that come with the program."""
     return tuple(sorted(f.name for f in _robots_folder().iterdir() if f.is_dir()))
 
 
-def built_in_folder(name: str) -> Traversable:
+def find_built_in_folder(name: str) -> Traversable:
     """Return where a robot that comes with the program is described."""
     return _robots_folder() / name
 
@@ -158,9 +158,9 @@ def load_robot(
             is read may follow (`word_of`). A built-in name wins over a folder of that
             name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
-            (``residual.effects.vocabulary``); None to take any.
+            (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have
-            (``residual.effects.joint_properties``); None to leave them out.
+            (``residual.effects.map_joint_properties``); None to leave them out.
         logged: Names of the joints that the logs have, which say which chain of
             several the arm is, where nothing else does.
 
@@ -168,23 +168,25 @@ def load_robot(
         RobotError: If there is no such file or its content is not usable.
         UnknownNameError: On an unknown robot, table, key, effect, joint or link.
     """
-    word, options = split_word(spec)
+    word, options = parse_robot_reference(spec)
     file, toml_file = _locate(word)
     content = parse_toml(_read(toml_file) if toml_file else "", "robot.toml")
     columns = content.pop("columns", {})
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
     chain, locked = content.pop("chain", {}), content.pop("locked", {})
-    choice = replace(read_choice(chain, locked, "robot.toml"), logged=tuple(logged))
+    choice = replace(
+        parse_arm_choice(chain, locked, "robot.toml"), logged=tuple(logged)
+    )
     if "tip" in options or "chain" in options:
         names = ",".join(options.get("chain", [])).split(",")
         joints = tuple(name.strip() for name in names if name)
         choice = replace(choice, joints=joints, tip=options.get("tip", [None])[0])
     text, path = _read(file), Path(str(file))
-    compiled = CompiledFile(text)
+    compiled = CompiledMjcf(text)
     if path.suffix == ".xacro":
-        text = read_xacro(path, options.get("arg", ()), options.get("package", ()))
-        compiled = CompiledFile(text)
+        text = expand_xacro(path, options.get("arg", ()), options.get("package", ()))
+        compiled = CompiledMjcf(text)
     # A URDF may hold a <mujoco> of its own for MuJoCo: the root says what a file is.
     elif _MJCF.match(text):
         compiled = read_mjcf(path)
@@ -198,7 +200,7 @@ def load_robot(
         values = [compiled.properties.get(key, {}).get(j, 0.0) for j in arm.joints]
         values_of = {parameter: values} | source if any(values) else {}
         content.setdefault("declared", {}).setdefault(effect, values_of)
-    extra = read_robot_toml(content, arm.limits.shape[1], "robot.toml", effects)
+    extra = parse_robot_settings(content, arm.limits.shape[1], "robot.toml", effects)
     if not extra["name"]:
         names = (re.sub(r"[^a-z0-9_-]+", "_", x.lower()) for x in (arm.name, path.stem))
         slugs = filter(None, (name.strip("_")[:40] for name in names))
@@ -209,14 +211,14 @@ def load_robot(
 
 
 @lru_cache(maxsize=16)
-def robot_from_texts(name: str, urdf: str, toml: str) -> Robot:
+def build_robot(name: str, urdf: str, toml: str) -> Robot:
     """Build a robot from what a `Robot` keeps: no file is read."""
     arm = read_urdf(urdf, name)
-    extra = read_robot_toml(json.loads(toml), arm.limits.shape[1], name)
+    extra = parse_robot_settings(json.loads(toml), arm.limits.shape[1], name)
     return _assemble(arm, extra | {"name": name, "toml": toml}, name)
 
 
-def with_serial(robot: Robot, serial: str | None) -> Robot:
+def set_serial_number(robot: Robot, serial: str | None) -> Robot:
     """Return the robot of a kind that has a serial number.
 
     It is the robot that `serial` in its robot.toml would make: another one, with
@@ -230,12 +232,13 @@ def with_serial(robot: Robot, serial: str | None) -> Robot:
     if robot.serial is not None:
         raise RobotError(
             f"The robot.toml of {robot.name} has serial = '{robot.serial}', expected "
-            f"'{shortened(serial)}'. Correct one of them, or describe each arm apart."
+            f"'{shorten_value(serial)}'. Correct one of them, or describe each arm "
+            f"apart."
         )
     return _with_table(robot, "robot", {"serial": serial})
 
 
-def with_known(robot: Robot, values: Mapping[str, float]) -> Robot:
+def add_known_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """Return a robot of which values are known for sure, beside those of its file.
 
     Args:
@@ -244,7 +247,7 @@ def with_known(robot: Robot, values: Mapping[str, float]) -> Robot:
     return _with_table(robot, "known", values) if values else robot
 
 
-def with_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
+def replace_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
     """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
     return _with_table(robot, "robot", {"gravity": [float(g) for g in gravity]})
 
@@ -254,7 +257,7 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
     content = json.loads(robot.toml)
     content[table] = content.get(table, {}) | dict(more)
     text = json.dumps(content, sort_keys=True)
-    robot_new = robot_from_texts(robot.name, robot.urdf, text)
+    robot_new = build_robot(robot.name, robot.urdf, text)
     # In the order of its file, which is that of the columns of a fit: a rerun from the
     # file that is kept has the same bits.
     declared = {name: robot_new.declared[name] for name in robot.declared}
@@ -267,10 +270,10 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
     )
 
 
-def _assemble(arm: Arm, extra: dict, where: str) -> Robot:
+def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
     """Put both files together; what robot.toml says of a limit goes before the URDF."""
     lower, upper, speed, effort = arm.limits
-    dof, model = len(lower), build_model(arm.urdf, where)
+    dof, model = len(lower), build_pinocchio_model(arm.urdf, where)
     if model.nq != dof or model.nv != dof:
         raise RobotError(
             f"{where}: {model.nq} positions for {dof} joints, expected as many. "
@@ -289,25 +292,27 @@ def _robots_folder() -> Traversable:
 def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
     """Return the URDF and the robot.toml that the words of the user stand for."""
     path = Path(spec)
-    if str(spec) not in built_in_robots():
+    if str(spec) not in list_built_in_robots():
         try:
             path.stat()
         except (FileNotFoundError, NotADirectoryError, ValueError):
             pass  # said below
         except OSError as error:
-            raise RobotError(f"Robot '{shortened(spec)}': {error.strerror}.") from error
+            raise RobotError(
+                f"Robot '{shorten_value(spec)}': {error.strerror}."
+            ) from error
         if path.is_dir():
             return _only_file(path)
         if path.is_file():
             return path, None
         if path.exists() or path.suffix or len(path.parts) > 1:
             raise RobotError(
-                f"No file or folder '{shortened(spec)}' for a robot. Give a URDF, "
+                f"No file or folder '{shorten_value(spec)}' for a robot. Give a URDF, "
                 "xacro or MJCF file, a folder with one, or a built-in name "
-                f"({', '.join(built_in_robots())})."
+                f"({', '.join(list_built_in_robots())})."
             )
-    name = check_name(str(spec), built_in_robots(), "robot")
-    return _only_file(built_in_folder(name))
+    name = check_name(str(spec), list_built_in_robots(), "robot")
+    return _only_file(find_built_in_folder(name))
 
 
 def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:
@@ -335,7 +340,7 @@ def _read(file: Traversable) -> str:
         raise RobotError(f"Cannot read {file.name}: {error.strerror}.") from error
 
 
-def with_inertials(robot: Robot, parameters: Array) -> str:
+def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
     """Return the robot's URDF with other inertial parameters.
 
     The whole inertia of a moving body goes to the link that its joint moves; parts
@@ -358,13 +363,13 @@ def with_inertials(robot: Robot, parameters: Array) -> str:
                 f"Link {number} was identified with mass {body[0]:.3g} kg, and a URDF "
                 "needs a positive one. Use --consistent, which keeps bodies possible."
             )
-        body_link = end(joints[name], "child")
+        body_link = read_joint_link(joints[name], "child")
         parts = [body_link]  # and all that is fixed to it, directly or through others
         for part in parts:
             parts += [
-                end(j, "child")
+                read_joint_link(j, "child")
                 for j in joints.values()
-                if j.get("type") == "fixed" and end(j, "parent") == part
+                if j.get("type") == "fixed" and read_joint_link(j, "parent") == part
             ]
             inertial = links[part].find("inertial")
             if inertial is not None:
@@ -398,7 +403,7 @@ def _inertial(body: Array) -> ET.Element:
 _OPTIONS = ("chain", "tip", "arg", "package")
 
 
-def word_of(
+def format_robot_reference(
     robot: str | Path,
     chain: Sequence[str] = (),
     tip: str | None = None,
@@ -419,7 +424,7 @@ def word_of(
     return f"{robot}#{options}" if options else str(robot)
 
 
-def split_word(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
+def parse_robot_reference(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
     """Return the file of a word for a robot, and how it is read, by option."""
     word, out = str(spec), dict[str, list[str]]()
     place, sign, text = word.rpartition("#")
@@ -448,12 +453,14 @@ _WORDS = {
 }
 
 
-def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str]:
+def find_placeholder_limits(
+    robot: Robot, recordings: Sequence[Recording]
+) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
     speeds = []
     for r in recordings:
         stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
-        speeds.append(usual_speed(r, min(stride, len(r.t) // 4 or 1), SHARE))
+        speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
     speed = np.max(speeds, axis=0)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
@@ -473,7 +480,7 @@ def placeholders(robot: Robot, recordings: Sequence[Recording]) -> dict[str, str
         if possible and _is_placeholder(ratio, limit):
             name, unit = _WORDS[key]
             worst = int(np.argmax(ratio))
-            unit = along(unit) if robot.prismatic[worst] else unit
+            unit = convert_to_sliding_unit(unit) if robot.prismatic[worst] else unit
             out[key] = (
                 f"the {name} of joint {worst + 1} is {limit[worst]:.3g} {unit} in the "
                 f"robot file, and it reaches {size[worst]:.3g} {unit}"
@@ -492,9 +499,12 @@ def _is_placeholder(ratio: Array, limit: Array) -> bool:
     return bool((equal and broken.any()) or near.mean() >= NEARLY)
 
 
-def with_real_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
+def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     """Return the robot without the limits that are placeholders."""
-    out = {k: np.full(robot.dof, np.inf) for k in placeholders(robot, recordings)}
+    out = {
+        k: np.full(robot.dof, np.inf)
+        for k in find_placeholder_limits(robot, recordings)
+    }
     if "upper" in out:
         out["lower"] = -out["upper"]
     return replace(robot, **out) if out else robot

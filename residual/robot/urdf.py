@@ -16,7 +16,13 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError, RobotError, check_name, not_installed, shortened
+from residual.errors import (
+    InputError,
+    RobotError,
+    build_missing_package_error,
+    check_name,
+    shorten_value,
+)
 from residual.recording import Array
 
 ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
@@ -27,7 +33,7 @@ _NAMED = 6  # joints of a line
 _FAULTS = 8  # of a file, in one message
 
 
-class Arm(NamedTuple):
+class UrdfArm(NamedTuple):
     """A serial arm as its file describes it, joints without ends written with a range.
 
     Limits are lower, upper [rad or m], speed [rad/s or m/s] and effort [N m or N] of
@@ -43,7 +49,7 @@ class Arm(NamedTuple):
 
 
 @dataclass(frozen=True, slots=True)
-class Choice:
+class ArmChoice:
     """Which joints of a file are the arm, and where the others stand."""
 
     joints: tuple[str, ...] = ()  # names, in any order; () where that is not said
@@ -79,7 +85,10 @@ class _Tree:
         kind = joint.get("type", "?")
         if kind not in (*MOVING, "fixed", "floating", "planar"):
             self.faults.append(f"joint '{name}' has the unknown type '{kind}'")
-        parent, child = end(joint, "parent"), end(joint, "child")
+        parent, child = (
+            read_joint_link(joint, "parent"),
+            read_joint_link(joint, "child"),
+        )
         if not parent or not child:
             self.faults.append(f"joint '{name}' lacks a parent or a child link")
             return
@@ -104,21 +113,27 @@ class _Tree:
                         root.remove(element)
             kept = {j.get("name", "?") for j in self.above.values()}
             self.joints = {n: j for n, j in self.joints.items() if n in kept}
-            self.notes.append(f"left out, since it hangs on no joint: {some(lost)}")
+            self.notes.append(
+                f"left out, since it hangs on no joint: {abbreviate_list(lost)}"
+            )
             bases = moving
         if len(bases) != 1 and not self.faults:
             which = f"{len(bases)} ({', '.join(bases)})" if bases else "none"
             self.faults.append(f"expected one base link, got {which}")
         ring = set(self.links).difference(*map(self.carried, bases))
         if ring:
-            self.faults.append(f"links hang on each other: {some(sorted(ring))}")
+            self.faults.append(
+                f"links hang on each other: {abbreviate_list(sorted(ring))}"
+            )
 
     def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
         """The link and all that hang on it, without what is beyond some joints."""
         links, stop = [link], set(stop)
         for part in links:
             next_ = [j for j in self.below.get(part, []) if j.get("name") not in stop]
-            links += [c for j in next_ if (c := end(j, "child")) not in links]
+            links += [
+                c for j in next_ if (c := read_joint_link(j, "child")) not in links
+            ]
         return links
 
     def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
@@ -129,7 +144,7 @@ class _Tree:
             if joint.get("type") in MOVING:
                 joints.append(joint)
             else:
-                stack += self.below.get(end(joint, "child"), [])
+                stack += self.below.get(read_joint_link(joint, "child"), [])
         return joints
 
     def path(self, link: str) -> list[str]:
@@ -139,7 +154,7 @@ class _Tree:
             joint = self.above[link]
             if joint.get("type") in MOVING:
                 names.insert(0, joint.get("name", "?"))
-            link = end(joint, "parent")
+            link = read_joint_link(joint, "parent")
         return names
 
     def vector(
@@ -165,7 +180,7 @@ class _Tree:
         return value
 
 
-def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
+def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm:
     """Check a URDF, choose its arm, and lock all joints outside of it.
 
     Args:
@@ -176,7 +191,7 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
             has no arm, or several and nothing that says which.
         UnknownNameError: On a joint or link that it does not have.
     """
-    choice = choice or Choice()
+    choice = choice or ArmChoice()
     root = _parse(text, where)
     tree = _Tree(root)
     if tree.faults:  # with those of bodies and joints, which need no chain
@@ -214,7 +229,7 @@ def read_urdf(text: str, where: str, choice: Choice | None = None) -> Arm:
     if locked:
         tree.notes.insert(0, _locked_line(tree, chain, locked))
     notes = tuple(tree.notes)
-    return Arm(root.get("name", ""), text, table, tuple(chain), locked, notes)
+    return UrdfArm(root.get("name", ""), text, table, tuple(chain), locked, notes)
 
 
 def _parse(text: str, where: str) -> ET.Element:
@@ -249,7 +264,7 @@ def _refuse(faults: Sequence[str], where: str) -> None:
 
 
 def _chain(
-    tree: _Tree, mimics: Mapping[str, ET.Element], choice: Choice, where: str
+    tree: _Tree, mimics: Mapping[str, ET.Element], choice: ArmChoice, where: str
 ) -> list[str]:
     """Names of the joints of the arm, base to tip."""
     free = [
@@ -287,12 +302,15 @@ def _chain(
     return chain
 
 
-def _named(tree: _Tree, mimics: Mapping, choice: Choice, where: str) -> list[str]:
+def _named(tree: _Tree, mimics: Mapping, choice: ArmChoice, where: str) -> list[str]:
     for name in choice.joints:
         check_name(name, tree.joints, f"joint of the chain in {where}")
     named = set(choice.joints)
-    last = max(named, key=lambda name: len(tree.path(end(tree.joints[name], "child"))))
-    path = tree.path(end(tree.joints[last], "child"))
+    last = max(
+        named,
+        key=lambda name: len(tree.path(read_joint_link(tree.joints[name], "child"))),
+    )
+    path = tree.path(read_joint_link(tree.joints[last], "child"))
     for name in choice.joints:
         if tree.joints[name].get("type") == "fixed":
             tree.faults.append(f"joint '{name}' of the chain is fixed")
@@ -332,7 +350,8 @@ def _only(
     if len(chains) == 1:
         return chains[0]
     listed = "; ".join(
-        f"--tip {end(tree.joints[chain[-1]], 'child')}: {len(chain)} joints, "
+        f"--tip {read_joint_link(tree.joints[chain[-1]], 'child')}: {len(chain)} "
+        f"joints, "
         f"{chain[0]} to {chain[-1]}"
         for chain in sorted(chains, key=len, reverse=True)[:_NAMED]
     )
@@ -356,13 +375,13 @@ def _without_hand(
     Fingers are joints that move on one link, or lead others, each with fewer joints
     than there are before them.
     """
-    names = tree.path(end(last, "child"))
+    names = tree.path(read_joint_link(last, "child"))
     leaders = {joint.find("mimic").get("joint") for joint in mimics.values()}
     trunk: list[str] = []
     for name in names:
-        link = end(tree.joints[name], "parent")
+        link = read_joint_link(tree.joints[name], "parent")
         while link in tree.above and tree.above[link].get("type") not in MOVING:
-            link = end(tree.above[link], "parent")
+            link = read_joint_link(tree.above[link], "parent")
         beside = tree.moved_by(tree.below[link])
         deepest = max(_depth(tree, joint) for joint in beside)
         fingers = len(beside) > 1 or name in leaders or name in mimics
@@ -374,7 +393,7 @@ def _without_hand(
 
 
 def _depth(tree: _Tree, joint: ET.Element) -> int:
-    below = tree.moved_by(tree.below.get(end(joint, "child"), []))
+    below = tree.moved_by(tree.below.get(read_joint_link(joint, "child"), []))
     return 1 + max((_depth(tree, each) for each in below), default=0)
 
 
@@ -382,7 +401,7 @@ def _depth(tree: _Tree, joint: ET.Element) -> int:
 
 
 def _locked(
-    tree: _Tree, chain: Sequence[str], mimics: Mapping, choice: Choice, where: str
+    tree: _Tree, chain: Sequence[str], mimics: Mapping, choice: ArmChoice, where: str
 ) -> dict[str, float]:
     """Values of the joints that are not in the chain [rad or m]; followers follow."""
     for name in choice.locked:
@@ -439,22 +458,26 @@ def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float])
     """One line: what was locked, where, and what hangs on it."""
     holders: dict[str, list[str]] = {}
     for name in locked:
-        path = [n for n in tree.path(end(tree.joints[name], "parent")) if n in chain]
+        path = [
+            n
+            for n in tree.path(read_joint_link(tree.joints[name], "parent"))
+            if n in chain
+        ]
         # Locked joints are fixed by now and no part of a path.
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []
     for holder, names in holders.items():
-        carried = [end(tree.joints[name], "child") for name in names]
+        carried = [read_joint_link(tree.joints[name], "child") for name in names]
         links = set().union(*(tree.carried(link, chain) for link in carried))
         mass = sum(_mass(tree.links[link]) for link in links)
         where = f"joint {chain.index(holder) + 1} ({holder})" if holder else "the base"
-        at = some([f"{n} = {locked[n]:.4g}" for n in names])
+        at = abbreviate_list([f"{n} = {locked[n]:.4g}" for n in names])
         parts.append(f"{at} ({mass:.3g} kg on {where})")
     arm = f"chain of {len(chain)} joints {chain[0]} to {chain[-1]}"
     return f"{arm}; locked: {', '.join(parts)}"
 
 
-def some(names: Sequence[str]) -> str:
+def abbreviate_list(names: Sequence[str]) -> str:
     """The first names of a list, and how many more there are."""
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
@@ -486,7 +509,7 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
             if not any(tree.number(tensor, key, quantity) for key in keys):
                 hollow.append(name)
     for name in chain:
-        parts = tree.carried(end(tree.joints[name], "child"), chain)
+        parts = tree.carried(read_joint_link(tree.joints[name], "child"), chain)
         if not sum(mass[part] for part in parts) > 0:
             light.append(name)
     if tree.faults:
@@ -496,9 +519,11 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
             f"no link that joint '{chain[0]}' moves has a mass: give each an <inertial>"
         )
     elif light:
-        tree.notes.append(f"no mass between these joints and the next: {some(light)}")
+        tree.notes.append(
+            f"no mass between these joints and the next: {abbreviate_list(light)}"
+        )
     if hollow:
-        tree.notes.append(f"inertia tensor of zero: {some(hollow)}")
+        tree.notes.append(f"inertia tensor of zero: {abbreviate_list(hollow)}")
 
 
 def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
@@ -534,13 +559,13 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
     return [lower, upper, speed, effort], bool(mended)
 
 
-def end(joint: ET.Element, side: str) -> str:
+def read_joint_link(joint: ET.Element, side: str) -> str:
     """Name of the parent or child link of a joint, "" where it lacks one."""
     node = joint.find(side)
     return "" if node is None else node.get("link", "")
 
 
-def read_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
+def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
     """Expand a xacro.
 
     Args:
@@ -556,13 +581,13 @@ def read_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
         from xacrodoc import XacroDoc
         from xacrodoc import packages as finder
     except ImportError as error:
-        raise not_installed("xacrodoc") from error
+        raise build_missing_package_error("xacrodoc") from error
     arguments = {}
     for word in args:
         name, sign, value = word.partition(":=")
         if not sign or not name:
             raise InputError(
-                f"--xacro-arg '{shortened(word)}': expected name:=value, such as "
+                f"--xacro-arg '{shorten_value(word)}': expected name:=value, such as "
                 "ur_type:=ur5e."
             )
         arguments[name] = value
@@ -579,7 +604,7 @@ def read_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
         return document.dom.toxml()
     except Exception as error:
         # What a macro makes the parser raise is not on any list.
-        why = shortened(" ".join(str(error).split()) or type(error).__name__)
+        why = shorten_value(" ".join(str(error).split()) or type(error).__name__)
         raise RobotError(
             f"{path.name} does not expand: {why} Arguments are given by --xacro-arg "
             "name:=value, folders of packages by --package-dir."

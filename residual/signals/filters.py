@@ -16,7 +16,7 @@ REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
 BLOCK = 16  # rows that are made at once
 
 
-def low_pass(
+def filter_low_pass(
     x: Array,
     cutoff: float,
     rate: float,

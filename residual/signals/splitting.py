@@ -26,7 +26,7 @@ SKETCH = 420.0  # s of long logs that are kept whole, for what no sum can tell
 _MULTIPLE = 6
 
 
-def in_pieces(
+def split_long_logs(
     recordings: Sequence[Recording], cutoff: float = CUTOFF
 ) -> tuple[Recording, ...]:
     """Cut the logs, where they are long.
@@ -34,12 +34,12 @@ def in_pieces(
     Returns:
         The logs, or in place of each of two minutes or more its pieces, in order.
     """
-    if not are_long(recordings):
+    if not exceed_split_length(recordings):
         return tuple(recordings)
     return tuple(piece for r in recordings for piece in _pieces(r, cutoff))
 
 
-def are_long(recordings: Sequence[Recording]) -> bool:
+def exceed_split_length(recordings: Sequence[Recording]) -> bool:
     """Whether logs are more than ten minutes, or 300 000 samples, in all."""
     samples = sum(len(r.t) for r in recordings)
     return samples > MANY or sum(r.duration for r in recordings) > LONG
@@ -52,45 +52,53 @@ def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
     n = len(recording.t)
     rate = (n - 1) / recording.duration
     # The rows of a slow log come from a slower filter (``Filters.cutoff``).
-    over = round(overlap(min(cutoff, 0.08 * rate), rate) * rate)
+    over = round(compute_piece_overlap(min(cutoff, 0.08 * rate), rate) * rate)
     edges = np.linspace(0, n, count + 1).astype(int)
     return tuple(
-        rows_of(recording, max(a - over, 0), min(b + over, n))
+        slice_recording(recording, max(a - over, 0), min(b + over, n))
         for a, b in pairwise(edges)
     )
 
 
-def overlap(cutoff: float, rate: float) -> float:
+def compute_piece_overlap(cutoff: float, rate: float) -> float:
     """How far a piece reaches beyond its own part of the log, at both ends [s]."""
     return float(np.ceil(FORGETS / cutoff * rate)) / rate
 
 
-def rows_of(recording: Recording, first: int, last: int) -> Recording:
-    """Return the samples from ``first`` up to ``last`` of a log, without a copy."""
+def slice_recording(recording: Recording, start: int, stop: int) -> Recording:
+    """Return the samples from ``start`` up to ``stop`` of a log, without a copy."""
     arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
-    part = {k: x[first:last] for k, x in arrays.items() if x is not None}
+    part = {k: x[start:stop] for k, x in arrays.items() if x is not None}
     return replace(recording, **part)
 
 
-def sketch_of(
+def pick_spread_pieces(
     recordings: Sequence[Recording],
-    most: float | None = None,
-    kept: float | None = None,
+    max_seconds: float | None = None,
+    kept_seconds: float | None = None,
 ) -> Sequence[Recording]:
     """Return pieces, evenly spread, of long logs; the logs where they are not long.
 
     Args:
-        most: From how many seconds on they are long; ten minutes where None.
-        kept: Seconds that are kept of them; seven minutes where None.
+        max_seconds: From how many seconds on they are long; ten minutes where None.
+        kept_seconds: Seconds that are kept of them; seven minutes where None.
     """
-    most = LONG if most is None else most
-    if not are_long(recordings) and sum(r.duration for r in recordings) <= most:
+    max_seconds = LONG if max_seconds is None else max_seconds
+    if (
+        not exceed_split_length(recordings)
+        and sum(r.duration for r in recordings) <= max_seconds
+    ):
         return recordings
     pieces = [piece for r in recordings for piece in _pieces(r, CUTOFF)]
-    return [pieces[i] for i in spread([r.duration for r in pieces], most, kept)]
+    return [
+        pieces[i]
+        for i in choose_spread_pieces(
+            [r.duration for r in pieces], max_seconds, kept_seconds
+        )
+    ]
 
 
-def let_go(recording: Recording) -> None:
+def release_mapped_memory(recording: Recording) -> None:
     """Let samples that lie in a file go from memory; they come back when read."""
     for array in (recording.q, recording.tau):
         while isinstance(array, np.ndarray):
@@ -99,55 +107,63 @@ def let_go(recording: Recording) -> None:
             array.madvise(mmap.MADV_DONTNEED)
 
 
-def cut(ids: Sequence[str]) -> list[bool]:
+def flag_repeated_ids(ids: Sequence[str]) -> list[bool]:
     """Of each of several logs whether it is a piece of one: its id comes again."""
     return [ids.count(log_id) > 1 for log_id in ids]
 
 
-def logs_of(ids: Sequence[str]) -> list[list[int]]:
+def group_pieces_by_log(ids: Sequence[str]) -> list[list[int]]:
     """Numbers of the pieces of each log, by their ids."""
     by_id = groupby(range(len(ids)), key=lambda i: ids[i])
     return [list(numbers) for _, numbers in by_id]
 
 
-def is_cut(seconds: Sequence[float]) -> bool:
+def exceeds_memory_length(seconds: Sequence[float]) -> bool:
     """Whether logs are too long to be kept whole, by the length of each [s]."""
-    return len(spread(seconds)) < len(seconds)
+    return len(choose_spread_pieces(seconds)) < len(seconds)
 
 
-def spread(
-    seconds: Sequence[float], most: float | None = None, kept: float | None = None
+def choose_spread_pieces(
+    seconds: Sequence[float],
+    max_seconds: float | None = None,
+    kept_seconds: float | None = None,
 ) -> list[int]:
     """Choose pieces, evenly spread, of long logs, by number; of short ones all.
 
     Args:
         seconds: Length of each piece [s].
-        most: From how many seconds in all on a choice is made; ten minutes where None.
-        kept: How many are chosen; seven minutes where None.
+        max_seconds: From how many seconds in all on a choice is made; ten minutes
+            where None.
+        kept_seconds: How many are chosen; seven minutes where None.
     """
     total = float(sum(seconds))
-    if total <= (LONG if most is None else most):
+    if total <= (LONG if max_seconds is None else max_seconds):
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
-    count = max(int((SKETCH if kept is None else kept) / max(seconds)), 1)
+    count = max(
+        int((SKETCH if kept_seconds is None else kept_seconds) / max(seconds)), 1
+    )
     times = (np.arange(count) + 0.5) / count * total
     return sorted({int(np.argmin(np.abs(middle - at))) for at in times})
 
 
-def session_clock(recordings: Sequence[Recording]) -> float | None:
+def find_session_start(recordings: Sequence[Recording]) -> float | None:
     """Start of the session if the logs' times show their order, else None [s]."""
     spans = sorted((float(r.t[0]), float(r.t[-1])) for r in recordings)
     ordered = all(a[1] < b[0] for a, b in pairwise(spans))
     return spans[0][0] if ordered else None
 
 
-def hold_out_end(
+def split_off_last_quarter(
     fit: Sequence[Recording],
 ) -> tuple[list[Recording], list[Recording]]:
     """Cut the last quarter off the longest log and hold it out."""
     longest = max(fit, key=lambda r: r.duration)
     cut = longest.t[0] + 0.75 * longest.duration
     row = int(np.searchsorted(longest.t, cut))
-    head, tail = rows_of(longest, 0, row), rows_of(longest, row, len(longest.t))
+    head, tail = (
+        slice_recording(longest, 0, row),
+        slice_recording(longest, row, len(longest.t)),
+    )
     tail = replace(tail, id=f"{longest.id} (last quarter)")
     return [head if r is longest else r for r in fit], [tail]

@@ -15,12 +15,16 @@ from typing import Literal
 import numpy as np
 
 from residual.recording import Array, Recording
-from residual.signals.filters import low_pass
-from residual.signals.splitting import cut, let_go, overlap
+from residual.signals.filters import filter_low_pass
+from residual.signals.splitting import (
+    compute_piece_overlap,
+    flag_repeated_ids,
+    release_mapped_memory,
+)
 
 
 @dataclass(frozen=True, slots=True)
-class Standstill:
+class StandstillFriction:
     """How the direction of motion passes through zero."""
 
     # "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that displacement
@@ -31,37 +35,39 @@ class Standstill:
     reach: float = 1.0  # speed up to which it counts as standing here, in floors
 
 
-SMOOTH = Standstill()
+SMOOTH = StandstillFriction()
 CHOICES = (
     SMOOTH,
-    Standstill("smooth", 1.0),
-    Standstill("smooth", 4.0),
+    StandstillFriction("smooth", 1.0),
+    StandstillFriction("smooth", 4.0),
     *(
-        Standstill("bristle", d, reach=r)
+        StandstillFriction("bristle", d, reach=r)
         for d in (0.0, 3e-5, 1e-4, 3e-4, 1e-3, 1e-2)
         for r in (1.0, 4.0)
     ),
 )
 
 
-def direction(q: Array, qd: Array, floor: float, shape: Standstill) -> Array:
+def compute_friction_direction(
+    q: Array, qd: Array, speed_floor: float, shape: StandstillFriction
+) -> Array:
     """Direction of motion of one joint, -1 to 1, with its behaviour at standstill.
 
     Args:
-        floor: Speed under which the joint counts as standing [rad/s].
+        speed_floor: Speed under which the joint counts as standing [rad/s].
     """
     if shape.kind == "smooth":
-        out = np.tanh(qd / (shape.size * floor))
+        out = np.tanh(qd / (shape.size * speed_floor))
     elif shape.size == 0.0:
         out = np.sign(qd)
     else:
-        out = bristle(q, shape.size)
+        out = compute_dahl_state(q, shape.size)
     if shape.hold == 1.0:
         return out
-    return np.where(np.abs(qd) < shape.reach * floor, shape.hold, 1.0) * out
+    return np.where(np.abs(qd) < shape.reach * speed_floor, shape.hold, 1.0) * out
 
 
-def bristle(q: Array, displacement: float) -> Array:
+def compute_dahl_state(q: Array, displacement: float) -> Array:
     """Dahl's state by its exact solution over each step of position, start at rest.
 
     Each step is z -> fade z + (1 - fade) goal. Two such steps in a row make one of the
@@ -80,12 +86,12 @@ def bristle(q: Array, displacement: float) -> Array:
     return np.concatenate([np.zeros(min(len(q), 1)), np.clip(state, -1, 1)])
 
 
-def directions(
-    q: Array, qd: Array, floor: Array, shapes: tuple[Standstill, ...]
+def compute_friction_directions(
+    q: Array, qd: Array, speed_floors: Array, shapes: tuple[StandstillFriction, ...]
 ) -> Array:
     """Direction of motion of every joint. Shapes (n, dof), (dof,), one per joint."""
-    pairs = zip(q.T, qd.T, floor, shapes, strict=True)
-    return np.column_stack([direction(*p) for p in pairs])
+    pairs = zip(q.T, qd.T, speed_floors, shapes, strict=True)
+    return np.column_stack([compute_friction_direction(*p) for p in pairs])
 
 
 ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
@@ -93,7 +99,7 @@ SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
 
 @dataclass(frozen=True, slots=True)
-class Filters:
+class FilterSettings:
     """Cut-offs and margins of the signal path."""
 
     kinematics: float = 12.0  # Low-pass on positions [Hz]
@@ -125,7 +131,7 @@ class Track:
     cutoff: float  # Cut-off of the identification filter [Hz]
     step: int  # decimation from features to rows
     tau: Array  # filtered torque of each row [N m], (m, dof)
-    inner: Array  # row lies outside the edges and gaps. Shape (m,), bool
+    valid: Array  # row lies outside the edges and gaps. Shape (m,), bool
     moving: Array  # row is used for that joint. Shape (m, dof), bool
     torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
     entire: bool = True  # it is no piece of a longer log
@@ -140,7 +146,7 @@ class Track:
 
         From the feature rate to the rows. Shape (n, ...) to (m, ...).
         """
-        return low_pass(columns, self.cutoff, self.rate, self.step)
+        return filter_low_pass(columns, self.cutoff, self.rate, self.step)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -154,16 +160,16 @@ class _Uniform:
     gap: Array
 
 
-def sample_rate(t: Array) -> float:
+def estimate_sample_rate(t: Array) -> float:
     """Median sample rate, rounded where it is a whole number within 10 % [Hz]."""
     rate = 1 / float(np.median(np.diff(t)))
     nearest = round(rate)
     return float(nearest) if nearest and abs(rate - nearest) < 0.1 else rate
 
 
-def prepare(
+def build_tracks(
     recordings: Sequence[Recording],
-    filters: Filters,
+    filters: FilterSettings,
     speed_floor: Array | None = None,
     full_rate: bool = False,
 ) -> tuple[tuple[Track, ...], Array]:
@@ -176,7 +182,7 @@ def prepare(
     Returns:
         One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
     """
-    pieces = cut([r.id for r in recordings])
+    pieces = flag_repeated_ids([r.id for r in recordings])
     signals = _signals(recordings, filters, full_rate, again=any(pieces))
     if speed_floor is None:
         # 2 % of a joint's usual speed, or its noise: that of the encoder in the stop
@@ -200,7 +206,10 @@ def prepare(
 
 
 def _signals(
-    recordings: Sequence[Recording], filters: Filters, full_rate: bool, again: bool
+    recordings: Sequence[Recording],
+    filters: FilterSettings,
+    full_rate: bool,
+    again: bool,
 ) -> Callable[[], Iterable]:
     """Return what gives each log resampled, with its kinematics.
 
@@ -215,7 +224,7 @@ def _signals(
             step = 1 if full_rate else _thinning(uniform.rate, filters)
             yield uniform, _kinematics(uniform, filters, step)
             if again:
-                let_go(recording)
+                release_mapped_memory(recording)
 
     if again:
         return resampled
@@ -223,8 +232,8 @@ def _signals(
     return lambda: once
 
 
-def motion_of(
-    recording: Recording, filters: Filters, step: int = 1
+def filter_motion(
+    recording: Recording, filters: FilterSettings, step: int = 1
 ) -> tuple[Array, Array, tuple[Array, Array, Array]]:
     """Return times, angles and filtered kinematics of a log, evenly spaced.
 
@@ -236,7 +245,7 @@ def motion_of(
     return uniform.t[::step], uniform.q[::step], motion
 
 
-def thinned(recording: Recording, filters: Filters) -> Recording:
+def resample_recording(recording: Recording, filters: FilterSettings) -> Recording:
     """Return a log at the rate of its features: of motion and torque what counts.
 
     What would alias is taken out, far above the cut-offs; gaps stay gaps. It has times,
@@ -249,38 +258,44 @@ def thinned(recording: Recording, filters: Filters) -> Recording:
         cutoff = 0.4 * uniform.rate / first
         there = ~uniform.gap[::first]
         t = uniform.t[::first][there]
-        q = low_pass(uniform.q, cutoff, uniform.rate, first)[there]
+        q = filter_low_pass(uniform.q, cutoff, uniform.rate, first)[there]
         tau = _thinned(uniform, first)[there]
     return Recording(recording.id, recording.robot, t, q, tau)
 
 
 def _resample(recording: Recording) -> _Uniform:
-    rate = sample_rate(recording.t)
+    rate = estimate_sample_rate(recording.t)
     t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)
     t = t[t <= recording.t[-1] + 1e-9]
     late = (np.diff(recording.t) > 6 / rate).astype(float)
     gap = np.interp(t, recording.t[1:], late) > 0
-    q, tau = (at_times(t, recording.t, x) for x in (recording.q, recording.tau))
+    q, tau = (
+        interpolate_signals(t, recording.t, x) for x in (recording.q, recording.tau)
+    )
     return _Uniform(rate, t, q, tau, gap)
 
 
-def at_times(times: Array, sampled: Array, values: Array) -> Array:
+def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
     """Read signals at other times [s], in straight lines between. Shape (m, k)."""
     return np.column_stack([np.interp(times, sampled, column) for column in values.T])
 
 
-def _kinematics(u: _Uniform, filters: Filters, step: int) -> tuple[Array, Array, Array]:
+def _kinematics(
+    u: _Uniform, filters: FilterSettings, step: int
+) -> tuple[Array, Array, Array]:
     """Filtered angles and their derivatives, every so many samples."""
     cutoff = min(filters.kinematics, 0.12 * u.rate)
     if step > 1:  # no sample is made that is not kept
-        q, qd, qdd = (low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
+        q, qd, qdd = (
+            filter_low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3)
+        )
         return q, qd, qdd
-    q = low_pass(u.q, cutoff, u.rate)
+    q = filter_low_pass(u.q, cutoff, u.rate)
     qd = np.gradient(q, 1 / u.rate, axis=0)
     return q, qd, np.gradient(qd, 1 / u.rate, axis=0)
 
 
-def _thinning(rate: float, filters: Filters) -> int:
+def _thinning(rate: float, filters: FilterSettings) -> int:
     """Samples of a log per sample of its features."""
     return max(1, round(rate / filters.rate))
 
@@ -289,7 +304,7 @@ def _track(
     label: str,
     u: _Uniform,
     motion: tuple[Array, Array, Array],
-    filters: Filters,
+    filters: FilterSettings,
     speed_floor: Array,
     full_rate: bool,
     piece: bool,
@@ -303,18 +318,18 @@ def _track(
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
     half = int(np.ceil(filters.margin / cutoff * rate))
-    still = widened(still, half)
-    inner = ~widened(u.gap, (2 * half + 1) * first // 2)[:: first * step]
+    still = dilate_mask(still, half)
+    inner = ~dilate_mask(u.gap, (2 * half + 1) * first // 2)[:: first * step]
     edge = max(2, round(filters.edge * rate / step))
     inner[:edge] = inner[-edge:] = False
     if piece:
-        over = overlap(cutoff, u.rate)
+        over = compute_piece_overlap(cutoff, u.rate)
         at = (np.arange(len(inner)) * step / rate).round(6)
         inner &= (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
     # Noise behind the filter, from the torque above 2.5 cut-offs taken as white.
     nyquist = u.rate / 2
     low = min(2.5 * cutoff, 0.5 * nyquist)
-    high = u.tau - low_pass(u.tau, low, u.rate)
+    high = u.tau - filter_low_pass(u.tau, low, u.rate)
     variance = (np.median(np.abs(high), axis=0) / 0.6745) ** 2
     noise = np.sqrt(variance / (1 - low / nyquist) * (cutoff / nyquist))
     return Track(
@@ -326,8 +341,8 @@ def _track(
         qdd=qdd,
         cutoff=cutoff,
         step=step,
-        tau=low_pass(_thinned(u, first), cutoff, rate, step),
-        inner=inner,
+        tau=filter_low_pass(_thinned(u, first), cutoff, rate, step),
+        valid=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=noise,
         entire=not piece,
@@ -341,33 +356,33 @@ def _thinned(u: _Uniform, first: int) -> Array:
     """
     if first == 1:
         return u.tau
-    return low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
+    return filter_low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
 
 
-def widened(marks: Array, half: int) -> Array:
+def dilate_mask(mask: Array, half_width: int) -> Array:
     """Marks, and as many samples before and after each of them. Shape as given."""
-    count = np.cumsum(marks, axis=0)
-    count = np.pad(count, [(1, 0)] + [(0, 0)] * (marks.ndim - 1))
-    at = np.arange(len(marks))
-    last = np.minimum(at + half + 1, len(marks))
-    return count[last] > count[np.maximum(at - half, 0)]
+    count = np.cumsum(mask, axis=0)
+    count = np.pad(count, [(1, 0)] + [(0, 0)] * (mask.ndim - 1))
+    at = np.arange(len(mask))
+    last = np.minimum(at + half_width + 1, len(mask))
+    return count[last] > count[np.maximum(at - half_width, 0)]
 
 
-def at_samples(torque: Array, track: Track, recording: Recording) -> Array:
+def interpolate_torque(torque: Array, track: Track, recording: Recording) -> Array:
     """Torque on a track's grid, read at the recording's own times. Shape (n, dof)."""
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
-    return at_times(recording.t, track.t, torque)
+    return interpolate_signals(recording.t, track.t, torque)
 
 
-def smooth(recording: Recording, filters: Filters) -> Array:
+def filter_positions(recording: Recording, filters: FilterSettings) -> Array:
     """Positions through the filter of the kinematics, at the log's own times [rad]."""
-    t, _, (q, _, _) = motion_of(recording, filters)
-    return at_times(recording.t, t, q)
+    t, _, (q, _, _) = filter_motion(recording, filters)
+    return interpolate_signals(recording.t, t, q)
 
 
-def shaken(
-    recordings: Sequence[Recording], tracks: Sequence[Track], filters: Filters
+def add_angle_noise(
+    recordings: Sequence[Recording], tracks: Sequence[Track], filters: FilterSettings
 ) -> tuple[Track, ...]:
     """The logs with one more helping of the noise of their angles.
 
@@ -378,21 +393,23 @@ def shaken(
     for r, track in zip(recordings, tracks, strict=True):
         # From above the filter, taken as white; by the median, so that jerks of the
         # motion do not count.
-        _, angles, (low, _, _) = motion_of(r, filters)
-        rate = sample_rate(r.t)
+        _, angles, (low, _, _) = filter_motion(r, filters)
+        rate = estimate_sample_rate(r.t)
         passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
         level = np.median(np.abs(angles - low), axis=0) / 0.6745
         noise = level / np.sqrt(1 - passed_on) * rng.normal(size=r.q.shape)
         thin = round(rate / track.rate)
-        _, _, (q, qd, qdd) = motion_of(replace(r, q=r.q + noise), filters, thin)
+        _, _, (q, qd, qdd) = filter_motion(replace(r, q=r.q + noise), filters, thin)
         out.append(replace(track, q=q, qd=qd, qdd=qdd))
     return tuple(out)
 
 
-def on_rows_of(measured: Sequence[Track], shaken: Sequence[Track]) -> tuple[Track, ...]:
+def keep_measured_rows(
+    measured: Sequence[Track], shaken: Sequence[Track]
+) -> tuple[Track, ...]:
     """Other angles in the place of the measured ones, on the very same rows."""
     return tuple(
-        replace(t, tau=m.tau, inner=m.inner, moving=m.moving)
+        replace(t, tau=m.tau, valid=m.valid, moving=m.moving)
         for m, t in zip(measured, shaken, strict=True)
     )
 
@@ -401,7 +418,9 @@ STEPS = 5.0  # of its sensor's step that the rms of a torque must be
 NOISES = 2.0  # of its noise behind the filter, where the joint moves
 
 
-def too_small(recordings: Sequence[Recording], tracks: Sequence[Track]) -> Array:
+def find_unresolved_torques(
+    recordings: Sequence[Recording], tracks: Sequence[Track]
+) -> Array:
     """Return which joints' torque is but its quantisation or noise. (dof,), bool.
 
     A torque of that size has no error in per cent: a model that says nothing of it is

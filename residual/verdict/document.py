@@ -10,9 +10,9 @@ from functools import cache
 
 from pydantic import TypeAdapter, ValidationError
 
-from residual.check.result import from_json as read_check
-from residual.errors import InputError, shown
-from residual.quantity import plain
+from residual.check.result import read_log_check as read_check
+from residual.errors import InputError, quote_value
+from residual.quantity import convert_to_plain_values
 from residual.verdict.result import Verdict
 
 SCHEMA = 1
@@ -31,7 +31,7 @@ def to_json(verdict: Verdict) -> dict:
         effect["evidence"] |= {"p_value": None, "splits": splits}
         for combination in effect["combinations"].values():
             del combination["determined"]  # it is, and does not say so
-    return plain({"schema": SCHEMA, **found})
+    return convert_to_plain_values({"schema": SCHEMA, **found})
 
 
 def from_json(document: Mapping) -> Verdict:
@@ -61,7 +61,7 @@ def from_json(document: Mapping) -> Verdict:
         words = f"{place}: {first['msg']}"
         raise InputError(f"The verdict is incomplete: {words}.") from error
     except (AttributeError, KeyError, TypeError) as error:
-        raise InputError(f"The verdict is incomplete: {shown(error)}.") from error
+        raise InputError(f"The verdict is incomplete: {quote_value(error)}.") from error
     in_order = sorted(found.effects, key=lambda effect: effect.order)
     return replace(found, effects=tuple(in_order))
 

@@ -7,15 +7,19 @@ from typing import Literal
 import numpy as np
 
 from residual.check.result import LogCheck
-from residual.effects import registry
-from residual.errors import joints_listed
+from residual.effects import load_effects
+from residual.errors import format_joint_numbers
 from residual.evidence.fit import PossibleModel
 from residual.model.bodies import BodyCorrection
-from residual.model.compare import Cloud, Errors, LogProof
+from residual.model.compare import ErrorSums, FindingScatter, LogPrediction
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
-from residual.quantity import measured, percent, plain
-from residual.robot.dynamics import flange_frame
+from residual.quantity import (
+    convert_to_plain_values,
+    format_percent,
+    format_uncertain_value,
+)
+from residual.robot.dynamics import find_flange_frame
 from residual.robot.robot import Robot
 
 METRIC = "100*||tau-tau_hat||/||tau||"
@@ -184,7 +188,7 @@ class Frames:
     @classmethod
     def of(cls, robot: Robot) -> "Frames":
         """What the URDF of a robot has."""
-        flange = robot.model.frames[flange_frame(robot.model)].name
+        flange = robot.model.frames[find_flange_frame(robot.model)].name
         return cls(tuple(list(robot.model.names)[1:]), flange)
 
 
@@ -223,7 +227,7 @@ class Parameter:
         return tuple(zip(self.value, stds, strict=True))
 
     def __str__(self) -> str:
-        return ", ".join(measured(v, s, self.unit) for v, s in self.pairs)
+        return ", ".join(format_uncertain_value(v, s, self.unit) for v, s in self.pairs)
 
     def __repr__(self) -> str:
         return f"Parameter({self})"
@@ -410,7 +414,7 @@ class Verdict:
 
     def __str__(self) -> str:
         errors = self.error.overall_moving
-        before, after = (percent(errors[k]) for k in ("identified", "augmented"))
+        before, after = (format_percent(errors[k]) for k in ("identified", "augmented"))
         said = "nothing found" if self.verdict == "none" else "something without a name"
         if not self.trusted:
             said = "nothing named, the logs are at fault"
@@ -445,10 +449,10 @@ class Diagnosis:
 
     verdict: Verdict
     models: Mapping[str, Model | CorrectedModel] = field(default_factory=dict)
-    proofs: tuple[LogProof, ...] = ()
-    clouds: tuple[Cloud, ...] = ()
+    proofs: tuple[LogPrediction, ...] = ()
+    clouds: tuple[FindingScatter, ...] = ()
     notes: tuple[str, ...] = ()
-    residual_clouds: tuple[Cloud, ...] = ()
+    residual_clouds: tuple[FindingScatter, ...] = ()
     sentences: tuple[str, ...] = ()
     adoptable: Model | None = None
     question: object | None = None
@@ -485,7 +489,7 @@ class Diagnosis:
 
 
 def _joints_phrase(joints: tuple[int, ...]) -> str:
-    return f" on {joints_listed(joints)}" if joints else ""
+    return f" on {format_joint_numbers(joints)}" if joints else ""
 
 
 def _odds(value: float) -> str:
@@ -493,13 +497,13 @@ def _odds(value: float) -> str:
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
 
 
-def with_model_values(finding: Finding, possible: PossibleModel) -> Finding:
+def replace_by_model_values(finding: Finding, possible: PossibleModel) -> Finding:
     """A finding with the values of the model, where no body could be as fitted freely.
 
     The deviations stay: the true body is one that can be, and the nearest of those is
     no farther from it than the fit was.
     """
-    effect, joints = registry()[finding.name], tuple(j - 1 for j in finding.joints)
+    effect, joints = load_effects()[finding.name], tuple(j - 1 for j in finding.joints)
     if possible.correction is None or effect.portable.bodies is None:
         return finding
     terms = possible.model.terms  # what was found stands behind what the model had
@@ -513,7 +517,10 @@ def with_model_values(finding: Finding, possible: PossibleModel) -> Finding:
         values |= {key: value for key, (value, _) in sums.items()}
 
     def with_values(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        return {k: replace(p, value=plain(values[k])) for k, p in parameters.items()}
+        return {
+            k: replace(p, value=convert_to_plain_values(values[k]))
+            for k, p in parameters.items()
+        }
 
     return replace(
         finding,
@@ -522,8 +529,8 @@ def with_model_values(finding: Finding, possible: PossibleModel) -> Finding:
     )
 
 
-def error_tables(
-    errors: Mapping[str, Errors | None],
+def tabulate_errors(
+    errors: Mapping[str, ErrorSums | None],
     cutoff: float,
     logs: Sequence[str],
     same_run: bool = False,
@@ -539,7 +546,7 @@ def error_tables(
 
     def overall(kind: str) -> dict:
         return {
-            s: plain(e.overall(kind)) if e and e.alike else None
+            s: convert_to_plain_values(e.overall(kind)) if e and e.alike else None
             for s, e in errors.items()
         }
 
@@ -561,10 +568,10 @@ def error_tables(
     )
 
 
-def _per_joint(errors: Errors | None, kind: str) -> tuple[Number, ...] | None:
+def _per_joint(errors: ErrorSums | None, kind: str) -> tuple[Number, ...] | None:
     values = None if errors is None else errors.per_joint(kind)
     return None if values is None or np.isnan(values).all() else _row(values)
 
 
 def _row(values: Sequence[float]) -> tuple[Number, ...]:
-    return tuple(plain(np.asarray(values)))
+    return tuple(convert_to_plain_values(np.asarray(values)))

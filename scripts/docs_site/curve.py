@@ -9,12 +9,12 @@ from functools import cache
 
 import numpy as np
 
-from residual.effects import vocabulary
-from residual.effects.base import Effect, Span, State, against_position
+from residual.effects import list_effect_parameters
+from residual.effects.base import Effect, MotionSpan, State, against_position
 from residual.model.model import Term
-from residual.model.nominal import build_nominal, declared_names
+from residual.model.nominal import build_nominal, choose_declared_effects
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 
 ROBOT, RATE, SECONDS = "irb140", 100.0, 20.0
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, LOW = 460, 220, 58, 12, 12, 44
@@ -22,9 +22,9 @@ MOST = 900  # points
 
 
 @cache
-def _seen() -> tuple[State, Span]:
+def _seen() -> tuple[State, MotionSpan]:
     """The motion: two sines per joint that never meet again, and what it reaches."""
-    robot = load_robot(ROBOT, vocabulary())
+    robot = load_robot(ROBOT, list_effect_parameters())
     t = np.arange(0, SECONDS, 1 / RATE)
     w = 2 * np.pi * np.array([0.23, 0.61])[:, None] * (1 + 0.07 * np.arange(robot.dof))
     size = np.array([0.7, 0.25])[:, None]
@@ -35,15 +35,17 @@ def _seen() -> tuple[State, Span]:
         (-size * w**2 * np.sin(phase)).sum(axis=1),
     )
     span = _span(motion, np.zeros(robot.dof))
-    names = declared_names(robot, None)
-    model = build_nominal(robot, names, span, np.full(robot.dof, 1e-3), Filters()).model
+    names = choose_declared_effects(robot, None)
+    model = build_nominal(
+        robot, names, span, np.full(robot.dof, 1e-3), FilterSettings()
+    ).model
     state = model.state(RATE, t, motion)
     return state, _span(motion, np.abs(state.tau_model).max(axis=0))
 
 
-def _span(motion, torque) -> Span:
+def _span(motion, torque) -> MotionSpan:
     q, qd, _ = motion
-    return Span(np.quantile(abs(qd), 0.95, 0), np.ptp(q, 0), SECONDS, 8.0, torque)
+    return MotionSpan(np.quantile(abs(qd), 0.95, 0), np.ptp(q, 0), SECONDS, 8.0, torque)
 
 
 def points(effect: Effect) -> tuple[np.ndarray, np.ndarray, str]:

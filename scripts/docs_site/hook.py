@@ -10,7 +10,7 @@ from pathlib import Path
 
 from mkdocs.structure.files import File
 
-from residual.effects import registry
+from residual.effects import load_effects
 from scripts.docs_site.pages import FOLDER, TABLES, generated, llms_txt
 from scripts.docs_site.schemas import schemas
 
@@ -24,7 +24,7 @@ def on_config(config):
     there = {path.relative_to(folder).as_posix() for path in folder.rglob("*.md")}
     if more := sorted(there - listed):
         config.nav.append({"More": more})
-    pages = [{name: f"{FOLDER}/{name}.md"} for name in registry()]
+    pages = [{name: f"{FOLDER}/{name}.md"} for name in load_effects()]
     config.nav.append({"Every effect": pages})
     return config
 
@@ -66,7 +66,7 @@ def on_page_markdown(markdown, page, config, files):
 
 def _linked(row: re.Match) -> str:
     name = row[1]
-    return f"| [`{name}`]({FOLDER}/{name}.md) |" if name in registry() else row[0]
+    return f"| [`{name}`]({FOLDER}/{name}.md) |" if name in load_effects() else row[0]
 
 
 def _outside(markdown: str, depth: int) -> str:

@@ -14,11 +14,11 @@ from cyclopts import Argument
 import modelgap as mg
 from benchmarks.hidden.draw import is_clear
 from flows.cli.app import GROUPS, app
-from flows.report.phrases import sentence_case
-from residual.effects import registry
-from residual.effects.base import Trait
+from flows.report.phrases import capitalize_first
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
 from scripts.docs_site import curve
-from warehouse.query.views import NAMED, TAKES
+from warehouse.query.sql_views import NAMED, TAKES
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
@@ -49,7 +49,7 @@ _WRONG_VALUE = (
 
 def generated() -> dict[str, str]:
     """Return every generated page by its place below docs/."""
-    pages = {f"{FOLDER}/{name}.md": _effect(name) for name in registry()}
+    pages = {f"{FOLDER}/{name}.md": _effect(name) for name in load_effects()}
     return {
         **pages,
         "commands.md": commands_page(),
@@ -95,7 +95,7 @@ def effects_table() -> str:
     """Return a row per effect: where it acts, its parameters and units."""
     rows = [
         f"| `{name}` | {effect.sentence} | {_PLACE[effect.scope]} | {_units(effect)} |"
-        for name, effect in registry().items()
+        for name, effect in load_effects().items()
     ]
     head = "| name | the robot has | acts on | parameters [unit] |"
     return "\n".join([head, "| --- | --- | --- | --- |", *rows])
@@ -142,11 +142,11 @@ def llms_txt(nav: list, folder: Path) -> str:
 
 
 def _effect(name: str) -> str:
-    effect = registry()[name]
+    effect = load_effects()[name]
     units = "\n".join(f"- `{key}` [{unit}]" for key, unit in effect.parameters.items())
     # The text at the top of the file that the effect stands in.
     about = getdoc(sys.modules[f"residual.effects.{name}"]) or effect.sentence
-    wrong = _WRONG_VALUE if Trait.PARAMETER in effect.traits else ""
+    wrong = _WRONG_VALUE if EffectTrait.PARAMETER in effect.traits else ""
     law = "\n".join(f"    {line.strip()}" for line in effect.law.split(";"))
     caption = (
         "Its torque on made-up motion of the built-in arm, at a size whose largest "
@@ -158,7 +158,7 @@ def _effect(name: str) -> str:
     )
     return "\n\n".join(
         [
-            f"# {sentence_case(effect.noun or name.replace('_', ' '))}",
+            f"# {capitalize_first(effect.noun or name.replace('_', ' '))}",
             f"`{name}`: {effect.sentence}.",
             drawn,
             f"## Equation\n\n{law}",
@@ -298,8 +298,8 @@ def confused_with(name: str) -> str:
 
 
 def _family(name: str) -> str:
-    family = registry()[name].family
-    same = [n for n, e in registry().items() if e.family == family and n != name]
+    family = load_effects()[name].family
+    same = [n for n, e in load_effects().items() if e.family == family and n != name]
     if not family or not same:
         return ""
     return (

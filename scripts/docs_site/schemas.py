@@ -7,11 +7,11 @@ from pydantic import TypeAdapter
 
 from flows.specs import ExperimentSpec
 from residual.check.result import KINDS
-from residual.effects import vocabulary
+from residual.effects import list_effect_parameters
 from residual.robot import files as robot_files
 from residual.verdict.document import SCHEMA
 from residual.verdict.result import Verdict
-from warehouse.logs.columns import _File as ColumnsFile
+from warehouse.logs.column_map import _File as ColumnsFile
 
 Schema = dict[str, Any]
 FOLDER = "schemas"
@@ -99,7 +99,7 @@ def _robot() -> Schema:
             "declared": _table(
                 {
                     name: _table({**dict.fromkeys(parameters, _ROW), **origin})
-                    for name, parameters in vocabulary().items()
+                    for name, parameters in list_effect_parameters().items()
                 }
             ),
             "prior": _table({"scale": scale}),

@@ -1,7 +1,7 @@
 """What an arm may hide, one file per effect; the registry is the folder listing.
 
 A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin; one that begins
-with ``_`` has none. The registry is read by `sim.plant.catalogue` alone.
+with ``_`` has none. The registry is read by `sim.plant.effect_catalogue` alone.
 """
 
 from collections.abc import Iterable
@@ -9,11 +9,11 @@ from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from sim.effects.base import Effect
+from sim.effects.effect import Effect
 
 
 @cache
-def registry() -> dict[str, Effect]:
+def load_effects() -> dict[str, Effect]:
     """Return every effect by name, in alphabetical order of the files."""
     names = sorted(m.name for m in iter_modules(__path__))
     modules = (
@@ -28,7 +28,7 @@ def registry() -> dict[str, Effect]:
 _ADDED: dict[str, Effect] = {}
 
 
-def add(effects: Iterable[Effect]) -> None:
+def register_effects(effects: Iterable[Effect]) -> None:
     """Let synthetic arms of this process hide more than the folder has.
 
     So a benchmark hides its own: they are known by name, and in no list.
@@ -36,6 +36,6 @@ def add(effects: Iterable[Effect]) -> None:
     _ADDED.update({effect.name: effect for effect in effects})
 
 
-def effect_of(name: str) -> Effect:
+def find_effect_definition(name: str) -> Effect:
     """Return an effect of the folder, or one that was added."""
-    return _ADDED[name] if name in _ADDED else registry()[name]
+    return _ADDED[name] if name in _ADDED else load_effects()[name]

@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from sim.effects.base import Effect, Trait, first_joints
+from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint
 
 CROSSING = 0.04  # s that a link takes from one side of its play to the other
 
@@ -20,8 +20,8 @@ EFFECT = Effect(
     parameters={"half_gap": "rad"},
     above={"half_gap": 0.0},
     amount=("half_gap",),
-    traits=frozenset({Trait.RARE}),
-    where=first_joints,
+    traits=frozenset({PlantEffectTrait.RARE}),
+    where=draw_first_joint,
     draw=lambda rng, sizes: {"half_gap": rng.uniform(5e-4, 3e-3)},
     transmission=lambda p: (0.0, p["half_gap"]),
     lead=_lead,

@@ -2,8 +2,15 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, JointSizes, Rng, balanced, sign, split
-from sim.engine import laws
+from sim.effects.effect import (
+    Effect,
+    Rng,
+    TypicalJointSizes,
+    draw_balanced_joint,
+    draw_sign,
+    split_into_components,
+)
+from sim.engine import friction_laws
 
 
 def _polar(p):
@@ -12,25 +19,29 @@ def _polar(p):
 
 def _law(state, p):
     size, zero = _polar(p)
-    return size * laws.gas_spring(state.q - zero) / laws.gas_spring_peak()
+    return (
+        size
+        * friction_laws.gas_spring_torque(state.q - zero)
+        / friction_laws.gas_spring_peak_torque()
+    )
 
 
 def _row(p, joints):
     size, zero = _polar(p)
-    return laws.GAS_SPRING, size / laws.gas_spring_peak(), zero
+    return friction_laws.GAS_SPRING, size / friction_laws.gas_spring_peak_torque(), zero
 
 
-def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
+def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
     """Near the phase that helps against weight: where else would one mount it?"""
-    size = sign(rng) * rng.uniform(0.05, 0.15) * sizes.torque
-    return split(size, np.pi / 2 + rng.uniform(-0.5, 0.5))
+    size = draw_sign(rng) * rng.uniform(0.05, 0.15) * sizes.torque
+    return split_into_components(size, np.pi / 2 + rng.uniform(-0.5, 0.5))
 
 
 EFFECT = Effect(
     name="balancer",
     parameters={"cos": "N m", "sin": "N m"},
     amount=("cos", "sin"),
-    where=balanced,
+    where=draw_balanced_joint,
     draw=_draw,
     torque=_row,
     law=_law,

@@ -3,7 +3,12 @@
 import numpy as np
 import pinocchio as pin
 
-from sim.effects.base import Effect, Trait, split, turn
+from sim.effects.effect import (
+    Effect,
+    PlantEffectTrait,
+    draw_angle,
+    split_into_components,
+)
 
 
 def _tilted(model, joints, p):
@@ -19,9 +24,9 @@ EFFECT = Effect(
     defaults={"tilt_x": 0.0, "tilt_y": 0.0},
     scope="global",
     amount=("tilt_x", "tilt_y"),
-    traits=frozenset({Trait.RARE}),
-    draw=lambda rng, sizes: split(
-        np.deg2rad(rng.uniform(1.0, 4.0)), turn(rng), ("tilt_x", "tilt_y")
+    traits=frozenset({PlantEffectTrait.RARE}),
+    draw=lambda rng, sizes: split_into_components(
+        np.deg2rad(rng.uniform(1.0, 4.0)), draw_angle(rng), ("tilt_x", "tilt_y")
     ),
     body=_tilted,
 )

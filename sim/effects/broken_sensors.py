@@ -6,7 +6,7 @@ itself works, and the controller reads the encoder but not the torque sensor.
 
 import numpy as np
 
-from sim.effects.base import Effect, Trait, any_joint, sign
+from sim.effects.effect import Effect, PlantEffectTrait, draw_any_joint, draw_sign
 
 SLACK = 1e-9  # s: an onset on a step acts on that step
 
@@ -22,27 +22,27 @@ EFFECTS = (
     Effect(
         name="x_fault_frozen",
         parameters={},
-        traits=frozenset({Trait.SENSOR, Trait.FROZEN}),
-        where=any_joint,
+        traits=frozenset({PlantEffectTrait.SENSOR, PlantEffectTrait.FROZEN}),
+        where=draw_any_joint,
         draw=lambda rng, sizes: {},
     ),
     Effect(
         name="x_fault_drift",
         parameters={"rate": "rad/s"},
-        traits=frozenset({Trait.SENSOR}),
-        where=any_joint,
+        traits=frozenset({PlantEffectTrait.SENSOR}),
+        where=draw_any_joint,
         draw=lambda rng, sizes: {
-            "rate": sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
+            "rate": draw_sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
         },
         drift=lambda p: p["rate"],
     ),
     Effect(
         name="x_fault_torque_bias",
         parameters={"torque": "N m"},
-        traits=frozenset({Trait.SENSOR}),
-        where=any_joint,
+        traits=frozenset({PlantEffectTrait.SENSOR}),
+        where=draw_any_joint,
         draw=lambda rng, sizes: {
-            "torque": sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque
+            "torque": draw_sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque
         },
         report=lambda tau, t, onset, p: tau + p["torque"],
     ),
@@ -50,8 +50,8 @@ EFFECTS = (
         name="x_fault_torque_gain",
         parameters={"gain": "1"},
         above={"gain": -1.0},
-        traits=frozenset({Trait.SENSOR}),
-        where=any_joint,
+        traits=frozenset({PlantEffectTrait.SENSOR}),
+        where=draw_any_joint,
         draw=lambda rng, sizes: {"gain": -rng.uniform(0.2, 0.4)},
         report=lambda tau, t, onset, p: tau * (1.0 + p["gain"]),
     ),
@@ -61,10 +61,10 @@ EFFECTS = (
         # A spike is one sample of 250 Hz.
         defaults={"interval": 0.5, "width": 0.004},
         above={"interval": 0.0, "width": 0.0},
-        traits=frozenset({Trait.SENSOR}),
-        where=any_joint,
+        traits=frozenset({PlantEffectTrait.SENSOR}),
+        where=draw_any_joint,
         draw=lambda rng, sizes: {
-            "size": sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque
+            "size": draw_sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque
         },
         report=_spikes,
     ),

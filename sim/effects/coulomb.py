@@ -1,7 +1,7 @@
 """Dry friction: a change of what the drive has."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 EFFECT = Effect(
     name="coulomb",
@@ -9,6 +9,6 @@ EFFECT = Effect(
     of_drive="coulomb",
     amount=("level",),
     draw=lambda rng, sizes: {"level": rng.uniform(0.3, 1.0) * sizes.coulomb},
-    friction=row(laws.LEVEL, "level"),
+    friction=build_row_function(friction_laws.LEVEL, "level"),
     law=lambda state, p: p["level"] * state.bristle,
 )

@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, row, sign
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function, draw_sign
+from sim.engine import friction_laws
 
 
 def _law(state, p):
@@ -16,8 +16,8 @@ EFFECT = Effect(
     parameters={"level": "N m"},
     amount=("level",),
     draw=lambda rng, sizes: {
-        "level": sign(rng) * rng.uniform(0.1, 0.4) * sizes.coulomb
+        "level": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.coulomb
     },
-    friction=row(laws.ASYMMETRY, "level"),
+    friction=build_row_function(friction_laws.ASYMMETRY, "level"),
     law=_law,
 )

@@ -5,13 +5,13 @@ f = level z(u) + coefficient u'; torque (f, sign f), z a bristle driven by u.
 
 import numpy as np
 
-from sim.effects.base import Effect, deflection, sign
+from sim.effects.effect import Effect, compute_bristle_states, draw_sign
 
 
 def _law(state, p):
     way = p["sign"]
     u = state.q[:, 0] + way * state.q[:, 1]
-    z = deflection(u[:, None], state.displacement[:1])[:, 0]
+    z = compute_bristle_states(u[:, None], state.displacement[:1])[:, 0]
     f = p["level"] * z + p["coefficient"] * (state.qd[:, 0] + way * state.qd[:, 1])
     return np.column_stack([f, way * f])
 
@@ -32,7 +32,7 @@ EFFECT = Effect(
     draw=lambda rng, sizes: {
         "level": rng.uniform(0.3, 0.8) * sizes.coulomb,
         "coefficient": rng.uniform(0.1, 0.3) * sizes.viscous,
-        "sign": sign(rng),
+        "sign": draw_sign(rng),
     },
     gear=lambda p: (p["inertia"], p["sign"], p["level"], p["coefficient"]),
     law=_law,

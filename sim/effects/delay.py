@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, Trait
+from sim.effects.effect import Effect, PlantEffectTrait
 
 
 def _late(tau, t, onset, p):
@@ -16,7 +16,7 @@ EFFECT = Effect(
     scope="global",
     above={"delay": 0.0},
     amount=("delay",),
-    traits=frozenset({Trait.RARE}),
+    traits=frozenset({PlantEffectTrait.RARE}),
     draw=lambda rng, sizes: {"delay": rng.uniform(0.004, 0.02)},
     report=_late,
 )

@@ -2,14 +2,16 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, Trait, any_joint, sign
+from sim.effects.effect import Effect, PlantEffectTrait, draw_any_joint, draw_sign
 
 EFFECT = Effect(
     name="encoder_offset",
     parameters={"angle": "rad"},
     amount=("angle",),
-    traits=frozenset({Trait.RARE}),
-    where=any_joint,
-    draw=lambda rng, sizes: {"angle": sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))},
+    traits=frozenset({PlantEffectTrait.RARE}),
+    where=draw_any_joint,
+    draw=lambda rng, sizes: {
+        "angle": draw_sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))
+    },
     encoder=lambda p: (p["angle"], 0.0, 0.0),
 )

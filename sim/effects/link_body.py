@@ -4,25 +4,25 @@ import math
 
 import numpy as np
 
-from sim.effects.base import (
+from sim.effects.effect import (
     CENTRE,
     TENSOR,
     Effect,
-    JointSizes,
+    PlantEffectTrait,
     Rng,
-    Trait,
-    added,
-    body_of,
+    TypicalJointSizes,
+    add_body,
+    build_body_inertia,
 )
 
 
 def _with_body(model, joints, p):
     for joint in joints:
-        model = added(model, joint + 1, body_of(p), "Body on a link")
+        model = add_body(model, joint + 1, build_body_inertia(p), "Body on a link")
     return model
 
 
-def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
+def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
     """Draw 2 to 8 % of the moving arm's mass, 8 to 20 cm from the joint."""
     arm = sum(body.mass for body in list(sizes.robot.model.inertias)[1:])
     way = rng.normal(size=3)
@@ -40,7 +40,7 @@ EFFECT = Effect(
     above={"mass": 0.0},
     together=TENSOR,
     amount=("mass",),
-    traits=frozenset({Trait.RARE}),
+    traits=frozenset({PlantEffectTrait.RARE}),
     # The first turns about one axis alone, and on the wrist it is a load.
     where=lambda rng, dof, sizes: int(rng.integers(2, max(3, dof - 1))),
     draw=_draw,

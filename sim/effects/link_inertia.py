@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from sim.effects.base import Effect, Trait, first_joints, sign
+from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint, draw_sign
 
 
 def _denser(model, joints, p):
@@ -20,8 +20,8 @@ EFFECT = Effect(
     parameters={"scale": "1"},
     above={"scale": -1.0},
     amount=("scale",),
-    traits=frozenset({Trait.RARE}),
-    where=first_joints,
-    draw=lambda rng, sizes: {"scale": sign(rng) * rng.uniform(0.15, 0.3)},
+    traits=frozenset({PlantEffectTrait.RARE}),
+    where=draw_first_joint,
+    draw=lambda rng, sizes: {"scale": draw_sign(rng) * rng.uniform(0.15, 0.3)},
     body=_denser,
 )

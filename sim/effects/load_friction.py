@@ -1,11 +1,11 @@
 """coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
 
-from sim.effects.base import Effect, loaded
-from sim.engine import laws
+from sim.effects.effect import Effect, draw_loaded_joint
+from sim.engine import friction_laws
 
 
 def _law(state, p):
-    load = laws.carried(state.load, 0.1 * state.coulomb)
+    load = friction_laws.preloaded_torque(state.load, 0.1 * state.coulomb)
     return p["coefficient"] * load * state.bristle
 
 
@@ -13,8 +13,8 @@ EFFECT = Effect(
     name="load_friction",
     parameters={"coefficient": "1"},
     amount=("coefficient",),
-    where=loaded,
+    where=draw_loaded_joint,
     draw=lambda rng, sizes: {"coefficient": rng.uniform(0.03, 0.1)},
-    friction=lambda p, level: (laws.CARRIED, p["coefficient"], 0.1 * level),
+    friction=lambda p, level: (friction_laws.CARRIED, p["coefficient"], 0.1 * level),
     law=_law,
 )

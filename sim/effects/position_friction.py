@@ -5,8 +5,8 @@ With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
 
 import numpy as np
 
-from sim.effects.base import Effect, split, turn
-from sim.engine import laws
+from sim.effects.effect import Effect, draw_angle, split_into_components
+from sim.engine import friction_laws
 
 
 def _polar(p):
@@ -15,14 +15,16 @@ def _polar(p):
 
 def _law(state, p):
     size, phase = _polar(p)
-    return size * laws.eccentric(state.q - phase) * state.bristle
+    return size * friction_laws.eccentric_gear_wave(state.q - phase) * state.bristle
 
 
 EFFECT = Effect(
     name="position_friction",
     parameters={"cos": "N m", "sin": "N m"},
     amount=("cos", "sin"),
-    draw=lambda rng, sizes: split(rng.uniform(0.2, 0.5) * sizes.coulomb, turn(rng)),
-    friction=lambda p, level: (laws.POSITION, *_polar(p)),
+    draw=lambda rng, sizes: split_into_components(
+        rng.uniform(0.2, 0.5) * sizes.coulomb, draw_angle(rng)
+    ),
+    friction=lambda p, level: (friction_laws.POSITION, *_polar(p)),
     law=_law,
 )

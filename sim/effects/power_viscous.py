@@ -1,11 +1,11 @@
 """coefficient qd times the viscosity of grease that shears."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 
 def _law(state, p):
-    thin = laws.power_viscosity(state.qd, p["exponent"])
+    thin = friction_laws.shear_thinning_viscosity(state.qd, p["exponent"])
     return p["coefficient"] * state.qd * thin
 
 
@@ -17,6 +17,6 @@ EFFECT = Effect(
         "coefficient": rng.uniform(0.3, 1.0) * sizes.viscous,
         "exponent": rng.uniform(0.3, 0.7),
     },
-    friction=row(laws.POWER, "coefficient", "exponent"),
+    friction=build_row_function(friction_laws.POWER, "coefficient", "exponent"),
     law=_law,
 )

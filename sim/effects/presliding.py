@@ -2,27 +2,33 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, Trait, any_joint, deflection, row
-from sim.engine import laws
+from sim.effects.effect import (
+    Effect,
+    PlantEffectTrait,
+    build_row_function,
+    compute_bristle_states,
+    draw_any_joint,
+)
+from sim.engine import friction_laws
 
 
 def _law(state, p):
     ways = np.full(state.q.shape[1], p["displacement"])
-    return p["level"] * deflection(state.q, ways)
+    return p["level"] * compute_bristle_states(state.q, ways)
 
 
 EFFECT = Effect(
     name="presliding",
     parameters={"level": "N m", "displacement": "rad"},
     above={"level": 0.0, "displacement": 0.0},
-    traits=frozenset({Trait.RARE}),
+    traits=frozenset({PlantEffectTrait.RARE}),
     # level z = level sgn(qd) + level (z - sgn(qd)), and the first is that friction.
     also=("coulomb",),
-    where=any_joint,
+    where=draw_any_joint,
     draw=lambda rng, sizes: {
         "level": sizes.coulomb,
         "displacement": rng.uniform(0.003, 0.03),
     },
-    friction=row(laws.BRISTLE, "level", "displacement"),
+    friction=build_row_function(friction_laws.BRISTLE, "level", "displacement"),
     law=_law,
 )

@@ -1,11 +1,11 @@
 """coefficient qd times the viscosity of churning oil."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 
 def _law(state, p):
-    return p["coefficient"] * state.qd * laws.quadratic_viscosity(state.qd)
+    return p["coefficient"] * state.qd * friction_laws.smooth_absolute_speed(state.qd)
 
 
 EFFECT = Effect(
@@ -13,6 +13,6 @@ EFFECT = Effect(
     parameters={"coefficient": "N m s^2/rad^2"},
     amount=("coefficient",),
     draw=lambda rng, sizes: {"coefficient": rng.uniform(0.15, 0.5) * sizes.viscous},
-    friction=row(laws.QUADRATIC, "coefficient"),
+    friction=build_row_function(friction_laws.QUADRATIC, "coefficient"),
     law=_law,
 )

@@ -1,11 +1,13 @@
 """The cogging of a magnet at order q + phase."""
 
-from sim.effects.base import Effect, row, turn
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function, draw_angle
+from sim.engine import friction_laws
 
 
 def _law(state, p):
-    return p["amplitude"] * laws.magnet(p["order"] * state.q + p["phase"])
+    return p["amplitude"] * friction_laws.motor_cogging_wave(
+        p["order"] * state.q + p["phase"]
+    )
 
 
 EFFECT = Effect(
@@ -16,8 +18,8 @@ EFFECT = Effect(
     draw=lambda rng, sizes: {
         "amplitude": rng.uniform(0.01, 0.04) * sizes.torque,
         "order": rng.uniform(6.0, 50.0),
-        "phase": turn(rng),
+        "phase": draw_angle(rng),
     },
-    torque=row(laws.RIPPLE, "amplitude", "order", "phase"),
+    torque=build_row_function(friction_laws.RIPPLE, "amplitude", "order", "phase"),
     law=_law,
 )

@@ -1,7 +1,7 @@
 """stiffness times q - rest: a hose that softens."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 EFFECT = Effect(
     name="spring",
@@ -12,6 +12,8 @@ EFFECT = Effect(
         "stiffness": rng.uniform(0.03, 0.1) * sizes.torque,
         "rest": rng.uniform(-0.3, 0.3) + sizes.centre,
     },
-    torque=row(laws.HOSE, "stiffness", "rest"),
-    law=lambda state, p: p["stiffness"] * laws.hose(state.q - p["rest"]),
+    torque=build_row_function(friction_laws.HOSE, "stiffness", "rest"),
+    law=lambda state, p: (
+        p["stiffness"] * friction_laws.hose_deflection(state.q - p["rest"])
+    ),
 )

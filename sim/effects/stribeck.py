@@ -1,12 +1,16 @@
 """level z / (1 + (qd / velocity)^2): a Lorentzian (Hess 1990), not an exponential."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 
 def stribeck(state, p):
     """Return the torque on a synthetic arm; its exponent is 2. Shape (n, k)."""
-    return p["level"] * state.bristle * laws.stribeck(state.qd, p["velocity"])
+    return (
+        p["level"]
+        * state.bristle
+        * friction_laws.stribeck_factor(state.qd, p["velocity"])
+    )
 
 
 EFFECT = Effect(
@@ -19,6 +23,8 @@ EFFECT = Effect(
         "level": rng.uniform(0.2, 0.6) * sizes.coulomb,
         "velocity": rng.uniform(0.03, 0.15),
     },
-    friction=row(laws.STRIBECK, "level", "velocity", "exponent"),
+    friction=build_row_function(
+        friction_laws.STRIBECK, "level", "velocity", "exponent"
+    ),
     law=stribeck,
 )

@@ -3,17 +3,25 @@
 import numpy as np
 import pinocchio as pin
 
-from residual.robot.dynamics import flange_frame, flange_placement
-from sim.effects.base import Array, Effect, JointSizes, Moving, Rng, Trait, Values
+from residual.robot.dynamics import find_flange_frame, find_flange_placement
+from sim.effects.effect import (
+    Array,
+    Effect,
+    MovingArm,
+    PlantEffectTrait,
+    Rng,
+    TypicalJointSizes,
+    Values,
+)
 
 
 def _force(p: Values) -> Array:
     return np.array([p[axis] for axis in "xyz"])
 
 
-def _push(p: Values, arm: Moving) -> Array:
+def _push(p: Values, arm: MovingArm) -> Array:
     """Return J' force."""
-    frame = flange_frame(arm.model)
+    frame = find_flange_frame(arm.model)
     jacobian = pin.computeFrameJacobian(
         arm.model, arm.data, arm.q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )
@@ -26,13 +34,13 @@ def _load(model: pin.Model, q: Array, p: Values) -> Array:
     for i in range(1, bare.njoints):
         bare.inertias[i] = pin.Inertia.Zero()
     point = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
-    bare.inertias[bare.njoints - 1] = flange_placement(model).act(point)
+    bare.inertias[bare.njoints - 1] = find_flange_placement(model).act(point)
     bare.gravity.linear = _force(p)
     data = bare.createData()
     return np.array([pin.computeGeneralizedGravity(bare, data, x) for x in q])
 
 
-def _draw(rng: Rng, sizes: JointSizes) -> dict[str, float]:
+def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
     push = rng.normal(size=3)
     push *= rng.uniform(10.0, 40.0) / np.linalg.norm(push)
     return dict(zip("xyz", map(float, push), strict=True))
@@ -44,7 +52,7 @@ EFFECT = Effect(
     defaults=dict.fromkeys("xyz", 0.0),
     scope="global",
     amount=("x", "y", "z"),
-    traits=frozenset({Trait.RARE}),
+    traits=frozenset({PlantEffectTrait.RARE}),
     draw=_draw,
     push=_push,
     load=_load,

@@ -1,13 +1,13 @@
 """A wrong torque constant: the drives believe to give more than they do."""
 
-from sim.effects.base import Effect, loaded, sign
+from sim.effects.effect import Effect, draw_loaded_joint, draw_sign
 
 EFFECT = Effect(
     name="torque_gain",
     parameters={"gain": "1"},
     above={"gain": -1.0},
     amount=("gain",),
-    where=loaded,
-    draw=lambda rng, sizes: {"gain": sign(rng) * rng.uniform(0.05, 0.15)},
+    where=draw_loaded_joint,
+    draw=lambda rng, sizes: {"gain": draw_sign(rng) * rng.uniform(0.05, 0.15)},
     gain=lambda p: p["gain"],
 )

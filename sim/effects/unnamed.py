@@ -2,11 +2,19 @@
 
 import numpy as np
 
-from sim.effects.base import Effect, JointSizes, Rng, any_joint, row, sign, turn
-from sim.engine import laws
+from sim.effects.effect import (
+    Effect,
+    Rng,
+    TypicalJointSizes,
+    build_row_function,
+    draw_angle,
+    draw_any_joint,
+    draw_sign,
+)
+from sim.engine import friction_laws
 
 
-def _size(rng: Rng, sizes: JointSizes) -> float:
+def _size(rng: Rng, sizes: TypicalJointSizes) -> float:
     return rng.uniform(0.03, 0.06) * sizes.torque
 
 
@@ -49,8 +57,8 @@ def _on_all(series):
     return lambda s, p: series(p, s.t, s.rng)[:, None] * np.ones_like(s.q)
 
 
-def _wall(rng: Rng, sizes: JointSizes) -> dict[str, float]:
-    side = sign(rng)
+def _wall(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
+    side = draw_sign(rng)
     angle = sizes.centre + side * rng.uniform(0.1, 0.4) * sizes.amplitude
     stiffness = rng.uniform(0.5, 1.0) * sizes.torque
     return {"angle": angle, "stiffness": stiffness, "side": side}
@@ -64,7 +72,7 @@ EFFECTS = (
         draw=lambda rng, sizes: {
             "amplitude": _size(rng, sizes),
             "frequency": rng.uniform(2.0, 7.0),
-            "phase": turn(rng),
+            "phase": draw_angle(rng),
         },
         series=_vibration,
         law=_on_all(_vibration),
@@ -95,7 +103,7 @@ EFFECTS = (
             "order": rng.uniform(8.0, 14.0),
         },
         torque=lambda p, joints: (
-            laws.COGGING_SUM,
+            friction_laws.COGGING_SUM,
             p["amplitude"],
             p["order"],
             joints[1],
@@ -110,17 +118,17 @@ EFFECTS = (
             "level": rng.uniform(0.4, 0.8) * sizes.coulomb,
             "share": rng.uniform(0.4, 0.6),
         },
-        friction=row(laws.LEVEL, "level"),
-        begins=lambda p: p["share"],
+        friction=build_row_function(friction_laws.LEVEL, "level"),
+        onset_share=lambda p: p["share"],
         law=_friction_jump,
     ),
     Effect(
         name="x_dead_zone",
         parameters={"level": "N m"},
         above={"level": 0.0},
-        where=any_joint,
+        where=draw_any_joint,
         draw=lambda rng, sizes: {"level": rng.uniform(0.02, 0.06) * sizes.torque},
-        torque=row(laws.DEAD_ZONE, "level"),
+        torque=build_row_function(friction_laws.DEAD_ZONE, "level"),
     ),
     Effect(
         name="x_wall",
@@ -128,8 +136,8 @@ EFFECTS = (
         defaults={"side": 1.0},
         above={"stiffness": 0.0},
         signs=("side",),
-        where=any_joint,
+        where=draw_any_joint,
         draw=_wall,
-        torque=row(laws.WALL, "stiffness", "angle", "side"),
+        torque=build_row_function(friction_laws.WALL, "stiffness", "angle", "side"),
     ),
 )

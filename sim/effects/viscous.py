@@ -1,7 +1,7 @@
 """Viscous friction: a change of what the drive has."""
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 EFFECT = Effect(
     name="viscous",
@@ -9,6 +9,6 @@ EFFECT = Effect(
     of_drive="viscous",
     amount=("coefficient",),
     draw=lambda rng, sizes: {"coefficient": rng.uniform(0.3, 1.0) * sizes.viscous},
-    friction=row(laws.VISCOUS, "coefficient"),
+    friction=build_row_function(friction_laws.VISCOUS, "coefficient"),
     law=lambda state, p: p["coefficient"] * state.qd,
 )

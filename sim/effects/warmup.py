@@ -6,8 +6,8 @@ in the physics engine the friction itself heats.
 
 import numpy as np
 
-from sim.effects.base import Effect, row
-from sim.engine import laws
+from sim.effects.effect import Effect, build_row_function
+from sim.engine import friction_laws
 
 
 def _law(state, p):
@@ -25,6 +25,6 @@ EFFECT = Effect(
         "level": rng.uniform(0.3, 0.8) * sizes.coulomb,
         "time_constant": rng.uniform(40.0, 150.0),
     },
-    friction=row(laws.WARMUP, "level", "time_constant"),
+    friction=build_row_function(friction_laws.WARMUP, "level", "time_constant"),
     law=_law,
 )

@@ -21,11 +21,11 @@ from scipy.linalg import null_space
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import (
-    Chain,
-    chain_of,
-    flange_frame,
-    flange_jacobian,
-    outward,
+    KinematicChain,
+    build_kinematic_chain,
+    compute_flange_jacobian,
+    find_flange_axis,
+    find_flange_frame,
 )
 from residual.robot.robot import Robot
 
@@ -40,10 +40,10 @@ _DAMPING = 1e-9
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Body:
+class ArmCapsules:
     """The capsules of an arm and what is checked."""
 
-    chain: Chain  # where the joints sit
+    chain: KinematicChain  # where the joints sit
     # Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of capsules;
     # capsule i runs from end i to end i + 1.
     kept: tuple[int, ...]
@@ -53,14 +53,14 @@ class Body:
     names: tuple[str, ...]  # what each check is about, the floor first
 
 
-def body(model: pin.Model) -> Body:
+def build_arm_capsules(model: pin.Model) -> ArmCapsules:
     """Return the capsules of an arm.
 
     Neighbours are not checked, nor capsules with so little between them that they
     always touch.
     """
-    chain = chain_of(model)
-    at_rest = chain.origins(np.zeros((1, model.nv)))[0]
+    chain = build_kinematic_chain(model)
+    at_rest = chain.compute_joint_origins(np.zeros((1, model.nv)))[0]
     lengths = np.linalg.norm(np.diff(at_rest, axis=0), axis=1)
     reach = lengths.sum()
     kept, gap = [0], 0.0
@@ -86,27 +86,29 @@ def body(model: pin.Model) -> Body:
     names += [
         f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs
     ]
-    return Body(chain, tuple(kept), float(radius), low, pairs, tuple(names))
+    return ArmCapsules(chain, tuple(kept), float(radius), low, pairs, tuple(names))
 
 
-def clearances(arm: Body, q: Array) -> Array:
+def compute_clearances(capsules: ArmCapsules, q: Array) -> Array:
     """Return the room that every check of the arm has left.
 
     Returns:
         Distances between surfaces, less than 0 where they cross [m]. Shape
         (n, checks).
     """
-    ends = capsule_ends(arm, q)
-    columns = [ends[:, k, 2] - arm.radius for k in arm.low]
-    for i, j in arm.pairs:
+    ends = compute_capsule_ends(capsules, q)
+    columns = [ends[:, k, 2] - capsules.radius for k in capsules.low]
+    for i, j in capsules.pairs:
         between = _distance(ends[:, i], ends[:, i + 1], ends[:, j], ends[:, j + 1])
-        columns.append(between - 2 * arm.radius)
+        columns.append(between - 2 * capsules.radius)
     return np.array(columns).reshape(-1, len(q)).T
 
 
-def capsule_ends(arm: Body, q: Array) -> Array:
+def compute_capsule_ends(capsules: ArmCapsules, q: Array) -> Array:
     """Return the ends of the capsules in the base frame [m]. Shape (n, ends, 3)."""
-    return arm.chain.origins(np.asarray(q, dtype=float))[:, arm.kept]
+    return capsules.chain.compute_joint_origins(np.asarray(q, dtype=float))[
+        :, capsules.kept
+    ]
 
 
 def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -140,7 +142,7 @@ def _piece(model: pin.Model, kept: list[int], i: int) -> str:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Kinematics:
+class ToolKinematics:
     """What inverse kinematics needs to know of an arm."""
 
     model: pin.Model
@@ -149,7 +151,7 @@ class Kinematics:
     tool: Array  # direction in which a tool points, in the flange frame, (3,)
 
 
-def kinematics(robot: Robot, family: str) -> Kinematics:
+def build_tool_kinematics(robot: Robot, family: str) -> ToolKinematics:
     """Return the kinematics of a robot."""
     if robot.dof < POSE_JOINTS:
         raise InputError(
@@ -159,20 +161,22 @@ def kinematics(robot: Robot, family: str) -> Kinematics:
         )
     model = robot.model
     steps = [model.jointPlacements[j].translation for j in range(1, model.njoints)]
-    steps.append(model.frames[flange_frame(model)].placement.translation)
+    steps.append(model.frames[find_flange_frame(model)].placement.translation)
     length = float(sum(np.linalg.norm(step) for step in steps))
-    return Kinematics(model, flange_frame(model), length, outward(model))
+    return ToolKinematics(
+        model, find_flange_frame(model), length, find_flange_axis(model)
+    )
 
 
-def pose(arm: Kinematics, q: Array) -> pin.SE3:
+def compute_flange_pose(arm: ToolKinematics, q: Array) -> pin.SE3:
     """Return where the flange is at one posture. Shape of q (dof,)."""
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, q)
     return pin.SE3(pin.updateFramePlacement(arm.model, data, arm.flange))
 
 
-def inverse(
-    arm: Kinematics, target: pin.SE3, guess: Array, home: Array | None = None
+def solve_inverse_kinematics(
+    arm: ToolKinematics, target: pin.SE3, guess: Array, home: Array | None = None
 ) -> Array | None:
     """Return joint angles that bring the flange to a pose.
 
@@ -189,7 +193,7 @@ def inverse(
     data, fixed = model.createData(), np.zeros((0, model.nv))
     if home is not None and model.nv != POSE_JOINTS:
         # What leaves the flange at rest at home. Shape (spare joints, dof).
-        fixed = null_space(flange_jacobian(model, home[None])[0]).T
+        fixed = null_space(compute_flange_jacobian(model, home[None])[0]).T
     for _ in range(_STEPS):
         pin.forwardKinematics(model, data, q)
         rows = pin.computeFrameJacobian(model, data, q, arm.flange)
@@ -206,8 +210,8 @@ def inverse(
     return None
 
 
-def follow(
-    arm: Kinematics, targets: list[pin.SE3], start: Array, home: Array
+def solve_pose_path(
+    arm: ToolKinematics, targets: list[pin.SE3], start: Array, home: Array
 ) -> Array | None:
     """Return joint angles along a path of poses, each found from the one before.
 
@@ -221,7 +225,7 @@ def follow(
     """
     path, last = [], start
     for target in targets:
-        found = inverse(arm, target, last, home)
+        found = solve_inverse_kinematics(arm, target, last, home)
         if found is None or (path and np.abs(found - last).max() > _LONGEST):
             return None
         path.append(found)
@@ -229,7 +233,7 @@ def follow(
     return np.array(path)
 
 
-def dexterity(arm: Kinematics, q: Array) -> Array:
+def measure_singularity_distance(arm: ToolKinematics, q: Array) -> Array:
     """Return how far postures are from a singular one.
 
     The least singular value of the Jacobian over its largest, metres counted in arm
@@ -238,7 +242,7 @@ def dexterity(arm: Kinematics, q: Array) -> Array:
     Returns:
         From 0 (singular) to 1. Shape (n,).
     """
-    jacobian = flange_jacobian(arm.model, q)
+    jacobian = compute_flange_jacobian(arm.model, q)
     jacobian[:, :3] /= arm.length
     values = np.linalg.svd(jacobian, compute_uv=False)
     return values[:, -1] / values[:, 0]

@@ -10,10 +10,10 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.recording import Array
-from sim.effects.base import Trait
-from sim.plant import tables as at
-from sim.plant.catalogue import Acting
-from sim.plant.tables import compiled
+from sim.effects.effect import PlantEffectTrait
+from sim.plant import step_tables as at
+from sim.plant.effect_catalogue import ActingEffect
+from sim.plant.step_tables import compile_lazily
 
 ENCODER_STEP = 1e-4  # rad
 WHITE_TORQUE = 0.015  # of the torque range
@@ -23,13 +23,15 @@ SLACK = 1e-9  # s: an onset on a sample acts on that sample
 FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 
 
-def encoder(q: Array, rng: np.random.Generator, step: float = ENCODER_STEP) -> Array:
+def simulate_encoder(
+    q: Array, rng: np.random.Generator, step: float = ENCODER_STEP
+) -> Array:
     """Return positions with noise of half a step, rounded to whole steps [rad]."""
     noisy = q + step / 2 * rng.normal(size=q.shape)
     return np.round(noisy / step) * step
 
 
-def torque_noise(
+def draw_torque_noise(
     samples: int, span: Array, rate: float, rng: np.random.Generator
 ) -> Array:
     """Return the noise of the torque sensors: white, and a slow AR(1) process.
@@ -46,7 +48,9 @@ def torque_noise(
     return span * (WHITE_TORQUE * white + SLOW_TORQUE * slow)
 
 
-def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
+def simulate_torque_report(
+    tau: Array, t: Array, effects: Sequence[ActingEffect]
+) -> Array:
     """Return the torque as it is reported, noise apart [N m]. Shape (n, dof).
 
     The drive itself works; its report ends at the range of its sensor, then it comes
@@ -58,9 +62,12 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
     """
     out = tau.copy()
 
-    def order(effect: Acting) -> tuple[bool, bool]:
+    def order(effect: ActingEffect) -> tuple[bool, bool]:
         """Drives first, then what all joints have, then broken sensors."""
-        return Trait.SENSOR in effect.kind.traits, effect.kind.scope == "global"
+        return (
+            PlantEffectTrait.SENSOR in effect.kind.traits,
+            effect.kind.scope == "global",
+        )
 
     for kind, p, joints, onset in sorted(effects, key=order):
         if kind.report:
@@ -70,7 +77,7 @@ def reported(tau: Array, t: Array, effects: Sequence[Acting]) -> Array:
     return out
 
 
-def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
+def sum_encoder_errors(effects: Sequence[ActingEffect], dof: int) -> Array:
     """Return constant, cosine and sine of the error, true minus reading [rad]."""
     errors = np.zeros((3, dof))
     for kind, p, joints, _ in effects:
@@ -79,7 +86,7 @@ def encoder_errors(effects: Sequence[Acting], dof: int) -> Array:
     return errors
 
 
-def torque_constants(effects: Sequence[Acting], dof: int) -> Array:
+def compute_torque_ratios(effects: Sequence[ActingEffect], dof: int) -> Array:
     """Return real over reported torque of each joint. Shape (dof,)."""
     ratio = np.ones(dof)
     for kind, p, joints, _ in effects:
@@ -88,8 +95,8 @@ def torque_constants(effects: Sequence[Acting], dof: int) -> Array:
     return ratio
 
 
-@compiled
-def read(k, joints, motors, goal, trace):
+@compile_lazily
+def read_encoders(k, joints, motors, goal, trace):
     """Read the encoders, which sit on the motors, and watch over the arm.
 
     reading = x - shift - cos cos x - sin sin x, with x the true angle of the motor.
@@ -122,7 +129,7 @@ def read(k, joints, motors, goal, trace):
     return astray
 
 
-def true_angle(reading: Array, errors: Array) -> Array:
+def invert_encoder_error(reading: Array, errors: Array) -> Array:
     """Return the motor angles at which the encoders read that [rad]. Shape (dof,)."""
     shift, cos, sin = errors
     x = reading + shift
@@ -150,12 +157,14 @@ class EncoderFaults(NamedTuple):
             now[at.READING_RATE, joint] = 0.0
 
 
-def encoder_faults(effects: Sequence[Acting], dt: float) -> EncoderFaults | None:
+def collect_encoder_faults(
+    effects: Sequence[ActingEffect], dt: float
+) -> EncoderFaults | None:
     """Return the encoder faults among the effects that act, None if there are none."""
     frozen, drift = [], []
     for kind, p, joints, onset in effects:
         first = int(np.ceil(onset / dt - 1e-6))
-        if Trait.FROZEN in kind.traits:
+        if PlantEffectTrait.FROZEN in kind.traits:
             frozen += [(joint, first) for joint in joints]
         if kind.drift:
             drift += [(joint, first, kind.drift(p)) for joint in joints]
@@ -164,16 +173,18 @@ def encoder_faults(effects: Sequence[Acting], dt: float) -> EncoderFaults | None
     return EncoderFaults(tuple(frozen), tuple(drift))
 
 
-def hold_frozen(q: Array, t: Array, effects: Sequence[Acting]) -> Array:
+def repeat_frozen_readings(
+    q: Array, t: Array, effects: Sequence[ActingEffect]
+) -> Array:
     """Return the log of the encoders where a frozen one repeats its last word.
 
     What is frozen is the number itself: the noise of the reading stands still too.
     """
-    if not any(Trait.FROZEN in effect.kind.traits for effect in effects):
+    if not any(PlantEffectTrait.FROZEN in effect.kind.traits for effect in effects):
         return q
     out = q.copy()
     for kind, _, joints, onset in effects:
-        if Trait.FROZEN in kind.traits:
+        if PlantEffectTrait.FROZEN in kind.traits:
             first, rows = int(np.searchsorted(t, onset - SLACK)), list(joints)
             out[first:, rows] = out[max(first - 1, 0), rows]
     return out

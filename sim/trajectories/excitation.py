@@ -31,18 +31,26 @@ from scipy.optimize import minimize
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.robot.dynamics import base_columns, inertial_parameters, regressor
+from residual.robot.dynamics import (
+    compute_inertial_regressor,
+    find_independent_columns,
+    read_inertial_parameters,
+)
 from residual.robot.robot import Robot
-from sim.engine.geometry import MARGIN, clearances
-from sim.engine.records import Drives, Reference
-from sim.plant.sizes import draw_centre, usual_limits
-from sim.trajectories.curves import Series, derivative, peaks
-from sim.trajectories.limits import (
-    Workspace,
-    between,
-    declared_friction,
-    largest_torque,
-    workspace,
+from sim.engine.geometry import MARGIN, compute_clearances
+from sim.engine.plant_records import DriveParameters, ReferenceMotion
+from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
+from sim.trajectories.motion_curves import (
+    FourierSeries,
+    bound_series_peaks,
+    differentiate_series,
+)
+from sim.trajectories.planning_limits import (
+    MotionWorkspace,
+    bound_nominal_torque,
+    bound_overshoot_between_samples,
+    build_workspace,
+    read_declared_drives,
 )
 
 HARMONICS = 5
@@ -61,63 +69,75 @@ DIGITS = 9  # of a number that is written down [rad]
 _SLOW_TRIES = 50  # slow motions that are drawn at most
 
 
-def harmonics(free: Array) -> tuple[Array, Array]:
+def expand_free_coefficients(free_coefficients: Array) -> tuple[Array, Array]:
     """Return sines and cosines at rest at t = 0. Shapes (8, dof) to 2 x (5, dof)."""
     half = HARMONICS - 1
-    return _BALANCED @ free[:half] / _ORDER, _BALANCED @ free[half:] / _ORDER**2
+    return _BALANCED @ free_coefficients[:half] / _ORDER, _BALANCED @ free_coefficients[
+        half:
+    ] / _ORDER**2
 
 
-def free_of(series: Series) -> Array:
+def extract_free_coefficients(series: FourierSeries) -> Array:
     """Return what `harmonics` made a series of. Shape (8, dof)."""
     first, second = series.sine * _ORDER, series.cosine * _ORDER**2
     return np.vstack([_BALANCED.T @ first, _BALANCED.T @ second])
 
 
-def sampled(series: Series, t: Array) -> tuple[Array, Array, Array]:
+def sample_series(series: FourierSeries, t: Array) -> tuple[Array, Array, Array]:
     """Return positions, velocities and accelerations of a series. Shapes (n, dof)."""
-    q, qd, qdd = (derivative(series, t, d) for d in range(3))
+    q, qd, qdd = (differentiate_series(series, t, d) for d in range(3))
     return series.centre + q, qd, qdd
 
 
-def draw(place: Workspace, rng: np.random.Generator) -> Series:
+def draw_feasible_series(
+    workspace: MotionWorkspace, rng: np.random.Generator
+) -> FourierSeries:
     """Draw a random motion, made as large as the limits let it."""
     for number in range(_TRIES):
         # Around the zero posture first, and anywhere where that is a bad place.
-        series = draw_any(place, rng, anywhere=number >= _TRIES // 2)
-        fitted = fit_in(place, series)
+        series = draw_unchecked_series(workspace, rng, anywhere=number >= _TRIES // 2)
+        fitted = shrink_to_feasible(workspace, series)
         if fitted is not None:
             return fitted
     raise InputError(
-        f"fourier: found no motion of {place.robot.name} that stays clear of the floor "
+        f"fourier: found no motion of {workspace.robot.name} that stays clear of "
+        f"the floor "
         "and itself within its torque. Check effort limits and geometry of the URDF."
     )
 
 
-def draw_any(place: Workspace, rng: np.random.Generator, anywhere: bool) -> Series:
+def draw_unchecked_series(
+    workspace: MotionWorkspace, rng: np.random.Generator, anywhere: bool
+) -> FourierSeries:
     """Draw a motion that only keeps range, speed and acceleration.
 
     Args:
         anywhere: Whether its centre may lie anywhere in the range; else it is up to
             0.3 rad off the zero posture, or what is near to that.
     """
-    limits = place.limits
-    free = rng.normal(size=(FREE, place.robot.dof))
-    near = draw_centre(usual_limits(place.robot), rng)
+    limits = workspace.limits
+    free = rng.normal(size=(FREE, workspace.robot.dof))
+    near = draw_motion_centre(compute_usual_motion_range(workspace.robot), rng)
     far = limits.middle + rng.uniform(-_APART, _APART, len(near)) * limits.half
     centre = far if anywhere else near
-    return largest(place, Series(centre, *harmonics(free), place.period))
+    return scale_series_to_limits(
+        workspace,
+        FourierSeries(centre, *expand_free_coefficients(free), workspace.period),
+    )
 
 
-def largest(place: Workspace, series: Series) -> Series:
+def scale_series_to_limits(
+    workspace: MotionWorkspace, series: FourierSeries
+) -> FourierSeries:
     """Scale every joint to the end of its range, speed or acceleration."""
-    return shrunk(series, room_left(place, series))
+    return scale_series(series, compute_growth_factors(workspace, series))
 
 
-def room_left(place: Workspace, series: Series) -> Array:
+def compute_growth_factors(workspace: MotionWorkspace, series: FourierSeries) -> Array:
     """Return by what factor each joint may still grow about its centre. (dof,)."""
-    limits = place.limits
-    position, velocity, acceleration = peaks(series)
-    q = derivative(series, np.arange(_GRID) / _GRID * place.period, 0)
+    limits = workspace.limits
+    position, velocity, acceleration = bound_series_peaks(series)
+    q = differentiate_series(series, np.arange(_GRID) / _GRID * workspace.period, 0)
     # What the bound of |q - centre| adds to the grid may be on either side.
     beyond = position - np.abs(q).max(axis=0)
     shares = [
@@ -129,49 +149,56 @@ def room_left(place: Workspace, series: Series) -> Array:
     return np.clip(np.min(shares, axis=0) * _KEPT, 0.0, None)
 
 
-def shrunk(series: Series, scale: Array | float) -> Series:
+def scale_series(series: FourierSeries, scale: Array | float) -> FourierSeries:
     """Return the series with a motion of another size about the same centre."""
     return replace(series, sine=scale * series.sine, cosine=scale * series.cosine)
 
 
-def fit_in(place: Workspace, series: Series) -> Series | None:
+def shrink_to_feasible(
+    workspace: MotionWorkspace, series: FourierSeries
+) -> FourierSeries | None:
     """Make a motion so much smaller that it keeps all limits, those of bodies too."""
-    series = shrunk(series, np.minimum(room_left(place, series), 1.0))
-    t, size = np.arange(_GRID) / _GRID * place.period, 1.0
+    series = scale_series(
+        series, np.minimum(compute_growth_factors(workspace, series), 1.0)
+    )
+    t, size = np.arange(_GRID) / _GRID * workspace.period, 1.0
     while size > _LEAST:
-        smaller = shrunk(series, size)
+        smaller = scale_series(series, size)
         # Few samples tell most of what is wrong; all of them are needed for a yes.
-        few = _free(place, smaller, t[::_FEW], False)
-        if few and _free(place, smaller, t, True):
+        few = _free(workspace, smaller, t[::_FEW], False)
+        if few and _free(workspace, smaller, t, True):
             return smaller
         size *= _SHRINK
     return None
 
 
-def _free(place: Workspace, series: Series, t: Array, fully: bool) -> bool:
+def _free(place: MotionWorkspace, series: FourierSeries, t: Array, fully: bool) -> bool:
     """Say whether torque and clearance hold at some times, and fully: between them."""
-    motion = sampled(series, t)
-    torque = largest_torque(place.robot, *motion)
-    space = clearances(place.arm, motion[0])
+    motion = sample_series(series, t)
+    torque = bound_nominal_torque(place.robot, *motion)
+    space = compute_clearances(place.arm, motion[0])
     if fully:
-        torque = torque + between(torque)
-        space = space - between(space)
+        torque = torque + bound_overshoot_between_samples(torque)
+        space = space - bound_overshoot_between_samples(space)
     return bool((torque <= place.limits.torque).all() and (space >= MARGIN).all())
 
 
-def written(series: Series) -> tuple[tuple[float, ...], ...]:
+def export_series_coefficients(series: FourierSeries) -> tuple[tuple[float, ...], ...]:
     """Return the coefficients of a series at rest at its ends, rounded.
 
     Returns:
         Centre, then the free coefficients: 9 rows of dof numbers [rad].
     """
-    rows = np.vstack([series.centre, free_of(series)]).round(DIGITS) + 0.0
+    rows = (
+        np.vstack([series.centre, extract_free_coefficients(series)]).round(DIGITS)
+        + 0.0
+    )
     return tuple(tuple(row) for row in rows.tolist())
 
 
-def from_coefficients(
+def build_coefficient_series(
     rows: Sequence[Sequence[float]], dof: int, period: float
-) -> Series:
+) -> FourierSeries:
     """Return the series of such coefficients."""
     shapes = {len(row) for row in rows}
     if len(rows) != 1 + FREE or shapes != {dof}:
@@ -182,10 +209,10 @@ def from_coefficients(
     values = np.array(rows, dtype=float)
     if not np.isfinite(values).all():
         raise InputError("coefficients: expected finite numbers.")
-    return Series(values[0], *harmonics(values[1:]), period)
+    return FourierSeries(values[0], *expand_free_coefficients(values[1:]), period)
 
 
-def draw_slow(
+def draw_slow_coefficients(
     robot: Robot, period: float, speed: float, rng: np.random.Generator
 ) -> tuple[tuple[float, ...], ...]:
     """Draw a motion that creeps, for friction that lives at low speed.
@@ -193,13 +220,15 @@ def draw_slow(
     Args:
         speed: What no joint is faster than [rad/s].
     """
-    place = workspace(robot, period)
+    place = build_workspace(robot, period)
     for _ in range(_SLOW_TRIES):
-        series = draw(place, rng)
-        slow = shrunk(series, np.minimum(1.0, speed / peaks(series)[1]))
-        fitted = fit_in(place, slow)
+        series = draw_feasible_series(place, rng)
+        slow = scale_series(
+            series, np.minimum(1.0, speed / bound_series_peaks(series)[1])
+        )
+        fitted = shrink_to_feasible(place, slow)
         if fitted is not None:
-            return written(fitted)
+            return export_series_coefficients(fitted)
     raise InputError(f"fourier: found no motion of {robot.name} below {speed:g} rad/s.")
 
 
@@ -229,16 +258,18 @@ class Excitation:
 
     # Condition number of the column-normalised base regressor W, inf where a parameter
     # is not excited.
-    condition: float
+    compute_series_condition: float
     log_det: float  # log det(W' W / samples) of the regressor as it is, in SI units
     parameters: int  # number of base parameters
 
 
-def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
+def measure_excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
     """Return how well some samples excite the base parameters."""
-    columns = base_columns(model)
+    columns = find_independent_columns(model)
     count = len(columns)
-    stacked = regressor(model, q, qd, qdd)[:, :, columns].reshape(-1, count)
+    stacked = compute_inertial_regressor(model, q, qd, qdd)[:, :, columns].reshape(
+        -1, count
+    )
     size = np.linalg.norm(stacked, axis=0)
     if len(stacked) < count or size.min() == 0:
         return Excitation(float("inf"), float("-inf"), count)
@@ -250,27 +281,27 @@ def excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Excitation:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Usage:
+class LimitUsage:
     """Shares of the robot's own limits, NaN where it states none. Shapes (dof,)."""
 
     range: Array  # sweep of the motion, of the range
     speed: Array  # largest speed
     acceleration: Array  # largest acceleration
     torque: Array  # largest torque of the nominal model
-    excitation: Excitation  # what the motion tells about the base parameters
+    measure_excitation: Excitation  # what the motion tells about the base parameters
 
 
-def usage(robot: Robot, reference: Reference) -> Usage:
+def compute_limit_usage(robot: Robot, reference: ReferenceMotion) -> LimitUsage:
     """Return how much of a robot's limits a motion uses."""
     q, qd, qdd = reference.q, reference.qd, reference.qdd
-    torque = largest_torque(robot, q, qd, qdd)
+    torque = bound_nominal_torque(robot, q, qd, qdd)
     rows = np.unique(np.linspace(0, len(q) - 1, _JUDGED).astype(int))
-    return Usage(
+    return LimitUsage(
         _share(np.ptp(q, axis=0), robot.upper - robot.lower),
         _share(np.abs(qd).max(axis=0), robot.velocity_limit),
         _share(np.abs(qdd).max(axis=0), robot.acceleration_limit),
         _share(torque.max(axis=0), robot.torque_limit),
-        excitation(robot.model, q[rows], qd[rows], qdd[rows]),
+        measure_excitation(robot.model, q[rows], qd[rows], qdd[rows]),
     )
 
 
@@ -280,7 +311,7 @@ def _share(used: Array, limit: Array | None) -> Array:
     return np.where(known, used / np.where(known, limit, 1.0), np.nan)
 
 
-def cost(stacked: Array) -> tuple[float, Array]:
+def compute_excitation_cost(regressor: Array) -> tuple[float, Array]:
     """Return what a better motion makes smaller, and its gradient.
 
     log condition - 0.1 log det(W' W) / b. The extreme eigenvalues of the
@@ -290,13 +321,13 @@ def cost(stacked: Array) -> tuple[float, Array]:
     log condition ~ (log mean l^p + log mean l^-p) / 2p, p = 12.
 
     Args:
-        stacked: W, more rows than columns. Shape (rows, b).
+        regressor: W, more rows than columns. Shape (rows, b).
 
     Returns:
         The cost and its derivative by every entry of W. Shape (rows, b).
     """
-    count = stacked.shape[1]
-    gram = stacked.T @ stacked
+    count = regressor.shape[1]
+    gram = regressor.T @ regressor
     size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
     values, vectors = eigh(gram / np.outer(size, size))
     values = np.maximum(values, _FLOOR)
@@ -311,33 +342,35 @@ def cost(stacked: Array) -> tuple[float, Array]:
     by_gram = by_c / np.outer(size, size)
     by_gram -= np.diag((vectors**2 @ (slope * values)) / size**2)
     by_gram -= _AMOUNT / count * inverse
-    return condition / (2 * _SHARP) - _AMOUNT * amount, 2 * stacked @ by_gram
+    return condition / (2 * _SHARP) - _AMOUNT * amount, 2 * regressor @ by_gram
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Problem:
+class ExcitationProblem:
     """Cost and limits of a motion, by unknowns x.
 
     x holds the centre, then FREE coefficients, per joint, all in units of half of that
     joint's range. Shape ((1 + FREE) * dof,).
     """
 
-    place: Workspace
+    place: MotionWorkspace
     columns: Array
     parameters: Array
-    friction: Drives
+    friction: DriveParameters
     basis: tuple[Array, Array, Array]  # q, qd, qdd per coefficient, (samples, FREE)
 
-    def series(self, x: Array) -> Series:
+    def series(self, x: Array) -> FourierSeries:
         """Return the motion of x."""
         centre, free = self._unpack(x)
-        return Series(centre, *harmonics(free), self.place.period)
+        return FourierSeries(centre, *expand_free_coefficients(free), self.place.period)
 
-    def point(self, series: Series) -> Array:
+    def encode_series(self, series: FourierSeries) -> Array:
         """Return the unknowns of a motion that is at rest at its ends."""
         limits = self.place.limits
         both = np.vstack([series.sine, series.cosine])
-        free = np.linalg.lstsq(np.vstack(harmonics(np.eye(FREE))), both)[0]
+        free = np.linalg.lstsq(np.vstack(expand_free_coefficients(np.eye(FREE))), both)[
+            0
+        ]
         centre = (series.centre - limits.middle) / limits.half
         return np.vstack([centre, free / limits.half]).ravel()
 
@@ -351,11 +384,11 @@ class Problem:
         gradient = np.vstack([slopes[0].sum(axis=0), by_free])
         return value + extra, (gradient * self.place.limits.half).ravel()
 
-    def spare(self, x: Array) -> Array:
+    def compute_margins(self, x: Array) -> Array:
         """Return what is left of range, speed and acceleration. Shape (3 * dof,)."""
         return np.concatenate([_INSIDE - _largest(u)[0] for u in self._shares(x)])
 
-    def spare_slopes(self, x: Array) -> Array:
+    def compute_margin_gradients(self, x: Array) -> Array:
         """Return the derivative of `spare` by x. Shape (3 * dof, x)."""
         limits = self.place.limits
         dof, joints = len(limits.half), np.arange(len(limits.half))
@@ -389,7 +422,9 @@ class Problem:
         """Return the cost of excitation and torque, and its slopes by q, qd, qdd."""
         n, dof = q.shape
         rows = self._regressors(q, qd, qdd)
-        value, slope = cost(rows[0][:, :, self.columns].reshape(n * dof, -1))
+        value, slope = compute_excitation_cost(
+            rows[0][:, :, self.columns].reshape(n * dof, -1)
+        )
         by_row = np.zeros(rows.shape[1:])
         by_row[:, :, self.columns] = slope.reshape(n, dof, -1)
         own = self.friction
@@ -411,35 +446,39 @@ class Problem:
         states = np.tile(np.stack(motion), (1, 1 + 3 * dof, 1))
         for i in range(3 * dof):
             states[i // dof, (1 + i) * n : (2 + i) * n, i % dof] += _STEP
-        rows = regressor(self.place.robot.model, *states)
+        rows = compute_inertial_regressor(self.place.robot.model, *states)
         return rows.reshape(1 + 3 * dof, n, dof, -1)
 
     def _clearance(self, q: Array) -> tuple[float, Array]:
         """Return the penalty of samples too near to the floor or the arm itself."""
         arm, slope = self.place.arm, np.zeros_like(q)
-        missing = (_SPACE - clearances(arm, q)) / arm.radius
+        missing = (_SPACE - compute_clearances(arm, q)) / arm.radius
         value, by_missing = _penalty(missing)
         near = np.flatnonzero((missing > 0).any(axis=1))
         if len(near):
             for joint in range(q.shape[1]):
                 moved = q[near]
                 moved[:, joint] += _STEP
-                change = (_SPACE - clearances(arm, moved)) / arm.radius - missing[near]
+                change = (
+                    _SPACE - compute_clearances(arm, moved)
+                ) / arm.radius - missing[near]
                 slope[near, joint] = (by_missing[near] * change).sum(axis=1) / _STEP
         return value, slope
 
 
-def problem(place: Workspace) -> Problem:
+def build_excitation_problem(workspace: MotionWorkspace) -> ExcitationProblem:
     """Return the search for the best motion in a workspace."""
-    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * place.period
-    unit = Series(np.zeros(FREE), *harmonics(np.eye(FREE)), place.period)
-    model = place.robot.model
-    return Problem(
-        place,
-        base_columns(model),
-        inertial_parameters(model),
-        declared_friction(place.robot),
-        sampled(unit, t),
+    t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * workspace.period
+    unit = FourierSeries(
+        np.zeros(FREE), *expand_free_coefficients(np.eye(FREE)), workspace.period
+    )
+    model = workspace.robot.model
+    return ExcitationProblem(
+        workspace,
+        find_independent_columns(model),
+        read_inertial_parameters(model),
+        read_declared_drives(workspace.robot),
+        sample_series(unit, t),
     )
 
 
@@ -462,41 +501,61 @@ def _largest(values: Array) -> tuple[Array, Array]:
     return top * total ** (1 / _PEAKED), slope * np.sign(values)
 
 
-def optimise(place: Workspace, rng: np.random.Generator) -> Series:
+def optimize_excitation(
+    workspace: MotionWorkspace, rng: np.random.Generator
+) -> FourierSeries:
     """Return the best motion that a seeded search from several starts finds.
 
     Random motions are ranked by cost; sequential quadratic programming improves the
     best few and goes on with the better of them. What comes out is made to keep the
     limits exactly, between samples too.
     """
-    search = problem(place)
-    drawn = [draw_any(place, rng, anywhere=bool(i % 2)) for i in range(_DRAWN)]
-    drawn = [search.point(series) for series in drawn]
+    search = build_excitation_problem(workspace)
+    drawn = [
+        draw_unchecked_series(workspace, rng, anywhere=bool(i % 2))
+        for i in range(_DRAWN)
+    ]
+    drawn = [search.encode_series(series) for series in drawn]
     drawn.sort(key=lambda x: search.cost(x)[0])
     points = [_improved(search, x, _STEPS[0]) for x in drawn[:_STARTS]]
     points.sort(key=lambda x: search.cost(x)[0])
     points.append(_improved(search, points[0], _STEPS[1]))
-    found = [s for x in points if (s := fit_in(place, search.series(x)))]
-    found = [s for series in found if (s := _stirred(place, series))]
-    return min(found or [draw(place, rng)], key=lambda series: condition(place, series))
+    found = [
+        s for x in points if (s := shrink_to_feasible(workspace, search.series(x)))
+    ]
+    found = [s for series in found if (s := _stirred(workspace, series))]
+    return min(
+        found or [draw_feasible_series(workspace, rng)],
+        key=lambda series: compute_series_condition(workspace, series),
+    )
 
 
-def _stirred(place: Workspace, series: Series) -> Series | None:
+def _stirred(place: MotionWorkspace, series: FourierSeries) -> FourierSeries | None:
     """Let joints move that the search put to sleep: noise minds them, the cost not."""
-    more = room_left(place, series)
+    more = compute_growth_factors(place, series)
     if more.max() < _ASLEEP:
         return series
-    return fit_in(place, shrunk(series, np.where(more < _ASLEEP, 1.0, _STIRRED * more)))
+    return shrink_to_feasible(
+        place, scale_series(series, np.where(more < _ASLEEP, 1.0, _STIRRED * more))
+    )
 
 
-def condition(place: Workspace, series: Series) -> float:
+def compute_series_condition(
+    workspace: MotionWorkspace, series: FourierSeries
+) -> float:
     """Return the condition number of one period of a motion."""
-    t = np.arange(100) / 100 * place.period
-    return excitation(place.robot.model, *sampled(series, t)).condition
+    t = np.arange(100) / 100 * workspace.period
+    return measure_excitation(
+        workspace.robot.model, *sample_series(series, t)
+    ).condition
 
 
-def _improved(search: Problem, x: Array, steps: int) -> Array:
-    bounds = {"type": "ineq", "fun": search.spare, "jac": search.spare_slopes}
+def _improved(search: ExcitationProblem, x: Array, steps: int) -> Array:
+    bounds = {
+        "type": "ineq",
+        "fun": search.compute_margins,
+        "jac": search.compute_margin_gradients,
+    }
     options = {"maxiter": steps, "ftol": _ENOUGH}
     return minimize(
         search.cost, x, jac=True, method="SLSQP", constraints=bounds, options=options

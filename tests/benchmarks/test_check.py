@@ -14,7 +14,7 @@ from residual.check.result import (
     LogCheck,
     Repair,
 )
-from sim.engine.records import stream
+from sim.engine.plant_records import create_random_stream
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def six():
 
 
 def spoil(own, kind, size=0, seed=1):
-    return cases.FAULTS[kind](own, size, stream(seed, f"{kind}/{size}"))
+    return cases.FAULTS[kind](own, size, create_random_stream(seed, f"{kind}/{size}"))
 
 
 def test_every_kind_of_fault_can_be_made():

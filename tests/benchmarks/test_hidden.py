@@ -11,10 +11,10 @@ from benchmarks.hidden.score import (
     members,
     score,
 )
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.robot.robot import load_robot
 from residual.verdict.result import Detectable
-from sim.engine.records import stream
+from sim.engine.plant_records import create_random_stream
 from tests.verdict_documents import typed
 
 STRIBECK = Name("stribeck", (2,))
@@ -106,7 +106,7 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
 
 def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
     named, strange = vocabulary(load_robot("irb140"))
-    assert set(registry()) == set(named)
+    assert set(load_effects()) == set(named)
     assert strange
     assert not [name for name in strange if name.startswith("x_fault")]
 
@@ -115,8 +115,10 @@ def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
     robot = load_robot("irb140")
     minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
     wish = ("position_friction", 3.0)
-    one = draw_sized(robot, stream(4, "t"), *wish, minimum)
+    one = draw_sized(robot, create_random_stream(4, "t"), *wish, minimum)
     assert measured(one, minimum, robot).multiple == pytest.approx(3.0)
     huge = [replace(m, value=1e3) for m in minimum]
-    capped = measured(draw_sized(robot, stream(4, "t"), *wish, huge), huge, robot)
+    capped = measured(
+        draw_sized(robot, create_random_stream(4, "t"), *wish, huge), huge, robot
+    )
     assert capped.multiple < 0.1

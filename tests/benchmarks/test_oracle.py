@@ -7,7 +7,7 @@ from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
 from residual.robot.robot import load_robot
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 
 PLAN = (
     LogPlan("one", "fit", "fourier", 9.0, 125.0),
@@ -18,7 +18,7 @@ PLAN = (
 
 def test_the_right_effect_predicts_better_than_another_and_than_none():
     robot = load_robot("irb140")
-    hidden = Hidden("position_friction", (2,), {"cos": 8.0, "sin": 0.0})
+    hidden = SyntheticEffect("position_friction", (2,), {"cos": 8.0, "sin": 0.0})
     recordings = make(Plant(robot, (hidden,), 4), PLAN, 4)
     right, other, nothing = (
         oracle(robot, recordings[:2], recordings[2:], effects)[1].overall("filtered")

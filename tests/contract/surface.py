@@ -17,14 +17,14 @@ from cyclopts import App, Argument
 
 import modelgap as mg
 from flows.cli.app import app
-from flows.report.answers import values_of
+from flows.report.query_results import describe_query_values
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Verdict
 from tests.checkout import ROOT
-from warehouse.query.views import NAMED
-from warehouse.schema import all_views
+from warehouse.query.sql_views import NAMED
+from warehouse.view_schema import list_views
 
 RECORD = Path(__file__).with_name("surface.json")
 FROZEN = ROOT / "tests" / "frozen"
@@ -44,9 +44,9 @@ def surface() -> dict:
         "verdict": sorted(_members(Verdict)),
         "views": {
             view: {c.name: [str(c.type), c.unit] for c in columns}
-            for view, columns in all_views().items()
+            for view, columns in list_views().items()
         },
-        "named_queries": {name: sorted(values_of(name)) for name in NAMED},
+        "named_queries": {name: sorted(describe_query_values(name)) for name in NAMED},
         "exports": sorted(TARGETS),
         "door": {name: _door(getattr(mg, name)) for name in mg.__all__},
     }

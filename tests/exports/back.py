@@ -11,22 +11,22 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.steps.export import build
-from residual.export.c99 import prefix_of
-from residual.export.export import (
+from flows.steps.export import compile_library
+from residual.export.c99 import make_c_identifier
+from residual.export.model_export import (
     RATE,
-    KnownMotion,
     ModelExport,
-    excitation,
-    limits,
-    without_tables,
+    NoiselessMotion,
+    build_reference_motion,
+    fill_joint_limits,
+    remove_tables,
 )
-from residual.export.table import POSITION, SPEED, curve_at
+from residual.export.support_point_tables import POSITION, SPEED, evaluate_table_curve
 from residual.model.model import LEAST_SPEED, Model
-from residual.model.record import from_record
+from residual.model.model_files import model_from_record
 from residual.recording import Array
-from residual.robot.dynamics import inverse_dynamics
-from residual.robot.files import build_model
+from residual.robot.dynamics import compute_inverse_dynamics
+from residual.robot.files import build_pinocchio_model
 from residual.robot.robot import Robot
 from residual.signals.track import SMOOTH
 
@@ -63,49 +63,52 @@ def unpacked(files: Mapping[str, bytes]) -> Iterator[Path]:
         yield Path(folder)
 
 
-def random_states(robot: Robot, count: int) -> KnownMotion:
-    lower, upper, speed = limits(robot)
+def random_states(robot: Robot, count: int) -> NoiselessMotion:
+    lower, upper, speed = fill_joint_limits(robot)
     rng, shape = np.random.default_rng(0), (count, robot.dof)
     qd = rng.uniform(0.0, speed, shape) * rng.choice([-1.0, 1.0], shape)
     q, qdd = rng.uniform(lower, upper, shape), rng.uniform(-10.0, 10.0, shape)
-    return KnownMotion(np.arange(count) / RATE, q, qd, qdd)
+    return NoiselessMotion(np.arange(count) / RATE, q, qd, qdd)
 
 
-def fast_states(model: Model, count: int = STATES) -> KnownMotion:
+def fast_states(model: Model, count: int = STATES) -> NoiselessMotion:
     """Return random states, each joint faster than where dry friction is full."""
     known = model.speed_floor
     floor = np.full(model.robot.dof, LEAST_SPEED) if known is None else known
     shapes = model.standstill or (SMOOTH,) * model.robot.dof
     times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
     states, slow = random_states(model.robot, count), floor * np.array(times)
-    return KnownMotion(
+    return NoiselessMotion(
         states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd
     )
 
 
-def _along(made: ModelExport, got: Callable[[KnownMotion], Array]) -> Pair:
-    motion = excitation(without_tables(made.source).robot)
+def _along(made: ModelExport, got: Callable[[NoiselessMotion], Array]) -> Pair:
+    motion = build_reference_motion(remove_tables(made.source).robot)
     return got(motion), made.carried.along(motion.t, motion.parts)
 
 
 def json_back(made: ModelExport) -> Pair:
-    again = from_record(json.loads(text_of(made)))
+    again = model_from_record(json.loads(text_of(made)))
     return _along(made, lambda motion: again.along(motion.t, motion.parts))
 
 
 def urdf_back(made: ModelExport) -> Pair:
-    model, read = without_tables(made.carried), build_model(text_of(made), "the URDF")
+    model, read = (
+        remove_tables(made.carried),
+        build_pinocchio_model(text_of(made), "the URDF"),
+    )
     # A URDF says nothing of gravity.
     read.gravity.linear = model.robot.model.gravity.linear
     states = fast_states(model)
-    got = inverse_dynamics(read, *states.parts)
+    got = compute_inverse_dynamics(read, *states.parts)
     got += states.qd * read.damping + np.sign(states.qd) * read.upperDryFrictionLimit
     return got, model.torque(*states.parts)
 
 
 def table_back(made: ModelExport) -> Pair:
     """Read the support points and go along lines between them."""
-    model, got, want = without_tables(made.carried), [np.zeros(1)], [np.zeros(1)]
+    model, got, want = remove_tables(made.carried), [np.zeros(1)], [np.zeros(1)]
     for name in (name for name in (SPEED, POSITION) if name in made.files):
         text = made.files[name].decode().splitlines()
         rows = np.loadtxt(text, delimiter=",", skiprows=1, ndmin=2)
@@ -114,24 +117,24 @@ def table_back(made: ModelExport) -> Pair:
             if len(x):
                 places = np.random.default_rng(j).uniform(x[0], x[-1], STATES)
                 got.append(np.interp(places, x, y))
-                want.append(curve_at(model, name, j, places))
+                want.append(evaluate_table_curve(model, name, j, places))
     return np.concatenate(got), np.concatenate(want)
 
 
 def mjcf_back(made: ModelExport) -> Pair:
     """Compare MuJoCo's inverse dynamics on random states of full friction."""
-    model = without_tables(made.carried)
+    model = remove_tables(made.carried)
     states = fast_states(model)
     return inverse(text_of(made), states), model.torque(*states.parts)
 
 
-def inverse(text: str, states: KnownMotion) -> Array:
+def inverse(text: str, states: NoiselessMotion) -> Array:
     import mujoco
 
     return _inverse(mujoco.MjModel.from_xml_string(text), states)
 
 
-def _inverse(model, motion: KnownMotion) -> Array:
+def _inverse(model, motion: NoiselessMotion) -> Array:
     import mujoco
 
     data, out = mujoco.MjData(model), np.empty_like(motion.q)
@@ -169,15 +172,15 @@ def c99_back(made: ModelExport) -> Pair:
 
 
 @contextmanager
-def compiled(made: ModelExport) -> Iterator[Callable[[KnownMotion], Array]]:
-    dof, ((name, text),) = without_tables(made.source).robot.dof, made.files.items()
-    p = prefix_of(name.removesuffix(".h"))
+def compiled(made: ModelExport) -> Iterator[Callable[[NoiselessMotion], Array]]:
+    dof, ((name, text),) = remove_tables(made.source).robot.dof, made.files.items()
+    p = make_c_identifier(name.removesuffix(".h"))
     around = AROUND.format(header=name, p=p, dof=dof).encode()
     with unpacked({name: text, "around.c": around}) as place:
-        build(place, ["around.c"], "around.so")
+        compile_library(place, ["around.c"], "around.so")
         library = ctypes.CDLL(str(place / "around.so"))
 
-        def along(motion: KnownMotion) -> Array:
+        def along(motion: NoiselessMotion) -> Array:
             arrays = [np.ascontiguousarray(x) for x in (motion.t, *motion.parts)]
             out = np.empty_like(motion.q)
             ends = [x.ctypes.data_as(ctypes.c_void_p) for x in (*arrays, out)]
@@ -201,7 +204,7 @@ def fmu_back(made: ModelExport) -> Pair:
     return got, np.hstack([want] * len(KINDS))
 
 
-def played(path: Path, motion: KnownMotion, kind: str) -> Array:
+def played(path: Path, motion: NoiselessMotion, kind: str) -> Array:
     """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
 
     FMPy's own loop for co-simulation reads outputs before it sets inputs.
@@ -230,7 +233,7 @@ def played(path: Path, motion: KnownMotion, kind: str) -> Array:
     return np.column_stack([done[f"tau{j + 1}"] for j in range(dof)])
 
 
-def _stepped(path: Path, motion: KnownMotion) -> Array:
+def _stepped(path: Path, motion: NoiselessMotion) -> Array:
     import fmpy
     from fmpy.fmi2 import FMU2Slave
 
@@ -262,7 +265,7 @@ def _stepped(path: Path, motion: KnownMotion) -> Array:
 def rrd_back(made: ModelExport) -> Pair:
     from rerun.chunk import RrdReader
 
-    dof, sums = without_tables(made.source).robot.dof, {}
+    dof, sums = remove_tables(made.source).robot.dof, {}
     (content,) = made.files.values()
     with unpacked({"arm.rrd": content}) as place:
         for chunk in RrdReader(str(place / "arm.rrd")).stream().to_chunks():

@@ -10,11 +10,11 @@ from benchmarks.attribution_parts.arms import SEVEN, SIX, Arm, make
 from flows.steps.export import TARGETS
 from residual.diagnosis.diagnose import diagnose
 from residual.errors import InputError
-from residual.model.bodies import bodies_of
+from residual.model.bodies import build_body_sums
 from residual.model.model import Model
 from residual.verdict.result import Diagnosis
-from sim.draw import draw_hidden
-from sim.engine.records import PlantEffect, stream
+from sim.effect_draws import draw_plant_effect
+from sim.engine.plant_records import PlantEffect, create_random_stream
 from tests.exports.back import BACK
 
 HIDDEN = (("payload",), ("link_inertia",), ("payload", "link_inertia"))
@@ -30,8 +30,8 @@ class Case:
 
     @property
     def hidden(self) -> list[PlantEffect]:
-        rng = stream(self.arm.seed, "bodies")
-        return [draw_hidden(self.arm.robot, rng, name) for name in self.names]
+        rng = create_random_stream(self.arm.seed, "bodies")
+        return [draw_plant_effect(self.arm.robot, rng, name) for name in self.names]
 
 
 def cases(count: int, first: int = SEED) -> Iterator[Case]:
@@ -48,7 +48,7 @@ def diagnosed(case: Case) -> Diagnosis:
 
 
 def refusals(model: Model) -> list[str]:
-    bad = bodies_of(model).impossible(model.coefficients())
+    bad = build_body_sums(model).list_impossible(model.coefficients())
     out = [f"{name} cannot exist" for name in bad]
     for target, most in CLOSE.items():
         try:

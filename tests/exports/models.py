@@ -5,13 +5,13 @@ from functools import cache
 
 import numpy as np
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.model.model import Model, Term
-from residual.robot.dynamics import inertial_parameters
-from residual.robot.robot import Robot, load_robot, robot_from_texts
+from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.robot import Robot, build_robot, load_robot
 from tests.residual.arms import SEVEN, urdf_text
 
-NAMES = sorted(registry())
+NAMES = sorted(load_effects())
 ARMS = ("irb140", "seven")
 # Coefficients, and numbers of the shape, that an arm may have: sizes, not units.
 SIZES = {
@@ -53,12 +53,12 @@ def robot_of(name: str) -> Robot:
     if name != "seven":
         return replace(load_robot("irb140"), declared={})
     text = urdf_text(SEVEN).replace('ixx="0.02"', 'ixx="0.008"')
-    return robot_from_texts("seven", text, "{}")
+    return build_robot("seven", text, "{}")
 
 
 def term(robot: Robot, name: str, place: int | None = None) -> Term:
     """An effect in the middle of the arm, or where it is said."""
-    effect = registry()[name]
+    effect = load_effects()[name]
     places = effect.candidates(robot.dof)
     joints = places[len(places) // 2 if place is None else place]
     if name == "payload":
@@ -71,4 +71,4 @@ def term(robot: Robot, name: str, place: int | None = None) -> Term:
 def model_with(robot: Robot, *names: str, **changes) -> Model:
     terms = tuple(term(robot, name) for name in names)
     given = {"speed_floor": np.full(robot.dof, 0.01), **changes}
-    return Model(robot, inertial_parameters(robot.model), terms, **given)
+    return Model(robot, read_inertial_parameters(robot.model), terms, **given)

@@ -4,9 +4,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from flows.requests import Diagnose
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment
-from flows.steps.diagnose import diagnose_runs
+from flows.steps.diagnose import diagnose_stored_runs
 
 ROBOT = "irb140"
 SPRING = {"name": "spring", "joints": [2], "stiffness": 60.0}
@@ -26,8 +26,8 @@ def spec(kind, night, number, effects=(SPRING,)):
 
 def night(store, number, effects=(SPRING,)):
     ids = [
-        experiment.run(
-            experiment_of(spec(kind, number, i, effects), "SPEC.toml"), store
+        experiment.simulate_and_store(
+            parse_spec(spec(kind, number, i, effects), "SPEC.toml"), store
         )
         for i, kind in enumerate((*FIT, *HELD_OUT))
     ]
@@ -37,7 +37,7 @@ def night(store, number, effects=(SPRING,)):
 def diagnosed(store, runs, model=None):
     fit, held_out = runs
     request = Diagnose(fit, robot=ROBOT, held_out=held_out, store=store, model=model)
-    return diagnose_runs(request)[0]
+    return diagnose_stored_runs(request)[0]
 
 
 @dataclass(frozen=True)

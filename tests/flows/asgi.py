@@ -3,10 +3,10 @@
 import asyncio
 from base64 import b64encode
 
-from flows.service.guard import rules_for
+from flows.service.access_guard import build_access_rules
 
 SECRET = "modelgap:a-key-of-thirty-two-letters-or-more"
-OURS = rules_for("127.0.0.1", 4200, SECRET)
+OURS = build_access_rules("127.0.0.1", 4200, SECRET)
 HOST, OWN = "127.0.0.1:4200", "http://127.0.0.1:4200"
 JSON = ("content-type", "application/json")
 BODY = ("content-length", "12")

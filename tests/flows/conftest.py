@@ -11,13 +11,13 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.diagnosis import render
+from flows.report.diagnosis import render_diagnosis_page
 from residual.calibration import calibrate as core
-from residual.calibration.nominal_pls import NominalForm
+from residual.calibration.nominal_pls import NominalPlsForm
 from residual.check.result import LogCheck
 from residual.recording import Recording
 from residual.verdict.result import Diagnosis
-from sim.engine.records import PlantRun
+from sim.engine.plant_records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import server_settings, started
@@ -93,16 +93,16 @@ def cli(capsys):
 
 @pytest.fixture(scope="session")
 def several_page():
-    return render(report_outcomes.several(), "kr300")
+    return render_diagnosis_page(report_outcomes.several(), "kr300")
 
 
 @pytest.fixture
 def few_tables(monkeypatch):
     """A calibration of fewer levels and components: same words, quick numbers."""
-    lean = partial(core.Settings, form=NominalForm(6, 4))
-    monkeypatch.setattr("flows.steps.calibrate.Settings", lean)
-    monkeypatch.setattr("residual.calibration.effects.LEVELS", 10)
-    monkeypatch.setattr("residual.calibration.views.SWEEP", (2, 5))
+    lean = partial(core.CalibrationSettings, form=NominalPlsForm(6, 4))
+    monkeypatch.setattr("flows.steps.calibrate.CalibrationSettings", lean)
+    monkeypatch.setattr("residual.calibration.table_regression.LEVELS", 10)
+    monkeypatch.setattr("residual.calibration.figure_data.SWEEP", (2, 5))
 
 
 @pytest.fixture
@@ -128,7 +128,7 @@ def calls(monkeypatch):
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
-    monkeypatch.setattr("flows.report.diagnosis.render", drawn)
+    monkeypatch.setattr("flows.report.diagnosis.render_diagnosis_page", drawn)
     return requests
 
 

@@ -4,11 +4,11 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from flows.report import stored
+from flows.report import stored_pages
 from flows.report.document import ReportTable
 from flows.steps import calibrate, diagnose, identify, validate
 from flows.steps import experiment as campaign
-from flows.steps.models import Choice
+from flows.steps.model_choice import ModelChoice
 from tests.verdict_documents import typed
 
 NAME = "irb140 #2: load friction on joint 2, 9.6 → 7.1 %"
@@ -37,21 +37,21 @@ def faked(monkeypatch, tmp_path):
         monkeypatch.setattr(module, name, step)
 
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
-    take(stored, "diagnosis_page", page)
-    take(stored, "words", "Nothing is missing.")
+    take(stored_pages, "store_diagnosis_page", page)
+    take(stored_pages, "read_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
-    monkeypatch.setattr(campaign, "by_role", lambda *_: runs)
+    monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
-    monkeypatch.setattr(diagnose, "request_of", lambda *asked: asked)
+    monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
-        (loop, "in_force", Choice("11" * 10, "model: adoption 3")),
+        (loop, "in_force", ModelChoice("11" * 10, "model: adoption 3")),
         (loop, "judge", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)
-    take(diagnose, "diagnose_runs", ("dd", "ee"))
-    monkeypatch.setattr(tasks, "robot_of", lambda runs, store: "irb140")
+    take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
+    monkeypatch.setattr(tasks, "read_run_robot", lambda runs, store: "irb140")
     monkeypatch.setattr(loop, "read_verdict", lambda *_: typed({}))
-    monkeypatch.setattr(tasks, "name_of", lambda *_: NAME)
+    monkeypatch.setattr(tasks, "format_run_name", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])

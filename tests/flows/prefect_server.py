@@ -11,10 +11,17 @@ from pathlib import Path
 
 import pytest
 
-from flows.service.api import answers
-from flows.service.state import CLIENT, Running, lives, server_environment, start, stop
-from flows.service.up import server_command
-from flows.settings import API, quiet_prefect
+from flows.service.api import is_server_up
+from flows.service.state import (
+    CLIENT,
+    RunningService,
+    build_server_environment,
+    is_process_running,
+    start_process,
+    stop_process,
+)
+from flows.service.up import build_server_command
+from flows.settings import API, build_prefect_environment
 from tests.waiting import until
 
 ROOT = Path(__file__).parents[2]
@@ -76,17 +83,20 @@ def free_port() -> int:
 
 
 @contextmanager
-def served(home: Path, **more: str) -> Iterator[Running]:
+def served(home: Path, **more: str) -> Iterator[RunningService]:
     """Start the server of `modelgap up` as it starts it, and no worker."""
-    running = Running("127.0.0.1", free_port(), "sqlite")
-    env = server_environment(running, home, None) | more
-    start(home, "server", server_command(running), env)
+    running = RunningService("127.0.0.1", free_port(), "sqlite")
+    env = build_server_environment(running, home, None) | more
+    start_process(home, "server", build_server_command(running), env)
     try:
-        until(lambda: answers(running.url) or not lives(home, "server"), "it answers")
-        assert lives(home, "server"), (home / "server.log").read_text()
+        until(
+            lambda: is_server_up(running.url) or not is_process_running(home, "server"),
+            "it answers",
+        )
+        assert is_process_running(home, "server"), (home / "server.log").read_text()
         yield running
     finally:
-        stop(home, "server")
+        stop_process(home, "server")
 
 
 @contextmanager
@@ -94,7 +104,7 @@ def server_settings(server: Server):
     """Let flows of this process ask that server, and none once the context ends."""
     with pytest.MonkeyPatch.context() as patch:
         given = {API: server.url, CLIENT: server.key}
-        for name, value in {**quiet_prefect(server.home), **given}.items():
+        for name, value in {**build_prefect_environment(server.home), **given}.items():
             patch.setenv(name, value)
         from prefect import settings
 

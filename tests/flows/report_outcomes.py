@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.model.compare import Cloud, LogProof
+from residual.model.compare import FindingScatter, LogPrediction
 from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed, whole_document
 
@@ -140,7 +140,7 @@ def bare_diagnosis(
     return Diagnosis(verdict, {}, proofs, clouds, NOTES, sentences=sentences)
 
 
-def proof(rng: np.random.Generator, label: str = "C", n: int = 2000) -> LogProof:
+def proof(rng: np.random.Generator, label: str = "C", n: int = 2000) -> LogPrediction:
     """Return a held-out log of 16 s with the joint 2 effect in it."""
     t, phase = np.linspace(0, 16.5, n), np.arange(DOF) + 1.0
     q = 0.6 * np.sin(0.9 * t[:, None] * (1 + 0.15 * phase) + phase)
@@ -151,7 +151,7 @@ def proof(rng: np.random.Generator, label: str = "C", n: int = 2000) -> LogProof
     missing = np.zeros_like(tau)
     missing[:, 1] = 1500 * np.cos(q[:, 1] * 2)
     hats = {"nominal": clean * 0.4, "identified": clean - missing, "augmented": clean}
-    return LogProof(label, t, tau, hats, np.abs(qd) > 0.05)
+    return LogPrediction(label, t, tau, hats, np.abs(qd) > 0.05)
 
 
 def cloud(
@@ -160,7 +160,7 @@ def cloud(
     joint: int,
     shape: Callable[[np.ndarray], np.ndarray],
     span: tuple[float, float] = (-1.5, 1.5),
-) -> Cloud:
+) -> FindingScatter:
     """Return the cloud of a finding whose effect has this shape over its variable."""
     x = rng.uniform(*span, 3000)
     fitted = shape(x)
@@ -169,7 +169,9 @@ def cloud(
     log = np.where(np.arange(3000) < 1600, "A", "B")
     axis = "q" if name in ("balancer", "spring", "ripple") else "qd"
     unit = "rad" if axis == "q" else "rad/s"
-    return Cloud(name, joint, f"{axis}{joint} [{unit}]", x, residual, fitted, log)
+    return FindingScatter(
+        name, joint, f"{axis}{joint} [{unit}]", x, residual, fitted, log
+    )
 
 
 def balancer_shape(x: np.ndarray) -> np.ndarray:

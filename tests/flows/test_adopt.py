@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.read import load
+from flows.inputs.read import load_command_robot
 from flows.steps import rerun as reruns
 from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
-from flows.steps.models import choose, chosen_to_watch
+from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
-from flows.storage.diagnosis import read_known, read_models, read_verdict
+from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.held_out import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, diagnosed
-from warehouse.commit import adopted
-from warehouse.layout import find, read_record
 from warehouse.query.store import open_store
+from warehouse.record_commit import find_last_adoption
 from warehouse.runs import read_run
+from warehouse.store_catalogue import find_record, read_record
 
 pytestmark = pytest.mark.slow
 
@@ -34,7 +34,7 @@ def fresh(night_store):
     """The same with the nominal model in force: tests leave nothing adopted."""
     store = night_store[0]
     yield night_store
-    while (last := adopted(store, ROBOT)) and last[1].model_id:
+    while (last := find_last_adoption(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)
 
 
@@ -61,25 +61,25 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
 def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     store, first, _, id = fresh
     adopt(Adopt(id, store=store))
-    robot, runs = load(ROBOT), first[0]
-    on_runs = choose(robot, store=store, logs=runs)
+    robot, runs = load_command_robot(ROBOT), first[0]
+    on_runs = choose_model(robot, store=store, logs=runs)
     assert on_runs.diagnosis == id
     assert "adoption" in on_runs.line
     assert id[:8] in on_runs.line
-    assert choose(robot, logs=("A.csv",)).diagnosis is None
-    assert choose(robot, store=store, logs=("A.csv",)).diagnosis == id
-    nominal = choose(robot, "nominal", store, runs)
+    assert choose_model(robot, logs=("A.csv",)).diagnosis is None
+    assert choose_model(robot, store=store, logs=("A.csv",)).diagnosis == id
+    nominal = choose_model(robot, "nominal", store, runs)
     assert nominal.diagnosis is None
     assert "nominal" in nominal.line
-    healthy = choose(robot, None, store, runs, "--baseline")
+    healthy = choose_model(robot, None, store, runs, "--baseline")
     assert healthy.diagnosis is None
     assert "--baseline" in healthy.line
     with pytest.raises(InputError, match="both set the nominal model"):
-        choose(robot, id, store, runs, "--baseline")
-    assert choose(robot, id[:6], store, runs).diagnosis == id
-    assert chosen_to_watch(ROBOT, store, nominal=False).diagnosis == id
-    assert chosen_to_watch(ROBOT, store, nominal=True).diagnosis is None
-    assert chosen_to_watch(id[:8], store, nominal=False).line is None
+        choose_model(robot, id, store, runs, "--baseline")
+    assert choose_model(robot, id[:6], store, runs).diagnosis == id
+    assert choose_monitor_model(ROBOT, store, nominal=False).diagnosis == id
+    assert choose_monitor_model(ROBOT, store, nominal=True).diagnosis is None
+    assert choose_monitor_model(id[:8], store, nominal=False).line is None
 
 
 def run_on_night(command, runs, store, capsys, *more):
@@ -122,7 +122,7 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     assert (now.parent, now.model_id, now.note) == (number, None, "too many alarms")
     listed = [n for n, *_ in list_adoptions(store)]
     assert listed == [*(n for n, *_ in before), number, back]
-    line = choose(load(ROBOT), store=store).line
+    line = choose_model(load_command_robot(ROBOT), store=store).line
     assert f"to which adoption {int(back)} went back" in line
     with pytest.raises(InputError, match="nothing to roll back"):
         roll_back(None, store=store)
@@ -136,7 +136,7 @@ def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh, arm_ni
     with pytest.raises(InputError, match="needs a --note"):
         adopt(Adopt(nothing, force=True, store=store))
     adopt(Adopt(nothing, "asked for by the line", True, store))
-    assert adopted(store, ROBOT)[1].action == "forced"
+    assert find_last_adoption(store, ROBOT)[1].action == "forced"
     adopt(Adopt(id, "over it", True, store))
     with pytest.raises(InputError, match="has that model already"):
         adopt(Adopt(id, store=store))
@@ -166,7 +166,7 @@ def test_a_wrong_correction_is_refused_on_motion_of_another_night(
 ):
     store, _, second, id = night_store
     before = read_models(store, id)["nominal"]
-    model = _wrong(read_known(store, id), how)
+    model = _wrong(read_adoptable_model(store, id), how)
     seen = check_adoption(model, before, [read_run(store, run) for run in second[1]])
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
@@ -175,7 +175,7 @@ def test_a_wrong_correction_is_refused_on_motion_of_another_night(
 
 def test_the_model_is_whole_and_records_of_before_are_read(night_store, monkeypatch):
     store, *_, id = night_store
-    known = read_known(store, id)
+    known = read_adoptable_model(store, id)
     augmented = read_models(store, id)["augmented"]
     assert np.array_equal(known.coefficients(), augmented.coefficients())
     record = read_record(store, read_record(store, id)["model_id"])
@@ -189,7 +189,7 @@ def test_the_model_is_whole_and_records_of_before_are_read(night_store, monkeypa
             "read_record",
             lambda _, i, o=old, t=diagnosis_record: t if i == id else o,
         )
-        again = read_known(store, id)
+        again = read_adoptable_model(store, id)
         assert np.array_equal(again.coefficients(), known.coefficients())
 
 
@@ -214,7 +214,7 @@ def test_a_model_without_its_runs_has_their_motion_with_it(
     copy = tmp_path / "store"
     copytree(store, copy)
     for run in (*first[0], *first[1]):
-        rmtree(find(copy, run).folder)
+        rmtree(find_record(copy, run).folder)
     motion = keep.read_motion(copy, id)
     assert [m.id for m in motion] == [*first[0], *first[1]]
     run = read_run(store, first[0][0])

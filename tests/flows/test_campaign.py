@@ -10,11 +10,11 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import experiment as campaign
-from flows.steps.experiment import plan, run_all
-from flows.workers import InlineExecutor, JobResult, Processes, spread
+from flows.steps.experiment import plan_experiments, run_campaign_experiments
+from flows.workers import InlineExecutor, JobResult, ProcessExecutor, run_jobs
 from residual.errors import InputError
 from tests.waiting import PATIENCE, until
 
@@ -22,7 +22,7 @@ ROOT = Path(__file__).parents[2]
 
 
 def specs(count: int) -> list:
-    experiments = [experiment_of({"seed": i}, "S") for i in range(count)]
+    experiments = [parse_spec({"seed": i}, "S") for i in range(count)]
     return [(f"seed={i}", spec) for i, spec in enumerate(experiments)]
 
 
@@ -38,18 +38,18 @@ def done(monkeypatch):
             raise InputError("joint 2 at 1.2 s:\n0.3 rad beyond")
         if spec.seed == 2:
             raise ZeroDivisionError("a fault")
-        id = experiment.run_id_of(spec)
+        id = experiment.compute_run_id(spec)
         (store / "samples" / "robot=irb140" / f"run_id={id}").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign, "run", run)
+    monkeypatch.setattr(campaign, "simulate_and_store", run)
     return ran
 
 
 def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
-    planned = plan(specs(4), tmp_path)
+    planned = plan_experiments(specs(4), tmp_path)
     progress = []
-    summary = run_all(
+    summary = run_campaign_experiments(
         planned, tmp_path, lambda *a: progress.append(a), InlineExecutor()
     )
     assert done == [0, 1, 2, 3]
@@ -62,10 +62,12 @@ def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
 
 
 def test_the_same_command_completes_what_was_left(tmp_path, done):
-    run_all(plan(specs(1), tmp_path), tmp_path, executor=InlineExecutor())
-    planned = plan(specs(5), tmp_path)
+    run_campaign_experiments(
+        plan_experiments(specs(1), tmp_path), tmp_path, executor=InlineExecutor()
+    )
+    planned = plan_experiments(specs(5), tmp_path)
     assert [p.stored for p in planned] == [True, False, False, False, False]
-    summary = run_all(planned, tmp_path, executor=InlineExecutor())
+    summary = run_campaign_experiments(planned, tmp_path, executor=InlineExecutor())
     assert done == [0, 1, 2, 3, 4]
     assert summary.new == (planned[3].run_id, planned[4].run_id)
 
@@ -93,7 +95,7 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
     tmp_path, done, monkeypatch, capsys
 ):
-    monkeypatch.setattr(campaign, "Processes", lambda workers: InlineExecutor())
+    monkeypatch.setattr(campaign, "ProcessExecutor", lambda workers: InlineExecutor())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1
@@ -106,12 +108,12 @@ def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
 
 @pytest.fixture(scope="module")
 def pool():
-    with Processes(2) as made:
+    with ProcessExecutor(2) as made:
         yield made
 
 
 def by_index(pool, work, jobs) -> list[JobResult]:
-    return sorted(spread(pool, work, jobs), key=lambda d: d.index)
+    return sorted(run_jobs(pool, work, jobs), key=lambda d: d.index)
 
 
 def test_processes_return_values_and_errors(pool):
@@ -129,8 +131,8 @@ def test_a_process_that_dies_takes_no_other_job_with_it(pool):
 
 def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
     monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with Processes(1) as own:
-        (done,) = spread(own, os.getenv, ["OMP_NUM_THREADS"])
+    with ProcessExecutor(1) as own:
+        (done,) = run_jobs(own, os.getenv, ["OMP_NUM_THREADS"])
     assert done.value == "1"
     assert "OMP_NUM_THREADS" not in os.environ
 

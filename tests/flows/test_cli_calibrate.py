@@ -10,9 +10,9 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment
-from residual.calibration.scores import DEFAULT, NOTHING
+from residual.calibration.validation_scores import DEFAULT, NOTHING
 from tests.residual.arms import write_csv
 from tests.residual.identified import logs, workplace
 from warehouse.query.store import open_store
@@ -45,7 +45,9 @@ def stored(tmp_path_factory, compiled_plant):
     for number, kind in enumerate(("cyclic", "cyclic", *2 * ("move_stop_move",))):
         motion = {"kind": kind, "duration": 4.0, "periods": 1, "seed": number}
         content = {"seed": 3, "start": 10.0 * number, "trajectory": motion}
-        ids.append(experiment.run(experiment_of(content, "SPEC.toml"), store))
+        ids.append(
+            experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
+        )
     return store, ids
 
 

@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.sentences import CLEAN, MEANING, summary, title
+from flows.report.sentences import CLEAN, MEANING, summarize_check, title_fault
 from flows.steps import check as steps
-from residual.check.result import KINDS, Fault, LogCheck, Repair, from_json
+from residual.check.result import KINDS, Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
 
 HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
@@ -103,7 +103,7 @@ def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys)
         "evidence": "A: Torque is late by 8 ms.",
         "repair": None,
     }
-    assert from_json(document).to_json() == document
+    assert read_log_check(document).to_json() == document
 
 
 def test_two_faults_of_one_signal_have_one_line_that_mends_both(
@@ -183,13 +183,13 @@ def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
 def test_every_kind_has_its_words():
     assert set(MEANING) == set(KINDS)
     fault = Fault("gear_ratio", (1, 2, 3), False, "")
-    assert title(fault) == "a gear ratio is missing or wrong (joints 1 to 3)"
+    assert title_fault(fault) == "a gear ratio is missing or wrong (joints 1 to 3)"
     only = LogCheck((fault,))
-    assert summary(only) == "The logs are usable with care: 1 suspected fault."
+    assert summarize_check(only) == "The logs are usable with care: 1 suspected fault."
     assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
 
 
 @pytest.mark.parametrize("document", [{}, {"schema": 2}, {"schema": 1, "faults": [{}]}])
 def test_a_document_that_is_no_check_is_refused(document):
     with pytest.raises(InputError, match="check"):
-        from_json(document)
+        read_log_check(document)

@@ -8,7 +8,7 @@ import pytest
 
 from flows.cli import main
 from flows.report.diagnosis import print_truth
-from flows.report.phrases import Demonstration, Hidden, judge
+from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
 from flows.steps import demo as steps
 from flows.steps.demo import Demo
 from tests.verdict_documents import typed
@@ -45,7 +45,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
 
 
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    experiments = [spec for _, spec in steps.specs(Demo(3))]
+    experiments = [spec for _, spec in steps.build_demo_specs(Demo(3))]
     assert len({spec.plant_spec() for spec in experiments}) == 1
     assert len({spec.reference().seed for spec in experiments}) == 8
     ends = [spec.start + spec.trajectory.duration for spec in experiments]
@@ -57,7 +57,8 @@ def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own()
 
 def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     drawn, asked, nothing = (
-        steps.specs(Demo(3, effect))[0][1] for effect in (None, "spring", "none")
+        steps.build_demo_specs(Demo(3, effect))[0][1]
+        for effect in (None, "spring", "none")
     )
     assert len(drawn.plant_spec().effects) == 1
     assert asked.plant_spec().effects[0].name == "spring"
@@ -66,7 +67,7 @@ def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     assert drawn.plant_spec().seed == nothing.plant_spec().seed
 
 
-SPRING = Hidden("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
+SPRING = HiddenEffect("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
 
 
 def finding(name: str, joints: list, **same) -> dict:
@@ -97,7 +98,7 @@ def finding(name: str, joints: list, **same) -> dict:
     ],
 )
 def test_truth_and_verdict_are_compared(hidden, effects, judged):
-    assert judge(hidden, typed({"effects": effects})) == judged
+    assert compare_with_truth(hidden, typed({"effects": effects})) == judged
 
 
 def test_the_truth_stands_beside_the_verdict(capsys):

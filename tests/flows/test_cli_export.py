@@ -12,18 +12,18 @@ import pytest
 
 from flows.cli import main
 from flows.steps import export as exporting
-from flows.steps.export import compiler, export_model
-from flows.steps.models import read_model
-from residual.calibration.choice import MAIN
+from flows.steps.export import export_model, find_compiler
+from flows.steps.model_choice import read_model
+from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError, UnknownNameError
-from residual.export.export import KnownMotion, excitation
-from residual.export.simulators import to_mujoco
-from residual.model.lookup import CorrectedModel, Tables
+from residual.export.model_export import NoiselessMotion, build_reference_motion
+from residual.export.urdf_mjcf import to_mujoco
+from residual.model.lookup import CorrectedModel, JointCorrection
 from residual.signals.track import CHOICES
 from tests.exports.back import BACK, CREEP, inverse, passive
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
-from warehouse.commit import commit_record
+from warehouse.record_commit import commit_record
 
 TOLERANCES = {
     "mjcf": 1e-9,
@@ -35,7 +35,9 @@ TOLERANCES = {
     "rrd": 1e-12,
 }
 OTHERS = sorted(set(ARMS) - {"seven"})
-needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+needs_compiler = pytest.mark.skipif(
+    find_compiler() is None, reason="no C compiler here"
+)
 REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
 REASON["mujoco"] = (needs_compiler, pytest.mark.long)
@@ -46,7 +48,8 @@ def _every(robot):
     source = model_with(robot, *NAMES, standstill=shapes)
     columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
     own = tuple(
-        Tables(j, columns, lookup(np.random.default_rng(j)), MAIN) for j in (0, 3)
+        JointCorrection(j, columns, lookup(np.random.default_rng(j)), MAIN)
+        for j in (0, 3)
     )
     return CorrectedModel(source, own)
 
@@ -82,7 +85,7 @@ def test_support_points_are_those_of_the_curves():
 def test_a_time_that_comes_twice_is_remembered_once():
     mujoco = pytest.importorskip("mujoco")
     source = model_with(robot_of("irb140"), "viscous", "rotor_inertia", "presliding")
-    export, motion = to_mujoco(source), excitation(robot_of("irb140"), 2.0)
+    export, motion = to_mujoco(source), build_reference_motion(robot_of("irb140"), 2.0)
     with passive(export) as simulated:
         callback = mujoco.get_mjcb_passive()
         once = [callback.torque(*x).copy() for x in zip(*_all(motion), strict=True)]
@@ -111,7 +114,7 @@ def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
     zero = np.zeros((2, 6))
     qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
     (text,) = export.files.values()
-    states = KnownMotion(np.arange(2.0), zero, qd, zero)
+    states = NoiselessMotion(np.arange(2.0), zero, qd, zero)
     usual = re.sub(r'(solref|solimp)friction="[^"]*"', "", text.decode())
     (own,) = source.terms
     (j,) = own.joints
@@ -183,7 +186,7 @@ def test_a_missing_extra_says_what_to_install(monkeypatch):
 
 
 def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
-    monkeypatch.setattr(exporting, "compiler", lambda: None)
+    monkeypatch.setattr(exporting, "find_compiler", lambda: None)
     source = model_with(robot_of("irb140"), "viscous")
     (content,) = export_model(source, "fmu").files.values()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
@@ -214,7 +217,7 @@ def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch)
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )
-    monkeypatch.setattr("flows.steps.models.read_models", lambda store, id: both)
+    monkeypatch.setattr("flows.steps.model_choice.read_models", lambda store, id: both)
     assert read_model(tmp_path, id) is both["augmented"]
     assert read_model(tmp_path, id, "nominal") is both["nominal"]
     with pytest.raises(UnknownNameError, match="'augmented'"):

@@ -15,12 +15,12 @@ import pytest
 
 from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
-from residual.model.record import load_model
+from residual.model.model_files import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as samples
-from warehouse.layout import find_run
-from warehouse.query.guard import LONGEST
-from warehouse.toml import LARGEST, read_toml
+from warehouse.query.sql_guard import LONGEST
+from warehouse.store_catalogue import find_run
+from warehouse.toml_records import LARGEST, read_toml
 
 LONG = "SELECT count(*) FROM range(10000000) a, range(100000000) b WHERE a.range <> 7"
 

@@ -11,8 +11,8 @@ from flows.cli import main
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.identified import workplace
-from warehouse.layout import read_record
-from warehouse.query.store import query_store, runs_where
+from warehouse.query.store import query_store_rows, select_run_ids
+from warehouse.store_catalogue import read_record
 
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
@@ -85,7 +85,8 @@ def runs(place, capsys):
         words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
         assert run(f"{words} --trajectory {motion}") == 0
     return {
-        row["run_id"]: row["trajectory"] for row in query_store(Path("s"), "FROM runs")
+        row["run_id"]: row["trajectory"]
+        for row in query_store_rows(Path("s"), "FROM runs")
     }
 
 
@@ -94,7 +95,7 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
     proof = ["--holdout-where", "trajectory IN (SELECT 'welding')"]
     usual = ["--robot", "arm.urdf", "--store", "s"]
     assert main(["identify", *chosen, *proof, *usual]) == 0
-    (model,) = query_store(Path("s"), "FROM models")
+    (model,) = query_store_rows(Path("s"), "FROM models")
     record = read_record(Path("s"), model["model_id"])["request"]
     assert {runs[id] for id in record["logs"]} == {"fourier"}
     assert len(record["logs"]) == 2
@@ -111,7 +112,7 @@ def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):
     words = f"import {log}@0:8 --robot irb140 --serial B-18 --store s"
     assert run(words) == 0
     assert run("identify --where true --robot irb140 --store s") == 0
-    (model,) = query_store(Path("s"), "FROM models")
+    (model,) = query_store_rows(Path("s"), "FROM models")
     assert model["serial"] == "B-18"
     assert run(f"rerun {model['model_id']} --store s") == 0
 
@@ -130,7 +131,7 @@ CONDITIONS = (
 def test_a_condition_is_one_and_reads_only_the_store(runs):
     for condition, why in CONDITIONS:
         with pytest.raises(InputError, match=why):
-            runs_where(Path("s"), condition)
+            select_run_ids(Path("s"), condition)
 
 
 def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):

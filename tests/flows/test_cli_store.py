@@ -14,8 +14,8 @@ import pytest
 
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
-from warehouse.runs import quarantine
-from warehouse.schema import all_views
+from warehouse.runs import quarantine_run
+from warehouse.view_schema import list_views
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +23,7 @@ def ids(tmp_path_factory):
     folder = tmp_path_factory.mktemp("memory")
     kinds = ("fourier", "welding", "fourier")
     runs = [samples.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
-    quarantine(folder, runs[2], "gripper was loose")
+    quarantine_run(folder, runs[2], "gripper was loose")
     last = samples.store_verdict(
         folder, samples.verdict([runs[1]]), {"theta": [1]}, runs[:2]
     )
@@ -89,7 +89,7 @@ def test_numbers_in_csv_and_json_are_whole(run):
 def test_the_schema_has_every_view_and_column_with_its_unit(run):
     rows = answer(run, "sql", "--schema")
     told = [(row["view"], row["column"]) for row in rows]
-    assert told == [(v, c.name) for v, columns in all_views().items() for c in columns]
+    assert told == [(v, c.name) for v, columns in list_views().items() for c in columns]
     units = {(row["view"], row["column"]): row["unit"] for row in rows}
     assert units["samples", "tau6"] == "N m"
     assert units["runs", "duration_s"] == "s"

@@ -9,12 +9,12 @@ import yaml
 
 from flows.settings import PAGES
 from flows.steps import experiment as campaign
-from flows.steps.experiment import run_id_of
+from flows.steps.experiment import compute_run_id
 from flows.workers import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
-from warehouse.ids import record_folder
+from warehouse.record_ids import build_record_path
 from warehouse.runs import read_channels
 
 ROOT = Path(__file__).parents[2]
@@ -40,7 +40,7 @@ def test_a_failing_step_fails_the_flow_with_its_own_error(flows, order, monkeypa
     def fail(*_):
         raise RunError("Experiment welding failed: joint 2 at 1.2 s")
 
-    monkeypatch.setattr(campaign, "by_role", fail)
+    monkeypatch.setattr(campaign, "group_runs_by_role", fail)
     with pytest.raises(RunError, match="joint 2 at"):
         flows.nightly("CAMPAIGN.toml", store="store")
     assert [name for name, _ in order] == ["run_campaign"]
@@ -120,11 +120,11 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
             raise ChildProcessError("its process ended without a word")
         if spec.seed == 5:
             raise InputError("joint 2 at 1.2 s")
-        id = run_id_of(spec)
-        record_folder(store, "runs", id, "irb140").mkdir(parents=True)
+        id = compute_run_id(spec)
+        build_record_path(store, "runs", id, "irb140").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign, "run", run)
+    monkeypatch.setattr(campaign, "simulate_and_store", run)
     monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
@@ -174,7 +174,7 @@ def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
     monkeypatch.setattr(tasks, "send_event", lambda name, about: events.append(name))
     verdict = SimpleNamespace(effects=("spring",), robot="irb140")
     monkeypatch.setattr(projects, "read_verdict", lambda *_: verdict)
-    monkeypatch.setattr(projects, "headline", lambda _: "a spring on joint 2")
+    monkeypatch.setattr(projects, "format_headline", lambda _: "a spring on joint 2")
     flows.nightly("CAMPAIGN.toml", store=str(tmp_path))
     assert events == ["modelgap.notice.finding"]
 

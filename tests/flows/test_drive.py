@@ -10,40 +10,45 @@ from scipy.ndimage import maximum_filter1d
 
 from flows.cli import main
 from flows.requests import Validate
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.models import model_to_drive
+from flows.steps.model_choice import read_controller_model
 from flows.steps.rerun import compare_records
-from flows.steps.rerun import remade as again
+from flows.steps.rerun import remake_record as again
 from flows.steps.validate import validate
-from residual.calibration.calibrate import with_tables
-from residual.calibration.rows import state_names
-from residual.effects import registry
+from residual.calibration.calibrate import add_correction_tables
+from residual.calibration.calibration_rows import name_state_columns
+from residual.effects import load_effects
 from residual.errors import InputError
-from residual.export.export import to_json
-from residual.model.dynamics import SAMPLES, Turning, computed_torque, feed_forward
-from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
+from residual.export.model_export import to_json
+from residual.model.dynamics import (
+    SAMPLES,
+    FrictionReversal,
+    build_computed_torque_law,
+    compute_feed_forward,
+)
+from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
 from residual.model.model import Model, Term
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
-from sim.engine.records import Noise, PlantEffect, PlantSpec, TrajectorySpec
-from sim.plant import tables as at
-from sim.plant.sizes import maker_of
-from sim.plant.stepping import drive
-from sim.trajectories import make_reference
-from warehouse.commit import commit_record
-from warehouse.layout import find
+from sim.engine.plant_records import PlantEffect, PlantSpec, SensorNoise, TrajectorySpec
+from sim.plant import step_tables as at
+from sim.plant.closed_loop import build_and_simulate
+from sim.plant.typical_sizes import read_nominal_drives
+from sim.trajectories import plan_reference_motion
 from warehouse.query.store import open_store
+from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
+from warehouse.store_catalogue import find_record
 
 ROBOT = load_robot("irb140")
 SPRING = PlantEffect("spring", (2,), (("stiffness", 60.0),))
-QUIET = PlantSpec((SPRING,), 0.0, Noise(0.0, 1e-5), seed=3)
+QUIET = PlantSpec((SPRING,), 0.0, SensorNoise(0.0, 1e-5), seed=3)
 
 
 def term(name, joint, *values):
-    effect = registry()[name]
+    effect = load_effects()[name]
     theta, shape = effect.from_values(np.array(values), ROBOT)
     return Term(effect, (joint - 1,), tuple(shape), np.asarray(theta, float))
 
@@ -51,12 +56,16 @@ def term(name, joint, *values):
 def nominal():
     """What the maker knows of the arm: body, friction and rotors."""
     known = dict(
-        zip(("coulomb", "viscous", "rotor_inertia"), maker_of(ROBOT), strict=True)
+        zip(
+            ("coulomb", "viscous", "rotor_inertia"),
+            read_nominal_drives(ROBOT),
+            strict=True,
+        )
     )
     terms = [
         term(k, j + 1, v) for k, values in known.items() for j, v in enumerate(values)
     ]
-    return Model(ROBOT, inertial_parameters(ROBOT.model), tuple(terms))
+    return Model(ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms))
 
 
 def corrected(joint=2, stiffness=60.0):
@@ -66,20 +75,22 @@ def corrected(joint=2, stiffness=60.0):
 
 @pytest.fixture(scope="module")
 def reference(compiled_plant):
-    return make_reference(ROBOT, TrajectorySpec("cyclic", 2.5, 1, 1), 1000.0)
+    return plan_reference_motion(ROBOT, TrajectorySpec("cyclic", 2.5, 1, 1), 1000.0)
 
 
 def parts(reference):
     return reference.t, (reference.q, reference.qd, reference.qdd)
 
 
-def missed(reference, model, make=feed_forward):
+def missed(reference, model, make=compute_feed_forward):
     """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
-    trace = drive(ROBOT, reference, QUIET, command=make(model, *parts(reference)))
+    trace = build_and_simulate(
+        ROBOT, reference, QUIET, command=make(model, *parts(reference))
+    )
     return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
 
 
-@pytest.mark.parametrize("make", [feed_forward, computed_torque])
+@pytest.mark.parametrize("make", [compute_feed_forward, build_computed_torque_law])
 def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, make):
     before, after = (missed(reference, m, make) for m in (nominal(), corrected()))
     assert np.linalg.norm(after) < 0.7 * np.linalg.norm(before)
@@ -94,8 +105,8 @@ def test_a_wrong_correction_makes_it_worse(reference, joint, stiffness):
 
 def test_computed_torque_on_the_reference_is_the_feed_forward(reference):
     t, motion = parts(reference)
-    law = computed_torque(corrected(), t, motion)
-    along = feed_forward(corrected(), t, motion)
+    law = build_computed_torque_law(corrected(), t, motion)
+    along = compute_feed_forward(corrected(), t, motion)
     for k in (0, 1234, 2499):
         q, qd, qdd = (x[k] for x in motion)
         np.testing.assert_allclose(law(k, q, qd, qdd), along[k], atol=1e-9)
@@ -107,7 +118,7 @@ def friction_along(qd, turning, t):
     body = replace(nominal(), terms=())
     dry = tuple(t for t in nominal().terms if t.effect.name == "coulomb")
     models = replace(body, terms=dry), body
-    with_it, without = (feed_forward(m, t, still, turning) for m in models)
+    with_it, without = (compute_feed_forward(m, t, still, turning) for m in models)
     return with_it - without
 
 
@@ -115,8 +126,8 @@ def friction_along(qd, turning, t):
 def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint(rate):
     t, width = np.arange(800) / rate, 2e-5 * rate / SAMPLES
     slow = np.linspace(-3, 3, len(t))[:, None] * np.full(6, width)
-    got = friction_along(slow, Turning(2e-5, rise=0.0), t)
-    wanted = maker_of(ROBOT)[0] * np.tanh(slow / width)
+    got = friction_along(slow, FrictionReversal(2e-5, rise=0.0), t)
+    wanted = read_nominal_drives(ROBOT)[0] * np.tanh(slow / width)
     np.testing.assert_allclose(got, wanted, atol=1e-9)
 
 
@@ -125,12 +136,14 @@ def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint(rate):
 def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, turns):
     t = np.arange(2000) / 1000.0
     qd = speed * np.sin(2 * np.pi * turns * t)[:, None] * np.ones(6)
-    turning = Turning(rise=rise)
-    held, free = (friction_along(qd, x, t) for x in (turning, Turning(rise=0.0)))
-    most = turning.torque_rate(ROBOT) / 1000.0
+    turning = FrictionReversal(rise=rise)
+    held, free = (
+        friction_along(qd, x, t) for x in (turning, FrictionReversal(rise=0.0))
+    )
+    most = turning.compute_torque_rate(ROBOT) / 1000.0
     assert (np.abs(np.diff(held, axis=0)) <= most * (1 + 1e-9)).all()
     # Away from reversals, by half the time that a whole turn takes, it is what it was.
-    level = maker_of(ROBOT)[0]
+    level = read_nominal_drives(ROBOT)[0]
     half = np.ceil(2 * level / most).astype(int) // 2 + 1
     for j in range(6):
         near = np.abs(qd[:, j]) < 0.02
@@ -144,7 +157,7 @@ def kept(store, model):
 
 
 def tables(step=None):
-    names = (*state_names(range(1, 7)), *(f"tau{j}" for j in range(1, 7)))
+    names = (*name_state_columns(range(1, 7)), *(f"tau{j}" for j in range(1, 7)))
     edges, axis = np.linspace(-2, 2, 201), 1
     values = np.zeros((len(edges) + 1, 6))
     values[:, 1] = 60.0 * np.r_[edges[0], (edges[:-1] + edges[1:]) / 2, edges[-1]]
@@ -155,7 +168,7 @@ def tables(step=None):
     return Lookup(
         names,
         tuple(f"joint {j}" for j in range(1, 7)),
-        (Axis(axis, edges),),
+        (LevelAxis(axis, edges),),
         (LookupTable((0,), values),),
         np.zeros(6),
         np.zeros((size, 6)),
@@ -165,17 +178,20 @@ def tables(step=None):
 
 
 def tabulated(step=None):
-    return with_tables(nominal(), tables(step), range(1, 7))
+    return add_correction_tables(nominal(), tables(step), range(1, 7))
 
 
 @pytest.mark.parametrize("rise", [0.0, 0.1])
 def test_tables_step_no_faster_than_the_drives_may_follow(reference, rise):
     t, motion = parts(reference)
-    turning = Turning(rise=rise)
+    turning = FrictionReversal(rise=rise)
     level = 20.0  # N m, of a step at standstill
-    both = (feed_forward(m, t, motion, turning) for m in (tabulated(level), nominal()))
+    both = (
+        compute_feed_forward(m, t, motion, turning)
+        for m in (tabulated(level), nominal())
+    )
     added = np.subtract(*both)
-    most = turning.torque_rate(ROBOT)[1] / 1000.0
+    most = turning.compute_torque_rate(ROBOT)[1] / 1000.0
     assert np.abs(np.diff(added[:, 1])).max() <= min(level, most) * (1 + 1e-9)
     if not rise:
         np.testing.assert_allclose(np.abs(added[:, 1]), level / 2, atol=1e-9)
@@ -183,7 +199,7 @@ def test_tables_step_no_faster_than_the_drives_may_follow(reference, rise):
 
 
 def spec(**controller):
-    return experiment_of(
+    return parse_spec(
         {
             "trajectory": {"kind": "cyclic", "duration": 2.5, "periods": 1},
             "plant": {
@@ -202,8 +218,13 @@ def spec(**controller):
 def runs(tmp_path_factory, compiled_plant):
     store = tmp_path_factory.mktemp("store")
     model = kept(store, corrected())
-    by_nominal = experiment.run(spec(), store)
-    return store, model, by_nominal, experiment.run(spec(model=model[:7]), store)
+    by_nominal = experiment.simulate_and_store(spec(), store)
+    return (
+        store,
+        model,
+        by_nominal,
+        experiment.simulate_and_store(spec(model=model[:7]), store),
+    )
 
 
 def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs):
@@ -217,8 +238,8 @@ def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs)
             {"parent": model, "role": "controller"}
         ]
     # The same spec is the same run, however the model is named.
-    assert experiment.run(spec(model=model), store) == by_model
-    other = experiment.run(spec(model=model, kind="feed_forward"), store)
+    assert experiment.simulate_and_store(spec(model=model), store) == by_model
+    other = experiment.simulate_and_store(spec(model=model, kind="feed_forward"), store)
     assert other not in (by_model, by_nominal)
 
 
@@ -254,8 +275,8 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
         (run, "run"),
         (model, "model"),
     }
-    with again(store, find(store, id)) as (_, other):
-        assert list(compare_records(find(store, id), other)) == []
+    with again(store, find_record(store, id)) as (_, other):
+        assert list(compare_records(find_record(store, id), other)) == []
 
 
 def test_the_command_prints_before_and_after_by_joint(
@@ -276,7 +297,7 @@ def test_a_model_of_another_robot_is_refused(runs):
     other = replace(ROBOT, urdf=ROBOT.urdf + " ")
     model = kept(store, replace(corrected(), robot=other))
     with pytest.raises(InputError, match="as it was described then"):
-        experiment.run(spec(model=model), store)
+        experiment.simulate_and_store(spec(model=model), store)
 
 
 @pytest.mark.parametrize("paper", [False, True])
@@ -295,7 +316,7 @@ def test_tables_of_a_calibration_drive(runs, paper):
             offset=every.offset[first],
             slope=every.slope[:, first],
         )
-        files = export_lookup(lookup)
+        files = build_lookup_files(lookup)
     id = commit_record(store, "models", record, files=files)
     _, validation = validate(Validate(run, 0.25, store, id))
     before, after = validation.models.values()
@@ -304,4 +325,4 @@ def test_tables_of_a_calibration_drive(runs, paper):
     if paper:
         other = replace(ROBOT, urdf=ROBOT.urdf + " ")
         with pytest.raises(InputError, match="as it was described then"):
-            model_to_drive(store, id, other, nominal())
+            read_controller_model(store, id, other, nominal())

@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import experiment as campaign
-from flows.storage.diagnosis import from_record, to_record
+from flows.storage.diagnosis import diagnosis_from_record, diagnosis_to_record
 from flows.workers import run_job
 from residual.errors import InputError
-from residual.model.compare import Cloud, LogProof
+from residual.model.compare import FindingScatter, LogPrediction
 from residual.verdict.result import Diagnosis
-from sim.plant.stepping import DivergedError
+from sim.plant.closed_loop import SimulationDivergedError
 from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
@@ -41,12 +41,15 @@ def spec(**changes):
         "trajectory": {"kind": "welding", "duration": 2.0},
         "plant": {"effect": [EFFECT]},
     }
-    return experiment_of(content | changes, "SPEC.toml")
+    return parse_spec(content | changes, "SPEC.toml")
 
 
 def test_a_run_is_stored_once_under_the_id_that_was_known_before(tmp_path, plant):
-    id = experiment.run_id_of(spec())
-    assert [experiment.run(spec(), tmp_path) for _ in range(2)] == [id, id]
+    id = experiment.compute_run_id(spec())
+    assert [experiment.simulate_and_store(spec(), tmp_path) for _ in range(2)] == [
+        id,
+        id,
+    ]
     assert len(plant["specs"]) == 1
     run = read_run(tmp_path, id)
     assert (run.robot, run.t[0], run.q.shape) == ("irb140", 30.0, (50, 6))
@@ -70,7 +73,9 @@ def test_the_command_says_what_it_does(tmp_path, plant, capsys, words):
     path.write_text(SPEC.replace("duration = 2.0", "duration = 20.0"))
     store = ["--store", str(tmp_path / "store")]
     assert main(["experiment", str(path), *store, *words]) == 0
-    id = experiment.run_id_of(spec(trajectory={"kind": "welding", "duration": 20.0}))
+    id = experiment.compute_run_id(
+        spec(trajectory={"kind": "welding", "duration": 20.0})
+    )
     shown = capsys.readouterr().out
     assert f"{id}  to run " in shown
     assert ("stored in" in shown) == (not words)
@@ -84,7 +89,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
     tmp_path, monkeypatch, capsys
 ):
     def diverge(spec, robot, store):
-        raise DivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
+        raise SimulationDivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
     monkeypatch.setattr(experiment, "_simulate", diverge)
     (tmp_path / "SPEC.toml").write_text(SPEC)
@@ -98,7 +103,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
     # From a process of a campaign the error reaches its parent as words.
     planned = experiment.PlannedExperiment("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
-        run_job(campaign.run_one, planned, str(store))
+        run_job(campaign.run_planned_experiment, planned, str(store))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 
@@ -107,22 +112,26 @@ def test_curves_come_back_from_the_store_as_they_were():
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
     hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}
     x = rng.normal(size=3)
-    cloud = Cloud("spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"]))
+    cloud = FindingScatter(
+        "spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"])
+    )
     before = Diagnosis(
         verdict=typed({}),
         sentences=("One.",),
         proofs=(
-            LogProof("a", t, tau, hats, moving),
-            LogProof("b", t, -tau, hats, ~moving),
+            LogPrediction("a", t, tau, hats, moving),
+            LogPrediction("b", t, -tau, hats, ~moving),
         ),
         clouds=(cloud,),
         notes=("n",),
         residual_clouds=(
-            Cloud("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),
+            FindingScatter("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),
         ),
     )
-    record, tables = to_record(before)
-    after = from_record(json.loads(json.dumps(record)), tables, before.verdict, {})
+    record, tables = diagnosis_to_record(before)
+    after = diagnosis_from_record(
+        json.loads(json.dumps(record)), tables, before.verdict, {}
+    )
     for part in ("verdict", "sentences", "notes"):
         assert getattr(after, part) == getattr(before, part)
     for part in ("proofs", "clouds", "residual_clouds"):

@@ -7,8 +7,14 @@ from threading import Thread
 
 import pytest
 
-from flows.service.guard import LARGEST, Guard, refusal, rules_for, with_policies
-from flows.service.state import KEY, store_key
+from flows.service.access_guard import (
+    LARGEST,
+    Guard,
+    add_security_headers,
+    build_access_rules,
+    check_access,
+)
+from flows.service.state import KEY, read_access_key
 from flows.settings import prefect_home
 from residual.errors import InputError
 from tests.flows.asgi import (
@@ -90,7 +96,7 @@ PAGE, EVIL = origin(OWN), origin("http://evil.example")
     ],
 )
 def test_what_comes_from_elsewhere_is_refused(status, asked):
-    why = refusal(asked, OURS)
+    why = check_access(asked, OURS)
     assert (why and why[0]) == status
     assert SECRET not in repr((why, OURS))
 
@@ -115,7 +121,7 @@ STRANGE = "evil.example:4200 0.0.0.0:4200 10.0.0.7:80 10.0.0.7"
     ],
 )
 def test_a_server_is_asked_by_the_names_that_it_is_bound_to(bound, port, ours, foreign):
-    rules = rules_for(bound, port, SECRET)
+    rules = build_access_rules(bound, port, SECRET)
     assert all(map(rules.names_server, ours.split()))
     assert not any(map(rules.names_server, foreign.split()))
 
@@ -134,7 +140,7 @@ def test_what_is_refused_does_not_reach_prefect():
 
 def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
     for host in (HOST, "localhost:4200"):
-        app = Guard(with_policies(prefect), OURS)
+        app = Guard(add_security_headers(prefect), OURS)
         headers = headers_of(answer(app, scope(path="/", host=host)))
         policy = dict(
             part.strip().split(" ", 1)
@@ -201,37 +207,39 @@ def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
     before = os.umask(0)
     try:
         home = prefect_home(tmp_path / "store")
-        key = store_key(home)
+        key = read_access_key(home)
     finally:
         os.umask(before)
     assert len(key) > 40
-    assert store_key(home) == key
+    assert read_access_key(home) == key
     modes = [p.stat().st_mode for p in (home / KEY, home, tmp_path / "store")]
     assert [stat.S_IMODE(mode) for mode in modes] == [0o600, 0o700, 0o700]
     assert [p.name for p in home.iterdir()] == [KEY]
-    assert store_key(prefect_home(tmp_path / "other")) != key
+    assert read_access_key(prefect_home(tmp_path / "other")) != key
 
 
 def test_of_keys_made_at_once_the_first_counts(tmp_path):
     keys: list[str] = []
-    many = [Thread(target=lambda: keys.append(store_key(tmp_path))) for _ in range(8)]
+    many = [
+        Thread(target=lambda: keys.append(read_access_key(tmp_path))) for _ in range(8)
+    ]
     for each in many:
         each.start()
     for each in many:
         each.join()
     assert len(keys) == 8
-    assert set(keys) == {store_key(tmp_path)}
+    assert set(keys) == {read_access_key(tmp_path)}
 
 
 def test_a_key_that_others_can_read_or_that_is_none_is_refused(tmp_path):
-    store_key(tmp_path)
+    read_access_key(tmp_path)
     (tmp_path / KEY).chmod(0o644)
     with pytest.raises(InputError, match="can be read by others"):
-        store_key(tmp_path)
+        read_access_key(tmp_path)
     (tmp_path / KEY).write_text("short")
     (tmp_path / KEY).chmod(0o600)
     with pytest.raises(InputError, match="is no key"):
-        store_key(tmp_path)
+        read_access_key(tmp_path)
 
 
 def test_a_folder_that_was_made_by_hand_is_closed_to_others(tmp_path):

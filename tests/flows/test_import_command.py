@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 
 import warehouse
-from flows.inputs.read import load, robot_of
+from flows.inputs.read import load_command_robot, read_run_robot
 from residual.errors import InputError
-from residual.robot.robot import with_serial
+from residual.robot.robot import set_serial_number
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
-from warehouse.layout import read_record
-from warehouse.runs import keep_robot, read_run, robot_of_hash
+from warehouse.runs import find_robot_by_hash, read_run, store_robot_description
+from warehouse.store_catalogue import read_record
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 
@@ -146,8 +146,8 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     # The time of the import is not passed off as that of the recording.
     assert by["UR-2", False]["recorded_at"] is None
     # The description that is kept says the number too, so it is found without a file.
-    (arm,) = {robot_of([first["run_id"]], Path("store"))}
-    assert load(arm).serial == "UR-1"
+    (arm,) = {read_run_robot([first["run_id"]], Path("store"))}
+    assert load_command_robot(arm).serial == "UR-1"
     other = by["UR-2", False]["run_id"]
     code, _, err = run(f"diagnose {first['run_id']} {other} --robot arm.urdf")
     assert code == 2
@@ -155,10 +155,13 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
 
 
 def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
-    robot = with_serial(load("irb140"), "AB-7")
-    keep_robot(tmp_path, "irb140", robot)
-    kept = load(robot_of_hash(tmp_path, robot.content_hash))
+    robot = set_serial_number(load_command_robot("irb140"), "AB-7")
+    store_robot_description(tmp_path, "irb140", robot)
+    kept = load_command_robot(find_robot_by_hash(tmp_path, robot.content_hash))
     assert (kept.serial, kept.name) == ("AB-7", "irb140")
-    assert robot_of_hash(tmp_path, load("irb140").content_hash) == "irb140"
+    assert (
+        find_robot_by_hash(tmp_path, load_command_robot("irb140").content_hash)
+        == "irb140"
+    )
     with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
-        with_serial(robot, "AB-8")
+        set_serial_number(robot, "AB-8")

@@ -7,16 +7,16 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.report.sentences import headline
+from flows.report.sentences import format_headline
 from flows.requests import Diagnose
 from flows.steps import check as steps
-from flows.steps.diagnose import diagnose_runs
+from flows.steps.diagnose import diagnose_stored_runs
 from residual.check.result import Fault, LogCheck, Repair
 from residual.errors import InputError
 from residual.verdict.result import Diagnosis
 from tests.residual.identified import workplace
 from tests.verdict_documents import typed
-from warehouse.layout import read_record
+from warehouse.store_catalogue import read_record
 
 LINE = 'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}'
 SIGN = Fault(
@@ -92,7 +92,7 @@ def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(
     check = verdict["log_check"]
     assert (check["schema"], check["verdict"]) == (1, "unusable")
     assert [f["repair"] for f in check["faults"]] == [LINE, None]
-    sentence = headline(typed({"log_check": check, "verdict": "unknown"}))
+    sentence = format_headline(typed({"log_check": check, "verdict": "unknown"}))
     assert sentence.startswith(
         "No effect is named, because the logs are faulty: torque has the opposite "
         "sign (joint 2)."
@@ -162,11 +162,11 @@ def test_runs_of_the_store_are_checked_too(place, fake_check, named):
     assert fake_check["asked"] == [[one, two], *2 * [[one[:8], two[:8]]]]
     request = Diagnose((one,), robot="arm.urdf", held_out=(two,), store=Path("store"))
     with pytest.raises(InputError, match="torque sign, joint 2"):
-        diagnose_runs(request)
+        diagnose_stored_runs(request)
     trusted = Diagnose(
         (one,), robot="arm.urdf", held_out=(two,), store=Path("store"), trust_log=True
     )
-    diagnosis, _ = diagnose_runs(trusted)
+    diagnosis, _ = diagnose_stored_runs(trusted)
     record = read_record(Path("store"), diagnosis)
     assert record["document"]["verdict"] == "unknown"
     assert record["request"]["trust_log"] is True

@@ -9,19 +9,19 @@ import pytest
 from flows.cli import main
 from flows.report.experiments import describe_alarms
 from flows.requests import Monitor
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment, monitor
 from flows.storage.diagnosis import store_outcome
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.model.model import Model, Term
-from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
-from warehouse.layout import read_record
 from warehouse.query.store import open_store
 from warehouse.runs import read_run
+from warehouse.store_catalogue import read_record
 
 ROBOT = "irb140"
 
@@ -32,7 +32,7 @@ def run(store, seed, *effects, start=0.0):
         "trajectory": {"kind": "cyclic", "duration": 4.0, "periods": 1, "seed": seed},
         "plant": {"seed": 1, "effect": list(effects)},
     }
-    return experiment.run(experiment_of(content, "SPEC.toml"), store)
+    return experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
 
 
 @pytest.fixture(scope="module")
@@ -81,9 +81,11 @@ def test_the_record_has_alarms_limits_and_lineage(run_store, watched):
 def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
     store, good, fine, _ = run_store
     robot = load_robot(ROBOT)
-    logs = prepare_logs(robot, [read_run(store, id) for id in good], None, Filters())
-    nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
-    known = registry()
+    logs = prepare_fit_logs(
+        robot, [read_run(store, id) for id in good], None, FilterSettings()
+    )
+    nominal = build_free_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
+    known = load_effects()
     more = (
         Term(known["coulomb_asymmetry"], (1,), (), np.array([1.0])),
         Term(known["coulomb_asymmetry"], (2,), (), np.array([2.0])),

@@ -2,15 +2,15 @@
 
 import pytest
 
-from flows.report.diagnosis import render
+from flows.report.diagnosis import render_diagnosis_page
 from tests.flows import report_outcomes as outcomes
 from tests.flows.browser import alone
 
 pytestmark = pytest.mark.long
 
 PAGES = {
-    "several": lambda: render(outcomes.several(), "kr300"),
-    "nothing": lambda: render(outcomes.nothing(), "kr300"),
+    "several": lambda: render_diagnosis_page(outcomes.several(), "kr300"),
+    "nothing": lambda: render_diagnosis_page(outcomes.nothing(), "kr300"),
 }
 WIDTHS = (1280, 390)
 # Draws what is drawn when it comes into sight, and opens what is folded.

@@ -4,11 +4,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.report.models import proposal_markdown, proposal_page
-from flows.steps.adopt import Proposal, judge, list_adoptions, roll_back
+from flows.report.models import render_proposal_markdown, render_proposal_page
+from flows.steps.adopt import Proposal, judge_adoption, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
-from warehouse.commit import adopted
+from warehouse.record_commit import find_last_adoption
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
@@ -30,7 +30,7 @@ def nights(server, night_store, monkeypatch):
     )
     yield loop, night_store, events
     store = night_store[0]
-    while (last := adopted(store, ROBOT)) and last[1].model_id:
+    while (last := find_last_adoption(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)
 
 
@@ -45,7 +45,10 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
     assert "Comparison" in Path(page).read_text(encoding="utf-8")
     assert events == [id]
-    assert adopted(store, ROBOT) is None or adopted(store, ROBOT)[1].model_id is None
+    assert (
+        find_last_adoption(store, ROBOT) is None
+        or find_last_adoption(store, ROBOT)[1].model_id is None
+    )
     # The same finding of another night, unanswered as yet, is no new proposal.
     assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
     assert events == [id]
@@ -54,12 +57,12 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
 def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
     tasks, (store, _, id), events = nights
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
-    assert adopted(store, ROBOT)[0] == number
+    assert find_last_adoption(store, ROBOT)[0] == number
     fit = {"fit": list(arm_nights.second[0])}
     model = in_a_flow(tasks.model_in_force, fit, str(store))
     assert model == id
     again = arm_nights.again
-    doubts = judge(store, again).doubts
+    doubts = judge_adoption(store, again).doubts
     assert doubts[0] == "it names no missing effect"
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
@@ -69,16 +72,16 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
 def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
     tasks, (store, _, id), _ = nights
     number = in_a_flow(tasks.adopt, id, str(store), "looked at it")
-    assert adopted(store, ROBOT)[0] == number
-    assert adopted(store, ROBOT)[1].note == "looked at it"
+    assert find_last_adoption(store, ROBOT)[0] == number
+    assert find_last_adoption(store, ROBOT)[1].note == "looked at it"
     assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
 
 
 def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(night_store):
     store, _, id = night_store
-    proposal = Proposal(judge(store, id), read_verdict(store, id))
-    for text in (proposal_page(proposal), proposal_markdown(proposal)):
+    proposal = Proposal(judge_adoption(store, id), read_verdict(store, id))
+    for text in (render_proposal_page(proposal), render_proposal_markdown(proposal)):
         assert "nominal model" in text
         assert "spring on joint 2: stiffness" in text
         assert "confirmed at 1.0" in text or "confirmed at 0.9" in text
-    assert f"modelgap adopt {id}" in proposal_page(proposal)
+    assert f"modelgap adopt {id}" in render_proposal_page(proposal)

@@ -15,7 +15,7 @@ def flow_run(server, monkeypatch, tmp_path):
     from flows.pipelines import loop
 
     given = []
-    monkeypatch.setattr(loop, "question", lambda *about: "| now | then |")
+    monkeypatch.setattr(loop, "render_proposal", lambda *about: "| now | then |")
     monkeypatch.setattr(loop, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:

@@ -5,10 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from flows.inputs.repair import gravity_line, repair_lines
+from flows.inputs.repair import format_gravity_line, format_repair_lines
 from residual.check.result import Repair
 from residual.robot.robot import load_robot
-from warehouse.logs import ColumnMap, load_columns, read_any
+from warehouse.logs import ColumnMap, read_column_map, read_log_despite_doubts
 
 RIGHT = [3, 1, 2]
 NAMES = ("t", *(f"{s}{i}" for s in ("q", "qd", "tau") for i in (1, 2, 3)))
@@ -48,14 +48,14 @@ def table():
 
 def columns_of(text, folder):
     (folder / "map.toml").write_text(text)
-    return load_columns(folder / "map.toml")
+    return read_column_map(folder / "map.toml")
 
 
 def read(table, robot, columns, folder):
     np.savetxt(
         folder / "log.csv", table, delimiter=",", header=",".join(NAMES), comments=""
     )
-    return read_any(str(folder / "log.csv"), robot, columns)[0]
+    return read_log_despite_doubts(str(folder / "log.csv"), robot, columns)[0]
 
 
 # By name: how the table is spoiled, what mends it, and the line.
@@ -100,7 +100,7 @@ def test_a_log_that_is_read_with_the_line_is_the_right_one(
 ):
     robot = arm()
     right = read(table, robot, ColumnMap(), tmp_path)
-    lines = repair_lines(repairs, robot, ColumnMap())
+    lines = format_repair_lines(repairs, robot, ColumnMap())
     assert lines == line
     assert_same(read(spoil(table), robot, columns_of(lines, tmp_path), tmp_path), right)
 
@@ -138,7 +138,7 @@ def test_a_line_does_at_the_link_what_the_repair_says_whatever_the_map(
     columns = columns_of(text, tmp_path)
     before = getattr(read(table, robot, columns, tmp_path), name)
     repair = Repair(name, sign=(1, -1, 1), scale=(1.0, 2.0, 0.5), order=(2, 1, 3))
-    line = repair_lines([repair], robot, columns)
+    line = format_repair_lines([repair], robot, columns)
     after = getattr(read(table, robot, columns_of(line, tmp_path), tmp_path), name)
     want = before[:, [1, 0, 2]] * [1, -2, 0.5]
     np.testing.assert_allclose(after, want, rtol=1e-8, atol=1e-12)
@@ -148,7 +148,7 @@ def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
     odd = ['a"b', "c\\d", "Drehmoment °"]
     text = f"tau = {{columns = ['a\"b', 'c\\d', '{odd[2]}']}}"
     columns = columns_of(text, tmp_path)
-    line = repair_lines([Repair("tau", (1,), sign=(-1,))], arm(), columns)
+    line = format_repair_lines([Repair("tau", (1,), sign=(-1,))], arm(), columns)
     assert tomllib.loads(line)["tau"]["columns"] == odd
 
 
@@ -156,14 +156,14 @@ def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path
     toml = "[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]"
     robot = arm(toml)
     columns = columns_of(MAPS["motor side"][0], tmp_path)
-    assert repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
-    line = repair_lines([Repair("q", scale=0.5)], robot, columns)
+    assert format_repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
+    line = format_repair_lines([Repair("q", scale=0.5)], robot, columns)
     assert line.endswith('side = "motor", scale = [0.5, 0.5, 0.5]}')
 
 
 def test_what_no_line_can_mend_has_none(arm):
-    assert repair_lines([], arm(), ColumnMap()) is None
-    assert repair_lines([Repair("robot", (2,))], arm(), ColumnMap()) is None
+    assert format_repair_lines([], arm(), ColumnMap()) is None
+    assert format_repair_lines([Repair("robot", (2,))], arm(), ColumnMap()) is None
 
 
 @pytest.mark.parametrize(
@@ -177,6 +177,8 @@ def test_what_no_line_can_mend_has_none(arm):
     ],
 )
 def test_gravity_is_mended_in_the_robot_file(arm, gravity, line):
-    assert gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
+    assert format_gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
     # Grams and millimetres stand in the URDF.
-    assert repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap()) is None
+    assert (
+        format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap()) is None
+    )

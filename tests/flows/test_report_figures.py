@@ -8,7 +8,7 @@ from plotly import graph_objects
 
 from flows.report import charts
 from flows.report import page as base
-from flows.report.diagnosis import render
+from flows.report.diagnosis import render_diagnosis_page
 from tests.flows import report_outcomes as outcomes
 from tests.flows.report_pages import Page
 
@@ -19,12 +19,12 @@ def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(
     several_page: str,
 ) -> None:
     page = Page(several_page)
-    assert page.scripts == [base.library(), base.script("page.js")]
+    assert page.scripts == [base.read_plotly_script(), base.read_page_script("page.js")]
     policy = page.all("meta")[2]["content"]
     assert policy.startswith("default-src 'none'; ")
     allowed = policy.split("script-src ")[1].split()
-    assert allowed == [base.hash_of(text) for text in page.scripts]
-    written = several_page.replace(base.library(), "")
+    assert allowed == [base.hash_script(text) for text in page.scripts]
+    written = several_page.replace(base.read_plotly_script(), "")
     written = re.sub(r'"bdata":"[^"]*"', "", written)
     assert not re.search(r"https?:|//[a-z]|url\(|@import", written)
     assert {"iframe", "object"}.isdisjoint(t for t, _ in page.tags)
@@ -43,8 +43,8 @@ def test_every_figure_is_valid_plotly_and_has_units(several_page: str) -> None:
 
 def test_page_is_small_and_the_same_every_time(several_page: str) -> None:
     size = len(several_page.encode())
-    assert size - len(base.library().encode()) < 2 * MEGABYTE
-    assert render(outcomes.several(), "kr300") == several_page
+    assert size - len(base.read_plotly_script().encode()) < 2 * MEGABYTE
+    assert render_diagnosis_page(outcomes.several(), "kr300") == several_page
 
 
 @pytest.mark.parametrize("count", [1, 899, 900, 901, 12345])
@@ -53,7 +53,7 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
     for spike in {0, count // 3, count - 1}:
         y = np.zeros(count)
         y[spike] = 5.0
-        ts, ys = charts.envelope(t, y)
+        ts, ys = charts.thin_to_extremes(t, y)
         assert ys.max() == 5.0
         assert (ts[0], ts[-1]) == (t[0], t[-1])
         assert np.all(np.diff(ts) > 0)

@@ -12,9 +12,9 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
-from flows.report.diagnosis import print_diagnosis, render
-from flows.report.document import ReportTable, show
-from residual.model.compare import Cloud, LogProof
+from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
+from flows.report.document import ReportTable, print_parts
+from residual.model.compare import FindingScatter, LogPrediction
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as outcomes
@@ -26,8 +26,8 @@ NASTY = "<script>alert(1)</script>&\"'$x_1$[bold]"
 @pytest.fixture
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(charts, "_cloud_plot", lambda *_: {"data": []})
-    monkeypatch.setattr(charts, "over_time", lambda *_: {})
-    monkeypatch.setattr(base, "library", lambda: "")
+    monkeypatch.setattr(charts, "build_time_trace", lambda *_: {})
+    monkeypatch.setattr(base, "read_plotly_script", lambda: "")
 
 
 def printed(outcome: Diagnosis, width: int = 80, encoding: str = "utf-8") -> str:
@@ -91,9 +91,9 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
         notes=(NASTY,),
         sentences=(NASTY,),
     )
-    html = render(nasty, NASTY)
+    html = render_diagnosis_page(nasty, NASTY)
     page = Page(html)
-    assert page.scripts == [base.library(), base.script("page.js")]
+    assert page.scripts == [base.read_plotly_script(), base.read_page_script("page.js")]
     assert page.text.count("<script>alert(1)</script>") >= 8
     assert any("&lt;script&gt;" in str(plot) for plot in page.plots)
     assert not any("<script" in str(plot) for plot in page.plots)
@@ -140,17 +140,21 @@ def test_everything_that_may_be_null_may_be(name: str) -> None:
     assert len(places) > 30
     for path in places:
         changed = replace(outcome, verdict=from_json(without(document, path)))
-        for text in (render(changed, "kr300"), printed(changed)):
+        for text in (render_diagnosis_page(changed, "kr300"), printed(changed)):
             assert not re.search(r"\b(None|nan)\b", text), path
 
 
 def test_degenerate_curves_are_drawn() -> None:
     t, zeros = np.array([0.0, 0.004]), np.zeros((2, outcomes.DOF))
-    proof = LogProof("C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0)
+    proof = LogPrediction(
+        "C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0
+    )
     one = np.ones(3)
-    flat = Cloud("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
+    flat = FindingScatter(
+        "balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A")
+    )
     outcome = replace(outcomes.one_effect(), proofs=(proof,), clouds=(flat,))
-    page = Page(render(outcome, "kr300"))
+    page = Page(render_diagnosis_page(outcome, "kr300"))
     assert len(page.figures) == len(page.plots) > outcomes.DOF
 
 
@@ -158,7 +162,7 @@ def test_degenerate_curves_are_drawn() -> None:
 @pytest.mark.parametrize("name", outcomes.ALL)
 def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     outcome = outcomes.ALL[name]()
-    page = Page(render(outcome, "kr300"))
+    page = Page(render_diagnosis_page(outcome, "kr300"))
     assert page.open == []
     for warning in outcome.warnings:
         assert warning in page.text
@@ -178,7 +182,7 @@ def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> N
     cells = [f"{n}.125" for n in range(12)]
     file = io.StringIO()
     table = ReportTable(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
-    show(Console(file=file, width=60, no_color=True), table)
+    print_parts(Console(file=file, width=60, no_color=True), table)
     words = file.getvalue().replace(",", " ").split()
     assert {"ripple", "J11", *cells} <= set(words)
     assert max(map(len, file.getvalue().splitlines())) <= 60

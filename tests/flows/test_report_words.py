@@ -4,18 +4,18 @@ from dataclasses import replace
 
 import pytest
 
-from flows.report.phrases import joint_words, noun, phrase
+from flows.report.phrases import format_effect_noun, format_effect_place, format_joints
 from flows.report.sentences import (
-    brief,
-    headline,
-    off_words,
-    other_sets,
-    unexplained_words,
-    value_rows,
+    build_value_rows,
+    describe_alternative_sets,
+    describe_unexplained,
+    describe_wrong_values,
+    format_brief_claim,
+    format_headline,
 )
 from residual import quantity
 from residual.check.result import Fault, LogCheck
-from residual.effects import registry, vocabulary
+from residual.effects import list_effect_parameters, load_effects
 from residual.verdict.result import Place, Verdict
 from tests.flows import report_outcomes as outcomes
 from tests.flows.report_outcomes import given_value, parameter
@@ -71,7 +71,9 @@ def effect(name: str, joints: list[int], **more: object) -> dict:
     ],
 )
 def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
-    assert headline(verdict(*effects)).startswith(f"{start} Error on unseen motion: ")
+    assert format_headline(verdict(*effects)).startswith(
+        f"{start} Error on unseen motion: "
+    )
 
 
 @pytest.mark.parametrize(
@@ -87,23 +89,26 @@ def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
     ],
 )
 def test_headline_gives_the_error_from_the_nominal_model_on(levels, steps) -> None:
-    text = headline(verdict(effect("payload", [6]), overall_moving=levels))
+    text = format_headline(verdict(effect("payload", [6]), overall_moving=levels))
     assert f"Error on unseen motion: {steps}." in text
 
 
 def test_headline_admits_a_weak_test_what_is_left_and_what_got_worse() -> None:
-    text = headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
+    text = format_headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
     assert "Error on unseen motion (end of the fitted run, a weak test): " in text
     assert text.endswith("The findings raise it on joint 4 (11.3 % → 11.4 %).")
     left = "No known effect explains the remaining error on joints 1, 4 and 6."
-    assert headline(outcomes.one_effect().verdict).endswith(left)
+    assert format_headline(outcomes.one_effect().verdict).endswith(left)
 
 
 def test_headline_of_nothing_and_of_unknown() -> None:
     level = "Error on unseen motion: 66.3 % (nominal) → 12.4 % (refit)."
-    assert headline(outcomes.nothing().verdict) == f"No missing effect found. {level}"
+    assert (
+        format_headline(outcomes.nothing().verdict)
+        == f"No missing effect found. {level}"
+    )
     unknown = "The model lacks something on joints 1 and 4 that no known effect"
-    assert headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
+    assert format_headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
 
 
 @pytest.mark.parametrize(
@@ -118,7 +123,10 @@ def test_headline_of_nothing_and_of_unknown() -> None:
     ],
 )
 def test_a_verdict_in_half_a_line(words, part) -> None:
-    assert brief(typed({"error": {"overall_filtered": LEVELS}, **part})) == words
+    assert (
+        format_brief_claim(typed({"error": {"overall_filtered": LEVELS}, **part}))
+        == words
+    )
 
 
 @pytest.mark.parametrize(
@@ -132,13 +140,13 @@ def test_a_verdict_in_half_a_line(words, part) -> None:
 def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
     nothing = replace(outcomes.nothing().verdict, log_check=None)
     error = replace(nothing.error, overall_moving=levels)
-    assert words in headline(replace(nothing, error=error))
+    assert words in format_headline(replace(nothing, error=error))
 
 
 def test_a_suspected_fault_comes_before_the_effects() -> None:
     fault = Fault("torque_sign", (2,), False, "it drives", repair="sign = -1")
     report = LogCheck((fault,))
-    text = headline(replace(outcomes.nothing().verdict, log_check=report))
+    text = format_headline(replace(outcomes.nothing().verdict, log_check=report))
     assert text.startswith("No missing effect found, but the logs may be faulty: ")
 
 
@@ -153,21 +161,23 @@ def test_a_suspected_fault_comes_before_the_effects() -> None:
     ],
 )
 def test_joints_in_words(joints: list[int], dof: int | None, words: str) -> None:
-    assert joint_words(joints, dof) == words
+    assert format_joints(joints, dof) == words
 
 
-@pytest.mark.parametrize("name", vocabulary())
+@pytest.mark.parametrize("name", list_effect_parameters())
 def test_every_effect_has_words_of_its_own(name: str) -> None:
-    effect = registry()[name]
+    effect = load_effects()[name]
     assert effect.sentence[0].islower()
-    for words in (noun(name), effect.noun, effect.sentence):
+    for words in (format_effect_noun(name), effect.noun, effect.sentence):
         assert words
         assert "_" not in words
         assert not words.startswith("The")
         assert not words.endswith(".")
-    others = [noun(other) for other in vocabulary() if other != name]
-    assert noun(name) not in others
-    assert phrase(Place(name, (2,))).startswith(noun(name))
+    others = [
+        format_effect_noun(other) for other in list_effect_parameters() if other != name
+    ]
+    assert format_effect_noun(name) not in others
+    assert format_effect_place(Place(name, (2,))).startswith(format_effect_noun(name))
 
 
 @pytest.mark.parametrize(
@@ -184,7 +194,7 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
 def test_an_effect_stands_where_its_file_puts_it(
     name: str | None, joints: list[int], words: str
 ) -> None:
-    assert phrase(Place(name, tuple(joints)), dof=3) == words
+    assert format_effect_place(Place(name, tuple(joints)), dof=3) == words
 
 
 @pytest.mark.parametrize(
@@ -202,7 +212,7 @@ def test_an_effect_stands_where_its_file_puts_it(
 def test_values_are_cut_at_what_is_known(
     value: object, std: object, unit: object, text: str
 ) -> None:
-    assert quantity.measured(value, std, unit) == text
+    assert quantity.format_uncertain_value(value, std, unit) == text
 
 
 def test_what_the_residual_depends_on_is_said_joint_by_joint() -> None:
@@ -215,7 +225,7 @@ def test_what_the_residual_depends_on_is_said_joint_by_joint() -> None:
             entry | {"joint": 5, "on": "t", "form": "by direction", "share": 0.2},
         ],
     }
-    text = " ".join(unexplained_words(typed({"unexplained": rest})))
+    text = " ".join(describe_unexplained(typed({"unexplained": rest})))
     assert "Of the residual on joint 4, 97.0 % oscillates at 5.46 Hz." in text
     assert "joint 5, 97.0 % follows q5 - q6 and 20.0 % drifts with time, by d" in text
     assert "The residual on joint 2 depends on no known variable." in text
@@ -245,7 +255,7 @@ def record(*effects: dict, **part: object) -> Verdict:
     ],
 )
 def test_values_that_are_off_are_counted_and_named(changes, sentence) -> None:
-    assert off_words(record(changes=changes)) == sentence
+    assert describe_wrong_values(record(changes=changes)) == sentence
 
 
 @pytest.mark.parametrize(
@@ -267,7 +277,7 @@ def test_values_that_are_off_are_counted_and_named(changes, sentence) -> None:
 )
 def test_a_row_has_name_nominal_value_and_difference(change, cells) -> None:
     one = record(changes=[change])
-    ((name, nominal, _, difference),) = value_rows(one.changes, one)
+    ((name, nominal, _, difference),) = build_value_rows(one.changes, one)
     assert (name, nominal, difference) == cells
 
 
@@ -277,12 +287,16 @@ def another(*places: dict, by: str = "motion") -> dict:
 
 def test_other_sets_are_said_one_by_one() -> None:
     spring, pair = effect("spring", [2]), "a balancer on joint 2 and Stribeck friction"
-    sentences = other_sets(record(spring, alternatives=[another(BALANCER, STRIBECK)]))
+    sentences = describe_alternative_sets(
+        record(spring, alternatives=[another(BALANCER, STRIBECK)])
+    )
     assert sentences == [
         f"Equally well supported: {pair} on joint 3.",
         "Another motion would separate them.",
     ]
-    sentences = other_sets(record(spring, alternatives=[another(by="nothing")]))
+    sentences = describe_alternative_sets(
+        record(spring, alternatives=[another(by="nothing")])
+    )
     assert sentences == [
         "Equally well supported: no effect at all.",
         "No motion would separate them.",
@@ -291,9 +305,14 @@ def test_other_sets_are_said_one_by_one() -> None:
 
 def test_a_set_that_an_equivalent_says_already_is_not_said_again() -> None:
     finding = effect("spring", [2], equivalent=[BALANCER])
-    assert other_sets(record(finding, alternatives=[another(BALANCER)])) == []
+    assert (
+        describe_alternative_sets(record(finding, alternatives=[another(BALANCER)]))
+        == []
+    )
     level = {"level": parameter([1, 2], [0, 0], "N m")}
     several = outcomes.effect("coulomb", [1, 2], level)
     swap = another(*({"name": "coulomb", "joints": [j]} for j in (1, 2)), SPRING)
     balancer = effect("balancer", [2], equivalent=[SPRING])
-    assert other_sets(record(several, balancer, alternatives=[swap])) == []
+    assert (
+        describe_alternative_sets(record(several, balancer, alternatives=[swap])) == []
+    )

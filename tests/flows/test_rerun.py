@@ -9,20 +9,25 @@ import pytest
 
 from flows.cli import main
 from flows.requests import Diagnose
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment, rerun
-from flows.steps.diagnose import diagnose_runs
-from flows.steps.diff import diff
-from flows.steps.rerun import cause_of
+from flows.steps.diagnose import diagnose_stored_runs
+from flows.steps.diff import diff_records
+from flows.steps.rerun import find_cause
 from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import provenance
-from warehouse.commit import commit_run
-from warehouse.files import write_parquet, write_sums
-from warehouse.layout import RERUN_OF, find, list_folders, read_record
 from warehouse.query.store import open_store
+from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
+from warehouse.store_catalogue import (
+    RERUN_OF,
+    find_record,
+    list_record_folders,
+    read_record,
+)
+from warehouse.store_files import write_check_sums, write_parquet
 
 EFFECTS = [
     {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
@@ -37,7 +42,7 @@ def spec(**changes):
         "trajectory": {"kind": "welding", "duration": 2.0},
         "plant": {"effect": EFFECTS, "salt": "ü"},
     }
-    return experiment_of(content | changes, "SPEC.toml")
+    return parse_spec(content | changes, "SPEC.toml")
 
 
 @pytest.fixture
@@ -45,12 +50,12 @@ def other_code(monkeypatch):
     """Let the code be another one, from now on."""
 
     def change():
-        known = provenance.provenance()
+        known = provenance.read_code_provenance()
         changed_code = replace(known, code_hash="f" * 64, program_hash="e" * 64)
         for place in ("warehouse.provenance", "flows.steps.experiment"):
             hash = f"{place}.plant_code_hash"
             monkeypatch.setattr(hash, lambda: changed_code.code_hash)
-        for place in ("flows.steps.rerun", "warehouse.commit"):
+        for place in ("flows.steps.rerun", "warehouse.record_commit"):
             monkeypatch.setattr(f"{place}.provenance", lambda: changed_code)
 
     return change
@@ -62,21 +67,21 @@ def tree(folder):
 
 
 def change_value(store, id, by=1e-9):
-    path = find(store, id).folder / "part-0.parquet"
+    path = find_record(store, id).folder / "part-0.parquet"
     table = pq.ParquetFile(path).read()
     values = table.column("tau3").to_numpy().copy()
     values[30] += by
     at = table.column_names.index("tau3")
-    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
-    write_sums(path.parent)
+    write_parquet(path, table.set_column(at, table.schema.to_arrow_field(at), [values]))
+    write_check_sums(path.parent)
 
 
 def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
     for wanted in (spec(), spec(seed=2**62, plant={}), spec(rates={"log": 500.0})):
-        id = experiment.run(wanted, tmp_path)
+        id = experiment.simulate_and_store(wanted, tmp_path)
         told, hidden = read_manifest(tmp_path, id), open_seal(tmp_path, id).spec
-        again = rerun.spec_of(told, hidden)
-        assert experiment.run_id_of(again) == id
+        again = rerun.rebuild_spec(told, hidden)
+        assert experiment.compute_run_id(again) == id
         assert again.plant_spec() == wanted.plant_spec()
 
 
@@ -84,7 +89,7 @@ def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
 def test_the_same_code_gives_the_same_bits_and_stores_nothing(
     tmp_path, plant, capsys, words
 ):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     before = tree(tmp_path)
     assert main(["rerun", id[:8], *words, "--store", str(tmp_path)]) == 0
     assert "same, bit for bit" in capsys.readouterr().out
@@ -94,7 +99,7 @@ def test_the_same_code_gives_the_same_bits_and_stores_nothing(
 def test_other_code_with_other_values_is_a_new_run_and_is_told(
     tmp_path, plant, other_code, capsys
 ):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     other_code()
     plant["tau"] = 2.5
     before = tree(tmp_path)
@@ -108,7 +113,7 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
     # Without --verify the new run is what was asked for.
     assert main(["rerun", id, "--store", str(tmp_path)]) == 0
     capsys.readouterr()
-    (new,) = set(list_folders(tmp_path, "runs")) - {id}
+    (new,) = set(list_record_folders(tmp_path, "runs")) - {id}
     assert read_manifest(tmp_path, new)["parents"] == {RERUN_OF: [id]}
     with open_store(tmp_path) as store:
         rows = store.sql("FROM lineage").to_pylist()
@@ -121,7 +126,7 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
 
 
 def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_code):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     other_code()
     outcome = rerun.rerun(id, tmp_path)
     assert (outcome.reproduced, outcome.same_code, outcome.note_id) == (
@@ -133,18 +138,18 @@ def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_co
 
 
 def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     plant["tau"] = 1e-15
     assert main(["rerun", id, "--store", str(tmp_path)]) == 1
     out = capsys.readouterr().out
     assert "nondeterminism" in out
     assert "tau3: differs from 30.08 s on" in out
-    assert list(list_folders(tmp_path, "runs")) == [id]
-    assert len(list_folders(tmp_path, "validations")) == 1
+    assert list(list_record_folders(tmp_path, "runs")) == [id]
+    assert len(list_record_folders(tmp_path, "validations")) == 1
 
 
 def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     change_value(tmp_path, id)
     outcome = rerun.rerun(id, tmp_path, verify=True)
     (bad,) = outcome.differences
@@ -154,13 +159,13 @@ def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
 
 
 def test_libraries_and_machine_are_causes_by_name(tmp_path):
-    now = asdict(provenance.provenance())
+    now = asdict(provenance.read_code_provenance())
     then = {**now, "environment_hash": "0" * 64}
     then["versions"] = {**now["versions"], "numpy": "1.0"}
-    cause = cause_of(then, now, "code_hash", (), tmp_path)
+    cause = find_cause(then, now, "code_hash", (), tmp_path)
     assert cause.kind == "environment"
     assert f"numpy 1.0 -> {now['versions']['numpy']}" in cause.why
-    packages = provenance.packages()
+    packages = provenance.list_installed_packages()
     import hashlib
 
     lines = packages + b"\nzzz==1.0"
@@ -170,10 +175,10 @@ def test_libraries_and_machine_are_causes_by_name(tmp_path):
     for name, content in ((then, lines), (now, packages)):
         path = tmp_path / "made_with" / f"packages-{name['environment_hash']}.txt"
         path.write_bytes(content)
-    cause = cause_of(then, now, "code_hash", (), tmp_path)
+    cause = find_cause(then, now, "code_hash", (), tmp_path)
     assert cause.why == "zzz 1.0 -> none"
     then = {**now, "machine": "another one"}
-    assert cause_of(then, now, "code_hash", (), tmp_path).kind == "machine"
+    assert find_cause(then, now, "code_hash", (), tmp_path).kind == "machine"
 
 
 def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
@@ -184,16 +189,16 @@ def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
     assert "measured, not simulated" in capsys.readouterr().err
     assert main([*words, "--verify"]) == 0
     assert "those of the import" in capsys.readouterr().out
-    path = find(tmp_path, id).folder / "part-0.parquet"
+    path = find_record(tmp_path, id).folder / "part-0.parquet"
     table = pq.ParquetFile(path).read()
     at = table.column_names.index("q1")
     values = table.column("q1").to_numpy() + 1
-    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
+    write_parquet(path, table.set_column(at, table.schema.to_arrow_field(at), [values]))
     assert main([*words, "--verify"]) == 1
 
 
 def test_without_its_seal_a_run_cannot_be_made_again(tmp_path, plant):
-    id = experiment.run(spec(), tmp_path)
+    id = experiment.simulate_and_store(spec(), tmp_path)
     shutil.rmtree(tmp_path / "sealed")
     with pytest.raises(InputError, match="no sealed half"):
         rerun.rerun(id, tmp_path, verify=True)
@@ -206,7 +211,7 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
     arm.mkdir()
     (arm / "x.urdf").write_text(load_robot("irb140").urdf)
     (arm / "robot.toml").write_text('[robot]\nname = "mine"\n')
-    id = experiment.run(spec(robot=str(arm)), tmp_path / "here")
+    id = experiment.simulate_and_store(spec(robot=str(arm)), tmp_path / "here")
     shutil.rmtree(arm)
     experiment._robot.cache_clear()
     there = tmp_path / "there"
@@ -230,12 +235,16 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         return Diagnosis(typed(document, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
-    monkeypatch.setattr("flows.storage.diagnosis.errors_by_run", lambda found: [])
-    runs = [experiment.run(spec(seed=seed), tmp_path) for seed in range(3)]
+    monkeypatch.setattr(
+        "flows.storage.diagnosis.build_run_error_rows", lambda found: []
+    )
+    runs = [
+        experiment.simulate_and_store(spec(seed=seed), tmp_path) for seed in range(3)
+    ]
     request = Diagnose(
         tuple(runs[:2]), robot="irb140", held_out=(runs[2],), store=tmp_path
     )
-    ids = diagnose_runs(request)
+    ids = diagnose_stored_runs(request)
     return tmp_path, runs, ids
 
 
@@ -276,13 +285,13 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
         rows = opened.sql(query).to_pylist()
     assert {"parent": diagnosis, "role": RERUN_OF} in rows
     assert {"parent": record["model_id"], "role": "model"} in rows
-    difference = diff(diagnosis, told.new_id, store)
+    difference = diff_records(diagnosis, told.new_id, store)
     assert not difference.same
     assert "nominal_scale" in {name for name, _, _ in difference.tables["values"]}
 
 
 def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
-    from warehouse.commit import commit_record
+    from warehouse.record_commit import commit_record
 
     record = {"robot": "two_link", "kind": "other"}
     id = commit_record(tmp_path, "validations", record)
@@ -294,8 +303,8 @@ def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
 
 
 def test_two_runs_side_by_side(tmp_path, plant, capsys):
-    one = experiment.run(spec(), tmp_path)
-    two = experiment.run(spec(start=0.0), tmp_path)
+    one = experiment.simulate_and_store(spec(), tmp_path)
+    two = experiment.simulate_and_store(spec(start=0.0), tmp_path)
     store = ["--store", str(tmp_path)]
     assert main(["diff", one, two, "--format", "json", *store]) == 0
     document = json.loads(capsys.readouterr().out)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.workers import RUNNER, TRUST, chosen_runner
+from flows.workers import RUNNER, TRUST, read_runner_setting
 from residual.errors import InputError
 
 
@@ -18,7 +18,7 @@ from residual.errors import InputError
 )
 def test_the_setting_says_where_tasks_run(word, address, monkeypatch):
     monkeypatch.setenv(RUNNER, word)
-    assert chosen_runner() == address
+    assert read_runner_setting() == address
 
 
 @pytest.mark.parametrize(
@@ -28,12 +28,12 @@ def test_the_setting_says_where_tasks_run(word, address, monkeypatch):
 def test_other_words_are_refused(word, monkeypatch):
     monkeypatch.setenv(RUNNER, word)
     with pytest.raises(InputError, match="expected threads, dask or dask://"):
-        chosen_runner()
+        read_runner_setting()
 
 
 def test_a_cluster_on_the_network_must_be_trusted(monkeypatch):
     monkeypatch.setenv(RUNNER, "dask://10.0.0.7:8786")
     with pytest.raises(InputError, match=f"set {TRUST}=1"):
-        chosen_runner()
+        read_runner_setting()
     monkeypatch.setenv(TRUST, "1")
-    assert chosen_runner() == "tcp://10.0.0.7:8786"
+    assert read_runner_setting() == "tcp://10.0.0.7:8786"

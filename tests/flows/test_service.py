@@ -16,19 +16,19 @@ from flows.service.state import (
     CLIENT,
     DATABASE,
     SERVER,
-    Running,
+    RunningService,
     ServiceRequest,
+    build_server_environment,
+    build_worker_environment,
     check_request,
-    database_label,
     database_url,
-    lives,
-    one_at_a_time,
+    format_database_label,
+    is_process_running,
+    lock_service,
+    read_access_key,
     read_running,
-    server_environment,
-    start,
-    stop,
-    store_key,
-    worker_environment,
+    start_process,
+    stop_process,
     write_running,
 )
 from flows.settings import port_is_free, prefect_home
@@ -43,25 +43,25 @@ SECRET = "postgresql://ann:s3cret@db.lab:5432/prefect"
 def sleeper(tmp_path):
     """A process that holds the place of the server of the store tmp_path."""
     home = prefect_home(tmp_path)
-    start(home, "server", SLEEP, os.environ)
+    start_process(home, "server", SLEEP, os.environ)
     yield home
-    stop(home, "server", grace=1.0)
+    stop_process(home, "server", grace=1.0)
 
 
 def test_a_process_is_known_by_its_lock_and_not_by_its_number(sleeper):
-    assert lives(sleeper, "server")
+    assert is_process_running(sleeper, "server")
     with pytest.raises(RunError, match="runs already"):
-        start(sleeper, "server", SLEEP, os.environ)
-    stop(sleeper, "server")
-    assert not lives(sleeper, "server")
-    stop(sleeper, "server")  # once more is no error
+        start_process(sleeper, "server", SLEEP, os.environ)
+    stop_process(sleeper, "server")
+    assert not is_process_running(sleeper, "server")
+    stop_process(sleeper, "server")  # once more is no error
 
 
 def test_a_number_that_was_given_to_another_process_is_never_ended(tmp_path):
     other = subprocess.Popen(SLEEP)
     try:
         (tmp_path / "server.pid").write_text(str(other.pid))
-        stop(tmp_path, "server", grace=0.0)
+        stop_process(tmp_path, "server", grace=0.0)
         assert other.poll() is None
     finally:
         other.kill()
@@ -71,12 +71,12 @@ def test_a_number_that_was_given_to_another_process_is_never_ended(tmp_path):
 def test_a_killed_process_lives_no_more_though_its_children_do(tmp_path):
     """A worker's flow processes must not pass for the worker."""
     child = f"import subprocess; subprocess.Popen({SLEEP!r}).wait()"
-    start(tmp_path, "worker", [sys.executable, "-c", child], os.environ)
+    start_process(tmp_path, "worker", [sys.executable, "-c", child], os.environ)
     pid = int((tmp_path / "worker.pid").read_text())
     children = Path(f"/proc/{pid}/task/{pid}/children")
     orphan = int(until(lambda: children.read_text().split(), "it has a child")[0])
     os.kill(pid, signal.SIGKILL)
-    until(lambda: not lives(tmp_path, "worker"), "it is gone")
+    until(lambda: not is_process_running(tmp_path, "worker"), "it is gone")
     os.kill(orphan, signal.SIGKILL)
 
 
@@ -87,8 +87,8 @@ def test_a_damaged_note_is_as_good_as_none(tmp_path, content):
 
 
 def test_two_at_once_on_one_store_are_told_apart(tmp_path):
-    with one_at_a_time(tmp_path), pytest.raises(RunError, match="is running on"):  # noqa: SIM117
-        with one_at_a_time(tmp_path):
+    with lock_service(tmp_path), pytest.raises(RunError, match="is running on"):  # noqa: SIM117
+        with lock_service(tmp_path):
             pass
 
 
@@ -116,13 +116,13 @@ def test_what_cannot_be_or_must_be_said_twice_is_refused(tmp_path, wish, words):
 
 def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
     monkeypatch.setenv(DATABASE, SECRET)
-    running = Running("127.0.0.1", 4300, database_label(SECRET))
-    server = server_environment(running, tmp_path, SECRET)
+    running = RunningService("127.0.0.1", 4300, format_database_label(SECRET))
+    server = build_server_environment(running, tmp_path, SECRET)
     with_it = [k for k, v in server.items() if "s3cret" in v]
     assert with_it == ["PREFECT_SERVER_DATABASE_CONNECTION_URL"]
     assert server[with_it[0]] == database_url(SECRET)
     assert database_url(SECRET).startswith("postgresql+asyncpg://ann:s3cret@")
-    assert "s3cret" not in str(worker_environment(running, tmp_path, tmp_path))
+    assert "s3cret" not in str(build_worker_environment(running, tmp_path, tmp_path))
     write_running(tmp_path, running)
     assert "s3cret" not in (tmp_path / "up.json").read_text()
     assert running.database == "postgresql://db.lab:5432/prefect"
@@ -130,7 +130,9 @@ def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
 
 def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_SERVER_ANALYTICS_ENABLED", "true")
-    env = server_environment(Running("127.0.0.1", 4300, "sqlite"), tmp_path, None)
+    env = build_server_environment(
+        RunningService("127.0.0.1", 4300, "sqlite"), tmp_path, None
+    )
     assert env["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
     assert env["DO_NOT_TRACK"] == "1"
     assert env["PREFECT_SERVER_UI_API_URL"] == "/api"
@@ -138,9 +140,12 @@ def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypat
 
 
 def test_the_key_goes_to_server_and_worker_and_is_written_nowhere(tmp_path):
-    running, key = Running("127.0.0.1", 4300, "sqlite"), store_key(tmp_path)
-    server = server_environment(running, tmp_path, None)
-    worker = worker_environment(running, tmp_path, tmp_path)
+    running, key = (
+        RunningService("127.0.0.1", 4300, "sqlite"),
+        read_access_key(tmp_path),
+    )
+    server = build_server_environment(running, tmp_path, None)
+    worker = build_worker_environment(running, tmp_path, tmp_path)
     assert [k for k, v in server.items() if key in v] == [SERVER]
     assert [k for k, v in worker.items() if key in v] == [CLIENT]
     write_running(tmp_path, running)
@@ -162,27 +167,29 @@ def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
 
 
 def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
-    write_running(sleeper, Running("127.0.0.1", 4300, "sqlite"))
+    write_running(sleeper, RunningService("127.0.0.1", 4300, "sqlite"))
     for wish in ({"port": 4301}, {"host": "::1"}, {"database": SECRET}):
         with pytest.raises(InputError, match=r"served at .*4300.*modelgap down"):
-            up.up(ServiceRequest(tmp_path, **wish), print)
+            up.start_service(ServiceRequest(tmp_path, **wish), print)
 
 
 def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
     home = tmp_path / "_prefect"
     home.mkdir()
-    write_running(home, Running("127.0.0.1", 4300, database_label(SECRET)))
+    write_running(
+        home, RunningService("127.0.0.1", 4300, format_database_label(SECRET))
+    )
     with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
-        up.up(ServiceRequest(tmp_path), print)
+        up.start_service(ServiceRequest(tmp_path), print)
 
 
 def test_status_says_stopped_or_what_is_wrong(tmp_path, capsys, monkeypatch):
     home = prefect_home(tmp_path)
     monkeypatch.setattr("flows.cli.service._prepare", lambda home: None)
-    write_running(home, Running("127.0.0.1", 4300, "sqlite", stopped=True))
+    write_running(home, RunningService("127.0.0.1", 4300, "sqlite", stopped=True))
     assert main(["status", "--store", str(tmp_path)]) == 1
     assert "is stopped. Start it: modelgap up" in capsys.readouterr().err
-    write_running(home, Running("127.0.0.1", 4300, "sqlite"))
+    write_running(home, RunningService("127.0.0.1", 4300, "sqlite"))
     assert main(["status", "--store", str(tmp_path)]) == 1
     complaint = capsys.readouterr().err
     assert "the server has ended; see" in complaint

@@ -12,7 +12,7 @@ from websockets.exceptions import ConnectionClosed, InvalidStatus
 from websockets.sync.client import connect
 
 from flows.service import api
-from flows.service.state import store_key
+from flows.service.state import read_access_key
 from flows.settings import prefect_home
 from residual.errors import RunError
 from tests.flows.browser import PROGRAM, browser
@@ -57,7 +57,7 @@ def paged(tmp_path_factory):
     """The server of `modelgap up`, as it starts it, and no worker."""
     home = prefect_home(tmp_path_factory.mktemp("attacked") / "store")
     with serving(home) as running:
-        yield reached(running.url, store_key(home))
+        yield reached(running.url, read_access_key(home))
 
 
 def send(served, method: str, path: str, body: bytes | None = None, **given) -> int:

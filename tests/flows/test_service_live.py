@@ -13,8 +13,13 @@ from prefect.client.schemas.filters import DeploymentFilter
 
 from flows.cli import main
 from flows.service import api
-from flows.service.state import PROCESSES, lives, read_running, store_key
-from flows.service.up import start_every
+from flows.service.state import (
+    PROCESSES,
+    is_process_running,
+    read_access_key,
+    read_running,
+)
+from flows.service.up import schedule_every
 from tests.flows.prefect_server import free_port
 from tests.waiting import until
 
@@ -56,7 +61,7 @@ def service(tmp_path_factory):
             home=home,
             said=done.stdout,
             ui=f"http://127.0.0.1:{port}",
-            api=api.Api(f"http://127.0.0.1:{port}/api", store_key(home)),
+            api=api.Api(f"http://127.0.0.1:{port}/api", read_access_key(home)),
         )
     finally:
         modelgap("down", "--wait", "0", *words)
@@ -101,9 +106,9 @@ def test_up_with_other_workers_changes_how_many_flows_run_at_once(service):
 def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
     given = {"campaign_file": str(service.folder / "c.toml")}
     with service.api.client() as client:
-        start_every(client, "campaign/campaign", 15, given)
+        schedule_every(client, "campaign/campaign", 15, given)
         until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
-        start_every(client, "campaign/campaign", 0)
+        schedule_every(client, "campaign/campaign", 0)
     shown = modelgap(
         "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
     )
@@ -121,7 +126,10 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
     for name in PROCESSES:
         os.kill(int((service.home / f"{name}.pid").read_text()), signal.SIGKILL)
     for name in PROCESSES:
-        until(lambda name=name: not lives(service.home, name), f"{name} is killed")
+        until(
+            lambda name=name: not is_process_running(service.home, name),
+            f"{name} is killed",
+        )
     sick = modelgap("status", *service.words)
     assert sick.returncode == 1
     assert "the server has ended" in sick.stderr
@@ -143,7 +151,7 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
 
 def test_down_stops_all_and_the_schedules_stay(service):
     assert modelgap("down", "--wait", "5", *service.words).returncode == 0
-    assert not any(lives(service.home, name) for name in PROCESSES)
+    assert not any(is_process_running(service.home, name) for name in PROCESSES)
     stopped = modelgap("status", *service.words)
     assert (stopped.returncode, "is stopped" in stopped.stderr) == (1, True)
     with sqlite3.connect(service.home / "prefect.db") as history:

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from flows.report.diagnosis import tiles_of
-from flows.report.tables import size_of, sizes
-from residual.effects import registry
+from flows.report.diagnosis import build_tiles
+from flows.report.tables import format_first_size, list_finding_sizes
+from residual.effects import load_effects
 from residual.verdict.result import Diagnosis
 from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
@@ -23,7 +23,7 @@ def verdict(name, joints, changes=(), declared=(), **parameters):
 
 def tile(said):
     diagnosis = Diagnosis(said)
-    return tiles_of(diagnosis)[0]
+    return build_tiles(diagnosis)[0]
 
 
 def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
@@ -31,7 +31,7 @@ def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
     label, value, note = tile(document)
     assert label == "Amplitude"
     assert value == "17.05 ± 0.39 N m"
-    texts = [size.text for size in sizes(document.effects[0], document)]
+    texts = [size.text for size in list_finding_sizes(document.effects[0], document)]
     assert texts == [value, "107.1 ± 1.0 °"]
     assert note == "of a balancer on joint 2 (shoulder_lift)"
 
@@ -39,7 +39,7 @@ def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
 @pytest.mark.parametrize("angle", [-2.8, -0.4, 0.0, 1.1, 3.0])
 def test_the_wave_is_largest_where_it_is_told_to_be(angle):
     """a sin q + b cos q on a grid, against its amplitude and place in words."""
-    balancer, q = registry()["balancer"], np.linspace(-np.pi, np.pi, 7201)
+    balancer, q = load_effects()["balancer"], np.linspace(-np.pi, np.pi, 7201)
     values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
     wave = values[0] * np.sin(q) + values[1] * np.cos(q)
     shown = balancer.display(values)
@@ -53,14 +53,16 @@ def test_a_change_is_told_from_what_to_what():
     more = verdict("coulomb", (3,), [given], ["coulomb"], level=(4.99, 0.12, "N m"))
     assert tile(more).value == "+4.99 ± 0.12 N m (8.0 → 13.0)"
     less = verdict("coulomb", (3,), [given], ["coulomb"], level=(-4.99, 0.12, "N m"))
-    assert size_of(less.effects[0], less)[1] == "-4.99 ± 0.12 N m (8.00 → 3.01)"
+    assert (
+        format_first_size(less.effects[0], less)[1] == "-4.99 ± 0.12 N m (8.00 → 3.01)"
+    )
     lacking = verdict("coulomb", (3,), level=(4.99, 0.12, "N m"))
     assert tile(lacking).value == "4.99 ± 0.12 N m"  # no change of what it has
 
 
 def test_every_effect_tells_what_it_tells_in_numbers():
     """Whatever its values are."""
-    for own in registry().values():
+    for own in load_effects().values():
         assert own.frame.format(flange="tool0").count("{") == 0
         if own.display:
             shown = own.display(np.linspace(0.1, 0.2, len(own.parameters)))

@@ -6,10 +6,20 @@ from pathlib import Path
 
 import pytest
 
-from flows.specs import derived_seed, experiment_of, load_campaign, load_spec
-from flows.steps.experiment import checked_robot, open_half, run_id_of, sealed_half
+from flows.specs import derive_seed, load_campaign, load_spec, parse_spec
+from flows.steps.experiment import (
+    build_public_record,
+    build_sealed_record,
+    compute_run_id,
+    load_spec_robot,
+)
 from residual.errors import InputError
-from sim.engine.records import Noise, PlantEffect, Rates, TrajectorySpec
+from sim.engine.plant_records import (
+    PlantEffect,
+    SampleRates,
+    SensorNoise,
+    TrajectorySpec,
+)
 
 SPEC = """
 schema = 1
@@ -36,19 +46,19 @@ log = 250
 
 def spec(old: str = "", new: str = ""):
     assert old in SPEC
-    return experiment_of(tomllib.loads(SPEC.replace(old, new)), "SPEC.toml")
+    return parse_spec(tomllib.loads(SPEC.replace(old, new)), "SPEC.toml")
 
 
 def test_the_documented_example_becomes_the_records_of_plant_and_motion():
     experiment = spec()
     assert experiment.reference() == TrajectorySpec(
-        "fourier", 20.0, 2, derived_seed(7, "reference")
+        "fourier", 20.0, 2, derive_seed(7, "reference")
     )
     plant = experiment.plant_spec()
     effect = PlantEffect("stribeck", (3,), (("level", 4.0), ("velocity", 0.05)), 0.0)
     assert plant.effects == (effect,)
-    assert (plant.scatter, plant.noise) == (0.02, Noise(0.015, 1e-4))
-    assert experiment.log_rates() == Rates(1000.0, 250.0)
+    assert (plant.scatter, plant.noise) == (0.02, SensorNoise(0.015, 1e-4))
+    assert experiment.log_rates() == SampleRates(1000.0, 250.0)
 
 
 @pytest.mark.parametrize(
@@ -89,7 +99,7 @@ def test_a_slip_is_told_with_its_place_and_what_was_expected(old, new, said):
 )
 def test_what_robot_or_plant_lack_is_told_before_anything_runs(old, new, said):
     with pytest.raises(InputError, match=said):
-        run_id_of(spec(old, new))
+        compute_run_id(spec(old, new))
 
 
 def test_a_missing_or_broken_file_is_told(tmp_path):
@@ -107,18 +117,18 @@ def test_a_robot_beside_the_spec_is_found_from_anywhere(tmp_path):
 
 
 def test_the_open_half_tells_nothing_of_what_is_hidden():
-    robot = checked_robot(spec())
-    plain = open_half(spec(), robot)
+    robot = load_spec_robot(spec())
+    plain = build_public_record(spec(), robot)
     for old, new in (
         ("level = 4.0", "level = 5.0"),
         ("scatter = 0.02", "scatter = 0.01"),
         ("torque = 0.015", "torque = 0.03"),
     ):
-        assert open_half(spec(old, new), robot) == plain
-        assert sealed_half(spec(old, new).plant_spec()) != sealed_half(
+        assert build_public_record(spec(old, new), robot) == plain
+        assert build_sealed_record(spec(old, new).plant_spec()) != build_sealed_record(
             spec().plant_spec()
         )
-        assert run_id_of(spec(old, new)) != run_id_of(spec())
+        assert compute_run_id(spec(old, new)) != compute_run_id(spec())
 
 
 def test_the_seeds_of_motion_and_arm_are_their_own_and_no_effect_moves_them():
@@ -202,7 +212,7 @@ def test_the_examples_of_the_page_are_what_it_says(tmp_path):
     whole, grid, draws = re.findall(r"```toml\n(.*?)```", page, re.DOTALL)
     (tmp_path / "SPEC.toml").write_text(whole)
     example = load_spec(tmp_path / "SPEC.toml")
-    plain = experiment_of({"seed": 7}, "SPEC.toml")
+    plain = parse_spec({"seed": 7}, "SPEC.toml")
     assert example.plant.effect[0].name == "stribeck"
     hidden = example.plant.model_copy(update={"effect": ()})
     assert example.model_copy(update={"plant": hidden}) == plain

@@ -9,18 +9,18 @@ import pytest
 
 from flows.cli import main
 from flows.requests import Validate
-from flows.specs import experiment_of
+from flows.specs import parse_spec
 from flows.steps import experiment, validate
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from sim.engine.records import PlantSpec
-from sim.plant.stepping import DivergedError
-from warehouse.commit import commit_run
-from warehouse.ids import canonical
-from warehouse.layout import read_record
+from sim.engine.plant_records import PlantSpec
+from sim.plant.closed_loop import SimulationDivergedError
 from warehouse.query.store import open_store
+from warehouse.record_commit import commit_run
+from warehouse.record_ids import encode_canonical_json
 from warehouse.runs import read_run
+from warehouse.store_catalogue import read_record
 
 LOAD = {"name": "payload", "joints": [6], "mass": 4.0, "com_x": 0.1}
 ROBOT = load_robot("irb140")
@@ -29,7 +29,7 @@ ROBOT = load_robot("irb140")
 def run(store, plant=None, **more):
     content = {"seed": 7, "trajectory": {"kind": "cyclic", "duration": 4.0}, **more}
     content["plant"] = plant or {}
-    return experiment.run(experiment_of(content, "SPEC.toml"), store)
+    return experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
 
 
 @pytest.fixture(scope="module")
@@ -56,11 +56,11 @@ def rows(store, id):
     [{"salt": None}, {"wind": 1.0}, {"effects": [{"name": "secret"}]}, {"noise": 3}],
 )
 def test_a_sealed_half_of_another_form_is_refused_and_not_told(change):
-    sealed = json.loads(canonical(PlantSpec())) | change
+    sealed = json.loads(encode_canonical_json(PlantSpec())) | change
     if sealed["salt"] is None:
         del sealed["salt"]
     with pytest.raises(InputError, match="another form") as caught:
-        experiment.plant_of(sealed)
+        experiment.parse_sealed_plant(sealed)
     assert "secret" not in str(caught.value)
 
 
@@ -115,8 +115,8 @@ def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(
     id, validation = loaded
     assert list(validation.models) == ["nominal"]
     nominal = validation.models["nominal"]
-    true = validate.both_ways(
-        validate.nominal_of(ROBOT, [log := read_run(store, run_store[2])]), log
+    true = validate.validate_model(
+        validate.build_nominal_model(ROBOT, [log := read_run(store, run_store[2])]), log
     )
     # What noise and filters leave, and what the load makes of the joints that bear it.
     assert np.nanmax(true.torque) < 6.0
@@ -135,12 +135,12 @@ def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(
 
 def test_a_model_that_no_body_has_is_said_not_to_be_simulated(run_store, monkeypatch):
     log = read_run(*run_store[:2])
-    model = validate.nominal_of(ROBOT, [log])
+    model = validate.build_nominal_model(ROBOT, [log])
     wrong = replace(model, inertial=model.inertial * 0 - 1e-3)
-    both = validate.both_ways(wrong, log)
+    both = validate.validate_model(wrong, log)
     assert both.acceleration is None
     assert both.least_mass < 0
-    monkeypatch.setattr(validate, "nominal_of", lambda robot, logs: wrong)
+    monkeypatch.setattr(validate, "build_nominal_model", lambda robot, logs: wrong)
     _, validation = validate.validate(Validate(run_store[1], 0.3, run_store[0]))
     assert "M(q) of the nominal model is not positive definite" in validation.notes[-1]
 
@@ -185,11 +185,11 @@ def test_a_model_that_runs_away_in_any_window_is_told(run_store, monkeypatch):
 
     def diverge(robot, motion, torque, window):
         tried.append(window)
-        raise DivergedError(0.0, np.zeros(6), np.full(6, 900.0), 3)
+        raise SimulationDivergedError(0.0, np.zeros(6), np.full(6, 900.0), 3)
 
-    monkeypatch.setattr("flows.steps.validate.open_loop", diverge)
+    monkeypatch.setattr("flows.steps.validate.simulate_open_loop_windows", diverge)
     with pytest.raises(InputError, match=r"0\.015625 s\. Check units and signs"):
-        validate.open_loop_error(ROBOT, read_run(*run_store[:2]), 0.25)
+        validate.compute_open_loop_error(ROBOT, read_run(*run_store[:2]), 0.25)
     assert tried == [0.25, 0.125, 0.0625, 0.03125, 0.015625]
 
 

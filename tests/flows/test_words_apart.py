@@ -8,7 +8,7 @@ import pytest
 from flows.cli import main
 from tests.checkout import ROOT
 from tests.residual.test_model_record import model_of
-from warehouse.commit import commit_run
+from warehouse.record_commit import commit_run
 
 HAS_NO_MODEL = "holds a verdict, expected a model"
 FILE = {

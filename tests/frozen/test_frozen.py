@@ -7,12 +7,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.model.nominal import prepare_logs, start_nominal
-from residual.monitoring.monitor import calibrate
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
+from residual.monitoring.monitor import calibrate_monitor
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 from tests.frozen.make import HIDDEN, document
-from warehouse.logs.read import read_log
+from warehouse.logs.log_reading import read_log
 
 FROZEN = Path(__file__).parent
 # Another processor, or another number of threads, rounds otherwise, and a search by
@@ -63,9 +63,9 @@ def test_a_monitor_has_the_limits_it_had():
     robot = load_robot("irb140")
     names = ("fit_1", "fit_2", "fit_3", "held_out")
     *good, other = (read_log(f"{HIDDEN / n}.csv@0:10", robot)[0] for n in names)
-    logs = prepare_logs(robot, good, None, Filters())
-    nominal = start_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
-    monitor = calibrate(nominal.model, good)
+    logs = prepare_fit_logs(robot, good, None, FilterSettings())
+    nominal = build_free_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
+    monitor = calibrate_monitor(nominal.model, good)
     now = {
         "monitor": monitor.to_record(),
         "alarms": [asdict(alarm) for alarm in monitor.watch(other)],

@@ -12,7 +12,7 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from tests.warehouse.conftest import NAMES, URDF
-from warehouse.logs.read import LogSummary
+from warehouse.logs.log_reading import LogSummary
 
 Array = np.ndarray
 

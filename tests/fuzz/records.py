@@ -7,18 +7,18 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from flows.storage.diagnosis import checked_verdict
+from flows.storage.diagnosis import parse_verdict
 from residual.errors import InputError
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
-from residual.model.record import from_record, load_model
+from residual.model.model_files import load_model, model_from_record
 from residual.recording import Recording
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters
 from residual.verdict.document import from_json, to_json
 from tests.fuzz.arm import arm, as_csv, samples
 from tests.fuzz.mutation import mutated, mutated_json
 from tests.fuzz.reader import ROOT, Reader, same_json
-from warehouse.logs import read_any
+from warehouse.logs import read_log_despite_doubts
 
 
 @cache
@@ -29,7 +29,7 @@ def _models() -> list[dict]:
     ]
     model = Model(
         robot=arm(),
-        inertial=inertial_parameters(arm().model),
+        inertial=read_inertial_parameters(arm().model),
         terms=tuple(map(Term.from_record, terms)),
         speed_floor=np.array([0.01, 0.02]),
         clock=0.0,
@@ -49,7 +49,7 @@ def _read_model(data: bytes, place: Path) -> None:
     file.write_bytes(data)
     model = load_model(file)
     record = model.to_record()
-    assert same_json(record, from_record(record).to_record())
+    assert same_json(record, model_from_record(record).to_record())
     assert repr(model)
     robot = model.model.robot if isinstance(model, CorrectedModel) else model.robot
     if robot.dof == 2:
@@ -81,7 +81,7 @@ def _read_verdict(data: bytes, place: Path) -> None:
         document = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise InputError("no JSON") from error  # the store's own affair
-    verdict = checked_verdict(document)
+    verdict = parse_verdict(document)
     assert str(verdict)
     assert repr(verdict.effects)
     told = to_json(verdict)
@@ -91,7 +91,7 @@ def _read_verdict(data: bytes, place: Path) -> None:
 def _read_words(data: bytes, place: Path) -> None:
     words = data.decode("utf-8", errors="replace").replace("\0", "")
     (place / "log.csv").write_text(as_csv())
-    log, understood = read_any(f"{place}/{words}", arm())
+    log, understood = read_log_despite_doubts(f"{place}/{words}", arm())
     assert 2 <= len(log.t) <= len(samples())
     assert understood.rows == len(log.t)
 

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.store_parts.records import records, run
-from flows.report.answers import as_bytes
+from flows.report.query_results import encode_query_result
 from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import mutated
@@ -66,7 +66,7 @@ def _ask(data: bytes, place: Path) -> None:
         rows = opened.sql(text, timeout=5)
         for form in ("json", "csv", "table", "parquet"):
             try:
-                content = as_bytes(rows, form)
+                content = encode_query_result(rows, form)
             except InputError:
                 continue  # of two columns with one name
             if form == "json":

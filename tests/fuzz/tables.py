@@ -6,15 +6,15 @@ import numpy as np
 import pinocchio as pin
 
 from flows.specs import load_campaign, load_spec
-from flows.steps.experiment import run_id_of
-from residual.effects import vocabulary
-from residual.robot.robot import Robot, load_robot, robot_from_texts
+from flows.steps.experiment import compute_run_id
+from residual.effects import list_effect_parameters
+from residual.robot.robot import Robot, build_robot, load_robot
 from tests.fuzz.arm import arm, as_csv
 from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
 from tests.warehouse.conftest import URDF
-from warehouse.ids import ID_DIGITS
-from warehouse.logs import load_columns, read_any
+from warehouse.logs import read_column_map, read_log_despite_doubts
+from warehouse.record_ids import ID_DIGITS
 
 _MAPS = (
     """time = {column = "t", unit = "s", scale = 1.0}
@@ -47,8 +47,8 @@ _MAP_WORDS = tuple(
 def _read_map(data: bytes, place: Path) -> None:
     (place / "map.toml").write_bytes(data)
     (place / "log.csv").write_text(as_csv())
-    columns = load_columns(place / "map.toml")
-    log, understood = read_any(str(place / "log.csv"), arm(), columns)
+    columns = read_column_map(place / "map.toml")
+    log, understood = read_log_despite_doubts(str(place / "log.csv"), arm(), columns)
     assert understood.text
     assert len(log.t) == understood.rows
 
@@ -85,12 +85,12 @@ _ROBOT_WORDS = tuple(
 def _read_robot(data: bytes, place: Path) -> None:
     (place / "arm.urdf").write_text(URDF)
     (place / "robot.toml").write_bytes(data)
-    check_robot(load_robot(place, vocabulary()))
+    check_robot(load_robot(place, list_effect_parameters()))
 
 
 def check_robot(robot: Robot) -> None:
     """Assert that what is kept of a robot makes the same one, and that it can move."""
-    again = robot_from_texts(robot.name, robot.urdf, robot.toml)
+    again = build_robot(robot.name, robot.urdf, robot.toml)
     assert again.content_hash == robot.content_hash
     assert robot.name
     assert (robot.lower < robot.upper).all()
@@ -146,7 +146,7 @@ def _read_spec(data: bytes, place: Path) -> None:
     spec = load_spec(place / "spec.toml")
     assert spec.reference().duration > 0
     assert spec.log_rates().log <= spec.log_rates().control
-    assert len(run_id_of(spec)) == ID_DIGITS
+    assert len(compute_run_id(spec)) == ID_DIGITS
 
 
 def _read_campaign(data: bytes, place: Path) -> None:
@@ -154,7 +154,7 @@ def _read_campaign(data: bytes, place: Path) -> None:
     entries = load_campaign(place / "campaign.toml")
     assert entries
     for entry in entries[:3]:
-        assert len(run_id_of(entry.spec)) == ID_DIGITS
+        assert len(compute_run_id(entry.spec)) == ID_DIGITS
 
 
 _CONTINUOUS = URDF.replace("revolute", "continuous").replace(

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 import yaml
 
-from residual.effects import registry
+from residual.effects import load_effects
 from scripts.docs_site import curve
 from scripts.docs_site.pages import generated, how_often_found
 from scripts.docs_site.schemas import schemas
@@ -31,7 +31,7 @@ def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
         [sys.executable, *words], cwd=ROOT, capture_output=True, text=True
     )
     assert done.returncode == 0, done.stderr
-    for name in registry():
+    for name in load_effects():
         page = (tmp_path / "effects" / f"{name}.html").read_text(encoding="utf-8")
         assert "<svg" in page
         assert "hidden on a simulated arm" in page or "Not measured" in page
@@ -63,13 +63,13 @@ def test_the_navigation_lists_pages_that_exist_and_each_once():
     assert [page for page in written if not (ROOT / "docs" / page).is_file()] == []
 
 
-@pytest.mark.parametrize("name", sorted(registry()))
+@pytest.mark.parametrize("name", sorted(load_effects()))
 def test_an_effect_has_a_curve_of_its_own_columns(name):
-    x, y, label = curve.points(registry()[name])
+    x, y, label = curve.points(load_effects()[name])
     assert np.isfinite(x).all()
     assert np.abs(y).max() == pytest.approx(1.0)
     assert "[" in label
-    assert f"Torque of {name} over {label}" in curve.svg(registry()[name])
+    assert f"Torque of {name} over {label}" in curve.svg(load_effects()[name])
 
 
 def test_an_effect_s_rate_is_that_of_the_recorded_figure():

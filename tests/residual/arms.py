@@ -10,18 +10,22 @@ import numpy as np
 from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.findings import NamedEffect, findings
-from residual.diagnosis.outcome import SearchOutcome, examine
+from residual.diagnosis.findings import NamedEffect, merge_into_findings
+from residual.diagnosis.outcome import SearchOutcome, search_effects
 from residual.evidence.thresholds import EvidenceThresholds
-from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    build_free_nominal,
+    prepare_fit_logs,
+)
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from residual.signals.splitting import session_clock
-from residual.signals.track import Filters
+from residual.signals.splitting import find_session_start
+from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
-from sim.draw import draw
-from sim.engine.records import Hidden, stream
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import SyntheticEffect, create_random_stream
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)
@@ -77,7 +81,9 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     joint = options.pop("joint", None)
     options = {"duration": 10.0, "rate": 125.0, **options}
     effects = tuple(
-        h if isinstance(h, Hidden) else draw(robot, h, stream(seed, f"draw/{h}"), joint)
+        h
+        if isinstance(h, SyntheticEffect)
+        else draw_effect(robot, h, create_random_stream(seed, f"draw/{h}"), joint)
         for h in hidden
     )
     if baseline is None:
@@ -138,7 +144,7 @@ def plain_logs(robot: Robot, moving, torque, count=4, seed=0) -> list[Recording]
         q = keep * (0.5 * np.sin(angle)).sum(axis=1)
         qd = keep * (0.5 * w * np.cos(angle)).sum(axis=1)
         qdd = keep * (-0.5 * w**2 * np.sin(angle)).sum(axis=1)
-        tau = inverse_dynamics(robot.model, q, qd, qdd)
+        tau = compute_inverse_dynamics(robot.model, q, qd, qdd)
         tau += 3 * np.tanh(qd / 0.01) + 2 * qd + torque
         tau += 0.1 * rng.normal(size=q.shape)
         out.append(recording(20.0 * k + t, q + 0.1, tau, f"log{k}"))
@@ -153,13 +159,13 @@ def doubts(
     case: Case, declared=DEFAULT_DECLARED
 ) -> tuple[SearchOutcome, list[NamedEffect]]:
     """Search, gate and findings without the proof, which takes as long again."""
-    clock = session_clock([*case.fit, *case.held_out])
-    logs = prepare_logs(case.robot, case.fit, clock, Filters())
+    clock = find_session_start([*case.fit, *case.held_out])
+    logs = prepare_fit_logs(case.robot, case.fit, clock, FilterSettings())
     assert not case.baseline, "what changed is compared: diagnose_case"
-    diagnosis = examine(
-        logs, start_nominal(logs, declared), EvidenceThresholds(), quiet
+    diagnosis = search_effects(
+        logs, build_free_nominal(logs, declared), EvidenceThresholds(), quiet
     )
-    return diagnosis, findings(diagnosis, diagnosis.fit, diagnosis.tested)
+    return diagnosis, merge_into_findings(diagnosis, diagnosis.fit, diagnosis.tested)
 
 
 def quiet(stage, share):

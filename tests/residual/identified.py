@@ -12,9 +12,9 @@ import numpy as np
 
 from residual.recording import Recording
 from residual.robot.dynamics import (
-    inertial_parameters,
-    inverse_dynamics,
-    with_inertial_parameters,
+    compute_inverse_dynamics,
+    read_inertial_parameters,
+    replace_inertial_parameters,
 )
 from residual.robot.robot import Robot
 from tests.residual.arms import arm, urdf_text, write_csv
@@ -32,16 +32,20 @@ class Truth:
 
     def torque(self, q, qd, qdd, moving=True):
         """RNEA plus friction; the sign of a joint at rest is 0."""
-        model = with_inertial_parameters(self.robot.model, self.parameters)
+        model = replace_inertial_parameters(self.robot.model, self.parameters)
         friction = np.array(VISCOUS) * qd + np.array(COULOMB) * np.sign(qd)
-        return inverse_dynamics(model, q, qd, qdd) + friction + np.array(ROTOR) * qdd
+        return (
+            compute_inverse_dynamics(model, q, qd, qdd)
+            + friction
+            + np.array(ROTOR) * qdd
+        )
 
 
 @cache
 def truth() -> Truth:
     """Masses 20 % up, centres 1 cm off; bodies that exist."""
     robot = arm(AXES)
-    parameters = inertial_parameters(robot.model).reshape(-1, 10) * 1.2
+    parameters = read_inertial_parameters(robot.model).reshape(-1, 10) * 1.2
     parameters[:, 1:4] += 0.01 * parameters[:, :1]
     return Truth(robot, parameters.ravel())
 

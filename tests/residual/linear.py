@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.search import Candidates, Task
-from residual.effects.base import Effect, State, Trait, local
-from residual.evidence.columns import union
-from residual.evidence.design import Design, Group
-from residual.evidence.fit import Prior
+from residual.diagnosis.search import Candidates, SearchTask
+from residual.effects.base import Effect, EffectTrait, State, build_joint_columns
+from residual.evidence.columns import merge_groups
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import NominalPrior
 from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.model import Model
 from residual.signals.track import Track
@@ -31,21 +31,21 @@ LINE = Effect(
     "line",
     "a line",
     {"a": "1"},
-    local(lambda s, j, x: [s.q[:, j]]),
-    traits=Trait.GROUPABLE,
+    build_joint_columns(lambda s, j, x: [s.q[:, j]]),
+    traits=EffectTrait.GROUPABLE,
 )
 OTHER = Effect(
     "other",
     "a line",
     {"a": "1"},
-    local(lambda s, j, x: [s.qd[:, j]]),
-    traits=Trait.GROUPABLE,
+    build_joint_columns(lambda s, j, x: [s.qd[:, j]]),
+    traits=EffectTrait.GROUPABLE,
 )
 PLANE = Effect(
     "plane",
     "two",
     {"a": "1", "b": "1"},
-    local(lambda s, j, x: [s.qd[:, j], s.qdd[:, j]]),
+    build_joint_columns(lambda s, j, x: [s.qd[:, j], s.qdd[:, j]]),
 )
 GEAR = Effect("gear", "a pair", {"a": "1", "b": "1"}, _pair, scope="pair")
 LOAD = Effect("load", "all rows", {k: "1" for k in "abc"}, _everywhere, scope="flange")
@@ -58,7 +58,7 @@ class Problem:
 
     logs: list
     design: Design
-    prior: Prior
+    prior: NominalPrior
 
     @classmethod
     def draw(cls, rng, truth=(), rows=120, logs=4, **options):
@@ -118,7 +118,7 @@ class Problem:
 
     def task(self, groups, **rules):
         price = {g.key: 1.0 for g in groups}
-        return Task(
+        return SearchTask(
             self.design,
             self.prior,
             Candidates(tuple(groups), price),
@@ -126,10 +126,10 @@ class Problem:
         )
 
 
-def nominal_prior(rng) -> Prior:
+def nominal_prior(rng) -> NominalPrior:
     mix = np.eye(NOMINAL) + 0.1 * rng.normal(size=(NOMINAL, NOMINAL))
     precision = 4.0 * mix @ mix.T
-    return Prior(precision, float(np.linalg.slogdet(precision)[1]), 0.03, {})
+    return NominalPrior(precision, float(np.linalg.slogdet(precision)[1]), 0.03, {})
 
 
 def random_state(rng, rows, slow=0.0) -> State:
@@ -163,7 +163,7 @@ def track(tau, keep, label) -> Track:
         cutoff=100.0,
         step=1,
         tau=tau,
-        inner=np.ones(len(tau), dtype=bool),
+        valid=np.ones(len(tau), dtype=bool),
         moving=keep,
         torque_noise=np.zeros(DOF),
     )
@@ -182,8 +182,8 @@ def coloured(rng, rows, a):
     return out
 
 
-def every_group(design) -> list[Group]:
+def every_group(design) -> list[CandidateColumns]:
     """One candidate of each kind on each of its joints, and one on all joints."""
     wanted = [(e, js, ()) for e in ALL for js in e.candidates(DOF)]
     groups = design.add(wanted)
-    return [*groups, union(groups[:2])]
+    return [*groups, merge_groups(groups[:2])]

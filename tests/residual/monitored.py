@@ -6,11 +6,11 @@ from functools import cache
 import numpy as np
 
 from residual.identification.identify import identify
-from residual.model.nominal import prepare_logs, start_nominal
-from residual.monitoring.monitor import Monitor, calibrate
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
+from residual.monitoring.monitor import Monitor, calibrate_monitor
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics
-from residual.signals.track import Filters
+from residual.robot.dynamics import compute_inverse_dynamics
+from residual.signals.track import FilterSettings
 from tests.residual.arms import arm
 
 RATE, PERIOD, STEP = 125.0, 3.0, 1e-4
@@ -28,7 +28,7 @@ def healthy(seed: int, duration: float = 12.0) -> Recording:
     angle = turn * t[:, None] * [1, 2] + phase
     q, qd = size * np.sin(angle), size * turn * np.array([1, 2]) * np.cos(angle)
     qdd = -size * (turn * np.array([1, 2])) ** 2 * np.sin(angle)
-    tau = inverse_dynamics(ROBOT.model, q, qd, qdd)
+    tau = compute_inverse_dynamics(ROBOT.model, q, qd, qdd)
     tau += np.array([4.0, 1.0]) * np.tanh(qd / 0.02) + np.array([2.0, 0.5]) * qd
     tau += 0.01 * RANGE * rng.normal(size=tau.shape)
     read = np.round((q + STEP / 2 * rng.normal(size=q.shape)) / STEP) * STEP
@@ -68,11 +68,11 @@ def good_runs() -> tuple[Recording, ...]:
 
 
 def model_of(runs):
-    logs = prepare_logs(ROBOT, list(runs), None, Filters())
+    logs = prepare_fit_logs(ROBOT, list(runs), None, FilterSettings())
     names = ("viscous", "coulomb", "rotor_inertia")
-    return identify(ROBOT, list(runs), start_nominal(logs, names).model).model
+    return identify(ROBOT, list(runs), build_free_nominal(logs, names).model).model
 
 
 @cache
 def monitor() -> Monitor:
-    return calibrate(model_of(good_runs()), good_runs())
+    return calibrate_monitor(model_of(good_runs()), good_runs())

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.gate import adequacy, find_period
-from residual.evidence.fit import fit
-from residual.signals.track import Filters, prepare
+from residual.diagnosis.gate import assess_adequacy, find_motion_period
+from residual.evidence.fit import fit_jointly
+from residual.signals.track import FilterSettings, build_tracks
 from tests.residual.arms import TWO, arm, plain_logs, recording
 from tests.residual.linear import DOF, Problem, build
 
@@ -30,10 +30,10 @@ def problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
 def judge(found, members=()):
     d = found.design
     before, after = (
-        fit(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
+        fit_jointly(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
     )
     tracks = tuple(own for own, _ in found.logs)
-    return adequacy(d, tracks, before, after)
+    return assess_adequacy(d, tracks, before, after)
 
 
 def slow(state):
@@ -45,12 +45,14 @@ def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
     judgment = judge(case)
     assert judgment.flagged == ()
     np.testing.assert_allclose(judgment.noise, NOISE / case.design.rms)
-    assert (judgment.structured < 0.05).all()
+    assert (judgment.structured_share < 0.05).all()
     case = problem(rng, slow, 2.0)
     judgment = judge(case)
     assert judgment.flagged == (1,)
-    assert judgment.structured[1] == pytest.approx(2.0 / case.design.rms[1], rel=0.15)
-    np.testing.assert_array_equal(judgment.before, judgment.structured)
+    assert judgment.structured_share[1] == pytest.approx(
+        2.0 / case.design.rms[1], rel=0.15
+    )
+    np.testing.assert_array_equal(judgment.before, judgment.structured_share)
 
 
 @pytest.mark.parametrize(
@@ -76,16 +78,16 @@ def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
 
 @pytest.mark.parametrize("period", [3.2, 4.0, 5.6])
 def test_the_period_of_a_program_is_found_from_the_motion_itself(period):
-    (track,), _ = prepare([periodic(period)], Filters())
-    rows = find_period(track)
+    (track,), _ = build_tracks([periodic(period)], FilterSettings())
+    rows = find_motion_period(track)
     assert rows * track.step / track.rate == pytest.approx(period, abs=0.04)
 
 
 def test_a_motion_that_never_repeats_has_no_period():
     t = np.arange(1600) / 125
     q = np.column_stack([np.sin(t) + 0.3 * np.sin(np.e * t), np.sin(np.sqrt(2) * t)])
-    (track,), _ = prepare([recording(t, q, q)], Filters())
-    assert find_period(track) is None
+    (track,), _ = build_tracks([recording(t, q, q)], FilterSettings())
+    assert find_motion_period(track) is None
 
 
 @pytest.mark.parametrize(

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import Case
-from residual.diagnosis.verdict import compare_values
-from residual.model.nominal import declared_names
+from residual.diagnosis.verdict import compare_nominal_values
+from residual.model.nominal import choose_declared_effects
 from residual.robot.robot import load_robot
-from sim.engine.records import PlantSpec, TrajectorySpec
+from sim.engine.plant_records import PlantSpec, TrajectorySpec
 from sim.experiment import run_experiment
-from sim.trajectories import make_reference
+from sim.trajectories import plan_reference_motion
 from tests.residual.arms import doubts
 
 ROBOT = load_robot("irb140")
@@ -25,7 +25,7 @@ def logs(compiled_plant):
     recordings = []
     for i, kind in enumerate(FAMILIES):
         spec = TrajectorySpec(kind, 8.0, 1, seed=60 + i)
-        reference = make_reference(ROBOT, spec, 1000.0, optimised=False)
+        reference = plan_reference_motion(ROBOT, spec, 1000.0, optimised=False)
         run = run_experiment(ROBOT, reference, PlantSpec(seed=9), start=25.0 * i)
         recordings.append(replace(run.log, id=kind))
     return recordings
@@ -41,7 +41,7 @@ def believed(factors):
 
 
 def examined_on(robot, logs):
-    declared = declared_names(robot, None)
+    declared = choose_declared_effects(robot, None)
     return doubts(Case(robot, tuple(logs), (), (), None, None), declared)
 
 
@@ -61,7 +61,9 @@ def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
 
 def off_on(robot, logs):
     seen, _ = examined_on(robot, logs)
-    off = [c for c in compare_values(seen, seen.fit) if c.beyond and c.name in KEYS]
+    off = [
+        c for c in compare_nominal_values(seen, seen.fit) if c.beyond and c.name in KEYS
+    ]
     return {(c.name, c.joints): c.identified / c.nominal for c in off}
 
 

@@ -7,10 +7,10 @@ from hypothesis import strategies as st
 
 from residual.robot import dynamics
 from residual.robot.dynamics import (
-    base_columns,
-    base_parameters,
-    express,
-    standard_inertial,
+    compute_base_parameters,
+    find_independent_columns,
+    list_inertial_parameters,
+    reduce_to_base_parameters,
 )
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, TWO, arm
@@ -22,47 +22,52 @@ ARMS = {"irb140": MODEL, "two": arm(TWO).model, "seven": arm(SEVEN).model}
 @pytest.mark.parametrize("name", ARMS)
 def test_base_regressor_times_base_parameters_is_rnea_on_a_thousand_states(name):
     model = ARMS[name]
-    base = base_parameters(model)
+    base = compute_base_parameters(model)
     states = np.random.default_rng(4).uniform(-2, 2, (3, 1000, model.nv))
-    theta = base.mapping @ dynamics.inertial_parameters(model)
-    torque = dynamics.regressor(model, *states)[:, :, base.columns] @ theta
+    theta = base.mapping @ dynamics.read_inertial_parameters(model)
+    torque = (
+        dynamics.compute_inertial_regressor(model, *states)[:, :, base.columns] @ theta
+    )
     np.testing.assert_allclose(
-        torque, dynamics.inverse_dynamics(model, *states), rtol=0, atol=1e-9
+        torque, dynamics.compute_inverse_dynamics(model, *states), rtol=0, atol=1e-9
     )
 
 
 @pytest.mark.parametrize("name", ARMS)
 def test_the_rank_is_certain_and_that_of_the_old_count(name):
-    base = base_parameters(ARMS[name])
+    base = compute_base_parameters(ARMS[name])
     assert base.gap > 1e6
-    assert len(base) == len(base_columns(ARMS[name]))
+    assert len(base) == len(find_independent_columns(ARMS[name]))
     np.testing.assert_allclose(base.mapping[:, base.columns], np.eye(len(base)))
 
 
 @settings(max_examples=10)
 @given(st.integers(0, 2**31))
 def test_what_the_mapping_does_not_see_moves_no_torque(seed):
-    base = base_parameters(MODEL)
+    base = compute_base_parameters(MODEL)
     rng = np.random.default_rng(seed)
     free = rng.normal(size=60)
     hidden = free - np.linalg.pinv(base.mapping) @ (base.mapping @ free)
-    torque = dynamics.regressor(MODEL, *rng.uniform(-2, 2, (3, 5, 6))) @ hidden
+    torque = (
+        dynamics.compute_inertial_regressor(MODEL, *rng.uniform(-2, 2, (3, 5, 6)))
+        @ hidden
+    )
     np.testing.assert_allclose(torque, 0.0, atol=1e-9)
 
 
 def test_rounded_right_angles_do_not_make_new_parameters():
     """1.5708 for pi/2: columns that differ by rounding alone count as one."""
-    exact = base_parameters(MODEL)
+    exact = compute_base_parameters(MODEL)
     rng = np.random.default_rng(0)
     states = rng.uniform(-3, 3, (3, 100, 6))
-    rows = dynamics.regressor(MODEL, *states).reshape(600, -1)
+    rows = dynamics.compute_inertial_regressor(MODEL, *states).reshape(600, -1)
     rows = rows + 1e-9 * rng.normal(size=rows.shape)
-    again = express(rows, exact.columns, standard_inertial(6))
+    again = reduce_to_base_parameters(rows, exact.columns, list_inertial_parameters(6))
     np.testing.assert_allclose(again.mapping, exact.mapping, atol=1e-6)
 
 
 def test_words_say_what_a_parameter_is_made_of():
-    base = base_parameters(MODEL)
+    base = compute_base_parameters(MODEL)
     words = [base.words(i) for i in range(len(base))]
     assert words[0].startswith("J1: inertia Izz of link 1 + 0.0049 x mass of link 2")
     assert "J2: moment mx of link 2" in words
@@ -73,12 +78,12 @@ def test_words_say_what_a_parameter_is_made_of():
 
 
 def test_embedding_gives_the_same_base_parameters_nearest_to_the_nominal():
-    base = base_parameters(MODEL)
+    base = compute_base_parameters(MODEL)
     rng = np.random.default_rng(1)
-    nominal = dynamics.inertial_parameters(MODEL)
+    nominal = dynamics.read_inertial_parameters(MODEL)
     theta = base.mapping @ nominal + rng.normal(size=len(base))
     root = rng.normal(size=(60, 60)) + 8 * np.eye(60)
-    full = base.embed(theta, nominal, root @ root.T)
+    full = base.expand_to_standard(theta, nominal, root @ root.T)
     np.testing.assert_allclose(base.mapping @ full, theta, atol=1e-9)
     # The move is orthogonal, in that metric, to all that the mapping does not see.
     metric = np.linalg.inv(root @ root.T)

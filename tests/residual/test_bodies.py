@@ -6,16 +6,21 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.evidence.fit import PossibleModel
-from residual.model.bodies import LEAST, BodyCorrection, bodies_of, nearest
+from residual.model.bodies import (
+    LEAST,
+    BodyCorrection,
+    build_body_sums,
+    find_nearest_possible,
+)
 from residual.model.model import Model, Term
 from residual.robot.dynamics import (
-    base_parameters,
-    inertial_parameters,
-    with_inertial_parameters,
+    compute_base_parameters,
+    read_inertial_parameters,
+    replace_inertial_parameters,
 )
-from residual.verdict.result import Finding, Parameter, with_model_values
+from residual.verdict.result import Finding, Parameter, replace_by_model_values
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs
 
@@ -23,11 +28,11 @@ FEW = list(cases(6))[3:]  # a load, a link and both on arms that are 1 and 3 % o
 
 
 def bare(robot, *terms):
-    return Model(robot, inertial_parameters(robot.model), terms)
+    return Model(robot, read_inertial_parameters(robot.model), terms)
 
 
 def load(robot, mass, inertia=(0.0,) * 6):
-    effect = registry()["payload"]
+    effect = load_effects()["payload"]
     values = np.array([mass, 0.02, -0.01, 0.08, *inertia])
     theta, _ = effect.from_values(values, robot)
     return Term(effect, (robot.dof - 1,), (), np.asarray(theta))
@@ -40,27 +45,29 @@ def rooted(rng, size):
 
 def test_bodies_that_can_exist_stay_bit_for_bit(rng):
     model = bare(bare_irb140(), load(bare_irb140(), 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
-    bodies, best = bodies_of(model), model.coefficients()
+    bodies, best = build_body_sums(model), model.coefficients()
     assert bodies.names[-1] == "the load"
-    assert bodies.impossible(best) == ()
-    assert nearest(bodies, best, rooted(rng, len(best))) is best
+    assert bodies.list_impossible(best) == ()
+    assert find_nearest_possible(bodies, best, rooted(rng, len(best))) is best
 
 
 @pytest.mark.parametrize("axes", [TWO, SEVEN])
 def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
     """First-order optimality of a convex problem: every feasible way leads away."""
     model = bare(arm(axes))
-    bodies, start = bodies_of(model), model.coefficients()
+    bodies, start = build_body_sums(model), model.coefficients()
     root = rooted(rng, len(start))
     best = start + 0.3 * rng.normal(size=len(start))
-    assert bodies.impossible(best)
-    solution = nearest(bodies, best, root)
-    assert bodies.least(solution).min() == pytest.approx(LEAST, rel=0.01)
+    assert bodies.list_impossible(best)
+    solution = find_nearest_possible(bodies, best, root)
+    assert bodies.compute_least_eigenvalues(solution).min() == pytest.approx(
+        LEAST, rel=0.01
+    )
     slope = root.T @ root @ (solution - best)
     for _ in range(200):
         spread = rng.uniform(0.1, 3) * rng.normal(size=len(start))
         other = bodies.start + spread * np.abs(bodies.start)
-        if not bodies.impossible(other):
+        if not bodies.list_impossible(other):
             length = np.linalg.norm(root @ (other - best))
             assert slope @ (other - solution) > -1e-6 * length
 
@@ -68,7 +75,7 @@ def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
 def test_it_is_what_a_solver_of_cones_finds(rng):
     cp = pytest.importorskip("cvxpy")
     model = bare(arm(SEVEN))
-    bodies, start = bodies_of(model), model.coefficients()
+    bodies, start = build_body_sums(model), model.coefficients()
     root, best = rooted(rng, len(start)), start + 0.2 * rng.normal(size=len(start))
     x = cp.Variable(len(start))
     held = []
@@ -87,7 +94,7 @@ def test_it_is_what_a_solver_of_cones_finds(rng):
         held.append(unit @ pseudo @ unit >> LEAST * np.eye(4))
     problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (x - best))), held)
     problem.solve(solver=cp.CLARABEL)
-    solution = nearest(bodies, best, root)
+    solution = find_nearest_possible(bodies, best, root)
     own = float(np.sum((root @ (solution - best)) ** 2))
     assert own == pytest.approx(problem.value, rel=1e-5)
 
@@ -95,15 +102,15 @@ def test_it_is_what_a_solver_of_cones_finds(rng):
 def test_what_moves_no_torque_moves_first(rng):
     """Impossible only in the null space of the base parameters: at no torque at all."""
     model = bare(arm(SEVEN))
-    base, true = base_parameters(model.robot.model), model.coefficients()
+    base, true = compute_base_parameters(model.robot.model), model.coefficients()
     _, _, ways = np.linalg.svd(base.mapping)
     silent = ways[len(base) :]
     best = true + 0.5 * silent.T @ rng.normal(size=len(silent))
-    assert bodies_of(model).impossible(best)
+    assert build_body_sums(model).list_impossible(best)
     seen = 1e4 * base.mapping
     information = seen.T @ seen + np.eye(len(true))
     root = np.linalg.cholesky(information).T
-    solution = nearest(bodies_of(model), best, root)
+    solution = find_nearest_possible(build_body_sums(model), best, root)
     size = np.abs(base.mapping @ true).max()
     assert np.abs(base.mapping @ (solution - true)).max() < 1e-5 * size
 
@@ -126,20 +133,20 @@ def test_a_finding_of_a_body_says_what_the_model_has():
     fitted = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
     one = Finding("payload", (6,), 1.0, 1, (), fitted, evidence=None)
     possible = PossibleModel(model, BodyCorrection(("the load",), (0.0,), 0.5))
-    parameters = with_model_values(one, possible).parameters
+    parameters = replace_by_model_values(one, possible).parameters
     assert parameters["mass"].value == pytest.approx(2.0)
     assert parameters["com_z"].value == pytest.approx(0.08)
     assert parameters["mass"].std == 0.1
-    assert with_model_values(one, replace(possible, correction=None)) is one
+    assert replace_by_model_values(one, replace(possible, correction=None)) is one
     other = replace(one, name="spring", joints=(1,))
-    assert with_model_values(other, possible) is other
+    assert replace_by_model_values(other, possible) is other
 
 
 @pytest.mark.long
 def test_a_load_that_no_body_is_gets_no_name():
     robot = arm(SEVEN)
     wrong = bare(robot, load(robot, 2.0, (-0.1, 0, 0, -0.1, 0, -0.1))).loaded()
-    other = replace(robot, model=with_inertial_parameters(robot.model, wrong))
+    other = replace(robot, model=replace_inertial_parameters(robot.model, wrong))
     logs = plain_logs(other, range(7), np.zeros(7))
     logs = [replace(log, q=log.q - 0.1) for log in logs]
     diagnosis = diagnose(robot, logs[:3], (), logs[3:])

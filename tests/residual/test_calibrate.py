@@ -6,20 +6,31 @@ from functools import cache
 import numpy as np
 import pytest
 
-from flows.report.calibration import sentences
-from residual.calibration import effects
-from residual.calibration import rows as cut
+from flows.report.calibration import describe_calibration
+from residual.calibration import calibration_rows as cut
+from residual.calibration import table_regression
 from residual.calibration.calibrate import (
-    Settings,
+    CalibrationSettings,
     calibrate,
-    identified_without,
+    identify_without_blocks,
     prepare_runs,
 )
-from residual.calibration.choice import MAIN, PAIRS, Option, candidates
-from residual.calibration.effects import make_tables
-from residual.calibration.nominal_pls import NominalForm
-from residual.calibration.rows import GUARD, Run, cut_single, paper_rows, thinning
-from residual.calibration.scores import (
+from residual.calibration.calibration_rows import (
+    GUARD,
+    CalibrationRun,
+    build_paper_rows,
+    choose_thinning_factor,
+    cut_single_run,
+)
+from residual.calibration.correction_choice import (
+    MAIN,
+    PAIRS,
+    CorrectionOption,
+    list_correction_options,
+)
+from residual.calibration.nominal_pls import NominalPlsForm
+from residual.calibration.table_regression import choose_table_levels
+from residual.calibration.validation_scores import (
     BLOCK,
     DEFAULT,
     FAMILY,
@@ -30,22 +41,22 @@ from residual.calibration.scores import (
     RANDOM,
     RUN,
     SYSTEMATIC,
-    choices,
-    find,
-    make_schemes,
-    try_forms,
+    build_validation_schemes,
+    choose_fold_options,
+    cross_validate_corrections,
+    find_model_score,
 )
 from residual.errors import InputError
 from tests.residual.identified import logs, truth
 
-SMALL = NominalForm(8, 6)
-QUICK = Settings(form=SMALL)
+SMALL = NominalPlsForm(8, 6)
+QUICK = CalibrationSettings(form=SMALL)
 
 
 @pytest.fixture(autouse=True)
 def lean(monkeypatch):
     """Tables of ten levels instead of twenty: a step is a step on either."""
-    monkeypatch.setattr(effects, "LEVELS", 10)
+    monkeypatch.setattr(table_regression, "LEVELS", 10)
 
 
 @cache
@@ -59,7 +70,7 @@ def paper_runs(count=4, duration=6.0):
         noise = np.random.default_rng(number).normal(size=log.q.shape)
         step = np.array([4.0, 5.0, 2.0]) * np.sign(qd) + 0.2 * noise
         family = ("fourier", "cyclic")[number % 2]
-        out.append(Run(log, family, {"e_tau": step}))
+        out.append(CalibrationRun(log, family, {"e_tau": step}))
     return tuple(out)
 
 
@@ -71,7 +82,7 @@ def paper_calibration():
 
 def test_the_papers_rows_pair_the_reference_with_the_error_one_sample_ahead():
     runs = paper_runs()
-    rows = paper_rows(runs)
+    rows = build_paper_rows(runs)
     step = 2  # 250 Hz to 125
     own = rows.X[rows.run == 1]
     log, twin = runs[1].log, runs[1].twin["e_tau"]
@@ -91,40 +102,40 @@ def test_the_papers_mode_says_what_a_run_lacks(change, told):
     if "log" in change:
         change = {"log": replace(run.log, q_ref=None)}
     with pytest.raises(InputError, match=f"--paper: log0 has no {told}"):
-        paper_rows([replace(run, **change)])
+        build_paper_rows([replace(run, **change)])
 
 
 def test_schemes_are_those_that_the_rows_allow(rng):
-    rows = paper_rows(paper_runs())
-    schemes, notes = make_schemes(rows, rng)
+    rows = build_paper_rows(paper_runs())
+    schemes, notes = build_validation_schemes(rows, rng)
     assert [s.name for s in schemes] == [RUN, FAMILY, SYSTEMATIC, RANDOM]
     assert notes == ()
     families = {s.name: s for s in schemes}[FAMILY]
     four = [set(range(4 * i, 4 * i + 4)) for i in range(4)]
     assert families.left_out == (four[1] | four[3], four[0] | four[2])
     unknown = replace(rows, families=("",) * 4)
-    names = [s.name for s in make_schemes(unknown, rng)[0]]
+    names = [s.name for s in build_validation_schemes(unknown, rng)[0]]
     assert names == [RUN, SYSTEMATIC, RANDOM]
     with pytest.raises(InputError, match="two or more"):
-        make_schemes(replace(rows, labels=("one",)), rng)
+        build_validation_schemes(replace(rows, labels=("one",)), rng)
 
 
 def test_a_held_out_run_is_unknown_to_the_nominal_model():
-    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
+    runs = [CalibrationRun(log) for log in logs(3, noise=0.5, duration=8.0)]
     strange = replace(runs[1], log=replace(runs[1].log, tau=5 * runs[1].log.tau + 9))
     models = [
-        identified_without(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
+        identify_without_blocks(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
         for own in (runs, [runs[0], strange, runs[2]])
     ]
     first, second = (m.coefficients() for m in models)
     np.testing.assert_array_equal(first, second)
-    everything = identified_without(prepare_runs(truth().robot, runs, None))
+    everything = identify_without_blocks(prepare_runs(truth().robot, runs, None))
     assert np.abs(everything.coefficients() - first).max() > 0
 
 
 def test_the_table_is_what_fits_by_hand_give():
     rows, scores = paper_calibration().rows, paper_calibration().scores
-    none = find(scores, RUN, NOTHING)
+    none = find_model_score(scores, RUN, NOTHING)
     by_hand = 100 * np.sqrt((rows.Y**2).sum(0) / (rows.tau**2).sum(0))
     np.testing.assert_allclose(none.rmsev, by_hand)
     np.testing.assert_allclose(none.rmsec, by_hand)
@@ -134,26 +145,34 @@ def test_the_table_is_what_fits_by_hand_give():
         theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
         miss += ((rows.Y[out] - one[out] @ theta) ** 2).sum(0)
     expected = 100 * np.sqrt(miss / (rows.tau**2).sum(0))
-    np.testing.assert_allclose(find(scores, RUN, LS).rmsev, expected, rtol=1e-7)
-    pls = find(scores, RANDOM, PLSR)
-    np.testing.assert_allclose(pls.curve[-1], find(scores, RANDOM, LS).rmsev, rtol=1e-6)
+    np.testing.assert_allclose(
+        find_model_score(scores, RUN, LS).rmsev, expected, rtol=1e-7
+    )
+    pls = find_model_score(scores, RANDOM, PLSR)
+    np.testing.assert_allclose(
+        pls.curve[-1], find_model_score(scores, RANDOM, LS).rmsev, rtol=1e-6
+    )
     assert 1 <= pls.components <= 9
     np.testing.assert_array_equal(pls.rmsev, pls.curve[pls.components])
 
 
 def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
     scores = paper_calibration().scores
-    ours, theirs = (find(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM))
-    ls = find(scores, RUN, LS).overall
+    ours, theirs = (
+        find_model_score(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM)
+    )
+    ls = find_model_score(scores, RUN, LS).overall
     assert ours < 0.5 * ls
-    assert theirs > 1.25 * find(scores, RANDOM, PAPER_FORM).overall
+    assert theirs > 1.25 * find_model_score(scores, RANDOM, PAPER_FORM).overall
     assert {o.kind for o in paper_calibration().chosen} <= {MAIN, PAIRS}
 
 
 def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
-    form = NominalForm((2, 3, 2, 5, 6, 5), 3)
-    settings = replace(QUICK, paper=True, form=form, exact=True, joints=(1, 3))
-    settings = replace(settings, views=False, schemes=(RUN,))
+    form = NominalPlsForm((2, 3, 2, 5, 6, 5), 3)
+    settings = replace(
+        QUICK, paper=True, form=form, exact_components=True, joints=(1, 3)
+    )
+    settings = replace(settings, with_figures=False, schemes=(RUN,))
     calibration = calibrate(truth().robot, paper_runs(), settings)
     assert calibration.rows.joints == (1, 3)
     assert calibration.rows.names == ("q1", "q3", "qd1", "qd3", "qdd1", "qdd3")
@@ -163,7 +182,7 @@ def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
     assert tuple(len(axis.edges) + 1 for axis in calibration.paper.axes) == form.levels
     assert calibration.components == 3
     with pytest.raises(InputError, match="joints 4: expected some of 1 to 3"):
-        paper_rows(paper_runs(), (4,))
+        build_paper_rows(paper_runs(), (4,))
 
 
 def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
@@ -186,48 +205,58 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
 
 
 def test_the_choice_for_a_fold_does_not_know_its_errors():
-    rows = paper_rows(paper_runs())
-    schemes, _ = make_schemes(rows, np.random.default_rng(0))
+    rows = build_paper_rows(paper_runs())
+    schemes, _ = build_validation_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, "tau1", "tau2", "tau3")
-    tables = make_tables(rows.X, rows.tau - rows.Y, rows.velocities, names)
-    args = (lambda _: rows.Y, tables, candidates(9), None)
-    lead = try_forms(schemes[0], rows, *args)
-    first = choices(lead, lead, rows)
+    tables = choose_table_levels(
+        rows.X, rows.tau - rows.Y, rows.velocity_columns, names
+    )
+    args = (lambda _: rows.Y, tables, list_correction_options(9), None)
+    lead = cross_validate_corrections(schemes[0], rows, *args)
+    first = choose_fold_options(lead, lead, rows)
     own = np.unique(rows.second[rows.run == 2])
     seconds = lead.seconds.copy()
     # On run 2 nothing is wrong with doing nothing.
     seconds[:, own] = 1e6
     seconds[0, own] = 0.0
-    other = choices(lead, replace(lead, seconds=seconds), rows)
+    other = choose_fold_options(lead, replace(lead, seconds=seconds), rows)
     assert other[2] == first[2]
-    assert set(other[0]) == {Option("none")}
+    assert set(other[0]) == {CorrectionOption("none")}
 
 
 @cache
 def few_runs():
     declared = ("viscous", "rotor_inertia")
-    settings = replace(QUICK, declared=declared, views=False, schemes=(RUN, BLOCK))
-    runs = [Run(log) for log in logs(2, noise=0.3, duration=6.0)]
+    settings = replace(
+        QUICK, declared=declared, with_figures=False, schemes=(RUN, BLOCK)
+    )
+    runs = [CalibrationRun(log) for log in logs(2, noise=0.3, duration=6.0)]
     return calibrate(truth().robot, runs, settings)
 
 
 def test_where_runs_are_few_blocks_are_left_out_and_chosen_by(rng):
     calibration = few_runs()
-    every = [s.name for s in make_schemes(calibration.rows, rng)[0]]
+    every = [s.name for s in build_validation_schemes(calibration.rows, rng)[0]]
     assert every == [RUN, BLOCK, SYSTEMATIC, RANDOM]
     assert list(dict.fromkeys(s.scheme for s in calibration.scores)) == [RUN, BLOCK]
     assert not calibration.proven
     assert "2 runs are few" in calibration.notes[0]
     for scheme, folds in ((RUN, 2), (BLOCK, 8)):
-        none, ours = (find(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT))
+        none, ours = (
+            find_model_score(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT)
+        )
         assert none.miss.shape == (folds, 3)
         assert ours.overall < 0.8 * none.overall
-    assert "unseen blocks of the same runs" in " ".join(sentences(calibration))
+    assert "unseen blocks of the same runs" in " ".join(
+        describe_calibration(calibration)
+    )
 
 
 def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     rows = few_runs().rows
-    schemes = {s.name: s for s in make_schemes(rows, np.random.default_rng(0))[0]}
+    schemes = {
+        s.name: s for s in build_validation_schemes(rows, np.random.default_rng(0))[0]
+    }
     fitted, held = list(schemes[BLOCK].split(rows))[1]
     between = np.flatnonzero(~held & ~fitted)
     width = GUARD * rows.rates[0]
@@ -236,7 +265,7 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     inside = np.flatnonzero(held)
     apart = np.abs(between[:, None] - inside).min(axis=1)
     assert apart.max() <= width + 1
-    runs = [Run(log) for log in logs(3, noise=0.5, duration=8.0)]
+    runs = [CalibrationRun(log) for log in logs(3, noise=0.5, duration=8.0)]
     begin, end = (int(250 * s) for s in (2.6, 3.7))
     tau = runs[0].log.tau.copy()
     tau[begin:end] *= 5
@@ -247,29 +276,29 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
             [replace(runs[0], log=replace(runs[0].log, tau=tau)), *runs[1:]],
         )
     ]
-    start, end = prepared[0].blocks.cuts[0][:2]
+    start, end = prepared[0].blocks.cut_times[0][:2]
     assert start < 2.5
     assert end > 3.8
-    first, second = (identified_without(p, {1}).coefficients() for p in prepared)
+    first, second = (identify_without_blocks(p, {1}).coefficients() for p in prepared)
     np.testing.assert_allclose(first, second, rtol=0.02, atol=0.02)
-    spoiled = identified_without(prepared[1]).coefficients()
+    spoiled = identify_without_blocks(prepared[1]).coefficients()
     assert np.abs(spoiled - first).max() > 10 * np.abs(second - first).max()
 
 
 def test_a_single_log_is_cut_into_parts():
     (log,) = logs(1, noise=0.3, duration=9.0)
-    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), views=False)
+    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), with_figures=False)
     calibration = calibrate(
-        truth().robot, [Run(log)], replace(settings, schemes=(RUN,))
+        truth().robot, [CalibrationRun(log)], replace(settings, schemes=(RUN,))
     )
     assert calibration.rows.labels[0] == "log0 part 1"
     assert "cut into parts" in calibration.notes[0]
-    assert find(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
-    assert len(cut_single([Run(log)] * 2)) == 2
+    assert find_model_score(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
+    assert len(cut_single_run([CalibrationRun(log)] * 2)) == 2
 
 
 def test_a_joint_that_moves_in_one_run_alone_is_refused_by_name():
-    runs = [Run(log) for log in logs(3, duration=6.0)]
+    runs = [CalibrationRun(log) for log in logs(3, duration=6.0)]
     still = [
         replace(run, log=replace(run.log, q_ref=run.log.q * [1, number == 1, 1]))
         for number, run in enumerate(runs)
@@ -284,10 +313,10 @@ def test_of_long_logs_one_row_in_some_is_taken_with_the_error_of_its_next_sample
 ):
     runs = paper_runs()
     monkeypatch.setattr(cut, "MOST", 0.4 * sum(run.log.duration for run in runs))
-    thin, (note,) = thinning(runs)
+    thin, (note,) = choose_thinning_factor(runs)
     assert thin == 3
     assert "one row in 3" in note
-    every, some = paper_rows(runs), paper_rows(runs, None, thin)
+    every, some = build_paper_rows(runs), build_paper_rows(runs, None, thin)
     for name in ("X", "Y", "tau"):
         own = [getattr(rows, name)[rows.run == 1] for rows in (every, some)]
         np.testing.assert_array_equal(own[0][::3], own[1])

@@ -5,10 +5,10 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.calibration.calibrate import corrected_model
-from residual.calibration.rows import MEASURED, PAPER, state_names
-from residual.export.export import excitation
-from residual.model.lookup import NEAREST, NONE, Axis, Lookup, LookupTable
+from residual.calibration.calibrate import build_corrected_model
+from residual.calibration.calibration_rows import MEASURED, PAPER, name_state_columns
+from residual.export.model_export import build_reference_motion
+from residual.model.lookup import NEAREST, NONE, LevelAxis, Lookup, LookupTable
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)
@@ -16,7 +16,7 @@ JOINTS = (1, 2, 3, 4, 5, 6)
 
 def _lookup(rng) -> Lookup:
     """Tables of a speed, of a pair, and of speed and load; of joint 2 there is none."""
-    names = (*state_names(JOINTS), *(f"tau{j}" for j in JOINTS))
+    names = (*name_state_columns(JOINTS), *(f"tau{j}" for j in JOINTS))
     axes = [(6, 0.3), (1, 0.2), (8, 0.3), (20, 9.0)]
     values = [rng.normal(size=(5, 6)), rng.normal(size=(5, 5, 6))]
     values.append(rng.normal(size=(5, 5, 6)))
@@ -27,7 +27,9 @@ def _lookup(rng) -> Lookup:
     return Lookup(
         names,
         tuple(f"joint {j}" for j in JOINTS),
-        tuple(Axis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes),
+        tuple(
+            LevelAxis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes
+        ),
         tuple(
             LookupTable(a, v)
             for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)
@@ -50,19 +52,19 @@ def _model(*more):
 
 
 def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_level():
-    model, motion = _model(), excitation(robot_of("irb140"))
+    model, motion = _model(), build_reference_motion(robot_of("irb140"))
     calibration = _calibration(nominal=model)
     own = model.along(motion.t, motion.parts)
     X = np.hstack([*motion.parts, own])
     assert (X < -1).any()  # beyond the range of the tables
     want = own + calibration.lookup.predict(X)
-    source = corrected_model(calibration)
+    source = build_corrected_model(calibration)
     assert {t.beyond for t in source.tables} == {NEAREST}
     np.testing.assert_allclose(source.along(motion.t, motion.parts), want, atol=1e-11)
 
 
 def test_a_joint_without_a_table_says_so():
-    source = corrected_model(_calibration(nominal=_model()))
+    source = build_corrected_model(_calibration(nominal=_model()))
     assert [t.kind == NONE for t in source.tables] == [j == 2 for j in JOINTS]
 
 
@@ -76,4 +78,4 @@ def test_a_joint_without_a_table_says_so():
     ids=["a twin", "no model", "a torque as reported"],
 )
 def test_tables_that_correct_something_else_make_no_model(made):
-    assert corrected_model(made) is None
+    assert build_corrected_model(made) is None

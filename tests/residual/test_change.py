@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from sim.engine.records import Hidden
-from sim.plant.sizes import scatter
+from sim.engine.plant_records import SyntheticEffect
+from sim.plant.typical_sizes import scatter_inertias
 from tests.residual.arms import arm, diagnose_case, names, short_case
 
 ROUGH = 0.2
@@ -19,7 +19,7 @@ ROUGH = 0.2
 
 def changed(*hidden, seed):
     case = short_case(arm(), *hidden, seed=seed, baseline=True)
-    model = scatter(case.robot.model, ROUGH, np.random.default_rng(seed))
+    model = scatter_inertias(case.robot.model, ROUGH, np.random.default_rng(seed))
     robot = replace(case.robot, model=model)
     return {
         (f.name, f.joints): next(iter(f.parameters.values())).value
@@ -35,7 +35,7 @@ def changed(*hidden, seed):
     ],
 )
 def test_a_change_is_named_with_its_size(name, joint, values):
-    changes = changed(Hidden(name, (joint,), values), seed=60)
+    changes = changed(SyntheticEffect(name, (joint,), values), seed=60)
     assert list(changes) == [(name, (joint,))]
     first = next(iter(values.values()))
     assert changes[name, (joint,)] == pytest.approx(first, rel=0.1)
@@ -48,11 +48,11 @@ def test_where_nothing_has_changed_nothing_is_named():
 @pytest.fixture(scope="module")
 def adopted():
     """An arm with a spring that its diagnosis found; and logs of it now."""
-    spring = Hidden("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
+    spring = SyntheticEffect("spring", (1,), {"stiffness": 20.0, "rest": 0.2})
     before = short_case(arm(), spring, seed=63, baseline=False)
     diagnosis = diagnose_case(before)
     assert names(diagnosis.verdict) == [("spring", (1,))]
-    grown = Hidden("coulomb", (2,), {"level": 3.0})
+    grown = SyntheticEffect("coulomb", (2,), {"level": 3.0})
     now = short_case(arm(), spring, grown, seed=63, baseline=False)
     return diagnosis.adoptable, before, now
 

@@ -1,6 +1,6 @@
 """What the logs say of a value alone, and sets of effects that are as good."""
 
-from residual.diagnosis.select import best_set, rivals
+from residual.diagnosis.select import find_rival_sets, improve_set
 from tests.residual.linear import GEAR, LINE, OTHER, PLANE, Problem
 
 
@@ -25,7 +25,7 @@ def test_two_names_give_way_to_the_one_that_does_what_both_do(rng):
     by_name = {(g.effect.name, g.joints): g for g in groups}
     wrong = [by_name["other", (0,)], by_name["line", (0,)], by_name["plane", (0,)]]
     start = task.settle(task.fit(wrong, task.start()))
-    best = best_set(task, start)
+    best = improve_set(task, start)
     assert places(best) == [("plane", (0,))]
 
 
@@ -36,7 +36,7 @@ def test_one_name_gives_way_to_the_two_that_are_there(rng):
     task = problem.task(groups)
     gear = next(g for g in groups if g.effect is GEAR)
     start = task.settle(task.fit([gear], task.start()))
-    assert places(best_set(task, start)) == [("line", (0,)), ("other", (0,))]
+    assert places(improve_set(task, start)) == [("line", (0,)), ("other", (0,))]
 
 
 def test_sets_as_good_are_listed_and_far_ones_are_not(rng):
@@ -47,7 +47,7 @@ def test_sets_as_good_are_listed_and_far_ones_are_not(rng):
     groups = task.candidates.groups
     named = [g for g in groups if (g.effect.name, g.joints) in wanted]
     fitted = task.settle(task.fit(named, task.start()))
-    others = rivals(task, fitted, ())
+    others = find_rival_sets(task, fitted, ())
     assert all(r.nats > -6 for r in others)
     sets = [places(r) for r in others]
     # The plane holds the speed as well; a line of joint 1 holds nothing of joint 2.

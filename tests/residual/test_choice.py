@@ -5,19 +5,19 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.calibration.choice import (
+from residual.calibration.correction_choice import (
     LEAST_SQUARES,
     MAIN,
     PAIRS,
     PLSR,
-    Option,
-    Training,
-    candidates,
-    chosen_tables,
-    fit_forms,
+    CorrectionOption,
+    TrainingRows,
+    fit_all_corrections,
+    fit_chosen_tables,
+    list_correction_options,
 )
-from residual.calibration.effects import ROWS, make_tables
-from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls, fit_pls
+from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls, fit_pls
+from residual.calibration.table_regression import ROWS, choose_table_levels
 from residual.errors import InputError
 from residual.model.lookup import NONE
 from tests.residual.motion_blocks import NAMES, motion
@@ -27,14 +27,14 @@ SPEEDS = (3, 4, 5)
 
 
 def training(X, Y, load, moving=None):
-    tables = make_tables(X, load, SPEEDS[: Y.shape[1]], ALL[: 9 + Y.shape[1]])
+    tables = choose_table_levels(X, load, SPEEDS[: Y.shape[1]], ALL[: 9 + Y.shape[1]])
     second = np.arange(len(X)) // 20
     Z = tables.encode(X, load)
-    return Training(X, Y, load + Y, second, Z, moving), tables
+    return TrainingRows(X, Y, load + Y, second, Z, moving), tables
 
 
 def fitted(X, Y, load):
-    return fit_forms(*training(X, Y, load))
+    return fit_all_corrections(*training(X, Y, load))
 
 
 def carried(X, Y):
@@ -45,7 +45,7 @@ def carried(X, Y):
 
 def chosen(X, Y, load, run):
     data, tables = training(X, Y, load)
-    return chosen_tables(data, run, tables)
+    return fit_chosen_tables(data, run, tables)
 
 
 def unseen(X, Y, load, run):
@@ -66,7 +66,7 @@ def test_friction_is_learnt_for_unseen_runs_where_the_paper_form_fails(rng):
     left = 0.0
     for one in range(4):
         out = run == one
-        model = fit_nominal_pls(X[~out], Y[~out], NominalForm(22, 8))
+        model = fit_nominal_pls(X[~out], Y[~out], NominalPlsForm(22, 8))
         left = left + ((Y[out] - model.predict(X[out])) ** 2).sum(axis=0)
     assert (ours < 0.5 * np.sqrt(left / (Y**2).sum(axis=0))).all()
     _, options = chosen(X, Y, torque, run)
@@ -110,11 +110,13 @@ def test_tables_solve_the_ridge_equations(rng, kind):
     X, Y, _, _ = motion(rng, runs=1, rows=400)
     load, Y = carried(X, Y)
     data, tables = training(X, Y, load)
-    forecasts = fit_forms(data, tables).forecasts(data, [Option(kind, 200.0)])[0]
-    Z, count = data.Z.toarray(), len(tables.single)
+    forecasts = fit_all_corrections(data, tables).forecasts(
+        data, [CorrectionOption(kind, 200.0)]
+    )[0]
+    Z, count = data.Z.toarray(), len(tables.state_penalty)
     for j in range(3):
         own = list(range(count))
-        penalty = tables.single
+        penalty = tables.state_penalty
         if kind == PAIRS:
             own += range(*tables.starts[9 + j : 11 + j])
             more = tables.paired[j]
@@ -134,8 +136,12 @@ def test_a_look_up_says_what_the_fits_behind_it_say(rng):
     X, Y, _, _ = motion(rng, runs=2, rows=300)
     load, Y = carried(X, Y)
     data, tables = training(X, Y, load)
-    fits = fit_forms(data, tables)
-    options = (Option(PAIRS, 20.0), Option(PLSR, count=2), Option(MAIN, 200.0))
+    fits = fit_all_corrections(data, tables)
+    options = (
+        CorrectionOption(PAIRS, 20.0),
+        CorrectionOption(PLSR, count=2),
+        CorrectionOption(MAIN, 200.0),
+    )
     each = fits.forecasts(data, options)
     lookup = fits.lookup(options)
     expected = np.stack([each[j][:, j] for j in range(3)], axis=1)
@@ -152,12 +158,12 @@ def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance(rng):
     for Y in (line, friction, rng.normal(size=friction.shape)):
         Y = Y + 0.5 * rng.normal(size=Y.shape)
         data, tables = training(X, Y, torque)
-        _, options = chosen_tables(data, run, tables)
-        every = candidates(9)
+        _, options = fit_chosen_tables(data, run, tables)
+        every = list_correction_options(9)
         left = np.zeros((len(every), 3))
         for one in range(4):
             out = run == one
-            fits, new = fit_forms(data.rows(~out), tables), data.rows(out)
+            fits, new = fit_all_corrections(data.rows(~out), tables), data.rows(out)
             left += ((new.Y - fits.forecasts(new, every)) ** 2).sum(axis=1)
         ours = np.array([left[every.index(o), j] for j, o in enumerate(options)])
         simple = [i for i, o in enumerate(every) if o.ridge is None]
@@ -178,7 +184,7 @@ def test_what_is_left_at_standstill_alone_is_no_table(rng):
     assert NONE not in {o.kind for o in options}
     data, tables = training(X, Y, torque, moving)
     taught = replace(data.with_fitted_standstill(), moving=moving)
-    _, options = chosen_tables(taught, run, tables)
+    _, options = fit_chosen_tables(taught, run, tables)
     assert [o.kind for o in options] == [NONE] * 3
 
 
@@ -191,4 +197,4 @@ def test_what_is_left_at_standstill_alone_is_no_table(rng):
 )
 def test_bad_input_is_refused(X, message):
     with pytest.raises(InputError, match=message):
-        make_tables(X, np.ones((9, 3)), SPEEDS, ALL)
+        choose_table_levels(X, np.ones((9, 3)), SPEEDS, ALL)

@@ -5,11 +5,16 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.model.compare import Errors, compare, moving_error, prepare_held_out
+from residual.model.compare import (
+    ErrorSums,
+    compute_model_errors,
+    compute_moving_error,
+    prepare_held_out,
+)
 from residual.model.model import Model
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.signals.splitting import hold_out_end, session_clock
-from residual.signals.track import Filters
+from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
+from residual.signals.splitting import find_session_start, split_off_last_quarter
+from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, recording, smooth_motion
 
 
@@ -22,7 +27,7 @@ def log(start, end, label="log", rate=100):
 def test_errors_are_relative_norms_per_joint_and_over_all():
     miss = {"raw": np.array([9.0, 16.0])}
     power = {"raw": np.array([100.0, 400.0])}
-    errors = Errors(miss, power)
+    errors = ErrorSums(miss, power)
     np.testing.assert_allclose(errors.per_joint("raw"), [30.0, 20.0])
     assert errors.overall("raw") == pytest.approx(100 * np.sqrt(25 / 500))
 
@@ -31,18 +36,20 @@ def test_errors_are_relative_norms_per_joint_and_over_all():
 def proof():
     """Two logs whose measured torque is the model's, 10 % larger on joint 2."""
     robot = arm()
-    model = Model(robot, inertial_parameters(robot.model), (), np.full(2, 0.01))
+    model = Model(robot, read_inertial_parameters(robot.model), (), np.full(2, 0.01))
     logs = []
     for k in range(2):
         t = 50.0 * k + np.arange(1000) / 250
         q, qd, qdd = smooth_motion(robot, t)
-        tau = inverse_dynamics(robot.model, q, qd, qdd) * [1.0, 1.1]
+        tau = compute_inverse_dynamics(robot.model, q, qd, qdd) * [1.0, 1.1]
         logs.append(recording(t, q, tau, f"log{k}"))
     return model, logs
 
 
 def errors_of(model, logs):
-    return compare({"it": model}, prepare_held_out(logs, model), Filters())[0]["it"]
+    return compute_model_errors(
+        {"it": model}, prepare_held_out(logs, model), FilterSettings()
+    )[0]["it"]
 
 
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
@@ -80,14 +87,14 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
 def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     model, logs = proof
     seen = prepare_held_out(logs, model)
-    errors, curves = compare({"it": model}, seen, Filters())
+    errors, curves = compute_model_errors({"it": model}, seen, FilterSettings())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
     np.testing.assert_allclose(miss, errors["it"].miss["filtered"])
     moving = sum(
         (((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves
     )
     np.testing.assert_allclose(moving, errors["it"].miss["moving"])
-    np.testing.assert_allclose(moving_error(model, seen).sum(axis=0), moving)
+    np.testing.assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
     assert [c.id for c in curves] == ["log0", "log1"]
     for c in curves:
         assert c.t.shape == (len(c.tau),)
@@ -96,7 +103,7 @@ def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
 
 def test_the_last_quarter_of_the_longest_log_is_held_out():
     short, long = log(0, 6, "A"), log(10, 30, "B")
-    fit, held_out = hold_out_end([short, long])
+    fit, held_out = split_off_last_quarter([short, long])
     (tail,) = held_out
     assert fit[0] is short
     assert fit[1].id == "B"
@@ -119,4 +126,4 @@ def test_the_last_quarter_of_the_longest_log_is_held_out():
 )
 def test_a_session_has_a_clock_where_the_times_show_the_order_of_its_logs(spans, clock):
     logs = [log(a, b, str(i)) for i, (a, b) in enumerate(spans)]
-    assert session_clock(logs) == clock
+    assert find_session_start(logs) == clock

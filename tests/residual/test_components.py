@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
+from residual.calibration.figure_data import fit_pca
 from residual.calibration.nominal_pls import fit_pls
-from residual.calibration.views import fit_pca
 from residual.errors import InputError
 from residual.signals.filters import randomise_phases
 
@@ -71,7 +71,7 @@ def test_other_columns_and_names_than_fitted_are_refused():
 
 def test_components_are_eigenvectors_of_the_correlations(rng):
     X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
-    pca, C = fit_pca(X, rng, draws=20), np.corrcoef(X.T)
+    pca, C = fit_pca(X, rng, surrogate_count=20), np.corrcoef(X.T)
     np.testing.assert_allclose(pca.eigenvalues, np.linalg.eigvalsh(C)[::-1], atol=1e-10)
     np.testing.assert_allclose(
         C @ pca.loadings, pca.loadings * pca.eigenvalues, atol=1e-10
@@ -103,7 +103,7 @@ def test_slow_signals_of_no_relation_have_no_component():
         for _ in range(6)
     ]
     X = np.stack(waves, axis=1)
-    pca = fit_pca(X, np.random.default_rng(0), draws=60)
+    pca = fit_pca(X, np.random.default_rng(0), surrogate_count=60)
     assert pca.real == 0
     # Of independent rows the limit is not far above one.
     assert pca.limit[0] > 1.5
@@ -113,8 +113,8 @@ def test_a_common_signal_is_one_component_and_white_noise_none(rng):
     noise = rng.normal(size=(500, 5))
     common = noise + 2 * rng.normal(size=(500, 1))
     run = np.repeat([0, 1], 250)
-    assert fit_pca(noise, rng, run=run, draws=60).real == 0
-    assert fit_pca(common, rng, run=run, draws=60).real == 1
+    assert fit_pca(noise, rng, run_of_row=run, surrogate_count=60).real == 0
+    assert fit_pca(common, rng, run_of_row=run, surrogate_count=60).real == 1
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,14 @@ import pinocchio as pin
 import pytest
 
 from residual.errors import InputError
-from residual.identification.identify import consistent, identify
-from residual.model.bodies import least_eigenvalues, pseudo_inertias
-from residual.model.dynamics import least_mass_matrix
-from residual.model.nominal import prepare_logs, start_nominal
-from residual.model.record import robot_files
+from residual.identification.identify import find_consistent_parameters, identify
+from residual.model.bodies import build_pseudo_inertias, compute_link_eigenvalues
+from residual.model.dynamics import find_least_mass_eigenvalue
+from residual.model.model_files import build_robot_folder
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot import dynamics
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 from tests.residual.identified import logs, truth
 
 EFFECTS = ("viscous", "coulomb", "rotor_inertia")
@@ -27,13 +27,13 @@ def identification():
 
 @pytest.fixture(scope="module")
 def bodies(identification):
-    return consistent(identification)
+    return find_consistent_parameters(identification)
 
 
 def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
     identification, bodies
 ):
-    assert least_eigenvalues(identification.model).min() < 0
+    assert compute_link_eigenvalues(identification.model).min() < 0
     assert bodies.least_eigenvalue.min() > 0
     assert np.all(bodies.model.inertial[::10] > 0)
     for body in bodies.model.inertial.reshape(-1, 10):
@@ -62,7 +62,7 @@ def test_consistent_bodies_have_a_positive_mass_matrix_and_friction_that_does_no
 def test_consistent_logs_need_no_price():
     """Without noise the truth is consistent, so the two fits agree."""
     clean = identify(truth().robot, logs())
-    consistent_fit = consistent(clean)
+    consistent_fit = find_consistent_parameters(clean)
     np.testing.assert_allclose(
         consistent_fit.misfit[1], consistent_fit.misfit[0], rtol=0.05, atol=1e-3
     )
@@ -76,7 +76,7 @@ def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
         body += pin.Inertia(m, p, np.zeros((3, 3)))
     homogeneous = np.column_stack([points, np.ones(6)])
     wanted = (homogeneous * masses[:, None]).T @ homogeneous
-    pseudo = pseudo_inertias(np.array(body.toDynamicParameters()))[0]
+    pseudo = build_pseudo_inertias(np.array(body.toDynamicParameters()))[0]
     np.testing.assert_allclose(pseudo, wanted, atol=1e-12)
 
 
@@ -84,22 +84,27 @@ def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(identifi
     wrong = identification.model.inertial.copy()
     wrong[20] = -5.0
     assert (
-        least_mass_matrix(replace(identification.model, inertial=wrong), poses=200) < 0
+        find_least_mass_eigenvalue(
+            replace(identification.model, inertial=wrong), poses=200
+        )
+        < 0
     )
     wrong = identification.model.inertial.copy()
     wrong[10] = -0.1
     with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
-        robot_files(replace(identification.model, inertial=wrong))
+        build_robot_folder(replace(identification.model, inertial=wrong))
     with pytest.raises(InputError, match="expected a positive number"):
-        consistent(identification, 0.0)
+        find_consistent_parameters(identification, 0.0)
 
 
 def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):
     model = bodies.model
-    for name, content in robot_files(model, "a test").items():
+    for name, content in build_robot_folder(model, "a test").items():
         (tmp_path / name).write_bytes(content)
     robot = load_robot(tmp_path)
-    again = start_nominal(prepare_logs(robot, logs(1), None, Filters()), EFFECTS).model
+    again = build_free_nominal(
+        prepare_fit_logs(robot, logs(1), None, FilterSettings()), EFFECTS
+    ).model
     again = replace(again, speed_floor=model.speed_floor, standstill=model.standstill)
     new = logs(1, seed=9)[0]
     np.testing.assert_allclose(
@@ -112,12 +117,14 @@ def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
     log = logs(1)[0]
     twice = np.column_stack([log.q, log.q])
     six = [replace(log, q=twice, tau=twice)]
-    model = start_nominal(prepare_logs(robot, six, None, Filters()), EFFECTS).model
-    for name, content in robot_files(model).items():
+    model = build_free_nominal(
+        prepare_fit_logs(robot, six, None, FilterSettings()), EFFECTS
+    ).model
+    for name, content in build_robot_folder(model).items():
         (tmp_path / name).write_bytes(content)
     again = load_robot(tmp_path)
     np.testing.assert_allclose(
-        dynamics.inertial_parameters(again.model), model.inertial, atol=1e-12
+        dynamics.read_inertial_parameters(again.model), model.inertial, atol=1e-12
     )
     assert again.name == "irb140"
     assert dict(again.declared).keys() == set(EFFECTS)

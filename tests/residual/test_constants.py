@@ -7,7 +7,7 @@ import pytest
 
 from residual.diagnosis import doubts
 from residual.diagnosis.diagnose import diagnose
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, names, short_case
 
 TORQUE = (1.5, -2.0)
@@ -19,7 +19,7 @@ def _with_constants(logs):
 
 @pytest.mark.parametrize(
     "hidden",
-    [None, Hidden("quadratic_viscous", (1,), {"coefficient": 4.0})],
+    [None, SyntheticEffect("quadratic_viscous", (1,), {"coefficient": 4.0})],
     ids=["alone", "beside friction"],
 )
 def test_they_are_one_finding_with_their_values_beside_another_effect(hidden):

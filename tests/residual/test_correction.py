@@ -3,13 +3,17 @@
 import numpy as np
 import pytest
 
-from residual.diagnosis.outcome import examine
-from residual.diagnosis.unexplained import fit_correction, joint_leftovers
+from residual.diagnosis.outcome import search_effects
+from residual.diagnosis.unexplained import analyze_joint_remainders, fit_correction
 from residual.evidence.thresholds import EvidenceThresholds
-from residual.model.compare import compare, prepare_held_out
-from residual.model.nominal import DEFAULT_DECLARED, prepare_logs, start_nominal
-from residual.signals.splitting import session_clock
-from residual.signals.track import Filters
+from residual.model.compare import compute_model_errors, prepare_held_out
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    build_free_nominal,
+    prepare_fit_logs,
+)
+from residual.signals.splitting import find_session_start
+from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs, quiet
 
 
@@ -27,18 +31,20 @@ def stopped(count=6):
 def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw():
     every = stopped()
     fit, held = every[:4], every[4:]
-    logs = prepare_logs(arm(), fit, session_clock(every), Filters())
-    nominal = start_nominal(logs, DEFAULT_DECLARED)
-    outcome = examine(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
+    logs = prepare_fit_logs(arm(), fit, find_session_start(every), FilterSettings())
+    nominal = build_free_nominal(logs, DEFAULT_DECLARED)
+    outcome = search_effects(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
     design = outcome.task.design
-    left = joint_leftovers(design, logs.tracks, outcome.fit, outcome.adequacy)
+    left = analyze_joint_remainders(design, logs.tracks, outcome.fit, outcome.adequacy)
     model = outcome.model(outcome.fit).model
     tables = fit_correction(model, logs.tracks, left)
     models = {"augmented": model, "plsr": tables}
-    errors, _ = compare(models, prepare_held_out(held, nominal.model), logs.filters)
+    errors, _ = compute_model_errors(
+        models, prepare_held_out(held, nominal.model), logs.filters
+    )
     errors = {k: e.per_joint("filtered") for k, e in errors.items()}
     assert [one.joint for one in left] == [1]
     assert (left[0].curves[0].variable.on, left[0].kind) == ("q", "repeatable")
-    assert tables.helpless == ()
+    assert tables.uncorrected_joints == ()
     assert errors["plsr"][1] < 0.6 * errors["augmented"][1]
     assert errors["plsr"][0] == pytest.approx(errors["augmented"][0])

@@ -4,12 +4,12 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sklearn.model_selection import KFold, LeaveOneGroupOut
 
-from residual.calibration.scores import (
-    fold_sums,
-    leave_one_out,
-    random_blocks,
-    relative_error,
-    systematic,
+from residual.calibration.validation_scores import (
+    build_label_folds,
+    build_sequential_folds,
+    compute_relative_error,
+    draw_random_folds,
+    sum_by_fold,
 )
 from residual.errors import InputError
 
@@ -20,27 +20,30 @@ def test_every_row_is_held_out_once_in_folds_of_equal_size(rows, blocks, seed):
     if blocks > rows:
         blocks = rows
     rng = np.random.default_rng(seed)
-    for folds in (systematic(rows, blocks), random_blocks(rows, rng, blocks)):
+    for folds in (
+        build_sequential_folds(rows, blocks),
+        draw_random_folds(rows, rng, blocks),
+    ):
         sizes = np.bincount(folds.of_row, minlength=folds.count)
         assert folds.count == len(folds.names) == blocks
         assert np.ptp(sizes) <= 1
-    assert (np.diff(systematic(rows, blocks).of_row) >= 0).all()
+    assert (np.diff(build_sequential_folds(rows, blocks).of_row) >= 0).all()
 
 
 def test_errors_are_relative_to_torque_pooled():
     torque = np.array([[3.0], [3], [3], [6], [6], [6]])
-    power = fold_sums(torque**2, systematic(6, 2))
+    power = sum_by_fold(torque**2, build_sequential_folds(6, 2))
     np.testing.assert_allclose(power, [[27], [108]])
-    pooled = relative_error(np.array([54.0]), power.sum(axis=0))
+    pooled = compute_relative_error(np.array([54.0]), power.sum(axis=0))
     assert pooled[0] == pytest.approx(100 * np.sqrt(54 / (27 + 108)))
-    assert np.isnan(relative_error(np.ones(1), np.zeros(1))).all()
+    assert np.isnan(compute_relative_error(np.ones(1), np.zeros(1))).all()
 
 
 def test_runs_and_equal_blocks_are_those_of_scikit_learn(rng):
     labels = rng.integers(0, 5, 60)
     parts = [
-        (leave_one_out(labels), LeaveOneGroupOut().split(labels, groups=labels)),
-        (systematic(60, 12), KFold(12).split(labels)),
+        (build_label_folds(labels), LeaveOneGroupOut().split(labels, groups=labels)),
+        (build_sequential_folds(60, 12), KFold(12).split(labels)),
     ]
     for folds, split in parts:
         of_row = np.empty(60, int)
@@ -52,10 +55,19 @@ def test_runs_and_equal_blocks_are_those_of_scikit_learn(rng):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: systematic(10), "blocks must be 2 to 10, got 20.*There are 10 rows"),
-        (lambda: systematic(10, 1), "blocks must be 2 to 10, got 1"),
-        (lambda: random_blocks(5, np.random.default_rng(0)), "blocks must be 2 to 5"),
-        (lambda: leave_one_out(np.zeros(5)), "different runs must be 2 to 5, got 1"),
+        (
+            lambda: build_sequential_folds(10),
+            "blocks must be 2 to 10, got 20.*There are 10 rows",
+        ),
+        (lambda: build_sequential_folds(10, 1), "blocks must be 2 to 10, got 1"),
+        (
+            lambda: draw_random_folds(5, np.random.default_rng(0)),
+            "blocks must be 2 to 5",
+        ),
+        (
+            lambda: build_label_folds(np.zeros(5)),
+            "different runs must be 2 to 5, got 1",
+        ),
     ],
 )
 def test_bad_schemes_are_refused(call, message):

@@ -5,8 +5,13 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from residual.diagnosis.findings import standard_deviations
-from residual.effects.base import Effect, Refinement, Trait, local
+from residual.diagnosis.findings import estimate_uncertainties
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    ShapeRefinement,
+    build_joint_columns,
+)
 from tests.residual.arms import arm
 from tests.residual.linear import LINE, Problem, build
 
@@ -15,15 +20,20 @@ FADE = Effect(
     "fade",
     "fades with speed, as one of two textbooks has it",
     {"level": "1", "speed": "1", "exponent": "1"},
-    local(lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]),
+    build_joint_columns(
+        lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]
+    ),
     values=lambda theta, shape, robot: np.array([theta[0], *shape]),
     shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
-    refine=Refinement("ratio", 0.6),
+    refine=ShapeRefinement("ratio", 0.6),
 )
 READS = Effect(
-    "reads", "reads the model", {"a": "1"}, local(lambda s, j, x: [s.tau_model[:, j]])
+    "reads",
+    "reads the model",
+    {"a": "1"},
+    build_joint_columns(lambda s, j, x: [s.tau_model[:, j]]),
 )
-READS = replace(READS, traits=Trait.USES_MODEL | Trait.GROUPABLE)
+READS = replace(READS, traits=EffectTrait.USES_MODEL | EffectTrait.GROUPABLE)
 
 
 def deviation(problem, shape):
@@ -36,7 +46,7 @@ def deviation(problem, shape):
     diagnosis = SimpleNamespace(task=task, logs=logs, wide=task.prior)
     theta = fitted.of(group)
     exact = {group: (theta, np.zeros((len(theta), len(theta))))}
-    (sd,) = standard_deviations(diagnosis, fitted, exact).values()
+    (sd,) = estimate_uncertainties(diagnosis, fitted, exact).values()
     return theta[0], sd.std, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
 
 

@@ -5,12 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.model.compare import rises
+from residual.model.compare import compute_joint_error_rises
 from residual.verdict.result import Splits
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, diagnose_case, names, short_case
 
-OFFSET = Hidden("offset", (1,), {"torque": 4.0})
+OFFSET = SyntheticEffect("offset", (1,), {"torque": 4.0})
 
 
 def seconds(*sizes):
@@ -31,7 +31,9 @@ def seconds(*sizes):
     ],
 )
 def test_an_error_rises_where_it_does_beyond_chance(before, after, power, expected):
-    rise = rises(seconds(*after), seconds(*before), np.array([power]))
+    rise = compute_joint_error_rises(
+        seconds(*after), seconds(*before), np.array([power])
+    )
     assert rise == pytest.approx([expected], abs=1e-3)
 
 

@@ -5,7 +5,7 @@ from functools import cache
 import pytest
 
 from benchmarks.synthetic.quasi_static import Plant, true_friction
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
 
 FOUR = (Z, Y, Y, Z)
@@ -20,8 +20,8 @@ def friction_verdict(factors, seed):
         coulomb = (factor - 1) * there.coulomb[j - 1]
         viscous = (factor - 1) * there.viscous[j - 1]
         changed += [
-            Hidden("coulomb", (j,), {"level": coulomb}),
-            Hidden("viscous", (j,), {"coefficient": viscous}),
+            SyntheticEffect("coulomb", (j,), {"level": coulomb}),
+            SyntheticEffect("viscous", (j,), {"coefficient": viscous}),
         ]
     hidden = [h for h in changed if any(h.parameters.values())]
     case = short_case(robot, *hidden, seed=seed, baseline=True, duration=8.0)

@@ -22,10 +22,10 @@ def test_any_parameters_can_be_put_into_a_model(seed):
     """Also those that no body can have, such as a negative mass."""
     q, qd, qdd = states(seed)
     parameters = np.random.default_rng(seed).normal(size=60)
-    model = dynamics.with_inertial_parameters(MODEL, parameters)
+    model = dynamics.replace_inertial_parameters(MODEL, parameters)
     np.testing.assert_allclose(
-        dynamics.inverse_dynamics(model, q, qd, qdd),
-        dynamics.regressor(MODEL, q, qd, qdd) @ parameters,
+        dynamics.compute_inverse_dynamics(model, q, qd, qdd),
+        dynamics.compute_inertial_regressor(MODEL, q, qd, qdd) @ parameters,
         atol=1e-6,
     )
 
@@ -33,7 +33,7 @@ def test_any_parameters_can_be_put_into_a_model(seed):
 @settings(max_examples=20, deadline=None)
 @given(seeds)
 def test_mass_matrix_is_symmetric_and_positive_definite(seed):
-    for matrix in dynamics.mass_matrix(MODEL, states(seed)[0]):
+    for matrix in dynamics.compute_mass_matrix(MODEL, states(seed)[0]):
         np.testing.assert_array_equal(matrix, matrix.T)
         assert np.linalg.eigvalsh(matrix).min() > 0
 
@@ -48,12 +48,14 @@ def test_torque_power_is_the_rate_of_kinetic_energy_plus_gravity_power(seed):
     def energy(sign):
         speed = qd + sign * step * qdd
         place = q + sign * step * qd + 0.5 * step**2 * qdd
-        matrix = dynamics.mass_matrix(MODEL, place)
+        matrix = dynamics.compute_mass_matrix(MODEL, place)
         return 0.5 * np.einsum("ni,nij,nj->n", speed, matrix, speed)
 
     rate = (energy(1) - energy(-1)) / (2 * step)
-    gravity = dynamics.gravity_torque(MODEL, q, MODEL.gravity.linear)
-    power = np.sum(qd * (dynamics.inverse_dynamics(MODEL, q, qd, qdd) - gravity), 1)
+    gravity = dynamics.compute_gravity_torque(MODEL, q, MODEL.gravity.linear)
+    power = np.sum(
+        qd * (dynamics.compute_inverse_dynamics(MODEL, q, qd, qdd) - gravity), 1
+    )
     np.testing.assert_allclose(power, rate, rtol=1e-5, atol=1e-4)
 
 
@@ -61,10 +63,10 @@ def test_torque_power_is_the_rate_of_kinetic_energy_plus_gravity_power(seed):
 @given(seeds)
 def test_torque_is_mass_times_acceleration_plus_what_is_left_without(seed):
     q, qd, qdd = states(seed)
-    rest = dynamics.inverse_dynamics(MODEL, q, qd, 0 * qdd)
-    inertial = np.einsum("nij,nj->ni", dynamics.mass_matrix(MODEL, q), qdd)
+    rest = dynamics.compute_inverse_dynamics(MODEL, q, qd, 0 * qdd)
+    inertial = np.einsum("nij,nj->ni", dynamics.compute_mass_matrix(MODEL, q), qdd)
     np.testing.assert_allclose(
-        dynamics.inverse_dynamics(MODEL, q, qd, qdd), inertial + rest, atol=1e-9
+        dynamics.compute_inverse_dynamics(MODEL, q, qd, qdd), inertial + rest, atol=1e-9
     )
 
 
@@ -72,11 +74,11 @@ def test_gravity_torque_is_linear_in_its_direction_and_leaves_the_model_alone():
     q = states(2)[0]
     before = np.array(MODEL.gravity.linear)
     along_x, along_z = (
-        dynamics.gravity_torque(MODEL, q, d) for d in ([1, 0, 0], [0, 0, -9.81])
+        dynamics.compute_gravity_torque(MODEL, q, d) for d in ([1, 0, 0], [0, 0, -9.81])
     )
-    both = dynamics.gravity_torque(MODEL, q, [2, 0, -9.81])
+    both = dynamics.compute_gravity_torque(MODEL, q, [2, 0, -9.81])
     np.testing.assert_allclose(both, 2 * along_x + along_z, atol=1e-9)
-    still = dynamics.inverse_dynamics(MODEL, q, 0 * q, 0 * q)
+    still = dynamics.compute_inverse_dynamics(MODEL, q, 0 * q, 0 * q)
     np.testing.assert_allclose(along_z, still, atol=1e-9)
     np.testing.assert_array_equal(MODEL.gravity.linear, before)
 
@@ -87,9 +89,9 @@ def test_flange_jacobian_is_the_derivative_of_the_flange_position():
 
     def place(sign):
         pin.framesForwardKinematics(MODEL, data, q[0] + sign * step * qd[0])
-        return data.oMf[dynamics.flange_frame(MODEL)].translation.copy()
+        return data.oMf[dynamics.find_flange_frame(MODEL)].translation.copy()
 
-    jacobian = dynamics.flange_jacobian(MODEL, q)
+    jacobian = dynamics.compute_flange_jacobian(MODEL, q)
     assert jacobian.shape == (1, 6, 6)
     speed = (place(1) - place(-1)) / (2 * step)
     np.testing.assert_allclose(jacobian[0, :3] @ qd[0], speed, atol=1e-6)

@@ -7,21 +7,21 @@ import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.evidence.design import Design
 from residual.model.model import Term
-from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
-from residual.verdict.edit import (
-    baseline_edits,
-    dense_fit,
-    edited,
-    errors_on,
-    set_back,
+from residual.signals.track import FilterSettings
+from residual.verdict.edit_test import (
+    fit_dense_model,
+    measure_errors,
+    remove_effects_from_model,
+    reset_effect_parameters,
+    run_edit_tests,
 )
 from residual.verdict.result import Edit, Place
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 
@@ -35,26 +35,30 @@ def world():
     ]
     loaded, bare = (
         make(Plant(robot, hidden, 3, scatter=0.0), tuple(plan), 3)
-        for hidden in ((Hidden("payload", (6,), LOAD),), ())
+        for hidden in ((SyntheticEffect("payload", (6,), LOAD),), ())
     )
-    logs = prepare_logs(robot, loaded, None, Filters())
-    nominal = start_nominal(logs, tuple(robot.declared)).model
-    numbers = [LOAD.get(key, 0.0) for key in registry()["payload"].parameters]
-    theta, shape = registry()["payload"].from_values(np.array(numbers), robot)
-    load = Term(registry()["payload"], (5,), shape, theta)
+    logs = prepare_fit_logs(robot, loaded, None, FilterSettings())
+    nominal = build_free_nominal(logs, tuple(robot.declared)).model
+    numbers = [LOAD.get(key, 0.0) for key in load_effects()["payload"].parameters]
+    theta, shape = load_effects()["payload"].from_values(np.array(numbers), robot)
+    load = Term(load_effects()["payload"], (5,), shape, theta)
     augmented = replace(nominal, terms=(*nominal.terms, load))
     models = {"nominal": nominal, "augmented": augmented}
-    return models | {"dense": dense_fit(Design(logs.tracks, nominal))}, loaded, bare
+    return (
+        models | {"dense": fit_dense_model(Design(logs.tracks, nominal))},
+        loaded,
+        bare,
+    )
 
 
 def _edit_on_the_arm_without(effect, models, logs) -> Edit:
     """Take an effect out of each model, and predict the arm that has all but it."""
     augmented, dense, nominal = (models[k] for k in ("augmented", "dense", "nominal"))
-    errors = errors_on(
+    errors = measure_errors(
         {
-            "edited": edited(augmented, [effect]),
+            "edited": remove_effects_from_model(augmented, [effect]),
             "kept": augmented,
-            "dense": set_back(dense, nominal, effect),
+            "dense": reset_effect_parameters(dense, nominal, effect),
             "oracle": models.get("oracle"),
         },
         logs,
@@ -64,10 +68,10 @@ def _edit_on_the_arm_without(effect, models, logs) -> Edit:
 
 def test_dense_least_squares_fits_as_well_and_fails_the_edit(world):
     models, loaded, bare = world
-    fitted = errors_on(models, loaded)
+    fitted = measure_errors(models, loaded)
     assert fitted["dense"] < 1.1 * fitted["augmented"]
     edit = _edit_on_the_arm_without(Place("payload", (6,)), models, bare)
-    assert edit.error < 1.1 * errors_on(models, bare)["nominal"]
+    assert edit.error < 1.1 * measure_errors(models, bare)["nominal"]
     assert edit.least_squares > 3 * edit.error
     assert edit.kept > 3 * edit.error
     assert edit.reference is None
@@ -75,11 +79,11 @@ def test_dense_least_squares_fits_as_well_and_fails_the_edit(world):
 
 def test_against_a_baseline_all_that_was_found_goes(world):
     models, _, bare = world
-    spring = Term(registry()["spring"], (1,), (), np.array([30.0, 0.0]))
+    spring = Term(load_effects()["spring"], (1,), (), np.array([30.0, 0.0]))
     wrong = replace(models["augmented"], terms=(*models["augmented"].terms, spring))
     named, background = [Place("payload", (6,))], [Place("spring", (2,))]
     pair = {"nominal": models["nominal"], "augmented": wrong}
-    (edit,) = baseline_edits(pair, models["dense"], named, background, bare)
+    (edit,) = run_edit_tests(pair, models["dense"], named, background, bare)
     assert edit.error == pytest.approx(edit.reference, rel=0.01)
     assert edit.least_squares > 3 * edit.error
     assert edit.kept > 3 * edit.error

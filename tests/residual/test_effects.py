@@ -11,13 +11,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from residual import effects
-from residual.effects import registry
-from residual.effects.base import Span, State, Trait
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait, MotionSpan, State
 from residual.model.model import Term
 from residual.robot import dynamics
 from tests.residual.arms import SEVEN, arm, bare_irb140
 
-NAMES = sorted(registry())
+NAMES = sorted(load_effects())
 
 
 ROUNDING = 1e-9
@@ -29,8 +29,8 @@ def state(robot, seed=0, n=60):
     """Any motion: nothing here depends on its being smooth."""
     rng = np.random.default_rng(seed)
     q, qd, qdd = rng.normal(size=(3, n, robot.dof))
-    regressor = dynamics.regressor(robot.model, q, qd, qdd)
-    rigid = regressor @ dynamics.inertial_parameters(robot.model)
+    regressor = dynamics.compute_inertial_regressor(robot.model, q, qd, qdd)
+    rigid = regressor @ dynamics.read_inertial_parameters(robot.model)
     return State(
         robot=robot,
         rate=100.0,
@@ -46,12 +46,14 @@ def state(robot, seed=0, n=60):
 
 
 def span(dof):
-    return Span(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 0.02))
+    return MotionSpan(
+        np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 0.02)
+    )
 
 
 def terms(name, robot, theta=None):
     """The effect on every joint it may sit on, in every shape it may start from."""
-    effect = registry()[name]
+    effect = load_effects()[name]
     seen = state(robot, n=2)
     for joints in effect.candidates(robot.dof):
         for shape in effect.shapes(span(robot.dof), joints[0] if joints else 0):
@@ -67,14 +69,14 @@ def test_the_registry_is_the_folder():
         "limits",
         "sensitivity",
     }
-    assert files == set(registry())
-    assert all(name == effect.name for name, effect in registry().items())
+    assert files == set(load_effects())
+    assert all(name == effect.name for name, effect in load_effects().items())
 
 
 @pytest.mark.parametrize("name", NAMES)
 @pytest.mark.parametrize("dof", [1, 2, 6, 7])
 def test_it_sits_on_joints_that_are_there(name, dof):
-    effect = registry()[name]
+    effect = load_effects()[name]
     candidates = effect.candidates(dof)
     assert len(set(candidates)) == len(candidates)
     for joints in candidates:
@@ -134,7 +136,8 @@ PLAIN = {
 LOCAL = [
     n
     for n in NAMES
-    if registry()[n].scope == "local" and Trait.MEMORY not in registry()[n].traits
+    if load_effects()[n].scope == "local"
+    and EffectTrait.MEMORY not in load_effects()[n].traits
 ]
 
 
@@ -151,7 +154,7 @@ def _evaluate(equation, values, seen):
 
 
 def from_parameters(name, joints, parameters):
-    effect = registry()[name]
+    effect = load_effects()[name]
     numbers = np.array([parameters[key] for key in effect.parameters])
     theta, shape = effect.from_values(numbers, arm())
     return Term(effect, joints, shape, np.asarray(theta))
@@ -159,7 +162,7 @@ def from_parameters(name, joints, parameters):
 
 @pytest.mark.parametrize("name", LOCAL)
 def test_the_equation_is_what_the_columns_compute_from_values_that_come_back(name):
-    effect, robot = registry()[name], arm()
+    effect, robot = load_effects()[name], arm()
     numbers = [1.3, 0.7, 0.4][: len(effect.parameters)]
     if "exponent" in effect.parameters:
         numbers[-1] = 0.6
@@ -214,11 +217,11 @@ def test_coefficients_come_back_from_the_values(name):
 
 def test_where_there_is_nothing_to_divide_by_all_is_finite():
     assert np.isfinite(
-        registry()["spring"].values(np.array([0.0, 1.0]), (), arm())
+        load_effects()["spring"].values(np.array([0.0, 1.0]), (), arm())
     ).all()
-    values = registry()["payload"].values(np.zeros(10), (), arm())
+    values = load_effects()["payload"].values(np.zeros(10), (), arm())
     assert np.isfinite(values).all()
-    robot, effect = arm(), registry()["stribeck"]
+    robot, effect = arm(), load_effects()["stribeck"]
     seen = state(robot)
     still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
     for shape in effect.shapes(replace(span(2), speed=np.zeros(2)), 0):
@@ -291,12 +294,12 @@ every_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 def test_payload_is_the_body_merged_into_the_last_link(robot):
     seen = state(robot)
     term = Term(
-        registry()["payload"], (robot.dof - 1,), (), load().toDynamicParameters()
+        load_effects()["payload"], (robot.dof - 1,), (), load().toDynamicParameters()
     )
     loaded = pin.Model(robot.model)
     loaded.inertias[robot.dof] = loaded.inertias[robot.dof] + load()
     with_it, without = (
-        dynamics.inverse_dynamics(m, seen.q, seen.qd, seen.qdd)
+        dynamics.compute_inverse_dynamics(m, seen.q, seen.qd, seen.qdd)
         for m in (loaded, robot.model)
     )
     np.testing.assert_allclose(term.torque(seen), with_it - without, atol=1e-8)
@@ -305,8 +308,8 @@ def test_payload_is_the_body_merged_into_the_last_link(robot):
 @every_robot
 def test_payload_is_reported_in_the_flange_frame(robot):
     """Mass, center and inertia about it as a caliper at the flange would measure."""
-    body, effect = load(), registry()["payload"]
-    placement = dynamics.flange_placement(robot.model)
+    body, effect = load(), load_effects()["payload"]
+    placement = dynamics.find_flange_placement(robot.model)
     inertia = placement.rotation.T @ body.inertia @ placement.rotation
     numbers = body.mass, *placement.actInv(body.lever), *inertia[np.triu_indices(3)]
     keys = ["mass", "com_x", "com_y", "com_z", "ixx", "ixy", "ixz", "iyy", "iyz", "izz"]
@@ -320,8 +323,8 @@ def test_payload_is_reported_in_the_flange_frame(robot):
 @settings(max_examples=10)
 @given(speed=st.floats(1e-3, 5), travel=st.floats(1e-3, 6), duration=st.floats(0, 4000))
 def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
-    effect, robot = registry()[name], arm()
-    moved = Span(np.full(2, speed), np.full(2, travel), duration, 8.0)
+    effect, robot = load_effects()[name], arm()
+    moved = MotionSpan(np.full(2, speed), np.full(2, travel), duration, 8.0)
     seen = state(robot, n=5)
     for shape in list(effect.shapes(moved, 0))[:3]:
         for joints in effect.candidates(2)[:1]:

@@ -6,8 +6,13 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.evidence.fit import System, effective_rows, evidence_gain, fit
-from residual.evidence.priors import screen
+from residual.evidence.fit import (
+    FitEquations,
+    compute_evidence_gain,
+    count_effective_rows,
+    fit_jointly,
+)
+from residual.evidence.priors import screen_candidates
 from tests.residual.linear import (
     DOF,
     GEAR,
@@ -60,7 +65,7 @@ def marginal(problem, members, sigma2):
 
 def every_row_counts(problem, members, sigma2=None, rounds=1):
     d = problem.design
-    return fit(d, problem.prior, members, d.rows, sigma2, rounds)
+    return fit_jointly(d, problem.prior, members, d.rows, sigma2, rounds)
 
 
 @pytest.mark.parametrize("which", SETS)
@@ -119,10 +124,10 @@ def test_the_screen_is_exact_for_every_kind_of_candidate(rng, named, monkeypatch
     problem = Problem.draw(rng, truth, masked=0.2)
     base = every_row_counts(problem, problem.design.add(named), rounds=5)
     groups = every_group(problem.design)
-    own = System.of(problem.design, problem.prior, base.members)
-    profiled = screen(problem.design, base, groups, own)
+    own = FitEquations.of(problem.design, problem.prior, base.members)
+    profiled = screen_candidates(problem.design, base, groups, own)
     monkeypatch.setattr("residual.evidence.priors.NEARLY_ALL", 0.0)
-    values = screen(problem.design, base, groups, own)
+    values = screen_candidates(problem.design, base, groups, own)
     expected = [exact_gain(problem, base, g) for g in groups]
     assert (profiled >= values).all()
     np.testing.assert_allclose(values, expected, rtol=1e-6, atol=1e-6)
@@ -145,7 +150,7 @@ def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
     """n (1 - a) / (1 + a) for AR(1), n for white noise, within 25 %."""
     problem = Problem.draw(rng, rows=3000, logs=2, colour=a, bend=0.0)
     fitted = every_row_counts(problem, [], rounds=3)
-    counted = effective_rows(problem.design, fitted, range(DOF))
+    counted = count_effective_rows(problem.design, fitted, range(DOF))
     expected = problem.design.rows * (1 - a) / (1 + a)
     np.testing.assert_allclose(counted, expected, rtol=0.25)
 
@@ -159,9 +164,11 @@ def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
     problem = Problem.draw(rng, [(slow, (0,), [3.0])], rows=400, logs=2)
     (group,) = problem.design.add([(slow, (0,), ())])
     big, small = (every_row_counts(problem, m, rounds=5) for m in ([group], []))
-    poor = effective_rows(problem.design, small, range(DOF))
+    poor = count_effective_rows(problem.design, small, range(DOF))
     small, big = replace(small, counted=poor), replace(big, counted=poor)
-    value, first, second = evidence_gain(problem.design, problem.prior, big, small)
+    value, first, second = compute_evidence_gain(
+        problem.design, problem.prior, big, small
+    )
     np.testing.assert_array_equal(first.counted, second.counted)
     assert poor[0] < 100
     assert first.counted[0] > 300
@@ -179,8 +186,10 @@ def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
         )
         members = problem.design.add([(PLANE, (0,), ())])
         white = every_row_counts(problem, members, rounds=3)
-        counted = effective_rows(problem.design, white, range(DOF))
-        fitted = fit(problem.design, problem.prior, members, counted, white.variance)
+        counted = count_effective_rows(problem.design, white, range(DOF))
+        fitted = fit_jointly(
+            problem.design, problem.prior, members, counted, white.variance
+        )
         for f, out in ((fitted, inside), (white, uncounted)):
             sd = np.sqrt(np.diag(f.covariance()))[-2:]
             out += list(np.abs(f.theta[-2:] - truth) < 2 * sd)

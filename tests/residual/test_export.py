@@ -6,17 +6,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows.steps.export import compiler
-from residual.calibration.choice import MAIN
+from flows.steps.export import find_compiler
+from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError
-from residual.export.c99 import prefix_of, to_c99
-from residual.export.export import (
-    excitation,
+from residual.export.c99 import make_c_identifier, to_c99
+from residual.export.model_export import (
+    build_reference_motion,
+    remove_tables,
     to_json,
-    without_tables,
 )
-from residual.export.simulators import to_mjcf, to_urdf
-from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, Tables
+from residual.export.urdf_mjcf import to_mjcf, to_urdf
+from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, JointCorrection
 from residual.model.model import Model
 from residual.signals.track import CHOICES
 from tests.exports.back import c99_back
@@ -44,7 +44,9 @@ CARRIED = {
     "mjcf": JOINTS | BODIES | MUJOCO,
     "c99": set(NAMES) - AHEAD,
 }
-needs_compiler = pytest.mark.skipif(compiler() is None, reason="no C compiler here")
+needs_compiler = pytest.mark.skipif(
+    find_compiler() is None, reason="no C compiler here"
+)
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))
@@ -53,14 +55,14 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
     source = model_with(robot_of("irb140"), "viscous", name)
     export = WRITERS[target](source)
     omissions = [each for each in export.omissions if each.name == name]
-    kept = [t.effect.name for t in without_tables(export.carried).terms]
+    kept = [t.effect.name for t in remove_tables(export.carried).terms]
     if name in CARRIED[target]:
         assert omissions == []
         assert name in kept
     else:
         (omission,) = omissions
         assert name not in kept
-        motion = excitation(source.robot)
+        motion = build_reference_motion(source.robot)
         gap = source.along(motion.t, motion.parts)
         gap = gap - source.without(name).along(motion.t, motion.parts)
         assert omission.largest == pytest.approx(np.abs(gap).max())
@@ -90,7 +92,7 @@ def test_the_header_stands_still_as_the_model_does(choice):
 def _corrected(robot) -> CorrectedModel:
     rng = np.random.default_rng(4)
     columns = (("qd", (0,), ""), ("q", (1,), ""))
-    own = tuple(Tables(j, columns, lookup(rng), MAIN) for j in (1, 2))
+    own = tuple(JointCorrection(j, columns, lookup(rng), MAIN) for j in (1, 2))
     return CorrectedModel(model_with(robot, "viscous", "torque_gain"), own)
 
 
@@ -155,4 +157,4 @@ def test_a_strangers_name_makes_no_path_and_no_code():
     ("name", "word"), [("irb140", "irb140"), ("7-axis", "arm_7_axis"), ("_a", "arm__a")]
 )
 def test_a_name_becomes_one_of_c(name, word):
-    assert prefix_of(name) == word
+    assert make_c_identifier(name) == word

@@ -12,16 +12,16 @@ import pinocchio as pin
 import pytest
 from scipy.integrate import solve_ivp
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.model.dynamics import (
-    acceleration,
-    mass_matrices,
+    compute_acceleration,
+    compute_model_mass_matrix,
 )
 from residual.model.model import Model, Term
 from residual.recording import Recording
-from residual.robot.dynamics import flange_placement, inertial_parameters
+from residual.robot.dynamics import find_flange_placement, read_inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.track import Standstill, prepare
+from residual.signals.track import StandstillFriction, build_tracks
 
 ROBOT = load_robot("irb140")
 MASS, LEVER = 2.0, np.array([0.05, 0.02, 0.08])  # of a load on the flange [kg, m]
@@ -34,15 +34,15 @@ AMPLITUDE, OMEGA = np.array([9.0, 8, 5, 1.5, 1.2, 0.6]), np.array([5, 6, 7, 8, 9
 
 
 def term(name, joint, *values):
-    effect = registry()[name]
+    effect = load_effects()[name]
     theta, shape = effect.from_values(np.array(values), ROBOT)
     joints = (joint,) if joint is not None else ()
     return Term(effect, joints, tuple(shape), np.asarray(theta, float))
 
 
 def load():
-    body = flange_placement(ROBOT.model).act(pin.Inertia(MASS, LEVER, OWN))
-    effect = registry()["payload"]
+    body = find_flange_placement(ROBOT.model).act(pin.Inertia(MASS, LEVER, OWN))
+    effect = load_effects()["payload"]
     return Term(effect, (5,), (), body.toDynamicParameters())
 
 
@@ -57,9 +57,11 @@ def model(*more):
         for j in range(6)
     ]
     terms += [load(), term("spring", 2, STIFF, 0.0), *more]
-    shapes = (Standstill("smooth", 1.0),) * 6
+    shapes = (StandstillFriction("smooth", 1.0),) * 6
     floor = np.full(6, WIDTH)
-    return Model(ROBOT, inertial_parameters(ROBOT.model), tuple(terms), floor, shapes)
+    return Model(
+        ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms), floor, shapes
+    )
 
 
 def drive(t, q, qd):
@@ -70,7 +72,7 @@ def drive(t, q, qd):
 def welded():
     arm = pin.Model(ROBOT.model)
     arm.appendBodyToJoint(
-        6, pin.Inertia(MASS, LEVER, OWN), flange_placement(ROBOT.model)
+        6, pin.Inertia(MASS, LEVER, OWN), find_flange_placement(ROBOT.model)
     )
     arm.armature = ROTOR
     return arm
@@ -126,12 +128,12 @@ def test_the_acceleration_of_a_torque_is_that_of_an_independent_integration(rubs
         bare[-10:] += load().theta
         kept = tuple(x for x in whole.terms if x.effect.name != "payload")
         whole = replace(whole, inertial=bare, terms=kept)
-    (track,), _ = prepare(
+    (track,), _ = build_tracks(
         [Recording("", "irb140", t, q, tau)], whole.filters, None, True
     )
     rows = [np.abs(t - each).argmin() for each in track.t]
     track = replace(track, q=q[rows], qd=qd[rows], qdd=0 * q[rows])
-    got = acceleration(whole, track, tau[rows])
+    got = compute_acceleration(whole, track, tau[rows])
     assert np.abs(wanted).max() > 1.0
     np.testing.assert_allclose(got, wanted[rows], atol=1e-6)
 
@@ -140,7 +142,7 @@ def test_the_mass_matrix_has_the_load_and_the_rotors():
     rng = np.random.default_rng(0)
     q = rng.uniform(-1, 1, (20, 6))
     arm = welded()
-    got = mass_matrices(model(), q)
+    got = compute_model_mass_matrix(model(), q)
     for each, pose in zip(got, q, strict=True):
         upper = np.triu(pin.crba(arm, arm.createData(), pose))
         wanted = upper + np.triu(upper, 1).T

@@ -9,7 +9,7 @@ from residual.errors import InputError
 from residual.identification import estimate
 from residual.identification.estimate import Options
 from residual.identification.identify import identify
-from residual.identification.structure import JointRows, rows_of
+from residual.identification.observability import JointRows, build_joint_rows
 from residual.recording import Recording
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 
@@ -44,7 +44,7 @@ def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
 
 
 def stacked(found):
-    rows = rows_of(found.nominal, found.logs.tracks, found.base)
+    rows = build_joint_rows(found.nominal, found.logs.tracks, found.base)
     return rows, np.concatenate(rows.x), np.concatenate(rows.y)
 
 
@@ -135,7 +135,7 @@ def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
         values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
     place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
     rows = JointRows((values[:, None],), (values,), (place,))
-    correlation = estimate.autocorrelation(rows, (values,))
+    correlation = estimate.compute_autocorrelation_times(rows, (values,))
     assert correlation[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
 
 

@@ -6,11 +6,11 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import errors_in_variables as instruments
-from residual.diagnosis.detectable import lookalikes
+from residual.diagnosis.detectable import find_lookalikes
 from residual.diagnosis.diagnose import diagnose
-from residual.evidence.fit import fit
+from residual.evidence.fit import fit_jointly
 from residual.recording import Recording
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.verdict.result import Place
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
@@ -31,7 +31,7 @@ def log(name, seed, noise, rotor=ROTOR):
             q[:, j] += size * np.sin(w * t + phase)
             qd[:, j] += size * w * np.cos(w * t + phase)
             qdd[:, j] -= size * w**2 * np.sin(w * t + phase)
-    tau = inverse_dynamics(arm().model, q, qd, qdd)
+    tau = compute_inverse_dynamics(arm().model, q, qd, qdd)
     tau[:, 1] += rotor * qdd[:, 1]
     tau += 0.05 * rng.normal(size=q.shape)
     read = q + noise * rng.normal(size=q.shape)
@@ -74,13 +74,13 @@ def test_with_a_fine_encoder_both_agree_and_it_is_said():
 
 def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
     fits = []
-    look = instruments.check_noise
+    look = instruments.check_angle_noise
 
     def keep(*args):
         fits.append(look(*args))
         return fits[-1]
 
-    monkeypatch.setattr(instruments, "check_noise", keep)
+    monkeypatch.setattr(instruments, "check_angle_noise", keep)
     outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
     assert is_noted(outcome, "parameters of rotor_inertia are corrected for it")
@@ -108,9 +108,9 @@ def test_only_what_moves_alike_is_confusable(rng):
     shapes = [(LINE, (0,), ()), (OTHER, (0,), ()), (PLANE, (0,), ()), (LINE, (1,), ())]
     groups = problem.design.add(shapes)
     task = problem.task(groups)
-    fitted = fit(task.design, task.prior, (), task.design.rows)
+    fitted = fit_jointly(task.design, task.prior, (), task.design.rows)
     told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
-    line, other, plane, far = lookalikes(task, fitted, told_of)
+    line, other, plane, far = find_lookalikes(task, fitted, told_of)
     assert line == far == ()
     assert other == (Place("plane", (1,)),)
     # Of a plane in the direction that OTHER has too.

@@ -7,17 +7,21 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts.arms import make
-from flows.inputs.read import known_of
+from flows.inputs.read import parse_known_values
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
-from residual.evidence.fit import fit
-from residual.evidence.priors import relative_prior
-from residual.model.nominal import known_values, prepare_logs, start_nominal
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
-from residual.robot.robot import load_robot, with_known
-from residual.signals.track import Filters
+from residual.evidence.fit import fit_jointly
+from residual.evidence.priors import build_relative_prior
+from residual.model.nominal import (
+    build_free_nominal,
+    list_known_values,
+    prepare_fit_logs,
+)
+from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
+from residual.robot.robot import add_known_values, load_robot
+from residual.signals.track import FilterSettings
 from tests.exports.bodies import cases, diagnosed
 from tests.residual.arms import TWO, arm, bare_irb140, plain_logs, recording
 
@@ -42,7 +46,7 @@ MASS = 1.5  # kg
 )
 def test_what_cannot_be_known_is_told_with_what_can(word, value, told):
     with pytest.raises((InputError, RobotError), match=told):
-        known_values(with_known(bare_irb140(), {word: value}))
+        list_known_values(add_known_values(bare_irb140(), {word: value}))
 
 
 def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
@@ -50,10 +54,10 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
     text = '[known]\n"payload.mass" = 2.8\n"coulomb.joint2.level" = 8\n'
     (tmp_path / "robot.toml").write_text(text)
     robot = load_robot(tmp_path)
-    more = with_known(robot, {"payload.mass": 3.0})
+    more = add_known_values(robot, {"payload.mass": 3.0})
     assert robot.known_values == {"payload.mass": 2.8, "coulomb.joint2.level": 8.0}
     assert more.known_values["payload.mass"] == 3.0
-    assert {k.joints for k in known_values(more)} == {(), (1,)}
+    assert {k.joints for k in list_known_values(more)} == {(), (1,)}
     (tmp_path / "robot.toml").write_text('[known]\n"payload.mass" = "2.8"\n')
     with pytest.raises(RobotError, match="expected a number, as in"):
         load_robot(tmp_path)
@@ -61,16 +65,18 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
 
 def test_the_model_has_what_is_known_and_holds_it():
     """The file says 6 kg and 3 kg and the logs speak of them; what is known stays."""
-    robot = with_known(arm(TWO), {"link.2.mass": 2.0, "coulomb.1.level": 3.5})
-    nominal_model = start_nominal(prepared(robot, 0.0), FRICTION)
+    robot = add_known_values(arm(TWO), {"link.2.mass": 2.0, "coulomb.1.level": 3.5})
+    nominal_model = build_free_nominal(prepared(robot, 0.0), FRICTION)
     model = nominal_model.model
     assert model.inertial[10] == 2.0
     assert model.inertial[11] == pytest.approx(
-        2.0 / 3.0 * inertial_parameters(robot.model)[11]
+        2.0 / 3.0 * read_inertial_parameters(robot.model)[11]
     )
     logs = prepared(robot, 0.0)
     design = Design(logs.tracks, model)
-    own = fit(design, relative_prior(design, nominal_model, 1.0), (), design.rows / 5)
+    own = fit_jointly(
+        design, build_relative_prior(design, nominal_model, 1.0), (), design.rows / 5
+    )
     coulomb = next(t for t in model.terms if t.effect.name == "coulomb")
     assert (coulomb.joints, coulomb.theta) == ((0,), pytest.approx(3.5))
     own_place = 20 + model.terms.index(coulomb)
@@ -82,13 +88,13 @@ def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
     scores = {}
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}
-        robot = with_known(arm(TWO), words)
+        robot = add_known_values(arm(TWO), words)
         logs = prepared(robot, MASS)
-        nominal_model = start_nominal(logs, FRICTION)
+        nominal_model = build_free_nominal(logs, FRICTION)
         design = Design(logs.tracks, nominal_model.model)
-        (group,) = design.add([(registry()["payload"], (1,), ())])
-        prior = relative_prior(design, nominal_model, 0.01)
-        own = fit(design, prior, (group,), design.rows / 5)
+        (group,) = design.add([(load_effects()["payload"], (1,), ())])
+        prior = build_relative_prior(design, nominal_model, 0.01)
+        own = fit_jointly(design, prior, (group,), design.rows / 5)
         scores[known] = own.score
         if known:
             assert own.of(group)[0] == pytest.approx(known, rel=5e-3)
@@ -109,11 +115,11 @@ def prepared(robot, load):
         for log in logs:
             qd = np.gradient(log.q, log.t, axis=0)
             qdd = np.gradient(qd, log.t, axis=0)
-            more = inverse_dynamics(body, log.q, qd, qdd)
-            less = inverse_dynamics(robot.model, log.q, qd, qdd)
+            more = compute_inverse_dynamics(body, log.q, qd, qdd)
+            less = compute_inverse_dynamics(robot.model, log.q, qd, qdd)
             out.append(recording(log.t, log.q, log.tau + more - less, log.id))
         logs = out
-    return prepare_logs(robot, logs, None, Filters())
+    return prepare_fit_logs(robot, logs, None, FilterSettings())
 
 
 @pytest.mark.long  # two diagnoses of six joints
@@ -121,7 +127,7 @@ def test_a_load_that_was_weighed_is_known_twice_as_well_in_all_else():
     (case,) = cases(1)
     true = dict(case.hidden[0].parameters)
     logged = make(case.arm, case.hidden)
-    robot = with_known(logged.robot, {"payload.mass": true["mass"]})
+    robot = add_known_values(logged.robot, {"payload.mass": true["mass"]})
     before = diagnosed(case)
     after = diagnose(robot, logged.fit, (), logged.held_out)
     (loose,), (sharp,) = before.effects, after.effects
@@ -134,17 +140,17 @@ def test_a_load_that_was_weighed_is_known_twice_as_well_in_all_else():
 
 
 def test_words_of_the_command_are_names_and_numbers():
-    assert known_of(("payload.mass=2.8", "coulomb.2.level=8")) == {
+    assert parse_known_values(("payload.mass=2.8", "coulomb.2.level=8")) == {
         "payload.mass": 2.8,
         "coulomb.2.level": 8.0,
     }
     for wrong in ("payload.mass", "payload.mass=", "payload.mass=heavy"):
         with pytest.raises(InputError, match=r"NAME\.PARAMETER=NUMBER"):
-            known_of((wrong,))
+            parse_known_values((wrong,))
 
 
 def test_a_baseline_compares_two_states_and_takes_no_known_value():
-    robot = with_known(arm(TWO), {"payload.mass": 2.0})
+    robot = add_known_values(arm(TWO), {"payload.mass": 2.0})
     logs = plain_logs(robot, range(2), np.zeros(2))
     with pytest.raises(InputError, match="belong to one state of the arm"):
         diagnose(robot, logs[:2], logs[2:])

@@ -8,10 +8,10 @@ from residual.diagnosis.unexplained import (
     PLAIN,
     SUM,
     JointResidual,
-    TimeLine,
-    Variable,
-    curves,
-    wave_of,
+    ResidualTimeSeries,
+    StateVariable,
+    find_spectral_line,
+    fit_residual_curves,
 )
 
 LOGS, LENGTH, STEP = 5, 20.0, 0.05
@@ -53,12 +53,12 @@ def variables(rng):
     other, speed = motion(rng)
     side = (qd > 0).astype(int)
     return [
-        Variable("q", (0,), PLAIN, q),
-        Variable("q", (0,), DIRECTION, q, side),
-        Variable("qd", (0,), PLAIN, qd),
-        Variable("q", (1,), PLAIN, other),
-        Variable("qd", (1,), PLAIN, speed),
-        Variable("q", (0, 1), SUM, q + other),
+        StateVariable("q", (0,), PLAIN, q),
+        StateVariable("q", (0,), DIRECTION, q, side),
+        StateVariable("qd", (0,), PLAIN, qd),
+        StateVariable("q", (1,), PLAIN, other),
+        StateVariable("qd", (1,), PLAIN, speed),
+        StateVariable("q", (0, 1), SUM, q + other),
     ]
 
 
@@ -77,7 +77,7 @@ def test_the_variable_that_a_leftover_is_made_of_comes_first(rng, number, shape)
     truth = shape(choice[number])
     truth = (truth - truth.mean()) / truth.std()
     left = truth + 0.5 * red(rng, 3)
-    curves_found, rest = curves(rows_of(left, noise=0.5), choice)
+    curves_found, rest = fit_residual_curves(rows_of(left, noise=0.5), choice)
     assert curves_found[0].variable is choice[number]
     assert curves_found[0].share == pytest.approx(1, abs=0.25)
     assert rest.std() < 0.75
@@ -88,7 +88,7 @@ def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
     """As slow as the motion: a curve fits it well, and predicts other logs badly."""
     rng = np.random.default_rng(seed)
     left = red(rng, 40)
-    curves_found, rest = curves(rows_of(left, memory=80.0), variables(rng))
+    curves_found, rest = fit_residual_curves(rows_of(left, memory=80.0), variables(rng))
     assert curves_found == []
     np.testing.assert_array_equal(rest, left)
 
@@ -96,14 +96,14 @@ def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
 def line(left):
     t = np.concatenate([30 * k + np.arange(N) * STEP for k in range(LOGS)])
     log = np.repeat(np.arange(LOGS), N)
-    return TimeLine(t, left, log, float((left**2).sum()), 8.0)
+    return ResidualTimeSeries(t, left, log, float((left**2).sum()), 8.0)
 
 
 @pytest.mark.parametrize("frequency", [0.31, 2.7, 6.4])
 def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
     t = line(np.zeros(LOGS * N)).t
     left = np.sqrt(2) * np.sin(2 * np.pi * frequency * t) + 0.7 * red(rng, 3)
-    wave = wave_of(line(left))
+    wave = find_spectral_line(line(left))
     assert wave.frequency == pytest.approx(frequency, abs=0.5 / LENGTH)
     # The red noise of one draw shares some of the band.
     assert wave.share == pytest.approx(1 / 1.49, abs=0.15)
@@ -111,4 +111,4 @@ def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
 
 @pytest.mark.parametrize("seed", range(4))
 def test_red_noise_is_no_wave(seed):
-    assert wave_of(line(red(np.random.default_rng(seed), 15))) is None
+    assert find_spectral_line(line(red(np.random.default_rng(seed), 15))) is None

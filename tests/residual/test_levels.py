@@ -4,8 +4,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from residual.calibration.effects import equal_levels, quantile_levels
-from residual.calibration.nominal_pls import merge_rows
+from residual.calibration.nominal_pls import merge_equal_rows
+from residual.calibration.table_regression import (
+    build_equal_levels,
+    build_quantile_levels,
+)
 from residual.errors import InputError
 
 COLUMNS = arrays(
@@ -13,7 +16,11 @@ COLUMNS = arrays(
 ).filter(lambda x: np.ptp(x) > 0.1)
 
 
-@given(COLUMNS, st.integers(2, 30), st.sampled_from([equal_levels, quantile_levels]))
+@given(
+    COLUMNS,
+    st.integers(2, 30),
+    st.sampled_from([build_equal_levels, build_quantile_levels]),
+)
 @settings(max_examples=60, deadline=None)
 def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, make):
     levels = make(x, k)
@@ -25,31 +32,31 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
 
 
 def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
-    levels = equal_levels(np.array([0.0, 10.0]), 5)
+    levels = build_equal_levels(np.array([0.0, 10.0]), 5)
     np.testing.assert_allclose(levels.edges[0], [2, 4, 6, 8])
     values = np.array([0, 1.9, 2, 5, 9.9, 10])
     assert levels.encode(values).values[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
     x = np.linspace(0, 1, 600)  # beyond 256 levels a code takes two bytes
-    codes = equal_levels(x, 300).encode(x)
+    codes = build_equal_levels(x, 300).encode(x)
     assert (codes.values.dtype, codes.values.max()) == (np.uint16, 299)
 
 
 def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
-    codes = quantile_levels(x := rng.normal(size=1000), 10).encode(x)
+    codes = build_quantile_levels(x := rng.normal(size=1000), 10).encode(x)
     assert np.ptp(np.bincount(codes.values[:, 0])) <= 1
     x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
-    levels = quantile_levels(x, 10)
+    levels = build_quantile_levels(x, 10)
     assert 2 <= levels.sizes[0] < 10
     assert np.unique(levels.encode(x).values).size > 1
 
 
 def test_velocities_get_a_level_of_standing_still(rng):
     qd = np.concatenate([rng.normal(size=500), np.zeros(300)])
-    levels = quantile_levels(qd, 10, velocities=(0,))
+    levels = build_quantile_levels(qd, 10, velocities=(0,))
     low, still, high = levels.encode(np.array([-0.002, 0.0, 0.002])).values[:, 0]
     assert low < still < high
     assert levels.sizes == (11,)
-    one_way = quantile_levels(np.abs(qd) + 1, 10, velocities=(0,))
+    one_way = build_quantile_levels(np.abs(qd) + 1, 10, velocities=(0,))
     assert 0.001 not in one_way.edges[0]
 
 
@@ -57,8 +64,8 @@ def test_velocities_get_a_level_of_standing_still(rng):
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))
     Y = rng.normal(size=(200, 2))
-    codes = equal_levels(X, levels).encode(X)
-    cells = merge_rows(codes)
+    codes = build_equal_levels(X, levels).encode(X)
+    cells = merge_equal_rows(codes)
     assert cells.count.sum() == 200
     assert len(cells.count) == len(np.unique(codes.values, axis=0))
     np.testing.assert_array_equal(cells.codes[cells.of_row], codes.values)
@@ -68,16 +75,22 @@ def test_merged_rows_keep_every_sum(rng, levels):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (lambda: equal_levels(np.arange(5.0), 1), "levels must be 2 to .*, got 1"),
-        (lambda: quantile_levels(np.arange(5.0), 0), "levels must be 2 to .*, got 0"),
-        (lambda: equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
-        (lambda: equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
         (
-            lambda: equal_levels(np.array([1, np.nan]), 3),
+            lambda: build_equal_levels(np.arange(5.0), 1),
+            "levels must be 2 to .*, got 1",
+        ),
+        (
+            lambda: build_quantile_levels(np.arange(5.0), 0),
+            "levels must be 2 to .*, got 0",
+        ),
+        (lambda: build_equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
+        (lambda: build_equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
+        (
+            lambda: build_equal_levels(np.array([1, np.nan]), 3),
             "X is NaN or infinite in row 1",
         ),
         (
-            lambda: equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
+            lambda: build_equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
             "X has 2 columns, the levels are of 1",
         ),
     ],

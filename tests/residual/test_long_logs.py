@@ -7,15 +7,15 @@ import pytest
 from numpy.testing import assert_allclose
 
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.errors import RecordingError
 from residual.evidence.design import Design
 from residual.identification.identify import identify
-from residual.model.nominal import prepare_logs, start_nominal
+from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.recording import Recording
-from residual.robot.dynamics import inertial_parameters, regressor
+from residual.robot.dynamics import compute_inertial_regressor, read_inertial_parameters
 from residual.signals import splitting as pieces
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs
 
 NAMES = ("viscous", "coulomb", "rotor_inertia")
@@ -46,7 +46,9 @@ def smooth_log(seconds, seed):
     like = plain_logs(arm(), [0, 1], [0.0, 0.0])[0]
     qd = np.gradient(q, t, axis=0)
     motion = q, qd, np.gradient(qd, t, axis=0)
-    tau = regressor(arm().model, *motion) @ inertial_parameters(arm().model)
+    tau = compute_inertial_regressor(arm().model, *motion) @ read_inertial_parameters(
+        arm().model
+    )
     tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + 0.02 * rng.normal(size=q.shape)
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
@@ -54,15 +56,18 @@ def smooth_log(seconds, seed):
 @pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
 def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     recordings = [smooth_log(s, seed) for seed, s in enumerate(lengths)]
-    logs = prepare_logs(arm(), recordings, None, Filters())
-    model = start_nominal(logs, NAMES).model
+    logs = prepare_fit_logs(arm(), recordings, None, FilterSettings())
+    model = build_free_nominal(logs, NAMES).model
     long = Design(logs.tracks, model)
     with monkeypatch.context() as room:
         room.setattr(pieces, "LONG", np.inf)
         uncut = Design(logs.tracks, model)
     assert len(long.tracks) < len(uncut.tracks)
-    wanted = [(registry()[n], (1,), ()) for n in ("spring", "offset")]
-    wanted += [(registry()["payload"], (1,), ()), (registry()["spring"], (0,), ())]
+    wanted = [(load_effects()[n], (1,), ()) for n in ("spring", "offset")]
+    wanted += [
+        (load_effects()["payload"], (1,), ()),
+        (load_effects()["spring"], (0,), ()),
+    ]
     groups = [design.add(wanted) for design in (long, uncut)]
     assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
     for j in range(2):

@@ -8,11 +8,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.calibration.choice import MAIN, PAIRS, Option
-from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
+from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
+from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.errors import InputError
-from residual.model.evaluate import by_row, predict
-from residual.model.lookup import Axis, Lookup, LookupTable, export_lookup
+from residual.model.evaluate import build_row_evaluator, predict
+from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
 from tests.residual.motion_blocks import NAMES, motion
 from tests.residual.test_choice import fitted
 
@@ -26,7 +26,7 @@ def block():
 
 @pytest.fixture(scope="module")
 def model(block):
-    return fit_nominal_pls(block[0], block[1], NominalForm(9, 5))
+    return fit_nominal_pls(block[0], block[1], NominalPlsForm(9, 5))
 
 
 @pytest.mark.parametrize("components", [1, 5, None])
@@ -44,7 +44,7 @@ def test_any_number_of_joints_and_kinds_of_table_add_up(rng, joints):
     lookup = Lookup(
         ("a", "b", "c"),
         tuple(f"joint {j}" for j in range(joints)),
-        (Axis(2, edges), Axis(0, np.array([0.25]))),
+        (LevelAxis(2, edges), LevelAxis(0, np.array([0.25]))),
         (LookupTable((0,), one), LookupTable((0, 1), two)),
         offset,
         slope,
@@ -72,14 +72,14 @@ def _evaluated(files, tmp_path, X):
 
 def test_the_export_evaluates_on_its_own(block, model, tmp_path):
     X, Y, torque, _ = block
-    files = export_lookup(model.lookup())
+    files = build_lookup_files(model.lookup())
     assert set(files) == {"model.npz", "tables.csv", "model.json", "evaluate.py"}
     text = files["evaluate.py"].decode()
     assert "residual" not in text
     evaluated = _evaluated(files, tmp_path, X[::20])
     np.testing.assert_allclose(evaluated, model.predict(X[::20]), **EXACT)
-    own = fitted(X, Y, torque).lookup([Option(MAIN, 20.0)] * 3)
-    evaluated = _evaluated(export_lookup(own), tmp_path, X[::20])
+    own = fitted(X, Y, torque).lookup([CorrectionOption(MAIN, 20.0)] * 3)
+    evaluated = _evaluated(build_lookup_files(own), tmp_path, X[::20])
     np.testing.assert_allclose(evaluated, own.predict(X[::20]), **EXACT)
 
 
@@ -88,13 +88,13 @@ def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
     fits = fitted(X, Y, torque)
     for lookup in (
         model.lookup(),
-        fits.lookup([Option(MAIN, 20.0)] * 3),
+        fits.lookup([CorrectionOption(MAIN, 20.0)] * 3),
         replace(model.lookup(), slope=rng.normal(size=(9, Y.shape[1]))),
-        fits.lookup([Option("least squares")] * 3),
+        fits.lookup([CorrectionOption("least squares")] * 3),
     ):
-        saved = dict(np.load(io.BytesIO(export_lookup(lookup)["model.npz"])))
+        saved = dict(np.load(io.BytesIO(build_lookup_files(lookup)["model.npz"])))
         rows = np.vstack([X[:50], 1e9 * X[:2], lookup.low, lookup.high])
-        correction = by_row(saved)
+        correction = build_row_evaluator(saved)
         got = [correction(x) for x in rows]
         np.testing.assert_allclose(got, predict(saved, rows), rtol=1e-9, atol=1e-9)
 
@@ -103,9 +103,9 @@ def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_pat
     X, Y, torque, _ = block
     pairs, path = model.lookup(), tmp_path / "model.npz"
     slope = rng.normal(size=pairs.slope.shape)
-    main = fitted(X, Y, torque).lookup([Option(PAIRS, 20.0)] * 3)
+    main = fitted(X, Y, torque).lookup([CorrectionOption(PAIRS, 20.0)] * 3)
     for lookup in (replace(pairs, names=NAMES, slope=slope), main):
-        path.write_bytes(export_lookup(lookup)["model.npz"])
+        path.write_bytes(build_lookup_files(lookup)["model.npz"])
         again, own = Lookup.load(path), np.hstack([X, torque])[:, : len(lookup.names)]
         assert again.to_record() == lookup.to_record()
         np.testing.assert_array_equal(again.predict(own), lookup.predict(own))
@@ -114,7 +114,9 @@ def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_pat
 def test_the_csv_holds_every_cell_with_its_intervals(block, model):
     X = block[0][:7]
     lookup = model.lookup()
-    rows = list(csv.reader(io.StringIO(export_lookup(lookup)["tables.csv"].decode())))
+    rows = list(
+        csv.reader(io.StringIO(build_lookup_files(lookup)["tables.csv"].decode()))
+    )
     assert rows[0][:3] == ["table", "variable_1", "from_1"]
     place = {name: i for i, name in enumerate(lookup.names)}
     for x, expected in zip(X, model.predict(X), strict=True):
@@ -130,13 +132,13 @@ def test_the_csv_holds_every_cell_with_its_intervals(block, model):
 
 
 def test_the_json_says_what_each_table_is_of_and_bytes_repeat(model):
-    document = json.loads(export_lookup(model.lookup())["model.json"])
+    document = json.loads(build_lookup_files(model.lookup())["model.json"])
     assert len(document["tables"]) == 36
     assert document["tables"][0]["variables"] == ["x1", "x2"]
     assert document["tables"][0]["levels"] == [9, 9]
     assert [len(axis["edges"]) for axis in document["axes"]] == [8] * 9
-    first = export_lookup(model.lookup())
-    assert first == export_lookup(model.lookup())
+    first = build_lookup_files(model.lookup())
+    assert first == build_lookup_files(model.lookup())
 
 
 def test_bad_rows_are_refused(model):

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry
-from residual.effects.base import Span
+from residual.effects import load_effects
+from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
 from residual.model.model import Model, Term
@@ -15,22 +15,22 @@ from residual.model.nominal import (
     DEFAULT_DECLARED,
     GIVEN,
     build_nominal,
-    declared_names,
+    choose_declared_effects,
 )
-from residual.robot.dynamics import inertial_parameters, inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.track import Filters
+from residual.signals.track import FilterSettings
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 
 FLOOR = 0.01
 
 
 def span(dof):
-    return Span(np.full(dof, 1.0), np.full(dof, 2.0), 0.0, 8.0)
+    return MotionSpan(np.full(dof, 1.0), np.full(dof, 2.0), 0.0, 8.0)
 
 
 def nominal(robot, names):
-    return build_nominal(robot, names, span(robot.dof), floor(robot), Filters())
+    return build_nominal(robot, names, span(robot.dof), floor(robot), FilterSettings())
 
 
 def floor(robot):
@@ -39,7 +39,7 @@ def floor(robot):
 
 def log_of(robot, t):
     q, qd, qdd = smooth_motion(robot, t)
-    tau = inverse_dynamics(robot.model, q, qd, qdd)
+    tau = compute_inverse_dynamics(robot.model, q, qd, qdd)
     return recording(t, q, tau), qd
 
 
@@ -88,10 +88,10 @@ def some_model(robot, seed=0):
     ]
     widths = (1, 1, 2)
     terms = tuple(
-        Term(registry()[n], joints, shape, rng.normal(size=k))
+        Term(load_effects()[n], joints, shape, rng.normal(size=k))
         for (n, joints, shape), k in zip(places, widths, strict=True)
     )
-    inertial = inertial_parameters(robot.model)
+    inertial = read_inertial_parameters(robot.model)
     return Model(robot, inertial, terms, floor(robot))
 
 
@@ -110,7 +110,7 @@ def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
 def test_a_torque_gain_scales_everything_but_itself():
     robot = arm()
     model = some_model(robot)
-    gain = Term(registry()["torque_gain"], (1,), (), np.array([0.1]))
+    gain = Term(load_effects()["torque_gain"], (1,), (), np.array([0.1]))
     log, _ = log_of(robot, np.arange(750) / 250)
     for terms in ((*model.terms, gain), (gain, *model.terms)):
         scaled = replace(model, terms=terms).predict(log)
@@ -121,8 +121,8 @@ def test_a_torque_gain_scales_everything_but_itself():
 
 def test_warmup_follows_the_clock_of_the_session():
     robot = arm()
-    hot = Term(registry()["warmup"], (0,), (50.0,), np.array([2.0]))
-    base = Model(robot, 0 * inertial_parameters(robot.model), (hot,), floor(robot))
+    hot = Term(load_effects()["warmup"], (0,), (50.0,), np.array([2.0]))
+    base = Model(robot, 0 * read_inertial_parameters(robot.model), (hot,), floor(robot))
     t = np.arange(1000) / 250
     q = np.column_stack([0.5 * t, 0 * t])
     log = recording(130.0 + t, q, 0 * q)
@@ -146,7 +146,7 @@ def test_warmup_follows_the_clock_of_the_session():
 def test_the_user_decides_what_is_declared_then_the_robot_then_the_usual(
     toml, names, expected
 ):
-    assert declared_names(arm(toml=toml), names) == expected
+    assert choose_declared_effects(arm(toml=toml), names) == expected
 
 
 def test_a_declared_effect_without_values_is_free_in_every_shape():

@@ -6,46 +6,48 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.calibration.choice import MAIN
-from residual.effects import registry
-from residual.effects.base import Span
+from residual.calibration.correction_choice import MAIN
+from residual.effects import load_effects
+from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
 from residual.model.lookup import (
     NONE,
-    Axis,
     CorrectedModel,
+    JointCorrection,
+    LevelAxis,
     Lookup,
     LookupTable,
-    Tables,
 )
 from residual.model.model import Model, Term
-from residual.model.record import from_record, load_model
-from residual.robot.dynamics import inertial_parameters
+from residual.model.model_files import load_model, model_from_record
+from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import Robot, load_robot
-from residual.signals.track import CHOICES, Filters, prepare
+from residual.signals.track import CHOICES, FilterSettings, build_tracks
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
 
-NAMES = sorted(registry())
+NAMES = sorted(load_effects())
 SPEEDS = (0.01, 0.02)
 
 
 def term(robot: Robot, name: str, seed: int) -> Term:
     """An effect somewhere on the arm, with coefficients drawn."""
-    rng, effect = np.random.default_rng(seed), registry()[name]
+    rng, effect = np.random.default_rng(seed), load_effects()[name]
     places = effect.candidates(robot.dof)
     joints = places[seed % len(places)]
     dof = robot.dof
-    span = Span(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0))
+    span = MotionSpan(
+        np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0)
+    )
     shapes = effect.shapes(span, joints[0] if joints else 0)
     shape = shapes[seed % len(shapes)]
-    seen = Model(robot, inertial_parameters(robot.model), (), np.full(dof, 0.01))
+    seen = Model(robot, read_inertial_parameters(robot.model), (), np.full(dof, 0.01))
     state = seen.observe(seen_track(robot))
     count = effect.columns(state, joints, shape).shape[2]
     return Term(effect, joints, shape, 1e-3 * rng.normal(size=count))
 
 
 def seen_track(robot: Robot):
-    (track,), _ = prepare([log_of(robot)], Filters(), full_rate=True)
+    (track,), _ = build_tracks([log_of(robot)], FilterSettings(), full_rate=True)
     return track
 
 
@@ -58,7 +60,7 @@ def log_of(robot: Robot):
 def model_of(names, robot=None, seed=0) -> Model:
     robot = robot or arm(SEVEN)
     rng = np.random.default_rng(seed)
-    inertial = inertial_parameters(robot.model)
+    inertial = read_inertial_parameters(robot.model)
     return Model(
         robot,
         inertial * (1 + 0.05 * rng.normal(size=len(inertial))),
@@ -74,7 +76,7 @@ def lookup(rng) -> Lookup:
     return Lookup(
         names=("qd1", "q1", "load"),
         joints=("J1",),
-        axes=(Axis(0, edges), Axis(1, edges + 0.1)),
+        axes=(LevelAxis(0, edges), LevelAxis(1, edges + 0.1)),
         tables=(
             LookupTable((0,), rng.normal(size=(4, 1))),
             LookupTable((0, 1), rng.normal(size=(4, 4, 1))),
@@ -93,7 +95,7 @@ def through_text(record: dict) -> dict:
 @pytest.mark.parametrize("name", NAMES)
 def test_every_effect_comes_back_with_the_very_bits(name):
     model = model_of([name, "viscous"])
-    again = from_record(through_text(model.to_record()))
+    again = model_from_record(through_text(model.to_record()))
     log = log_of(model.robot)
     np.testing.assert_array_equal(again.predict(log), model.predict(log))
     assert through_text(again.to_record()) == through_text(model.to_record())
@@ -103,15 +105,18 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     rng = np.random.default_rng(4)
     columns = (("qd", (0,), ""), ("q", (0, 1), "difference"))
     model = model_of(["coulomb"], arm())
-    tables = (Tables(0, columns, lookup(rng), MAIN), Tables(1, (), lookup(rng), NONE))
+    tables = (
+        JointCorrection(0, columns, lookup(rng), MAIN),
+        JointCorrection(1, (), lookup(rng), NONE),
+    )
     corrected = CorrectedModel(model, tables)
-    again = from_record(through_text(corrected.to_record()))
+    again = model_from_record(through_text(corrected.to_record()))
     corrected.save(tmp_path / "model.json")
     log = log_of(model.robot)
     for one in (again, load_model(tmp_path / "model.json")):
         np.testing.assert_array_equal(one.predict(log), corrected.predict(log))
     assert np.abs(corrected.predict(log) - model.predict(log))[:, 0].max() > 0.01
-    assert again.helpless == (1,)
+    assert again.uncorrected_joints == (1,)
     assert repr(corrected).endswith("tables on J1)")
 
 
@@ -119,7 +124,7 @@ def test_a_term_that_is_no_effect_is_refused():
     record = through_text(model_of(["coulomb"]).to_record())
     record["background"] = [{**record["terms"][0], "name": "table_of_speed"}]
     with pytest.raises(InputError, match="table_of_speed"):
-        from_record(record)
+        model_from_record(record)
 
 
 def test_the_robot_comes_back_without_its_files(tmp_path):
@@ -130,7 +135,7 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
         "[declared.coulomb]\nlevel = [3, 4]\n"
     )
     robot = load_robot(tmp_path)
-    again = from_record(through_text(model_of([], robot).to_record())).robot
+    again = model_from_record(through_text(model_of([], robot).to_record())).robot
     assert (again.name, again.content_hash) == ("lab", robot.content_hash)
     assert not np.isfinite(again.upper[0])
     np.testing.assert_array_equal(again.upper, robot.upper)
@@ -163,7 +168,7 @@ def test_an_effect_is_taken_out_of_all_or_of_some_joints_and_nothing_else():
     np.testing.assert_array_equal(less.predict(log), expected)
     assert np.abs(less.predict(log) - model.predict(log)).max() > 1e-6
     robot = arm()
-    terms = [Term(registry()["coulomb"], (j,), (), np.ones(1)) for j in (0, 1)]
+    terms = [Term(load_effects()["coulomb"], (j,), (), np.ones(1)) for j in (0, 1)]
     model = replace(model_of([], robot), terms=tuple(terms))
     assert model.without("coulomb", joints=[2]).terms == (terms[0],)
     with pytest.raises(InputError, match="no coulomb on joints"):
@@ -184,7 +189,7 @@ def test_a_parameter_is_set_and_the_others_stay():
 
 def changed_friction() -> Model:
     """A model whose declared friction was refitted, with a change found beside it."""
-    coulomb, viscous = registry()["coulomb"], registry()["viscous"]
+    coulomb, viscous = load_effects()["coulomb"], load_effects()["viscous"]
     nominal = [Term(coulomb, (j,), (), np.array([4.0])).as_nominal() for j in (0, 1)]
     free = Term(viscous, (1,), (), np.zeros(1)).as_nominal()
     terms = [replace(t, theta=np.array([4.2])) for t in nominal]
@@ -211,14 +216,14 @@ def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
 
 def test_a_record_keeps_what_an_edit_goes_back_to():
     model = changed_friction()
-    again = from_record(json.loads(json.dumps(model.to_record())))
+    again = model_from_record(json.loads(json.dumps(model.to_record())))
     log = log_of(model.robot)
     back, there = again.without("coulomb"), model.without("coulomb")
     np.testing.assert_array_equal(back.predict(log), there.predict(log))
     damaged = json.loads(json.dumps(model.to_record()))
     damaged["terms"][0]["nominal"]["theta"] = ["much"]
     with pytest.raises(InputError, match="damaged"):
-        from_record(damaged)
+        model_from_record(damaged)
 
 
 def test_the_torque_at_states_is_that_of_the_log():
@@ -253,7 +258,7 @@ def test_one_state_is_a_row_of_its_own_and_other_shapes_are_refused():
 
 def test_a_model_says_what_it_is():
     robot = arm()
-    own = [Term(registry()["viscous"], (j,), (), np.ones(1)) for j in (0, 1)]
-    own.append(Term(registry()["coulomb"], (1,), (), np.ones(1)))
+    own = [Term(load_effects()["viscous"], (j,), (), np.ones(1)) for j in (0, 1)]
+    own.append(Term(load_effects()["coulomb"], (1,), (), np.ones(1)))
     model = replace(model_of([], robot), terms=tuple(own))
     assert repr(model) == "Model(small_arm: rigid body, viscous, coulomb J2)"

@@ -7,7 +7,12 @@ import pytest
 from scipy.signal import lfilter
 
 from residual.errors import InputError
-from residual.monitoring.monitor import STILL, block_maxima, calibrate, limits_of
+from residual.monitoring.monitor import (
+    STILL,
+    calibrate_monitor,
+    fit_score_limits,
+    maxima_per_block,
+)
 from residual.monitoring.thresholds import MONITOR
 from tests.residual.monitored import (
     good_runs,
@@ -64,9 +69,9 @@ def test_no_alarm_knows_what_comes_after_it(fault):
 
 
 def test_limits_know_no_order_of_runs_and_fewer_false_alarms_cost_higher_ones():
-    turned = calibrate(monitor().model, good_runs()[::-1])
+    turned = calibrate_monitor(monitor().model, good_runs()[::-1])
     np.testing.assert_allclose(turned.limits, monitor().limits, rtol=1e-6)
-    strict = calibrate(monitor().model, good_runs(), per_hour=0.01)
+    strict = calibrate_monitor(monitor().model, good_runs(), per_hour=0.01)
     assert (strict.limits >= monitor().limits * (1 - 1e-9)).all()
     assert strict.limits[-2:].sum() > monitor().limits[-2:].sum()
 
@@ -81,7 +86,7 @@ def test_the_score_of_a_joint_is_above_1_where_there_is_an_alarm_and_only_there(
 
 def test_without_the_wanted_position_torque_is_still_watched():
     blind = [replace(run, q_ref=None) for run in good_runs()]
-    watcher = calibrate(model_of(blind), blind)
+    watcher = calibrate_monitor(model_of(blind), blind)
     log = replace(healthy(204), q_ref=None)
     assert watcher.watch(log) == ()
     (first, *_) = watcher.watch(spoilt(log, "bias", 1, 7.3))
@@ -98,7 +103,7 @@ def test_a_reading_without_noise_may_rest():
         return replace(run, q=q, q_ref=q)
 
     runs = [resting(run) for run in good_runs()]
-    assert np.isinf(calibrate(monitor().model, runs).limits[STILL]).all()
+    assert np.isinf(calibrate_monitor(monitor().model, runs).limits[STILL]).all()
     assert np.isfinite(monitor().limits[STILL]).all()
 
 
@@ -146,7 +151,7 @@ def test_a_log_that_does_not_fit_is_refused(change, said):
 )
 def test_runs_that_no_limit_can_come_from_are_refused(runs, per_hour, said):
     with pytest.raises(InputError, match=said):
-        calibrate(monitor().model, runs, per_hour)
+        calibrate_monitor(monitor().model, runs, per_hour)
 
 
 ROWS = 25.0
@@ -160,13 +165,13 @@ def noise(seed, seconds, memory=0.9, joints=2):
 
 
 def peaks(values):
-    return block_maxima(np.arange(values.shape[1]) / ROWS, values)[0]
+    return maxima_per_block(np.arange(values.shape[1]) / ROWS, values)[0]
 
 
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
 def test_false_alarms_are_no_more_than_wanted(memory):
     healthy = [peaks(noise(i, 20.0, memory)) for i in range(15)]
-    limits = limits_of(healthy, MONITOR.block / 3600)
+    limits = fit_score_limits(healthy, MONITOR.block / 3600)
     hours = 10
     over = peaks(noise(99, 3600.0 * hours, memory)) > limits
     assert over.any(axis=1).sum() <= hours

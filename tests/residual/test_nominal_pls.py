@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from residual.calibration.nominal_pls import NominalForm, fit_nominal_pls
+from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.errors import InputError
 from tests.residual.motion_blocks import motion, one_hot
 
@@ -9,7 +9,7 @@ from tests.residual.motion_blocks import motion, one_hot
 def test_coefficients_equal_ikpls_for_every_number_of_components(rng):
     PLS = pytest.importorskip("ikpls.numpy").PLS
     X, Y, _, _ = motion(rng, runs=1, rows=600)
-    m = fit_nominal_pls(X, Y, NominalForm(6, 8))
+    m = fit_nominal_pls(X, Y, NominalPlsForm(6, 8))
     peer = PLS(scale_X=False, scale_Y=False)
     codes = m.levels.encode(X)
     D = one_hot(codes.values, codes.sizes, m.pairs)
@@ -29,17 +29,17 @@ X9 = np.random.default_rng(1).normal(size=(9, 3))
 @pytest.mark.parametrize(
     ("X", "form", "message"),
     [
-        (X9, NominalForm(1), "levels must be 2 to .*, got 1"),
-        (X9, NominalForm(4, 9), "components must be 1 to 8, got 9.*9 distinct rows"),
+        (X9, NominalPlsForm(1), "levels must be 2 to .*, got 1"),
+        (X9, NominalPlsForm(4, 9), "components must be 1 to 8, got 9.*9 distinct rows"),
         (
             X9[:, :2],
-            NominalForm(2, 4),
+            NominalPlsForm(2, 4),
             "components must be 1 to 2, got 4.*3 distinct rows",
         ),
-        (X9[:, :1], NominalForm(3, 1), "variables must be 2 to 64, got 1"),
-        (X9 * [1, 1, 0], NominalForm(3, 1), "constant over all 9 rows: x3"),
-        (X9, NominalForm((3, 3), 1), "of 2 variables, the rows of 3"),
-        (X9, NominalForm((3, 1, 3), 1), "levels must be 2 to .*, got 1"),
+        (X9[:, :1], NominalPlsForm(3, 1), "variables must be 2 to 64, got 1"),
+        (X9 * [1, 1, 0], NominalPlsForm(3, 1), "constant over all 9 rows: x3"),
+        (X9, NominalPlsForm((3, 3), 1), "of 2 variables, the rows of 3"),
+        (X9, NominalPlsForm((3, 1, 3), 1), "levels must be 2 to .*, got 1"),
     ],
 )
 def test_bad_input_is_refused_with_bound_value_and_remedy(X, form, message):
@@ -49,6 +49,6 @@ def test_bad_input_is_refused_with_bound_value_and_remedy(X, form, message):
 
 def test_rows_outside_the_range_are_predicted_from_the_nearest_level(rng):
     X, Y = rng.uniform(0, 1, (100, 3)), rng.normal(size=(100, 1))
-    m = fit_nominal_pls(X, Y, NominalForm(3, 2))
+    m = fit_nominal_pls(X, Y, NominalPlsForm(3, 2))
     far, near = np.array([[9.0, 0.5, 0.5]]), np.array([[0.99, 0.5, 0.5]])
     np.testing.assert_array_equal(m.predict(far), m.predict(near))

@@ -5,17 +5,17 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.effects import registry
-from residual.effects.base import Effect, Limits
+from residual.effects import load_effects
+from residual.effects.base import Effect, JointLimits
 
-ARM = Limits(
+ARM = JointLimits(
     torque=40.0,
     lower=-2.0,
     upper=2.0,
     speed=1.5,
     weight=30.0,
     reach=1.2,
-    had=np.zeros(1),
+    nominal_coefficients=np.zeros(1),
 )
 LOAD = (0.1, 0.05, 0.05, *6 * (0.01,))  # mass * centre and inertia of a small load
 
@@ -74,13 +74,15 @@ CANNOT = [
 
 
 def ask(name, theta, shape, had=(0.0,)):
-    limits = replace(ARM, had=np.array(had, dtype=float))
-    return registry()[name].possible(np.array(theta, dtype=float), shape, limits)
+    limits = replace(ARM, nominal_coefficients=np.array(had, dtype=float))
+    return load_effects()[name].possible(np.array(theta, dtype=float), shape, limits)
 
 
 def test_every_effect_says_for_itself_what_no_arm_can_have():
     usual = Effect.__dataclass_fields__["possible"].default
-    silent = [name for name, effect in registry().items() if effect.possible is usual]
+    silent = [
+        name for name, effect in load_effects().items() if effect.possible is usual
+    ]
     assert silent == []
 
 

@@ -5,29 +5,31 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.evidence.design import Design
 from residual.evidence.priors import (
     ASSUMED,
-    forbidden,
-    inertial_sd,
-    relative_prior,
+    build_relative_prior,
+    compute_inertial_sd,
+    list_forbidden_effects,
 )
 from residual.model.model import Model, Term
-from residual.model.nominal import GIVEN, Nominal
-from residual.robot.dynamics import inertial_parameters
+from residual.model.nominal import GIVEN, NominalModel
+from residual.robot.dynamics import read_inertial_parameters
 from tests.residual.arms import arm
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 
 
 def term(name, joint, theta):
-    return Term(registry()[name], (joint,), (), np.array(theta, dtype=float))
+    return Term(load_effects()[name], (joint,), (), np.array(theta, dtype=float))
 
 
 def nominal(terms=(), given=(), **options):
     robot = arm()
-    model = Model(robot, inertial_parameters(robot.model), tuple(terms), np.ones(2))
-    return Nominal(model, tuple(given), **options)
+    model = Model(
+        robot, read_inertial_parameters(robot.model), tuple(terms), np.ones(2)
+    )
+    return NominalModel(model, tuple(given), **options)
 
 
 def design_of(found, rng):
@@ -44,10 +46,10 @@ def design_of(found, rng):
 def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     """Half of the doubt is each one's own, half the link's as a whole."""
     nominal_model = nominal()
-    prior = relative_prior(design_of(nominal_model, rng), nominal_model, scale)
+    prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, scale)
     expected = np.zeros((NOMINAL, NOMINAL))
-    sizes = inertial_sd(arm()).reshape(2, 10)
-    parameters = inertial_parameters(arm().model).reshape(2, 10)
+    sizes = compute_inertial_sd(arm()).reshape(2, 10)
+    parameters = read_inertial_parameters(arm().model).reshape(2, 10)
     for i in range(2):
         own = slice(10 * i, 10 * i + 10)
         shared = np.outer(parameters[i], parameters[i])
@@ -62,7 +64,7 @@ def test_a_declared_value_is_held_within_its_share(rng, given, share):
     nominal_model = nominal(
         [term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given]
     )
-    prior = relative_prior(design_of(nominal_model, rng), nominal_model, 0.03)
+    prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, 0.03)
     sd = 1 / np.sqrt(np.diag(prior.precision))[NOMINAL:]
     # One thousandth of torque rms is added, so that a declared 0 is not exact.
     assert (sd > share * np.array([8.0, 4.0])).all()
@@ -73,7 +75,7 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     """Its prior is as wide as the torque that it would explain."""
     nominal_model = nominal([term("viscous", 0, [0.0])], [None])
     design = design_of(nominal_model, rng)
-    prior = relative_prior(design, nominal_model, 0.03)
+    prior = build_relative_prior(design, nominal_model, 0.03)
     sd = 1 / np.sqrt(prior.precision[-1, -1])
     speed = np.concatenate([s.qd[:, 0] for s in design.states])
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
@@ -100,4 +102,4 @@ def test_what_may_not_be_blamed(rng, name, given, scale, barred):
     nominal_model = nominal([term(name, 1, [1.0])], [given])
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
     prior = replace(known, widths=nominal_model.kinds)
-    assert forbidden(prior, nominal_model) == barred
+    assert list_forbidden_effects(prior, nominal_model) == barred

@@ -7,11 +7,11 @@ from hypothesis import strategies as st
 from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt
 
-from residual.check.reading import best_order
+from residual.check.column_reading import assign_channels
 from residual.effects.backlash import _flight
-from residual.evidence.fit import System, fit
-from residual.signals.filters import low_pass
-from residual.signals.track import bristle
+from residual.evidence.fit import FitEquations, fit_jointly
+from residual.signals.filters import filter_low_pass
+from residual.signals.track import compute_dahl_state
 from tests.residual.linear import DOF, Problem, every_group
 
 SEEDS = st.integers(0, 2**32 - 1)
@@ -29,17 +29,17 @@ def test_the_low_pass_is_that_of_scipy_and_every_step_of_it(rate, step):
     theirs = sosfiltfilt(sections, x, axis=0, padlen=rate)[::step]
     # What it forgets after 4.5 periods is 1e-6 of the span.
     np.testing.assert_allclose(
-        low_pass(x, cutoff, rate, step), theirs, atol=5e-6 * np.ptp(x)
+        filter_low_pass(x, cutoff, rate, step), theirs, atol=5e-6 * np.ptp(x)
     )
 
 
 @pytest.mark.parametrize("order", [1, 2])
 def test_a_derivative_is_the_central_difference_of_the_low_pass(order):
     x, rate, step = walk(2, 1500, 2), 250.0, 2
-    theirs = low_pass(x, 12.0, rate)
+    theirs = filter_low_pass(x, 12.0, rate)
     for _ in range(order):
         theirs = np.gradient(theirs, 1 / rate, axis=0)
-    ours = low_pass(x, 12.0, rate, step, order=order)
+    ours = filter_low_pass(x, 12.0, rate, step, order=order)
     inside = slice(3, -3)
     size = np.abs(theirs).max()
     np.testing.assert_allclose(ours[inside], theirs[::step][inside], atol=1e-9 * size)
@@ -52,7 +52,7 @@ def test_a_bristle_is_dahls_state_step_by_step(seed, n, displacement):
         step = q[i] - q[i - 1]
         goal = 1.0 if step > 0 else -1.0
         state[i] = goal + (state[i - 1] - goal) * np.exp(-abs(step) / displacement)
-    np.testing.assert_allclose(bristle(q, displacement), state, atol=1e-12)
+    np.testing.assert_allclose(compute_dahl_state(q, displacement), state, atol=1e-12)
 
 
 @given(SEEDS, st.integers(1, 400), st.sampled_from([0.1, 1.0, 10.0]))
@@ -72,7 +72,7 @@ def test_a_link_flies_as_step_by_step(seed, n, strong):
 def test_the_best_order_has_the_most_value(seed, n):
     value = np.random.default_rng(seed).normal(size=(n, n)) + np.eye(n)
     rows, columns = linear_sum_assignment(value, maximize=True)
-    own = value[np.arange(n), best_order(value)].sum()
+    own = value[np.arange(n), assign_channels(value)].sum()
     assert own == pytest.approx(value[rows, columns].sum())
 
 
@@ -80,16 +80,17 @@ def test_the_best_order_has_the_most_value(seed, n):
 def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
     problem = Problem.draw(np.random.default_rng(seed), rows=60)
     design, groups = problem.design, every_group(problem.design)
-    grown = System.of(design, problem.prior, groups[:1])
+    grown = FitEquations.of(design, problem.prior, groups[:1])
     for group in groups[1:3]:
         grown = grown.beside(design, group)
-    gathered = System.of(design, problem.prior, groups[:3])
+    gathered = FitEquations.of(design, problem.prior, groups[:3])
     for name in ("ids", "precision", "gram", "cross", "power"):
         np.testing.assert_allclose(getattr(grown, name), getattr(gathered, name))
     folds = gathered.folds(design)
     np.testing.assert_allclose(sum(f.gram for f in folds), gathered.gram, atol=1e-9)
     counted = np.full(DOF, 50.0)
     one, other = (
-        fit(design, problem.prior, groups[:3], counted, system=s) for s in (grown, None)
+        fit_jointly(design, problem.prior, groups[:3], counted, system=s)
+        for s in (grown, None)
     )
     assert one.score == pytest.approx(other.score)

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import CHANGES
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import (
     Y,
     Z,
@@ -142,7 +142,9 @@ WEAK = {
 @pytest.mark.parametrize("effect", sorted(WEAK))
 def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
     joints, size, seed, share = WEAK[effect]
-    case = short_case(arm(), Hidden(effect, joints, size), seed=seed, duration=8.0)
+    case = short_case(
+        arm(), SyntheticEffect(effect, joints, size), seed=seed, duration=8.0
+    )
     (finding,) = doubts(case)[1]
     same = {(finding.effect.name, finding.joints), *finding.equivalent}
     assert (effect, joints) in same
@@ -156,19 +158,19 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
 
 def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     """Of two links either may be the rough one: that is no name."""
-    heavier = Hidden("link_inertia", (3,), {"scale": 0.5})
+    heavier = SyntheticEffect("link_inertia", (3,), {"scale": 0.5})
     _, findings = doubts(short_case(bare_irb140(), heavier, seed=51, duration=8.0))
     (finding,) = findings
     assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
     assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
-    heavier = Hidden("link_inertia", (2,), {"scale": 0.5})
+    heavier = SyntheticEffect("link_inertia", (2,), {"scale": 0.5})
     one_of_two = short_case(arm(), heavier, seed=51, duration=8.0)
     assert doubts(one_of_two)[1] == []
 
 
 def test_a_change_against_a_baseline_is_found_and_proved():
     """Coulomb friction that was there already grew by a known amount on joint 2."""
-    grown = Hidden("coulomb", (2,), {"level": 3.0})
+    grown = SyntheticEffect("coulomb", (2,), {"level": 3.0})
     case = short_case(arm(), grown, seed=43)
     verdict = diagnose_case(case).verdict
     assert names(verdict) == [("coulomb", (2,))]

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from flows.inputs.read import load
-from residual.effects import vocabulary
+from flows.inputs.read import load_command_robot
+from residual.effects import list_effect_parameters
 from residual.errors import RobotError, UnknownNameError
-from residual.robot.robot import load_robot, with_known, with_serial
+from residual.robot.robot import add_known_values, load_robot, set_serial_number
 
 JOINT = """
   <joint name="joint{i}" type="{kind}">
@@ -189,7 +189,7 @@ BAD_TOML = {
 def test_bad_robot_toml_is_refused(folder, text, message):
     (folder / "robot.toml").write_text(text)
     with pytest.raises((RobotError, UnknownNameError), match=message):
-        load_robot(folder, vocabulary())
+        load_robot(folder, list_effect_parameters())
 
 
 def test_effects_are_checked_by_who_knows_them(folder):
@@ -197,7 +197,7 @@ def test_effects_are_checked_by_who_knows_them(folder):
     declared = load_robot(folder).declared["creaking"]
     np.testing.assert_array_equal(declared.values["level"], [1, 2])
     with pytest.raises(UnknownNameError, match=r"effect in robot\.toml .creaking"):
-        load(str(folder))
+        load_command_robot(str(folder))
 
 
 @pytest.mark.parametrize(
@@ -227,6 +227,9 @@ def test_a_folder_of_two_arms_and_a_binary_file_are_refused(folder, tmp_path):
 def test_a_serial_number_and_known_values_keep_the_order_of_what_is_declared():
     """It is that of the columns of a fit: sums in another order have other bits."""
     kind = load_robot("irb140")
-    for robot in (with_serial(kind, "B-18"), with_known(kind, {"payload.mass": 2.0})):
+    for robot in (
+        set_serial_number(kind, "B-18"),
+        add_known_values(kind, {"payload.mass": 2.0}),
+    ):
         assert list(robot.declared) == list(kind.declared)
         assert robot.content_hash != kind.content_hash

@@ -7,17 +7,30 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from residual.diagnosis.detectable import minimum_detectable
-from residual.diagnosis.findings import findings, standard_deviations
-from residual.diagnosis.gate import drop_failed, gate_members, left_out_errors
+from residual.diagnosis.detectable import find_detectable_sizes
+from residual.diagnosis.findings import estimate_uncertainties, merge_into_findings
+from residual.diagnosis.gate import (
+    cross_validation_errors,
+    drop_members_failing_gate,
+    judge_members_by_gate,
+)
 from residual.diagnosis.search import (
     lowers_error,
     rank_additions,
-    refine_shape,
-    search,
+    refine_last_shape,
+    search_effect_set,
 )
-from residual.diagnosis.select import alternatives, prefer_simpler, select
-from residual.effects.base import Effect, Refinement, Trait, local
+from residual.diagnosis.select import (
+    find_member_alternatives,
+    select_set_and_prior,
+    swap_for_simpler_names,
+)
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    ShapeRefinement,
+    build_joint_columns,
+)
 from residual.evidence.thresholds import EvidenceThresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
@@ -43,10 +56,12 @@ WAVE = Effect(
     "wave",
     "periodic in place",
     {"cos": "1", "sin": "1", "order": "1"},
-    local(lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]),
+    build_joint_columns(
+        lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]
+    ),
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),
     from_values=lambda values: (values[:2], tuple(values[2:])),
-    refine=Refinement("shift", 0.8),
+    refine=ShapeRefinement("shift", 0.8),
 )
 
 
@@ -61,7 +76,7 @@ def keys(fitted):
 
 def searched(problem, **rules):
     task = problem.task(every_group(problem.design), **rules)
-    return task, search(task)
+    return task, search_effect_set(task)
 
 
 def test_where_nothing_is_missing_nothing_is_found():
@@ -122,10 +137,10 @@ def imitated(rng):
 
 def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     _, task, size = imitated
-    fitted = search(task)
+    fitted = search_effect_set(task)
     assert keys(fitted) == [("twin", (1,))]
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
-    (tested,) = gate_members(task, fitted)
+    (tested,) = judge_members_by_gate(task, fitted)
     assert tested.by == "plausibility"
     assert tested.nats > task.rules.min_plausible_nats
 
@@ -135,7 +150,7 @@ def test_a_left_out_log_is_predicted_by_a_fit_of_the_others(rng):
     members = problem.design.add([(PLANE, (0,), ())])
     task = problem.task(members)
     fitted = task.settle(task.fit(members, task.start()))
-    errors = left_out_errors(task, fitted)
+    errors = cross_validation_errors(task, fitted)
     weight = fitted.counted / problem.design.rows / fitted.variance
     for k in range(len(problem.logs)):
         others = [i for i in range(len(problem.logs)) if i != k]
@@ -159,8 +174,8 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     (group,) = problem.design.add([(LINE, (0,), ())])
     task = problem.task([group])
     fitted = task.settle(task.fit([group], task.start()))
-    assert gate_members(task, fitted)[0].by is None
-    after, tested = drop_failed(task, fitted)
+    assert judge_members_by_gate(task, fitted)[0].by is None
+    after, tested = drop_members_failing_gate(task, fitted)
     assert (after.members, tested) == ((), [])
 
 
@@ -168,7 +183,7 @@ def near_copy(size):
     return replace(
         LINE,
         name="near",
-        traits=Trait.NONE,
+        traits=EffectTrait.NONE,
         columns=lambda s, j, x: LINE.columns(s, j, x) + size * OTHER.columns(s, j, x),
     )
 
@@ -180,7 +195,7 @@ def test_what_cannot_be_told_apart_is_listed_with_the_name(rng, size, told_apart
     task = problem.task([*near, *every_group(problem.design)])
     fitted = task.settle(task.fit([task.candidates.groups[1]], task.start()))
     assert keys(fitted) == [("line", (0,))]
-    others, probability = alternatives(task, fitted, fitted.members[0])
+    others, probability = find_member_alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ([] if told_apart else ["near"])
     assert probability > 0.99
 
@@ -197,7 +212,7 @@ def test_of_two_names_that_explain_the_same_the_simpler_is_taken(rng):
     both = problem.design.add([(LINE, (0,), ()), (wider, (0,), ())])
     task = problem.task(both)
     fitted = task.settle(task.fit([both[1]], task.start()))
-    assert keys(prefer_simpler(task, fitted)) == [("line", (0,))]
+    assert keys(swap_for_simpler_names(task, fitted)) == [("line", (0,))]
 
 
 def prior_space(design, priors):
@@ -224,7 +239,12 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
     space = prior_space(problem.design, choices)
-    assert select(space, task.candidates, EvidenceThresholds()).task.prior.scale == bend
+    assert (
+        select_set_and_prior(
+            space, task.candidates, EvidenceThresholds()
+        ).task.prior.scale
+        == bend
+    )
 
 
 def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
@@ -237,7 +257,7 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         scale=0.9,
     )
     space = prior_space(problem.design, {0.9: wide, 0.03: problem.prior})
-    chosen = select(space, task.candidates, EvidenceThresholds())
+    chosen = select_set_and_prior(space, task.candidates, EvidenceThresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 
@@ -251,7 +271,7 @@ def smallest(seed):
     null = Problem.draw(np.random.default_rng(seed), **SLOW)
     group = null.design.add([(LINE, (0,), ())])
     task = null.task(group, min_fall=0.0, min_fall_share=0.0)
-    (entry,) = minimum_detectable(task, task.start())
+    (entry,) = find_detectable_sizes(task, task.start())
     assert (entry.name, entry.joints) == ("line", (1,))
     return entry.value
 
@@ -263,7 +283,11 @@ def detection_rate(share, draws=24):
         there = Problem.draw(np.random.default_rng(seed), truth, **SLOW)
         group = there.design.add([(LINE, (0,), ())])
         hits.append(
-            bool(search(there.task(group, min_fall=0, min_fall_share=0)).members)
+            bool(
+                search_effect_set(
+                    there.task(group, min_fall=0, min_fall_share=0)
+                ).members
+            )
         )
     return np.mean(hits)
 
@@ -286,11 +310,11 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
         problem = Problem(logs, build(logs), problem.prior)
         group = problem.design.add([(WAVE, (0,), (7.2,))])
         task = problem.task(group)
-        members = refine_shape(task, group, task.fit(group, task.start()))
+        members = refine_last_shape(task, group, task.fit(group, task.start()))
         fitted = task.settle(task.fit(members, task.start()))
         diagnosis = judged_by(task)
         exact = {members[0]: (fitted.of(members[0]), np.zeros((2, 2)))}
-        (sd,) = standard_deviations(diagnosis, fitted, exact).values()
+        (sd,) = estimate_uncertainties(diagnosis, fitted, exact).values()
         values = [*fitted.of(members[0]), members[0].shape[0]]
         inside += list(np.abs(np.array(values) - [2.0, -1.0, 7.37]) < 2 * sd.std)
     assert 0.85 <= np.mean(inside) <= 1.0
@@ -301,7 +325,9 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     problem = Problem.draw(rng, truth, rows=200)
     task, fitted = searched(problem)
     diagnosis = judged_by(task)
-    first, second = findings(diagnosis, fitted, gate_members(task, fitted))
+    first, second = merge_into_findings(
+        diagnosis, fitted, judge_members_by_gate(task, fitted)
+    )
     assert (first.effect.name, first.joints) == ("plane", (1,))
     assert (second.effect.name, second.joints) == ("line", (1, 2))
     values, sds, unit, _ = second.parameters["a"]
@@ -321,11 +347,11 @@ def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first
         replace(t, group=replace(t.group, effect=riding))
         if t.group.effect is PLANE
         else t
-        for t in gate_members(task, fitted)
+        for t in judge_members_by_gate(task, fitted)
     ]
     groups = {t.group.key: t.group for t in tested}
     fitted = replace(fitted, members=tuple(groups[g.key] for g in fitted.members))
-    names = [f.effect.name for f in findings(diagnosis, fitted, tested)]
+    names = [f.effect.name for f in merge_into_findings(diagnosis, fitted, tested)]
     assert sorted(names) == ["line", "plane"]
     assert names[0] == first
 

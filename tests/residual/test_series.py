@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import gate
-from residual.diagnosis.gate import only_curves
-from residual.effects import registry
+from residual.diagnosis.gate import find_replaceable_by_curve
+from residual.effects import load_effects
 from residual.evidence.design import Design
-from residual.evidence.fit import fit
+from residual.evidence.fit import fit_jointly
 from residual.model.model import Model
-from residual.robot.dynamics import inertial_parameters
-from residual.signals.track import Filters, prepare
+from residual.robot.dynamics import read_inertial_parameters
+from residual.signals.track import FilterSettings, build_tracks
 from tests.residual.arms import arm, plain_logs
 from tests.residual.linear import nominal_prior
 
@@ -23,16 +23,16 @@ def judged(rng):
             tau = log.tau.copy()
             tau[:, 1] += shape(log.q[:, 1])
             logs.append(type(log)(log.id, log.robot, log.t, log.q, tau))
-        tracks, floor = prepare(logs, Filters())
-        model = Model(arm(), inertial_parameters(arm().model), (), floor)
+        tracks, floor = build_tracks(logs, FilterSettings())
+        model = Model(arm(), read_inertial_parameters(arm().model), (), floor)
         design = Design(tracks, model)
-        wanted = [(registry()[name], (1,), order) for name, order in names]
+        wanted = [(load_effects()[name], (1,), order) for name, order in names]
         # Friction of the logs is no part of the question.
-        wanted += [(registry()[n], (1,), ()) for n in ("coulomb", "viscous")]
+        wanted += [(load_effects()[n], (1,), ()) for n in ("coulomb", "viscous")]
         groups = design.add(wanted)
-        fitted = fit(design, nominal_prior(rng), groups, design.rows, rounds=5)
+        fitted = fit_jointly(design, nominal_prior(rng), groups, design.rows, rounds=5)
         tested = [gate.GateResult(g, 99.0, "fit", 1, 0.1, 0.9, 1) for g in groups]
-        out = only_curves(design, tracks, fitted, tested)
+        out = find_replaceable_by_curve(design, tracks, fitted, tested)
         return [t.group.effect.name for t in out]
 
     return judge

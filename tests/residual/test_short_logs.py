@@ -12,14 +12,14 @@ from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, names, short_case
 
 PLAN = (
     LogPlan("fit", "fit", "fourier", 5.0),
     LogPlan("held_out", "held_out", "fourier", 5.0),
 )
-COUPLING = Hidden(
+COUPLING = SyntheticEffect(
     "coupled_friction", (4, 5), {"level": 7.0, "coefficient": 0.7, "sign": 1.0}
 )
 

@@ -4,9 +4,14 @@ import numpy as np
 import pytest
 
 from residual.recording import Recording
-from residual.signals.track import Filters, low_pass, prepare, sample_rate
+from residual.signals.track import (
+    FilterSettings,
+    build_tracks,
+    estimate_sample_rate,
+    filter_low_pass,
+)
 
-FILTERS = Filters()
+FILTERS = FilterSettings()
 RATES = (100.0, 250.0, 1000.0)
 
 
@@ -23,7 +28,7 @@ def log(t, q, tau=None, label="log"):
 
 
 def one(recording, **options):
-    (track,), floor = prepare([recording], FILTERS, **options)
+    (track,), floor = build_tracks([recording], FILTERS, **options)
     return track, floor
 
 
@@ -32,9 +37,9 @@ def clock(duration, rate):
 
 
 def test_the_filter_leaves_a_constant_and_a_log_too_slow_for_it_alone():
-    np.testing.assert_allclose(low_pass(np.full((500, 2), 3.7), 8, 250), 3.7)
+    np.testing.assert_allclose(filter_low_pass(np.full((500, 2), 3.7), 8, 250), 3.7)
     x = np.random.default_rng(1).normal(size=50)
-    np.testing.assert_array_equal(low_pass(x, 8, 16), x)
+    np.testing.assert_array_equal(filter_low_pass(x, 8, 16), x)
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -43,8 +48,8 @@ def test_features_pass_the_filter_that_torque_passes(rate):
     t = clock(10, rate)
     x = sines(t, (0.4, 2.9, 6.0, 7.5))
     track, _ = one(log(t, np.sin(t), x))
-    same = track.filter(x[:: round(rate / track.rate)])[track.inner]
-    np.testing.assert_allclose(same, track.tau[track.inner, 0], atol=1e-3 * x.std())
+    same = track.filter(x[:: round(rate / track.rate)])[track.valid]
+    np.testing.assert_allclose(same, track.tau[track.valid, 0], atol=1e-3 * x.std())
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -68,7 +73,7 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
 def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
     t = np.cumsum(np.full(200, dt))
     t[100:] += 3.0
-    assert sample_rate(t) == pytest.approx(rate, rel=1e-12)
+    assert estimate_sample_rate(t) == pytest.approx(rate, rel=1e-12)
 
 
 def stop_and_go(t):
@@ -96,20 +101,20 @@ def test_a_gap_in_the_log_is_masked_and_a_missed_sample_or_two_is_none():
     t = t[(t < 4.0) | (t > 5.0)]
     track, _ = one(log(t, 0.3 * t))
     rows = track.t[:: track.step]
-    assert not track.inner[(rows > 3.95) & (rows < 5.05)].any()
-    assert track.inner[(rows > 0.6) & (rows < 3.8)].all()
-    assert track.inner[(rows > 5.2) & (rows < 9.4)].all()
+    assert not track.valid[(rows > 3.95) & (rows < 5.05)].any()
+    assert track.valid[(rows > 0.6) & (rows < 3.8)].all()
+    assert track.valid[(rows > 5.2) & (rows < 9.4)].all()
     assert not track.moving[(rows > 3.95) & (rows < 5.05)].any()
     t = np.delete(clock(10, 250), [700, 701, 702])
     track, _ = one(log(t, 0.3 * t))
     rows = track.t[:: track.step]
-    assert track.inner[(rows > 0.6) & (rows < 9.4)].all()
+    assert track.valid[(rows > 0.6) & (rows < 9.4)].all()
 
 
 def test_thresholds_are_common_to_all_logs_and_may_come_from_others():
     t = clock(6, 250)
     fast, slow = log(t, np.sin(3 * t)), log(t, 0.001 * np.sin(3 * t))
-    tracks, floor = prepare([fast, slow], FILTERS)
+    tracks, floor = build_tracks([fast, slow], FILTERS)
     assert tracks[0].moving.mean() > 0.3
     assert tracks[1].moving.mean() == 0
     _, again = one(slow, speed_floor=floor)
@@ -131,5 +136,5 @@ def test_white_noise_is_measured_as_what_passes_the_filter(rate):
     signal = 20 * sines(t, (0.3, 1.1, 2.0))
     noise = rng.normal(size=len(t))
     track, _ = one(log(t, np.sin(t), signal + noise))
-    passed = low_pass(noise, track.cutoff, rate)[int(rate) : -int(rate)].std()
+    passed = filter_low_pass(noise, track.cutoff, rate)[int(rate) : -int(rate)].std()
     assert track.torque_noise[0] == pytest.approx(passed, rel=0.15)

@@ -11,22 +11,26 @@ import pinocchio as pin
 import pytest
 
 import modelgap as mg
-from residual.effects import registry
-from residual.effects.base import Trait
+from residual.effects import load_effects
+from residual.effects.base import EffectTrait
 from residual.export.c99 import to_c99, to_fmu
-from residual.export.simulators import to_mjcf, to_mujoco, to_urdf
-from residual.export.table import to_table
-from residual.quantity import along
-from residual.robot.dynamics import chain_of, inertial_parameters, regressor
-from residual.robot.robot import robot_from_texts
-from sim.engine.bullet import World
+from residual.export.support_point_tables import to_table
+from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
+from residual.quantity import convert_to_sliding_unit
+from residual.robot.dynamics import (
+    build_kinematic_chain,
+    compute_inertial_regressor,
+    read_inertial_parameters,
+)
+from residual.robot.robot import build_robot
+from sim.engine.pybullet_world import BulletWorld
 from tests.exports.back import c99_back, mjcf_back, mujoco_back, urdf_back
 from tests.exports.models import model_with
 from tests.plain_arm import SLIDING, logs, sizes, sliding_arm, true_model, with_load
 
 
 def arm(name):
-    return robot_from_texts(name, sliding_arm(name), "{}")
+    return build_robot(name, sliding_arm(name), "{}")
 
 
 @pytest.mark.parametrize("name", SLIDING)
@@ -48,7 +52,7 @@ def test_an_identified_model_is_pinocchios_regressor_times_its_parameters(name):
 def test_where_joints_and_flange_are(name):
     robot, rng = arm(name), np.random.default_rng(2)
     q = rng.uniform(-1, 1, (20, robot.dof))
-    origins = chain_of(robot.model).origins(q)
+    origins = build_kinematic_chain(robot.model).compute_joint_origins(q)
     data = robot.model.createData()
     for row, places in zip(q, origins, strict=True):
         pin.framesForwardKinematics(robot.model, data, row)
@@ -88,22 +92,24 @@ def test_an_export_says_the_units_of_each_joint():
 
 def test_units_follow_the_joint():
     robot = arm("rail")
-    on_rail = {k: e.units((0,), robot) for k, e in registry().items()}
+    on_rail = {k: e.units((0,), robot) for k, e in load_effects().items()}
     assert on_rail["viscous"] == {"coefficient": "N s/m"}
     assert on_rail["rotor_inertia"] == {"inertia": "kg"}
     assert on_rail["ripple"] == {"amplitude": "N", "order": "rad/m", "phase": "rad"}
-    assert on_rail["payload"] == registry()["payload"].parameters
-    turning = registry()["spring"].units((1,), robot)
+    assert on_rail["payload"] == load_effects()["payload"].parameters
+    turning = load_effects()["spring"].units((1,), robot)
     assert turning == {"stiffness": "N m/rad", "rest": "rad"}
-    assert along("N m (s/rad)^p") == "N (s/m)^p"
+    assert convert_to_sliding_unit("N m (s/rad)^p") == "N (s/m)^p"
 
 
 def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     slides = (False, True, False, True)
-    needs = [e.name for e in registry().values() if Trait.NEEDS_TURN in e.traits]
+    needs = [
+        e.name for e in load_effects().values() if EffectTrait.NEEDS_TURN in e.traits
+    ]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
-    assert registry()["balancer"].candidates(4, slides) == ((0,), (2,))
-    pairs = registry()["coupled_friction"].candidates(4, slides)
+    assert load_effects()["balancer"].candidates(4, slides) == ((0,), (2,))
+    pairs = load_effects()["coupled_friction"].candidates(4, slides)
     assert pairs == ((1, 3),)
 
 
@@ -112,7 +118,7 @@ def test_the_engine_moves_them_by_the_same_dynamics():
     rng = np.random.default_rng(4)
     q, qd = rng.uniform(-0.4, 0.4, (2, robot.dof))
     tau = rng.normal(size=robot.dof) * 20
-    with World(robot.model, dt) as world:
+    with BulletWorld(robot.model, dt) as world:
         world.reset(q, qd)
         world.step(tau)
         _, after = world.state()
@@ -159,7 +165,7 @@ def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, see
         usual, speed = sizes(robot, true)
         dry, wet = {"level": [*0.1 * usual]}, {"coefficient": [*0.06 * usual / speed]}
         toml = json.dumps({"declared": {"coulomb": dry, "viscous": wet}})
-        robot = robot_from_texts(name, sliding_arm(name), toml)
+        robot = build_robot(name, sliding_arm(name), toml)
     fit = logs(robot, true, "abc", 1000 + seed, torque)
     held_out = logs(robot, true, "d", 2000 + seed, torque)
     diagnosis = mg.diagnose(robot, fit, held_out=held_out)
@@ -182,5 +188,5 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     mass = diagnosis.effects[0].parameters["mass"]
     assert mass.unit == "kg"
     assert abs(mass.value - 2.5) < 2 * mass.std
-    assert inertial_parameters(loaded).shape == (50,)
-    assert regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)
+    assert read_inertial_parameters(loaded).shape == (50,)
+    assert compute_inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)

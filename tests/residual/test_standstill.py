@@ -7,16 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.model.model import Model, Term
-from residual.model.nominal import with_standstill
-from residual.robot.dynamics import inertial_parameters
+from residual.model.nominal import choose_standstill_behaviour
+from residual.robot.dynamics import read_inertial_parameters
 from residual.signals.track import (
     CHOICES,
     SMOOTH,
-    Standstill,
-    direction,
-    prepare,
+    StandstillFriction,
+    build_tracks,
+    compute_friction_direction,
 )
 from tests.residual.arms import arm, recording
 
@@ -36,16 +36,18 @@ def motion(seed=0, n=400):
 @given(seed=st.integers(0, 2000))
 def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed):
     q, qd = motion(seed)
-    out = direction(q, qd, FLOOR, shape)
+    out = compute_friction_direction(q, qd, FLOOR, shape)
     assert out.shape == q.shape
     assert np.abs(out).max() <= 1
-    np.testing.assert_allclose(direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
+    np.testing.assert_allclose(
+        compute_friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12
+    )
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
 def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
     t = np.arange(300) / 100
-    out = direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
+    out = compute_friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
     np.testing.assert_allclose(out[100:], -1, atol=1e-3)
 
 
@@ -53,8 +55,8 @@ def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
 @pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
 def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     q, qd = motion()
-    full = direction(q, qd, FLOOR, replace(shape, hold=1.0))
-    held = direction(q, qd, FLOOR, replace(shape, hold=hold))
+    full = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=1.0))
+    held = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=hold))
     stands = np.abs(qd) < shape.reach * FLOOR
     assert stands.any()
     assert not stands.all()
@@ -74,14 +76,16 @@ def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(h
     """Joint 1 has friction that holds that share; joint 2 has none, so stays as is."""
     robot = arm()
     t, q = stop_and_go()
-    friction = Term(registry()["coulomb"], (0,), (), np.array([5.0]))
+    friction = Term(load_effects()["coulomb"], (0,), (), np.array([5.0]))
     model = Model(
-        robot, inertial_parameters(robot.model), (friction,), np.full(2, FLOOR)
+        robot, read_inertial_parameters(robot.model), (friction,), np.full(2, FLOOR)
     )
-    truth = replace(model, standstill=2 * (Standstill("bristle", 1e-3, hold=hold),))
+    truth = replace(
+        model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),)
+    )
     log = recording(t, q, truth.predict(recording(t, q, 0 * q)))
-    tracks, _ = prepare([log], model.filters, model.speed_floor)
-    settled = with_standstill(model, tracks)
+    tracks, _ = build_tracks([log], model.filters, model.speed_floor)
+    settled = choose_standstill_behaviour(model, tracks)
     assert settled.standstill[0].hold == pytest.approx(hold, abs=0.06)
     assert settled.standstill[1] == SMOOTH
     gap = {m: whole_error(x, log) for m, x in (("raw", model), ("set", settled))}

@@ -5,8 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.changes.contrast import SQUARES, expected_evidence, log_evidence
-from residual.changes.rows import OWN, JointRows, Layout
+from residual.changes.contrast import SQUARES, change_log_evidence, expected_evidence
+from residual.changes.rows import OWN, JointRows, RowLayout
 
 ROWS, BLOCK = 120, 12
 
@@ -14,7 +14,7 @@ ROWS, BLOCK = 120, 12
 def layout(rows=ROWS, block=BLOCK):
     second = np.arange(rows) >= rows // 2
     starts = np.arange(0, rows, block)
-    return Layout(second, second.astype(int), starts, np.arange(len(starts)))
+    return RowLayout(second, second.astype(int), starts, np.arange(len(starts)))
 
 
 def drawn(seed, width=6):
@@ -58,7 +58,7 @@ def test_evidence_is_a_bayes_factor(information, theta, precision):
     """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""
     known, prior = np.array([[information]]), np.array([[precision]])
     pull = known @ [theta]
-    worth = float(log_evidence(known, pull, prior, None))
+    worth = float(change_log_evidence(known, pull, prior, None))
     variances = SQUARES / precision + 1 / information
     logs = [
         -0.5 * np.log(v * information) + 0.5 * theta**2 * (information - 1 / v)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.identification.identify import identify, torque_errors
-from residual.model.dynamics import acceleration_error
+from residual.identification.identify import compute_torque_errors, identify
+from residual.model.dynamics import compute_acceleration_error
 from tests.residual.identified import logs, truth
 
 
@@ -23,10 +23,10 @@ def held_out():
 
 def test_the_identified_model_beats_the_nominal_both_ways(identification, held_out):
     models = {"nominal": identification.nominal, "identified": identification.model}
-    torque = torque_errors(models, held_out)
+    torque = compute_torque_errors(models, held_out)
     assert torque["identified"].overall("moving") < 3
     assert torque["identified"].overall("raw") < 0.2 * torque["nominal"].overall("raw")
-    both = [acceleration_error(m, held_out).overall for m in models.values()]
+    both = [compute_acceleration_error(m, held_out).overall for m in models.values()]
     assert both[1] < 10
     assert both[1] < 0.1 * both[0]
 
@@ -35,22 +35,25 @@ def test_acceleration_of_exact_torque_is_exact():
     model = identify(truth().robot, logs()).model
     (log,) = logs(1, seed=3)
     predicted = replace(log, tau=model.predict(log))
-    error = acceleration_error(model, [predicted])
+    error = compute_acceleration_error(model, [predicted])
     assert error.overall < 0.5
     assert np.all(error.per_joint < 0.5)
 
 
 def test_a_joint_that_stands_has_no_acceleration_error(identification):
-    error = acceleration_error(identification.model, logs(1, joints=(0, 1)))
+    error = compute_acceleration_error(identification.model, logs(1, joints=(0, 1)))
     assert np.isnan(error.per_joint[2])
     assert np.isfinite(error.overall)
 
 
 BAD = {
-    "no log": (lambda f: torque_errors({"m": f.model}, []), "at least one model"),
-    "no model": (lambda f: torque_errors({}, logs(1)), "at least one model"),
+    "no log": (
+        lambda f: compute_torque_errors({"m": f.model}, []),
+        "at least one model",
+    ),
+    "no model": (lambda f: compute_torque_errors({}, logs(1)), "at least one model"),
     "impossible body": (
-        lambda f: acceleration_error(
+        lambda f: compute_acceleration_error(
             replace(f.model, inertial=-f.model.inertial), logs(1)
         ),
         "expected more than 0: it has no acceleration",

@@ -9,17 +9,19 @@ import pytest
 
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import registry, vocabulary
+from residual.effects import list_effect_parameters, load_effects
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
-from sim.engine.records import Hidden
+from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
 
-OFFSET = Hidden("offset", (1,), {"torque": 4.0})
-CHURN = Hidden("quadratic_viscous", (2,), {"coefficient": 1.5})
-KNOCK = Hidden("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
-GROWN = Hidden("coulomb", (2,), {"level": 3.0})
-LOAD = Hidden("payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05})
+OFFSET = SyntheticEffect("offset", (1,), {"torque": 4.0})
+CHURN = SyntheticEffect("quadratic_viscous", (2,), {"coefficient": 1.5})
+KNOCK = SyntheticEffect("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
+GROWN = SyntheticEffect("coulomb", (2,), {"level": 3.0})
+LOAD = SyntheticEffect(
+    "payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}
+)
 # On two links a load can be imitated by the last one: it takes a robot that is known.
 SURE = "[prior]\nscale = 0.03\n"
 DEAD = "joint 2 stands"
@@ -222,7 +224,7 @@ def test_arrays_have_an_entry_per_joint_and_joints_are_numbered_from_one(kind):
     joints_named.append(verdict["unexplained"]["joints"])
     for joints in joints_named:
         assert all(1 <= j <= dof for j in joints)
-    local = {n for n, e in registry().items() if e.scope == "local"}
+    local = {n for n, e in load_effects().items() if e.scope == "local"}
     last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
     # What joint 2 lacks cannot be seen where it stands or logs no torque.
     assert max(last) == (1 if kind in (DEAD, MUTE) else dof)
@@ -237,7 +239,7 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
             "equivalent"
         ]
         for key, parameter in effect["parameters"].items():
-            assert vocabulary()[effect["name"]][key] == parameter["unit"]
+            assert list_effect_parameters()[effect["name"]][key] == parameter["unit"]
             assert np.all(np.asarray(parameter["std"]) >= 0)
         evidence = effect["evidence"]
         assert evidence["by"] == "fit"

@@ -10,12 +10,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.effects import registry
+from residual.effects import load_effects
 from residual.effects.base import State
-from residual.effects.sensitivity import sensitivity
+from residual.effects.sensitivity import compute_torque_derivatives
 from residual.model.model import Model, Term
 from residual.robot import dynamics
-from residual.signals.track import Filters, prepare
+from residual.signals.track import FilterSettings, build_tracks
 from tests.residual.arms import SEVEN, arm, bare_irb140, recording, smooth_motion
 
 RATE = 200.0
@@ -32,21 +32,21 @@ def robot(request):
 def seen(robot, motion=None) -> State:
     """A log of a smooth motion, some friction in the model's torque."""
     q, qd, qdd = smooth_motion(robot, T) if motion is None else motion
-    regressor = dynamics.regressor(robot.model, q, qd, qdd)
-    rigid = regressor @ dynamics.inertial_parameters(robot.model)
+    regressor = dynamics.compute_inertial_regressor(robot.model, q, qd, qdd)
+    rigid = regressor @ dynamics.read_inertial_parameters(robot.model)
     tau = rigid + 3 * np.sign(qd)
     return State(robot, RATE, T, q, qd, qdd, np.sign(qd), regressor, rigid, tau)
 
 
 def torque(name, joints, theta, state, shape=()):
-    return Term(registry()[name], joints, shape, np.atleast_1d(theta)).torque(state)
+    return Term(load_effects()[name], joints, shape, np.atleast_1d(theta)).torque(state)
 
 
 def moved(state, joint, motion):
     parts = [x.copy() for x in (state.q, state.qd, state.qdd)]
     for part, own in zip(parts, motion, strict=True):
         part[:, joint] = own
-    return dynamics.inverse_dynamics(state.robot.model, *parts) - state.rigid
+    return dynamics.compute_inverse_dynamics(state.robot.model, *parts) - state.rigid
 
 
 def assert_near(ours, truth, share):
@@ -97,7 +97,7 @@ def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
 def test_a_soft_gear_lags_behind_its_load(robot):
     """The link is where the motor is, less load over stiffness."""
     state, stiffness = seen(robot), 1e6
-    theta, _ = registry()["elasticity"].from_values(np.array([stiffness]), robot)
+    theta, _ = load_effects()["elasticity"].from_values(np.array([stiffness]), robot)
     for j in range(robot.dof):
         lag = -state.rigid[:, j] / stiffness
         first = np.gradient(lag, 1 / RATE)
@@ -115,15 +115,19 @@ def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
     robot = bare_irb140()
     body = pin.Inertia(4.0, np.array([0.1, 0.0, 0.05]), 0.02 * np.eye(3))
     q, _, _ = smooth_motion(robot, T)
-    tracks, floor = prepare([recording(T, q, 0 * q)], Filters())
-    term = Term(registry()["payload"], (5,), (), body.toDynamicParameters())
-    own = dynamics.inertial_parameters(robot.model)
+    tracks, floor = build_tracks([recording(T, q, 0 * q)], FilterSettings())
+    term = Term(load_effects()["payload"], (5,), (), body.toDynamicParameters())
+    own = dynamics.read_inertial_parameters(robot.model)
     loaded = pin.Model(robot.model)
     loaded.inertias[6] = loaded.inertias[6] + body
-    heavy = dynamics.inertial_parameters(loaded)
+    heavy = dynamics.read_inertial_parameters(loaded)
     with_term = Model(robot, own, (term,), floor).observe(tracks[0])
     in_body = Model(robot, heavy, (), floor).observe(tracks[0])
-    np.testing.assert_allclose(sensitivity(with_term), sensitivity(in_body), atol=1e-8)
+    np.testing.assert_allclose(
+        compute_torque_derivatives(with_term),
+        compute_torque_derivatives(in_body),
+        atol=1e-8,
+    )
 
 
 @pytest.mark.parametrize("tilt", [(0.0, 1e-3), (-2e-3, 0.0), (1e-3, 1e-3)])
@@ -136,7 +140,8 @@ def test_a_tilted_base_is_gravity_turned(robot, tilt):
         (turned - gravity)[:2] / 9.81, tilt, atol=1e-6
     )  # that is how the parameters are meant
     truth = [
-        dynamics.gravity_torque(robot.model, state.q, g) for g in (turned, gravity)
+        dynamics.compute_gravity_torque(robot.model, state.q, g)
+        for g in (turned, gravity)
     ]
     ours = torque("base_tilt", (), tilt, state)
     atol = 2e-3 * np.abs(truth[1]).max() * np.abs(tilt).max()
@@ -147,7 +152,7 @@ def test_a_tool_force_is_held_against_by_the_drives(robot):
     """The same force on the last body, in Newton and Euler's own recursion."""
     state, force = seen(robot), np.array([12.0, -7.0, 20.0])
     model, data = robot.model, robot.model.createData()
-    frame = dynamics.flange_frame(model)
+    frame = dynamics.find_flange_frame(model)
     ours = torque("tool_force", (), force, state)
     for i in range(0, len(T), 400):
         q, qd, qdd = state.q[i], state.qd[i], state.qdd[i]
@@ -169,7 +174,7 @@ def test_a_heavier_link_is_the_arm_with_that_body(link):
     heavier.inertias[link] = pin.Inertia(
         1.2 * body.mass, body.lever, 1.2 * body.inertia
     )
-    truth = dynamics.inverse_dynamics(heavier, state.q, state.qd, state.qdd)
+    truth = dynamics.compute_inverse_dynamics(heavier, state.q, state.qd, state.qdd)
     ours = torque("link_inertia", (link - 1,), 0.2, state)
     np.testing.assert_allclose(ours, truth - state.rigid, atol=1e-8)
 
@@ -181,7 +186,7 @@ def test_a_late_report_is_the_torque_of_a_while_ago(late):
     state = seen(robot, (q, qd, qdd))
     state = replace(state, tau_model=state.rigid)
     before = seen(robot, smooth_motion(robot, T - late)).rigid
-    theta, shape = registry()["delay"].from_values(np.array([late]), robot)
+    theta, shape = load_effects()["delay"].from_values(np.array([late]), robot)
     ours = torque("delay", (), theta, state, shape)
     assert_near(ours[INNER], (before - state.rigid)[INNER], 0.01)
 
@@ -190,7 +195,7 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
     robot = arm()
     state = seen(robot)
     level = 0.6 * np.abs(state.tau_model[:, 0]).max()
-    theta, shape = registry()["saturation"].from_values(np.array([level]), robot)
+    theta, shape = load_effects()["saturation"].from_values(np.array([level]), robot)
     reported = (
         state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
     )

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from sim.engine import laws
-from sim.plant import tables as at
-from sim.plant.stepping import Trace
+from sim.engine import friction_laws
+from sim.plant import step_tables as at
+from sim.plant.closed_loop import SimulationTrace
 
 
 @dataclass(frozen=True, slots=True)
@@ -18,7 +18,7 @@ class Balance:
     throughput: float  # integral of the absolute power of the motors [J]
 
 
-def balance(trace: Trace, every: int = 50) -> Balance:
+def balance(trace: SimulationTrace, every: int = 50) -> Balance:
     """Compare the energy stored in the arm with the work done on it.
 
     Each power is taken with the mean speed of its step. Onsets in a run would change
@@ -31,7 +31,7 @@ def balance(trace: Trace, every: int = 50) -> Balance:
     now = rows[:-1]
     power = now[:, at.MOTOR] * motor
     lost = now[:, at.FRICTION] * motor
-    at_motor = {row[2] for row in arm.torque if row[0] in laws.AT_MOTOR}
+    at_motor = {row[2] for row in arm.torque if row[0] in friction_laws.AT_MOTOR}
     for i in range(len(trace.channels)):
         speed = motor if i in at_motor else link
         lost = lost + now[:, at.CHANNELS + i] * speed
@@ -45,7 +45,7 @@ def balance(trace: Trace, every: int = 50) -> Balance:
     return Balance(float(np.abs(miss).max()), float(np.abs(power).sum() * dt))
 
 
-def _stored(trace: Trace, k: int) -> float:
+def _stored(trace: SimulationTrace, k: int) -> float:
     phase, now = trace.phases[0], trace.rows[k]
     model, arm = phase.model, phase.constants
     data, dof = model.createData(), model.nv

@@ -4,10 +4,15 @@ import numpy as np
 
 from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
-from sim.engine.records import PlantEffect, PlantSpec, Reference, stream
-from sim.plant.arm import build_arm
-from sim.plant.sizes import usual_limits
-from sim.plant.stepping import computed_torque, simulate
+from sim.engine.plant_records import (
+    PlantEffect,
+    PlantSpec,
+    ReferenceMotion,
+    create_random_stream,
+)
+from sim.plant.closed_loop import build_computed_torque_controller, simulate_closed_loop
+from sim.plant.plant_arm import build_plant_arm
+from sim.plant.typical_sizes import compute_usual_motion_range
 
 ROBOT = load_robot("irb140")
 
@@ -19,14 +24,18 @@ def effect(name, joints=(), onset=0.0, **parameters):
 
 def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
     return make_motion(
-        family, usual_limits(ROBOT), duration, rate, stream(seed, "motion")
+        family,
+        compute_usual_motion_range(ROBOT),
+        duration,
+        rate,
+        create_random_stream(seed, "motion"),
     )
 
 
 def standing(duration, q=None, rate=1000.0):
     t = np.arange(round(duration * rate)) / rate
     still = np.zeros((len(t), ROBOT.dof))
-    return Reference(
+    return ReferenceMotion(
         "standing", t, still + (0.3 if q is None else q), still, still, None
     )
 
@@ -34,6 +43,6 @@ def standing(duration, q=None, rate=1000.0):
 def drive(*effects, reference=None, controller=None, start=0.0, **spec):
     reference = motion() if reference is None else reference
     plant = PlantSpec(effects, **spec)
-    controller = controller or computed_torque(ROBOT, reference)
-    arm = build_arm(ROBOT, plant)
-    return simulate(arm, reference, controller, "", start, plant.seed)
+    controller = controller or build_computed_torque_controller(ROBOT, reference)
+    arm = build_plant_arm(ROBOT, plant)
+    return simulate_closed_loop(arm, reference, controller, "", start, plant.seed)

@@ -15,12 +15,24 @@ from benchmarks.synthetic.quasi_static import (
 )
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.engine.records import Hidden, stream
-from sim.plant.background import Rubbing, added, cogging, draw_background, logged
-from sim.plant.sizes import sizes, usual_limits
+from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.joint_background import (
+    FrictionMotion,
+    compute_background_torque,
+    compute_cogging,
+    draw_background,
+    simulate_torque_logging,
+)
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 ROBOT = load_robot("irb140")
-MOTION = make_motion("fourier", usual_limits(ROBOT), 6.0, 250.0, stream(1, "motion"))
+MOTION = make_motion(
+    "fourier",
+    compute_usual_motion_range(ROBOT),
+    6.0,
+    250.0,
+    create_random_stream(1, "motion"),
+)
 SEEDS = range(1, 5)
 SCALE = {"workshop": 1.0, "worn": 2.0}
 every_arm = pytest.mark.parametrize(
@@ -43,8 +55,10 @@ def torque(background, friction, qd, load=0.0, worked=0.0):
     still = np.zeros_like(qd)
     t = 1e-6 * np.arange(len(qd))
     levels = (friction.coulomb, friction.viscous, np.ones(ROBOT.dof), worked)
-    rubbing = Rubbing(t, still, qd, np.sign(qd), still + load, *levels)
-    return added(background, rubbing).torque - cogging(background, still)
+    rubbing = FrictionMotion(t, still, qd, np.sign(qd), still + load, *levels)
+    return compute_background_torque(background, rubbing).torque - compute_cogging(
+        background, still
+    )
 
 
 def between(value, low, high, scale):
@@ -110,8 +124,13 @@ def test_friction_is_less_when_warm_and_takes_its_time(seed, word):
 def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
     background, _ = arm(seed, word)
     turn = np.linspace(-np.pi, np.pi, 20001)[:, None] * np.ones(ROBOT.dof)
-    wave = cogging(background, turn)
-    between(np.abs(wave).max(axis=0) / sizes(ROBOT).torque, 0.003, 0.012, SCALE[word])
+    wave = compute_cogging(background, turn)
+    between(
+        np.abs(wave).max(axis=0) / estimate_typical_sizes(ROBOT).torque,
+        0.003,
+        0.012,
+        SCALE[word],
+    )
     power = np.abs(np.fft.rfft(wave - wave.mean(axis=0), axis=0)) ** 2
     for j in range(ROBOT.dof):
         largest = power[:, j].argmax()
@@ -133,7 +152,7 @@ def test_drives_report_more_or_less_than_they_give(word):
 def test_gears_twist_with_their_load_and_harden():
     for seed in SEEDS:
         torques = true_torque(Plant(ROBOT, (), seed, "workshop"), MOTION, "log")
-        load = torques.rigid / sizes(ROBOT).torque
+        load = torques.rigid / estimate_typical_sizes(ROBOT).torque
         lead = torques.reading - MOTION.q
         for j in range(5):  # the last one carries next to nothing
             felt = np.abs(load[:, j]) > 1e-4
@@ -151,7 +170,7 @@ def test_torque_is_logged_late_and_in_steps(word, corner):
     background, _ = arm(1, word)
     t = np.arange(20000) / 5000.0
     wave = np.sin(2 * np.pi * corner * t)[:, None] * background.span
-    log = logged(background, wave, 5000.0)
+    log = simulate_torque_logging(background, wave, 5000.0)
     ratio = log[10000:].std(axis=0) / wave[10000:].std(axis=0)
     np.testing.assert_allclose(ratio, 2**-0.5, rtol=0.03)  # 3 dB at the corner
     steps = log / (SCALE[word] * 1e-3 * background.span)
@@ -163,7 +182,7 @@ def test_an_arm_keeps_its_background_and_another_has_another():
     other = arm(4, "workshop")[0].drawn
     assert all(np.array_equal(one[key], again[key]) for key in one)
     assert not np.array_equal(one["level"], other["level"])
-    hidden = Hidden("offset", (2,), {"level": 3.0})
+    hidden = SyntheticEffect("offset", (2,), {"level": 3.0})
     changed = background_of(Plant(ROBOT, (hidden,), 3, "workshop")).drawn
     assert all(np.array_equal(one[key], changed[key]) for key in one)
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from sim.engine.records import PlantSpec, Rates
+from sim.engine.plant_records import PlantSpec, SampleRates
 from sim.experiment import run_experiment
 from tests.sim.plant_cases import ROBOT, motion
 
@@ -12,7 +12,7 @@ MOTION = motion("fourier", 3.0)
 
 def run(**spec):
     plant = PlantSpec((), seed=5, **spec)
-    return run_experiment(ROBOT, MOTION, plant, Rates(), 0.0)
+    return run_experiment(ROBOT, MOTION, plant, SampleRates(), 0.0)
 
 
 @pytest.fixture(scope="module")

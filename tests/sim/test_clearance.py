@@ -1,28 +1,32 @@
 import numpy as np
 
 from residual.robot.robot import load_robot
-from sim.engine.geometry import body, capsule_ends, clearances
+from sim.engine.geometry import (
+    build_arm_capsules,
+    compute_capsule_ends,
+    compute_clearances,
+)
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")
 
 
 def test_capsules_run_between_the_frames_and_room_is_the_height_less_the_radius():
-    irb = body(ROBOT.model)
-    ends = capsule_ends(irb, np.zeros((1, 6)))[0]
+    irb = build_arm_capsules(ROBOT.model)
+    ends = compute_capsule_ends(irb, np.zeros((1, 6)))[0]
     expected = [(0, 0, 0), (0.07, 0, 0.352), (0.07, 0, 0.712), (0.45, 0, 0.712)]
     np.testing.assert_allclose(ends, [*expected, (0.515, 0, 0.712)], atol=1e-6)
     assert 0.07 < irb.radius < 0.09
-    irb = body(ROBOT.model)
-    room = clearances(irb, np.zeros((1, 6)))[0]
+    irb = build_arm_capsules(ROBOT.model)
+    room = compute_clearances(irb, np.zeros((1, 6)))[0]
     heights = dict(zip(irb.names, room, strict=True))
     assert abs(heights["the flange above the floor"] - (0.712 - irb.radius)) < 1e-6
 
 
 def test_distances_of_capsules_are_those_of_their_axes():
-    irb = body(ROBOT.model)
+    irb = build_arm_capsules(ROBOT.model)
     q = np.random.default_rng(2).uniform(-2, 2, (30, 6))
-    room, ends = clearances(irb, q), capsule_ends(irb, q)
+    room, ends = compute_clearances(irb, q), compute_capsule_ends(irb, q)
     x = np.linspace(0, 1, 300)[:, None, None]
     for check, (i, j) in enumerate(irb.pairs, start=len(irb.low)):
         a = ends[:, i] + x * (ends[:, i + 1] - ends[:, i])
@@ -32,6 +36,6 @@ def test_distances_of_capsules_are_those_of_their_axes():
 
 
 def test_no_floor_is_known_where_the_first_axis_is_level(tmp_path):
-    two = body(arm(TWO, tmp_path).model)
+    two = build_arm_capsules(arm(TWO, tmp_path).model)
     assert two.low == ()
-    assert clearances(two, np.zeros((4, 2))).shape == (4, len(two.pairs))
+    assert compute_clearances(two, np.zeros((4, 2))).shape == (4, len(two.pairs))

@@ -9,15 +9,19 @@ import pytest
 
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
-from residual.effects import registry as sought
+from residual.effects import load_effects as sought
 from residual.errors import InputError
 from sim import effects
-from sim.draw import draw, draw_hidden, usual_effects
-from sim.effects import registry
-from sim.engine.records import Noise, PlantSpec, stream
+from sim.effect_draws import draw_effect, draw_plant_effect, list_drawable_effects
+from sim.effects import load_effects
+from sim.engine.plant_records import PlantSpec, SensorNoise, create_random_stream
 from sim.experiment import run_experiment
-from sim.plant.catalogue import check_effect, kinds, vocabulary
-from sim.plant.sizes import usual_limits
+from sim.plant.effect_catalogue import (
+    check_effect,
+    list_named_effects,
+    list_plant_effects,
+)
+from sim.plant.typical_sizes import compute_usual_motion_range
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
@@ -31,30 +35,30 @@ def creaking(tmp_path, monkeypatch):
     _, code = re.findall(r"```python\n(.*?)```", page, re.S)[:2]
     (tmp_path / "creaking.py").write_text(code, encoding="utf-8")
     monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    registry.cache_clear()
+    load_effects.cache_clear()
     yield "creaking"
     sys.modules.pop("sim.effects.creaking", None)
-    registry.cache_clear()
+    load_effects.cache_clear()
 
 
 def test_the_registry_is_the_folder():
     files = {p.stem for p in FOLDER.glob("[!_]*.py")} - {"base"}
     kin = {"unnamed", "broken_sensors"}
-    assert files - kin == set(vocabulary())
+    assert files - kin == set(list_named_effects())
     assert kin < files
-    assert all(name == known.name for name, known in registry().items())
+    assert all(name == known.name for name, known in load_effects().items())
 
 
 def test_the_plant_can_have_what_the_diagnosis_looks_for_in_the_same_words():
-    assert set(vocabulary()) == set(sought())
-    for name in vocabulary():
-        assert dict(registry()[name].parameters) == dict(sought()[name].parameters)
+    assert set(list_named_effects()) == set(sought())
+    for name in list_named_effects():
+        assert dict(load_effects()[name].parameters) == dict(sought()[name].parameters)
 
 
 def test_one_new_file_is_an_effect_that_can_be_drawn_and_checked(creaking):
-    assert creaking in kinds()
-    assert creaking in usual_effects()
-    drawn = draw_hidden(ROBOT, stream(1, "hidden"), creaking)
+    assert creaking in list_plant_effects()
+    assert creaking in list_drawable_effects()
+    drawn = draw_plant_effect(ROBOT, create_random_stream(1, "hidden"), creaking)
     check_effect(drawn, ROBOT)
     assert [key for key, _ in drawn.parameters] == ["coefficient"]
     with pytest.raises(InputError, match="'coefficient'"):
@@ -62,7 +66,7 @@ def test_one_new_file_is_an_effect_that_can_be_drawn_and_checked(creaking):
 
 
 def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
-    hidden, quiet = effect(creaking, 2, coefficient=SIZE), Noise(0.0, 0.0)
+    hidden, quiet = effect(creaking, 2, coefficient=SIZE), SensorNoise(0.0, 0.0)
     run = run_experiment(ROBOT, motion(duration=2.1), PlantSpec((hidden,), noise=quiet))
     torque = run.truth["tau_creaking"]
     expected = SIZE * run.truth["q"] * run.truth["qd"] * (np.arange(6) == 1)
@@ -73,7 +77,13 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
 
 
 def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():
-    moved = make_motion("fourier", usual_limits(ROBOT), 4.0, 125.0, stream(1, "motion"))
-    hidden = draw(ROBOT, "x_wall", stream(1, "hidden"))
+    moved = make_motion(
+        "fourier",
+        compute_usual_motion_range(ROBOT),
+        4.0,
+        125.0,
+        create_random_stream(1, "motion"),
+    )
+    hidden = draw_effect(ROBOT, "x_wall", create_random_stream(1, "hidden"))
     with pytest.raises(InputError, match="x_wall"):
         true_torque(Plant(ROBOT, (hidden,), 1), moved, "log")

@@ -2,8 +2,13 @@ import numpy as np
 import pytest
 
 from residual.robot.robot import load_robot
-from sim.trajectories.excitation import cost, draw, excitation, problem
-from sim.trajectories.limits import workspace
+from sim.trajectories.excitation import (
+    build_excitation_problem,
+    compute_excitation_cost,
+    draw_feasible_series,
+    measure_excitation,
+)
+from sim.trajectories.planning_limits import build_workspace
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -13,24 +18,30 @@ RNG = np.random.default_rng(0)
 def test_a_motion_that_never_moves_is_said_to_excite_nothing(tmp_path):
     robot = arm(TWO, tmp_path)
     still = np.zeros((50, 2))
-    assert np.isinf(excitation(robot.model, still, still, still).condition)
+    assert np.isinf(measure_excitation(robot.model, still, still, still).condition)
 
 
 def test_units_do_not_change_the_condition_number():
     w = RNG.normal(size=(60, 5))
     scaled = w * [1, 10, 1e-3, 1e4, 5]
     shift = 0.1 / 5 * 2 * np.log(10 * 1e-3 * 1e4 * 5)
-    assert cost(w)[0] - cost(scaled)[0] == pytest.approx(shift)
+    assert compute_excitation_cost(w)[0] - compute_excitation_cost(scaled)[
+        0
+    ] == pytest.approx(shift)
 
 
 @pytest.mark.parametrize("size", [0.7, 1.6], ids=["within limits", "beyond them"])
 def test_slopes_of_the_search_are_derivatives(size):
-    place = workspace(ROBOT, 8.0)
-    search = problem(place)
-    x = size * search.point(draw(place, np.random.default_rng(1)))
+    place = build_workspace(ROBOT, 8.0)
+    search = build_excitation_problem(place)
+    x = size * search.encode_series(
+        draw_feasible_series(place, np.random.default_rng(1))
+    )
     way, step = np.random.default_rng(2).normal(size=x.shape), 1e-6
     ahead, back = x + step * way, x - step * way
     slope = (search.cost(ahead)[0] - search.cost(back)[0]) / (2 * step)
     assert search.cost(x)[1] @ way == pytest.approx(slope, rel=1e-4)
-    change = (search.spare(ahead) - search.spare(back)) / (2 * step)
-    np.testing.assert_allclose(search.spare_slopes(x) @ way, change, atol=1e-6)
+    change = (search.compute_margins(ahead) - search.compute_margins(back)) / (2 * step)
+    np.testing.assert_allclose(
+        search.compute_margin_gradients(x) @ way, change, atol=1e-6
+    )

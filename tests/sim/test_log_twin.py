@@ -6,19 +6,23 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from sim.engine.records import Noise, PlantSpec, Rates
-from sim.experiment import log_twin_errors, logged_reference, run_experiment
+from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
+from sim.experiment import (
+    build_logged_reference,
+    compute_log_twin_errors,
+    run_experiment,
+)
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 
 def test_a_log_gives_the_twin_that_ran_beside_it():
-    rates = Rates()
-    spec = PlantSpec((effect("coulomb", 2, level=9.0),), 0.0, Noise(0.0, 0.0))
+    rates = SampleRates()
+    spec = PlantSpec((effect("coulomb", 2, level=9.0),), 0.0, SensorNoise(0.0, 0.0))
     run = run_experiment(ROBOT, motion("fourier", 2.0), spec, rates)
     log = replace(run.log, id="A", t=run.log.t + 7.0)
-    errors = log_twin_errors(ROBOT, log)
+    errors = compute_log_twin_errors(ROBOT, log)
     settled = slice(25, -25)
     for name, limit in (("e_q", 2e-5), ("e_tau", 0.5)):
         gap = errors[name][settled] - run.twin[name][settled]
@@ -28,8 +32,8 @@ def test_a_log_gives_the_twin_that_ran_beside_it():
 
 
 def test_the_reference_passes_through_what_was_logged():
-    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
-    reference = logged_reference(log)
+    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), SampleRates()).log
+    reference = build_logged_reference(log)
     assert reference.t[1] == pytest.approx(1e-3)
     np.testing.assert_allclose(reference.q[::4], log.q_ref, atol=1e-12)
     np.testing.assert_allclose(
@@ -38,11 +42,11 @@ def test_the_reference_passes_through_what_was_logged():
         atol=1e-3,
     )
     with pytest.raises(InputError, match="A has no reference"):
-        logged_reference(replace(log, id="A", q_ref=None))
+        build_logged_reference(replace(log, id="A", q_ref=None))
 
 
 def test_limits_of_the_drives_do_not_stop_a_twin_whose_body_lacks_a_balancer():
-    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), Rates()).log
+    log = run_experiment(ROBOT, motion("fourier", 2.0), PlantSpec(), SampleRates()).log
     weak = replace(ROBOT, torque_limit=0.3 * np.abs(log.tau).max(axis=0))
-    errors = [log_twin_errors(robot, log)["e_q"] for robot in (ROBOT, weak)]
+    errors = [compute_log_twin_errors(robot, log)["e_q"] for robot in (ROBOT, weak)]
     np.testing.assert_array_equal(*errors)

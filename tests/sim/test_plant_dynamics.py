@@ -4,13 +4,17 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.robot.dynamics import flange_placement, inertial_parameters
-from sim.draw import draw_hidden
-from sim.engine.bullet import World, urdf_of
-from sim.engine.records import PlantSpec, stream
-from sim.plant import tables as at
-from sim.plant.arm import build_arm
-from sim.plant.catalogue import acting, changed, kinds
+from residual.robot.dynamics import find_flange_placement, read_inertial_parameters
+from sim.effect_draws import draw_plant_effect
+from sim.engine.plant_records import PlantSpec, create_random_stream
+from sim.engine.pybullet_world import BulletWorld, write_model_urdf
+from sim.plant import step_tables as at
+from sim.plant.effect_catalogue import (
+    apply_body_effects,
+    list_plant_effects,
+    resolve_effects,
+)
+from sim.plant.plant_arm import build_plant_arm
 from tests.sim.energy import balance
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
@@ -29,14 +33,18 @@ def miss(trace):
 @pytest.mark.parametrize("tilted", [False, True])
 def test_channels_of_all_effects_together_add_up(tilted):
     """All the others at once, or the tilt of the base, which stands alone."""
-    names = [name for name in kinds() if (name == "base_tilt") == tilted]
-    effects = [draw_hidden(ROBOT, stream(6, name), name) for name in names]
+    names = [name for name in list_plant_effects() if (name == "base_tilt") == tilted]
+    effects = [
+        draw_plant_effect(ROBOT, create_random_stream(6, name), name) for name in names
+    ]
     assert miss(drive(*effects, reference=SHORT)) < 1e-9
 
 
 @pytest.mark.parametrize("names", [(), ("payload", "base_tilt"), ("elasticity",)])
 def test_bullet_moves_what_the_joints_pass_on(names):
-    trace = drive(*(draw_hidden(ROBOT, stream(2, n), n) for n in names))
+    trace = drive(
+        *(draw_plant_effect(ROBOT, create_random_stream(2, n), n) for n in names)
+    )
     assert np.abs(trace.rigid(1) - trace.rows[:, at.LINK]).max() < 1e-9
 
 
@@ -50,15 +58,15 @@ def test_bullet_moves_what_the_joints_pass_on(names):
     ],
 )
 def test_energy_balances(names):
-    effects = [draw_hidden(ROBOT, stream(3, n), n) for n in names]
+    effects = [draw_plant_effect(ROBOT, create_random_stream(3, n), n) for n in names]
     books = balance(drive(*effects, reference=motion(duration=6.0)))
     assert books.error < 1e-3 * books.throughput
 
 
 def test_one_step_of_bullet_is_inverse_dynamics():
-    arm = build_arm(ROBOT, PlantSpec(seed=9))
+    arm = build_plant_arm(ROBOT, PlantSpec(seed=9))
     rng, data = np.random.default_rng(1), arm.model.createData()
-    with World(arm.model, 1e-3) as world:
+    with BulletWorld(arm.model, 1e-3) as world:
         for _ in range(50):
             q, qd, qdd = rng.uniform(-1, 1, (3, 6)) * [[1.5], [3.0], [10.0]]
             tau = pin.rnea(arm.model, data, q, qd, qdd)
@@ -70,19 +78,21 @@ def test_one_step_of_bullet_is_inverse_dynamics():
 
 
 def test_the_written_urdf_is_the_same_body():
-    model = build_arm(ROBOT, PlantSpec(seed=4)).model
-    again = pin.buildModelFromXML(urdf_of(model))
+    model = build_plant_arm(ROBOT, PlantSpec(seed=4)).model
+    again = pin.buildModelFromXML(write_model_urdf(model))
     np.testing.assert_allclose(
-        inertial_parameters(again), inertial_parameters(model), atol=1e-12
+        read_inertial_parameters(again), read_inertial_parameters(model), atol=1e-12
     )
 
 
 def test_a_payload_with_a_tensor_has_it_about_its_centre():
     tensor = dict(ixx=0.02, ixy=0.001, ixz=0.0, iyy=0.03, iyz=0.0, izz=0.025)
     load = effect("payload", 6, mass=3.0, com_x=0.1, com_y=0.0, com_z=0.02, **tensor)
-    added = inertial_parameters(changed(ROBOT.model, acting([load])))
-    added = added - inertial_parameters(ROBOT.model)
-    place = flange_placement(ROBOT.model)
+    added = read_inertial_parameters(
+        apply_body_effects(ROBOT.model, resolve_effects([load]))
+    )
+    added = added - read_inertial_parameters(ROBOT.model)
+    place = find_flange_placement(ROBOT.model)
     body = pin.Inertia.FromDynamicParameters(added[-10:])
     at_flange = place.actInv(body)
     assert at_flange.mass == pytest.approx(3.0)
@@ -91,8 +101,8 @@ def test_a_payload_with_a_tensor_has_it_about_its_centre():
 
 
 def test_the_declared_friction_is_scattered_by_the_share_of_the_spec():
-    arms = [build_arm(ROBOT, PlantSpec(seed=s)).base for s in range(60)]
+    arms = [build_plant_arm(ROBOT, PlantSpec(seed=s)).base for s in range(60)]
     ratio = np.array([a.viscous for a in arms]) / [8, 8, 5, 1, 1, 0.5]
     assert np.std(ratio) == pytest.approx(0.02, rel=0.15)
-    exact = build_arm(ROBOT, PlantSpec(scatter=0.0, seed=3)).base
+    exact = build_plant_arm(ROBOT, PlantSpec(scatter=0.0, seed=3)).base
     np.testing.assert_array_equal(exact.coulomb, [12, 12, 8, 3, 3, 1.5])

@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 from scipy.ndimage import uniform_filter1d
 
-from sim.plant import tables as at
-from sim.plant.catalogue import acting
-from sim.plant.sensors import reported
-from sim.plant.step import slide
-from sim.plant.stepping import replay
+from sim.plant import step_tables as at
+from sim.plant.arm_step import solve_friction_impulses
+from sim.plant.closed_loop import build_open_loop_controller
+from sim.plant.effect_catalogue import resolve_effects
+from sim.plant.sensors import simulate_torque_report
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
@@ -37,7 +37,9 @@ def test_a_standing_arm_does_not_creep():
     push = 0.5 + 0.3 * np.sin(2 * np.pi * 3 * t)
     start = standing(5.0, q=motion("move_stop_move", 1.0).q[0])
     given = hold + push * np.array([12, 12, 8, 3, 3, 1.5])
-    trace = drive(reference=start, controller=replay(given), scatter=0.0)
+    trace = drive(
+        reference=start, controller=build_open_loop_controller(given), scatter=0.0
+    )
     assert np.abs(trace.rows[:, at.Q] - start.q).max() < 1e-12
 
 
@@ -48,7 +50,7 @@ def test_dry_friction_solves_its_complementarity():
         coupling, free = a @ a.T + 0.1 * np.eye(5), rng.normal(size=5)
         forward, backward = rng.uniform(0, 1, (2, 5))
         impulse = np.zeros(5)
-        slide(coupling, free, forward, backward, impulse)
+        solve_friction_impulses(coupling, free, forward, backward, impulse)
         u = free + coupling @ impulse
         inside = (impulse > -forward) & (impulse < backward)
         assert np.abs(u[inside]).max(initial=0.0) < 1e-9
@@ -200,18 +202,24 @@ def test_a_drive_has_a_wrong_torque_constant_in_the_loop_and_a_limit():
     np.testing.assert_array_equal(rows[:, at.DRIVE, 1], rows[:, at.MOTOR, 1])
     given = np.full((50, 6), 1e4)
     given[:, 1:] = 0.0
-    trace = drive(reference=standing(0.05), controller=replay(given))
+    trace = drive(
+        reference=standing(0.05), controller=build_open_loop_controller(given)
+    )
     assert trace.rows[:, at.DRIVE, 0].max() == ROBOT.torque_limit[0]
 
 
 def test_reports_of_torque_come_late_and_end_at_their_range():
     t = np.arange(1000) / 1000
     torque = np.column_stack([10 * np.sin(6 * t), 5 * np.cos(4 * t)])
-    late = reported(torque, t, acting([effect("delay", delay=0.0105)]))
+    late = simulate_torque_report(
+        torque, t, resolve_effects([effect("delay", delay=0.0105)])
+    )
     np.testing.assert_allclose(
         late[20:, 0], 10 * np.sin(6 * (t[20:] - 0.0105)), atol=1e-3
     )
-    short = reported(torque, t, acting([effect("saturation", 1, level=4.0)]))
+    short = simulate_torque_report(
+        torque, t, resolve_effects([effect("saturation", 1, level=4.0)])
+    )
     assert np.abs(short[:, 0]).max() == 4.0
     np.testing.assert_array_equal(short[:, 1], torque[:, 1])
 

@@ -9,20 +9,30 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError, UnknownNameError
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
-from sim.draw import draw_hidden, usual_effects
-from sim.engine.records import Noise, PlantSpec, Rates, Reference, stream
-from sim.experiment import open_loop, run_experiment, track
-from sim.plant import tables as at
-from sim.plant.catalogue import check_effect, kinds
-from sim.plant.stepping import DivergedError
+from sim.effect_draws import draw_plant_effect, list_drawable_effects
+from sim.engine.plant_records import (
+    PlantSpec,
+    ReferenceMotion,
+    SampleRates,
+    SensorNoise,
+    create_random_stream,
+)
+from sim.experiment import (
+    measure_tracking_errors,
+    run_experiment,
+    simulate_open_loop_windows,
+)
+from sim.plant import step_tables as at
+from sim.plant.closed_loop import SimulationDivergedError
+from sim.plant.effect_catalogue import check_effect, list_plant_effects
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 MOVE = motion("fourier", 2.0)
-QUIET = Noise(0.0, 0.0)
+QUIET = SensorNoise(0.0, 0.0)
 HIDDEN = (
     effect("stribeck", 3, level=3.0, velocity=0.05),
     effect("x_random_walk", 1, amplitude=2.0),
@@ -92,11 +102,11 @@ def test_twin_errors_show_what_is_hidden():
 
 def test_a_runaway_stops_with_time_state_and_the_joint_that_ran_farthest():
     hidden = effect("spring", 2, stiffness=-5e4)
-    with pytest.raises(DivergedError, match="on joint 2"):
+    with pytest.raises(SimulationDivergedError, match="on joint 2"):
         run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
     hidden = effect("offset", 1, 0.2, torque=1e4)
     with pytest.raises(
-        DivergedError, match=r"diverged at 0\.\d+ s on joint 1"
+        SimulationDivergedError, match=r"diverged at 0\.\d+ s on joint 1"
     ) as caught:
         run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
     assert 0.2 < caught.value.time < 0.5
@@ -139,34 +149,38 @@ def test_a_motor_without_inertia_and_an_impossible_tensor_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("rates", "words"), [(Rates(1000, 300), "multiple"), (Rates(500, 250), "500 Hz")]
+    ("rates", "words"),
+    [(SampleRates(1000, 300), "multiple"), (SampleRates(500, 250), "500 Hz")],
 )
 def test_rates_that_do_not_fit_are_refused(rates, words):
     with pytest.raises(InputError, match=words):
         run_experiment(ROBOT, MOVE, PlantSpec(), rates)
 
 
-@pytest.mark.parametrize("name", kinds())
+@pytest.mark.parametrize("name", list_plant_effects())
 def test_everything_can_be_drawn(name):
-    drawn = draw_hidden(ROBOT, stream(3, "hidden"), name)
+    drawn = draw_plant_effect(ROBOT, create_random_stream(3, "hidden"), name)
     check_effect(drawn, ROBOT)
-    assert drawn == draw_hidden(ROBOT, stream(3, "hidden"), name)
+    assert drawn == draw_plant_effect(ROBOT, create_random_stream(3, "hidden"), name)
     assert all(type(value) is float for _, value in drawn.parameters)
 
 
 def test_drawing_covers_what_is_usual_and_no_more():
-    drawn = {draw_hidden(ROBOT, stream(s, "hidden")).name for s in range(300)}
-    assert drawn == set(usual_effects())
+    drawn = {
+        draw_plant_effect(ROBOT, create_random_stream(s, "hidden")).name
+        for s in range(300)
+    }
+    assert drawn == set(list_drawable_effects())
     with pytest.raises(UnknownNameError):
-        draw_hidden(ROBOT, stream(1, "hidden"), "magic")
+        draw_plant_effect(ROBOT, create_random_stream(1, "hidden"), "magic")
 
 
 def test_a_better_feed_forward_tracks_better():
     load = PlantSpec((effect("payload", 6, mass=4.0, com_x=0.1),), scatter=0.0)
-    nominal = inverse_dynamics(ROBOT.model, MOVE.q, MOVE.qd, MOVE.qdd)
+    nominal = compute_inverse_dynamics(ROBOT.model, MOVE.q, MOVE.qd, MOVE.qdd)
     truth = drive(*load.effects, reference=MOVE, scatter=0.0)
     errors = [
-        np.sqrt((track(ROBOT, MOVE, load, torque) ** 2).mean())
+        np.sqrt((measure_tracking_errors(ROBOT, MOVE, load, torque) ** 2).mean())
         for torque in (nominal, truth.rows[:, at.DRIVE])
     ]
     assert errors[1] < 0.3 * errors[0]
@@ -175,10 +189,10 @@ def test_a_better_feed_forward_tracks_better():
 def test_the_right_torque_moves_the_nominal_model_along():
     run = drive(reference=MOVE, scatter=0.0)
     rows = run.rows
-    done = Reference("done", run.t, rows[:, at.Q], rows[:, at.QD], run.qdd, None)
-    error = open_loop(ROBOT, done, rows[:, at.DRIVE], 0.25)
+    done = ReferenceMotion("done", run.t, rows[:, at.Q], rows[:, at.QD], run.qdd, None)
+    error = simulate_open_loop_windows(ROBOT, done, rows[:, at.DRIVE], 0.25)
     assert np.abs(error).max() < 1e-6
-    wrong = open_loop(ROBOT, done, 1.02 * rows[:, at.DRIVE], 0.25)
+    wrong = simulate_open_loop_windows(ROBOT, done, 1.02 * rows[:, at.DRIVE], 0.25)
     assert np.abs(wrong).max() > 1e-4
 
 

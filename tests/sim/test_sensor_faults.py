@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from sim.engine.records import PlantSpec, Rates
+from sim.engine.plant_records import PlantSpec, SampleRates
 from sim.experiment import run_experiment
-from sim.plant import tables as at
-from sim.plant.catalogue import acting
-from sim.plant.sensors import reported
+from sim.plant import step_tables as at
+from sim.plant.effect_catalogue import resolve_effects
+from sim.plant.sensors import simulate_torque_report
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
@@ -40,13 +40,13 @@ def test_a_frozen_encoder_lets_the_arm_run_until_its_guard_stops_it(fine):
     # The controller pushes the joint away from where it believes it to be.
     assert np.abs(trace.rows[-1, at.Q, 4] - MOVE.q[len(trace.t) - 1, 4]) > 0.1
     assert BEFORE < len(trace.t) < len(MOVE.t)
-    assert trace.phases[-1].last == len(trace.t) == len(trace.qdd)
+    assert trace.phases[-1].end_step == len(trace.t) == len(trace.qdd)
     assert len(trace.rigid(4)) == len(trace.t[::4])
 
 
 def test_the_log_of_a_stopped_run_ends_there_and_repeats_one_number():
     plant = PlantSpec((effect("x_fault_frozen", 5, onset=ONSET),))
-    run = run_experiment(ROBOT, MOVE, plant, Rates())
+    run = run_experiment(ROBOT, MOVE, plant, SampleRates())
     log, first = run.log, round(ONSET * 250)
     assert len(log.t) == len(run.truth["q"]) == len(run.twin["e_q"]) < 625
     assert (log.q[first:, 4] == log.q[first - 1, 4]).all()
@@ -68,7 +68,7 @@ def test_the_arm_follows_an_encoder_that_drifts(fine):
 
 def log_with(*effects):
     t, tau = np.arange(500) / 250, np.full((500, 6), 4.0)
-    return reported(tau, t, acting(effects))
+    return simulate_torque_report(tau, t, resolve_effects(effects))
 
 
 def test_a_torque_sensor_has_bias_gain_and_spikes_from_its_onset_on():

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic import other_forms as forms
-from residual.effects import registry
-from sim.effects import effect_of
-from sim.plant import catalogue
+from residual.effects import load_effects
+from sim.effects import find_effect_definition
+from sim.plant import effect_catalogue
 
 
 def _state(q, t):
@@ -35,8 +35,8 @@ def test_lugre_yields_at_first_then_slides_and_fades_with_speed(stroke):
 
 def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
     for form, names in forms.FORMS.items():
-        assert set(names) <= set(catalogue.vocabulary())
+        assert set(names) <= set(effect_catalogue.list_named_effects())
         of_signals = form in ("soft_limit", "leaning_play")
-        assert (effect_of(form).law is None) == of_signals
-        assert form not in catalogue.kinds()
-        assert form not in registry()
+        assert (find_effect_definition(form).law is None) == of_signals
+        assert form not in effect_catalogue.list_plant_effects()
+        assert form not in load_effects()

@@ -5,15 +5,15 @@ import pytest
 
 from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
-from sim.engine.records import stream
-from sim.plant.sizes import usual_limits
+from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import compute_usual_motion_range
 
 ROBOT = load_robot("irb140")
-SPACE = usual_limits(ROBOT)
+SPACE = compute_usual_motion_range(ROBOT)
 
 
 def motion(family, seed=1, rate=250.0):
-    return make_motion(family, SPACE, 20.0, rate, stream(seed, "motion"))
+    return make_motion(family, SPACE, 20.0, rate, create_random_stream(seed, "motion"))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -10,21 +10,29 @@ from benchmarks.synthetic.quasi_static import (
     true_torque,
 )
 from residual.errors import InputError
-from residual.robot.dynamics import inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
-from sim.draw import draw, usual_effects
-from sim.effects.base import deflection
-from sim.engine.records import stream
-from sim.plant.catalogue import unnamed
-from sim.plant.sizes import scatter, usual_limits
+from sim.effect_draws import draw_effect, list_drawable_effects
+from sim.effects.effect import compute_bristle_states
+from sim.engine.plant_records import create_random_stream
+from sim.plant.effect_catalogue import list_unnamed_effects
+from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
-LOCAL = sorted({*usual_effects(), *unnamed()} - {"payload", *IN_ENGINE})
+LOCAL = sorted(
+    {*list_drawable_effects(), *list_unnamed_effects()} - {"payload", *IN_ENGINE}
+)
 
 
 def motion(family="fourier", seed=1):
-    return make_motion(family, usual_limits(ROBOT), 8.0, 250.0, stream(seed, "motion"))
+    return make_motion(
+        family,
+        compute_usual_motion_range(ROBOT),
+        8.0,
+        250.0,
+        create_random_stream(seed, "motion"),
+    )
 
 
 def dahl(x, displacement):
@@ -44,7 +52,7 @@ def test_without_hidden_effects_torque_is_rnea_plus_friction():
     rigid = np.array(
         [pin.rnea(model, data, *s) for s in zip(m.q, m.qd, m.qdd, strict=True)]
     )
-    z = deflection(m.q, friction.displacement)
+    z = compute_bristle_states(m.q, friction.displacement)
     expected = rigid + friction.coulomb * z + friction.viscous * m.qd
     expected += friction.rotor * m.qdd
     tau = true_torque(plant, m, "log").tau
@@ -54,13 +62,13 @@ def test_without_hidden_effects_torque_is_rnea_plus_friction():
 def test_bristles_follow_dahls_equation():
     x = motion("move_stop_move").q[:200, 0]
     x = 3e-4 * (x - x[0]) / np.ptp(x)
-    z = deflection(x[:, None], np.array([2e-4]))[:, 0]
+    z = compute_bristle_states(x[:, None], np.array([2e-4]))[:, 0]
     np.testing.assert_allclose(z, dahl(x, 2e-4), atol=2e-3)
 
 
 @pytest.mark.parametrize("name", LOCAL)
 def test_an_effect_changes_torque_on_its_joints_only(name):
-    hidden = draw(ROBOT, name, stream(2, name))
+    hidden = draw_effect(ROBOT, name, create_random_stream(2, name))
     m = motion()
     without = true_torque(Plant(ROBOT, (), 2), m, "log").tau
     change = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").tau - without
@@ -74,14 +82,14 @@ def test_an_effect_changes_torque_on_its_joints_only(name):
 
 @pytest.mark.parametrize("seed", range(2))
 def test_scattered_bodies_are_possible_ones(seed):
-    true = scatter(ROBOT.model, 0.02, stream(seed, "scatter"))
+    true = scatter_inertias(ROBOT.model, 0.02, create_random_stream(seed, "scatter"))
     pairs = zip(list(true.inertias)[1:], list(ROBOT.model.inertias)[1:], strict=True)
     for body, nominal in pairs:
         pseudo = pin.PseudoInertia.FromInertia(body).toMatrix()
         assert np.linalg.eigvalsh(pseudo).min() > 0
         assert body.mass != nominal.mass
     masses, nominal = (
-        inertial_parameters(model)[::10] for model in (true, ROBOT.model)
+        read_inertial_parameters(model)[::10] for model in (true, ROBOT.model)
     )
     assert 0.002 < np.abs(masses / nominal - 1).mean() < 0.05
 
@@ -89,4 +97,4 @@ def test_scattered_bodies_are_possible_ones(seed):
 @pytest.mark.parametrize(("name", "joint"), [("magic", None), ("stribeck", 7)])
 def test_what_cannot_be_drawn_is_refused(name, joint):
     with pytest.raises(InputError, match=name):
-        draw(ROBOT, name, stream(1, "draw"), joint)
+        draw_effect(ROBOT, name, create_random_stream(1, "draw"), joint)

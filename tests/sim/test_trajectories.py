@@ -6,17 +6,17 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from residual.robot.dynamics import inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
-from sim.engine.geometry import MARGIN, body, clearances
-from sim.engine.records import TrajectorySpec
-from sim.trajectories import KINDS, make_reference
+from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
+from sim.engine.plant_records import TrajectorySpec
+from sim.trajectories import KINDS, plan_reference_motion
 from sim.trajectories import excitation as search
-from sim.trajectories.limits import plan_limits
-from sim.trajectories.reference import make_plan, sample
+from sim.trajectories.planning_limits import read_planning_limits
+from sim.trajectories.reference_planning import plan_motion, sample_plan
 
 ROBOT = load_robot("irb140")
-LIMITS = plan_limits(ROBOT)
+LIMITS = read_planning_limits(ROBOT)
 DURATION = 12.0  # s, two periods
 
 
@@ -28,11 +28,11 @@ def short_search(monkeypatch):
 
 @lru_cache
 def plan(kind):
-    return make_plan(ROBOT, TrajectorySpec(kind, DURATION, seed=1))
+    return plan_motion(ROBOT, TrajectorySpec(kind, DURATION, seed=1))
 
 
 def reference(kind, rate=1000.0):
-    return sample(plan(kind), rate)
+    return sample_plan(plan(kind), rate)
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -47,7 +47,7 @@ def test_limits_hold_between_the_samples(kind):
     assert (LIMITS.velocity <= 0.8 * ROBOT.velocity_limit).all()
     assert (LIMITS.acceleration <= 0.9 * ROBOT.acceleration_limit).all()
     declared = ROBOT.declared
-    torque = inverse_dynamics(ROBOT.model, dense.q, dense.qd, dense.qdd)
+    torque = compute_inverse_dynamics(ROBOT.model, dense.q, dense.qd, dense.qdd)
     torque += declared["rotor_inertia"].values["inertia"] * dense.qdd
     torque += declared["viscous"].values["coefficient"] * dense.qd
     torque += declared["coulomb"].values["level"] * np.sign(dense.qd)
@@ -57,7 +57,7 @@ def test_limits_hold_between_the_samples(kind):
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_motion_stays_clear_is_smooth_and_rests_at_both_ends(kind):
     r = reference(kind)
-    assert clearances(body(ROBOT.model), r.q[::7]).min() >= MARGIN
+    assert compute_clearances(build_arm_capsules(ROBOT.model), r.q[::7]).min() >= MARGIN
     h = r.t[1] - r.t[0]
     qd = (r.q[2:] - r.q[:-2]) / (2 * h)
     qdd = (r.qd[2:] - r.qd[:-2]) / (2 * h)
@@ -72,7 +72,7 @@ def test_a_motion_stays_clear_is_smooth_and_rests_at_both_ends(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_periods_repeat(kind):
-    r = make_reference(ROBOT, TrajectorySpec(kind, 24.0, 3, 1), 1000.0, False)
+    r = plan_reference_motion(ROBOT, TrajectorySpec(kind, 24.0, 3, 1), 1000.0, False)
     ramp = 1.0 if kind == "cyclic" else 0.0
     assert r.period == pytest.approx((24.0 - ramp) / 3)
     # Shifted by one period, away from where a cyclic motion starts and stops.
@@ -84,13 +84,13 @@ def test_periods_repeat(kind):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_the_same_spec_gives_the_same_bits_and_another_seed_another_motion(kind):
-    again = make_reference(ROBOT, TrajectorySpec(kind, DURATION, seed=1), 1000.0)
+    again = plan_reference_motion(ROBOT, TrajectorySpec(kind, DURATION, seed=1), 1000.0)
     for name in ("t", "q", "qd", "qdd"):
         assert (
             getattr(again, name).tobytes() == getattr(reference(kind), name).tobytes()
         )
     spec = TrajectorySpec(kind, DURATION, seed=2)
-    other = make_reference(ROBOT, spec, 50.0, optimised=False)
+    other = plan_reference_motion(ROBOT, spec, 50.0, optimised=False)
     assert np.abs(other.q - reference(kind, 50.0).q).max() > 0.05
 
 
@@ -119,7 +119,7 @@ def going_round(duration, rounds, places=PLACES):
 
 
 def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
-    plan_ = make_plan(ROBOT, going_round(8.0, 3))
+    plan_ = plan_motion(ROBOT, going_round(8.0, 3))
     stand = 8.0 - 3 * plan_.period
     assert stand > 0
     t = np.linspace(0, stand, 50)
@@ -148,4 +148,4 @@ def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
 )
 def test_places_that_cannot_be_gone_round_are_refused(spec, message):
     with pytest.raises(InputError, match=message):
-        make_plan(ROBOT, spec)
+        plan_motion(ROBOT, spec)

@@ -5,12 +5,16 @@ import pytest
 
 from residual.errors import InputError
 from residual.robot.robot import load_robot
-from sim.engine.geometry import MARGIN, body, clearances
-from sim.engine.records import TrajectorySpec
-from sim.trajectories import KINDS, LimitError, make_reference
+from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
+from sim.engine.plant_records import TrajectorySpec
+from sim.trajectories import KINDS, MotionLimitError, plan_reference_motion
 from sim.trajectories import excitation as search
-from sim.trajectories.excitation import excitation, usage
-from sim.trajectories.limits import check_clearance, check_limits, plan_limits
+from sim.trajectories.excitation import compute_limit_usage, measure_excitation
+from sim.trajectories.planning_limits import (
+    check_motion_clearance,
+    check_motion_limits,
+    read_planning_limits,
+)
 from tests.sim.arms import FLAT, SEVEN, TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -27,7 +31,7 @@ def moved(request, tmp_path_factory):
     robot = arm(request.param, tmp_path_factory.mktemp("arm"))
     specs = {kind: TrajectorySpec(kind, 21.0) for kind in KINDS}
     return robot, {
-        kind: make_reference(robot, spec, 100.0, optimised=False)
+        kind: plan_reference_motion(robot, spec, 100.0, optimised=False)
         for kind, spec in specs.items()
     }
 
@@ -35,20 +39,20 @@ def moved(request, tmp_path_factory):
 @pytest.mark.parametrize("kind", KINDS)
 def test_families_plan_for_other_arms(kind, moved):
     robot, r = moved[0], moved[1][kind]
-    limits = plan_limits(robot)
+    limits = read_planning_limits(robot)
     assert (r.q >= limits.lower).all()
     assert (r.q <= limits.upper).all()
     assert (np.abs(r.qd) <= limits.velocity).all()
-    assert clearances(body(robot.model), r.q).min() >= MARGIN
+    assert compute_clearances(build_arm_capsules(robot.model), r.q).min() >= MARGIN
     assert np.ptp(r.q, axis=0).min() > 0.01
 
 
 def test_two_joints_are_enough_for_joint_motions(tmp_path):
     robot = arm(TWO, tmp_path)
     for kind in ("fourier", "move_stop_move"):
-        r = make_reference(robot, TrajectorySpec(kind, 8.0, 1), 200.0)
+        r = plan_reference_motion(robot, TrajectorySpec(kind, 8.0, 1), 200.0)
         assert r.q.shape == (1601, 2)
-    shares = usage(robot, r)
+    shares = compute_limit_usage(robot, r)
     assert np.isnan(shares.acceleration).all()
     assert (shares.torque < 0.85).all()
 
@@ -56,7 +60,7 @@ def test_two_joints_are_enough_for_joint_motions(tmp_path):
 @pytest.mark.parametrize("kind", POSES)
 def test_poses_in_space_need_six_joints(kind, tmp_path):
     with pytest.raises(InputError, match=r"needs 6 joints, two has 2.*move_stop_move"):
-        make_reference(arm(TWO, tmp_path), TrajectorySpec(kind), 200.0)
+        plan_reference_motion(arm(TWO, tmp_path), TrajectorySpec(kind), 200.0)
 
 
 @pytest.mark.parametrize(
@@ -64,8 +68,8 @@ def test_poses_in_space_need_six_joints(kind, tmp_path):
     ["move_stop_move", "cyclic", pytest.param("welding", marks=pytest.mark.long)],
 )
 def test_a_motion_that_is_too_fast_says_which_joint_when_and_by_how_much(kind):
-    with pytest.raises(LimitError) as caught:
-        make_reference(ROBOT, TrajectorySpec(kind, 2.4, 2), 200.0)
+    with pytest.raises(MotionLimitError) as caught:
+        plan_reference_motion(ROBOT, TrajectorySpec(kind, 2.4, 2), 200.0)
     error = caught.value
     assert 1 <= error.joint <= 6
     assert 0 <= error.time <= 2.4
@@ -78,8 +82,8 @@ def test_a_motion_that_is_too_fast_says_which_joint_when_and_by_how_much(kind):
 
 
 def test_a_short_fourier_motion_is_small_and_keeps_the_limits():
-    r = make_reference(ROBOT, TrajectorySpec("fourier", 1.0, 2), 1000.0, False)
-    assert (np.abs(r.qdd) <= plan_limits(ROBOT).acceleration).all()
+    r = plan_reference_motion(ROBOT, TrajectorySpec("fourier", 1.0, 2), 1000.0, False)
+    assert (np.abs(r.qdd) <= read_planning_limits(ROBOT).acceleration).all()
     assert np.ptp(r.q, axis=0).max() < 0.5
 
 
@@ -98,7 +102,7 @@ def test_a_short_fourier_motion_is_small_and_keeps_the_limits():
 )
 def test_nonsense_is_refused_with_what_was_expected(spec, rate, words):
     with pytest.raises(InputError, match=words):
-        make_reference(ROBOT, spec, rate)
+        plan_reference_motion(ROBOT, spec, rate)
 
 
 @pytest.mark.parametrize(
@@ -112,42 +116,46 @@ def test_nonsense_is_refused_with_what_was_expected(spec, rate, words):
 def test_a_broken_limit_is_named(which, value, words):
     t, motion = np.arange(50) / 100, tuple(np.zeros((3, 50, 6)))
     motion[which][20, 3] = value
-    with pytest.raises(LimitError, match=words):
-        check_limits(ROBOT, "test", t, motion)
+    with pytest.raises(MotionLimitError, match=words):
+        check_motion_limits(ROBOT, "test", t, motion)
 
 
 def test_too_much_torque_is_named(tmp_path):
     weak = arm(TWO.replace('effort="60"', 'effort="15"'), tmp_path)
     motion = np.zeros((3, 20, 2))
     motion[0, :, 0] = np.pi / 2  # held out level
-    with pytest.raises(LimitError, match="joint 1 breaks its torque limit") as caught:
-        check_limits(weak, "test", np.arange(20) / 100, tuple(motion))
+    with pytest.raises(
+        MotionLimitError, match="joint 1 breaks its torque limit"
+    ) as caught:
+        check_motion_limits(weak, "test", np.arange(20) / 100, tuple(motion))
     assert caught.value.limit == pytest.approx(12.0)
 
 
 def test_a_peak_between_two_samples_is_seen():
     t = np.arange(101) / 100
-    limit = plan_limits(ROBOT).velocity[0]
+    limit = read_planning_limits(ROBOT).velocity[0]
     # A wave whose samples miss its peaks.
     wave = np.cos(2 * np.pi * 10 * t + np.pi / 10)
     qd = np.zeros((101, 6))
     qd[:, 0] = wave / wave.max() * 0.999 * limit
     still = np.zeros((101, 6))
-    with pytest.raises(LimitError, match="joint 1 breaks its speed limit"):
-        check_limits(ROBOT, "test", t, (still, qd, still))
+    with pytest.raises(MotionLimitError, match="joint 1 breaks its speed limit"):
+        check_motion_limits(ROBOT, "test", t, (still, qd, still))
 
 
 def test_an_arm_that_reaches_into_the_floor_or_folds_onto_itself_is_told():
-    arm_body = body(ROBOT.model)
+    arm_body = build_arm_capsules(ROBOT.model)
     q = np.zeros((20, 6))
     q[:, 1] = np.linspace(0, 1.9, 20)
-    with pytest.raises(LimitError, match=r"above the floor is -\d+ mm") as caught:
-        check_clearance(arm_body, "test", np.arange(20) / 10, q)
+    with pytest.raises(MotionLimitError, match=r"above the floor is -\d+ mm") as caught:
+        check_motion_clearance(arm_body, "test", np.arange(20) / 10, q)
     assert caught.value.value < MARGIN
     q = np.zeros((5, 6))
     q[:, 1], q[:, 2] = -1.5, -3.9
-    with pytest.raises(LimitError, match="joint 4"):
-        check_clearance(body(ROBOT.model), "test", np.arange(5) / 10, q)
+    with pytest.raises(MotionLimitError, match="joint 4"):
+        check_motion_clearance(
+            build_arm_capsules(ROBOT.model), "test", np.arange(5) / 10, q
+        )
 
 
 @pytest.mark.long
@@ -155,8 +163,10 @@ def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
     monkeypatch.setattr(search, "_STEPS", (10, 20))  # enough for what is asked below
     robot = arm(SEVEN, tmp_path)
     references = [
-        make_reference(robot, TrajectorySpec(), 100.0, optimised)
+        plan_reference_motion(robot, TrajectorySpec(), 100.0, optimised)
         for optimised in (False, True)
     ]
-    worse, better = (excitation(robot.model, r.q, r.qd, r.qdd) for r in references)
+    worse, better = (
+        measure_excitation(robot.model, r.q, r.qd, r.qdd) for r in references
+    )
     assert better.condition < 0.6 * worse.condition

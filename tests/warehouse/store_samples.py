@@ -3,11 +3,16 @@
 import numpy as np
 
 import warehouse
-from flows.storage.diagnosis import effect_rows, error_rows
+from flows.storage.diagnosis import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document
-from warehouse.commit import DiagnosisRows, Seal, commit_run, store_rows
+from warehouse.record_commit import (
+    DiagnosisRecords,
+    SealedTruth,
+    commit_diagnosis,
+    commit_run,
+)
 
 DOF = 2
 
@@ -32,7 +37,7 @@ def manifest(seed=0, kind="fourier", **more):
 
 def sealed(seed=0, rows=50):
     truth = {"q": np.full((rows, DOF), seed), "temperature": np.arange(float(rows))}
-    return Seal({"effects": ["stribeck"], "salt": f"s{seed}"}, truth)
+    return SealedTruth({"effects": ["stribeck"], "salt": f"s{seed}"}, truth)
 
 
 def commit(store, seed=0, kind="fourier", rows=50, **more):
@@ -108,11 +113,14 @@ def store_verdict(store, document, model, runs, more=None, tables=None):
         "document": document,
         **(more or {}),
     }
-    rows = DiagnosisRows(
+    rows = DiagnosisRecords(
         record,
         model,
-        list(effect_rows(stored_verdict.effects)),
-        [*error_rows(stored_verdict.error), *(errors.to_pylist() if errors else ())],
+        list(build_effect_rows(stored_verdict.effects)),
+        [
+            *build_error_view_rows(stored_verdict.error),
+            *(errors.to_pylist() if errors else ()),
+        ],
         tables,
     )
-    return store_rows(store, rows, runs)
+    return commit_diagnosis(store, rows, runs)

@@ -7,25 +7,25 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.commit import (
+from warehouse.query.sql_views import NAMED
+from warehouse.query.store import open_store
+from warehouse.record_commit import (
     ADOPTED,
     ROLLED_BACK,
-    Adoption,
     AdoptionConflictError,
-    DiagnosisRows,
-    adopted,
+    DiagnosisRecords,
+    ModelAdoption,
     commit_adoption,
+    commit_diagnosis,
     commit_record,
+    find_last_adoption,
     read_adoption,
-    store_rows,
 )
-from warehouse.layout import StoredRecord, list_folders
-from warehouse.query.store import open_store
-from warehouse.query.views import NAMED
-from warehouse.schema import VIEWS, arrow_schema
-from warehouse.verify import faults
+from warehouse.store_catalogue import StoredRecord, list_record_folders
+from warehouse.verification import find_record_faults
+from warehouse.view_schema import VIEWS, build_arrow_schema
 
-FIRST = Adoption(
+FIRST = ModelAdoption(
     robot="arm",
     serial=None,
     action=ADOPTED,
@@ -46,19 +46,22 @@ def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
         tmp_path, replace(FIRST, parent=one, action=ROLLED_BACK, model_id=None)
     )
     assert (one, two) == ("000001", "000002")
-    assert adopted(tmp_path, "arm")[0] == two
-    assert adopted(tmp_path, "arm")[1].model_id is None
+    assert find_last_adoption(tmp_path, "arm")[0] == two
+    assert find_last_adoption(tmp_path, "arm")[1].model_id is None
     assert read_adoption(tmp_path, one) == FIRST
-    for id, folder in list_folders(tmp_path, "adoptions").items():
-        assert faults(StoredRecord("adoptions", id, type(tmp_path)(folder))) == ()
+    for id, folder in list_record_folders(tmp_path, "adoptions").items():
+        assert (
+            find_record_faults(StoredRecord("adoptions", id, type(tmp_path)(folder)))
+            == ()
+        )
 
 
 def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):
     commit_adoption(tmp_path, FIRST)
     commit_adoption(tmp_path, replace(FIRST, serial="A-17", model_id="ef" * 10))
-    assert adopted(tmp_path, "arm")[1].model_id == "ab" * 10
-    assert adopted(tmp_path, "arm", "A-17")[1].model_id == "ef" * 10
-    assert adopted(tmp_path, "arm", "A-18") is None
+    assert find_last_adoption(tmp_path, "arm")[1].model_id == "ab" * 10
+    assert find_last_adoption(tmp_path, "arm", "A-17")[1].model_id == "ef" * 10
+    assert find_last_adoption(tmp_path, "arm", "A-18") is None
 
 
 def _adopt(store, who, ready, answers):
@@ -107,7 +110,7 @@ def test_sql_shows_what_each_robot_has_and_all_that_led_there(tmp_path):
 def _night(store, number, value, std=None):
     row = {"name": "coulomb", "joint": 1, "value": value, "std": std}
     row["status"] = "fitted"
-    columns = arrow_schema(VIEWS["parameters"][1:])
+    columns = build_arrow_schema(VIEWS["parameters"][1:])
     table = pa.Table.from_pylist([row], schema=columns)
     record = {"robot": "arm", "stage": "identified", "night": number}
     commit_record(store, "models", record, {"parameters": table})
@@ -130,13 +133,13 @@ def test_the_error_of_each_version_is_one_query(tmp_path):
         {"metric": "filtered", "stage": stage, "joint": None, "value": value}
         for stage, value in (("nominal", 40.0), ("augmented", 5.0))
     ]
-    rows = DiagnosisRows(
+    rows = DiagnosisRecords(
         record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors
     )
-    first = store_rows(tmp_path, rows, {})
+    first = commit_diagnosis(tmp_path, rows, {})
     commit_adoption(tmp_path, replace(FIRST, diagnosis_id=first))
     errors[0]["value"] = 5.1
-    second = store_rows(
+    second = commit_diagnosis(
         tmp_path, replace(rows, record={"robot": "arm"}, nominal=first), {}
     )
     with open_store(tmp_path) as opened:

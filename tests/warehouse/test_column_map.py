@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError
-from warehouse.logs import load_columns, read_log
+from warehouse.logs import read_column_map, read_log
 
 LOG_NAMES = ("Time", "J1", "J2", "I1", "I2")
 
@@ -15,7 +15,7 @@ def read(samples, write, tmp_path, make_robot):
 
     def read(text, table=None, robot_toml=""):
         (tmp_path / "COLUMNS.toml").write_text(text)
-        columns = load_columns(tmp_path / "COLUMNS.toml")
+        columns = read_column_map(tmp_path / "COLUMNS.toml")
         path = write(samples if table is None else table, LOG_NAMES)
         return read_log(path, make_robot(robot_toml), columns)
 
@@ -150,12 +150,12 @@ BAD_MAPS = {
 def test_bad_maps_are_refused(tmp_path, text, message):
     (tmp_path / "c.toml").write_text(text)
     with pytest.raises(InputError, match=message):
-        load_columns(tmp_path / "c.toml")
+        read_column_map(tmp_path / "c.toml")
 
 
 def test_a_map_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"Cannot read .*none.toml: No such file"):
-        load_columns(tmp_path / "none.toml")
+        read_column_map(tmp_path / "none.toml")
 
 
 @pytest.mark.parametrize(

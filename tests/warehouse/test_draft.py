@@ -7,15 +7,15 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.inputs.repair import drafted
+from flows.inputs.repair import format_drafted_map
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
 from tests.warehouse.foreign_logs import FOLDER, FORMATS
 from tests.warehouse.log_files import messages, write_bag
 from warehouse.logs import read_log
-from warehouse.logs.columns import load_columns
-from warehouse.logs.draft import draft
+from warehouse.logs.column_map import read_column_map
+from warehouse.logs.map_draft import draft_column_map
 
 
 def arm_of(form):
@@ -25,7 +25,7 @@ def arm_of(form):
 @pytest.mark.parametrize("name", FORMATS)
 def test_the_format_of_a_maker_is_known_by_its_names(name):
     form = FORMATS[name]
-    proposed = draft(FOLDER / form.file, arm_of(form))
+    proposed = draft_column_map(FOLDER / form.file, arm_of(form))
     joints = range(form.dof)
     assert proposed.format == name
     assert proposed.columns.time == form.time[0]
@@ -44,7 +44,7 @@ def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
     form = FORMATS["ur-rtde"]
     text = (FOLDER / form.file).read_text().replace("_as_torque", "_as_something")
     (tmp_path / "log.csv").write_text(text)
-    proposed = draft(tmp_path / "log.csv", arm_of(form))
+    proposed = draft_column_map(tmp_path / "log.csv", arm_of(form))
     assert proposed.columns.signals["tau"].columns[0] == "actual_current_0"
     assert proposed.columns.signals["tau"].unit == "A"
     assert "torque_per_unit" in proposed.doubts["tau"][0]
@@ -104,9 +104,9 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(
 ):
     robot = two(tmp_path)
     path = write(tmp_path / "log.csv", header, table, decimal)
-    text = drafted(draft(path, robot), str(path), robot)
+    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text, encoding="utf-8")
-    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
+    log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t, table[:, 0] / 1000, atol=1e-9)
     np.testing.assert_allclose(log.q, np.deg2rad(table[:, 1:3]), atol=1e-6)
     np.testing.assert_allclose(log.tau, table[:, 3:], atol=1e-4)
@@ -118,10 +118,10 @@ def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
     robot = two(tmp_path)
     stated, *_ = URDF_NAMES
     bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
-    proposed = draft(write(tmp_path / "a.csv", stated, table), robot)
+    proposed = draft_column_map(write(tmp_path / "a.csv", stated, table), robot)
     assert "q" not in proposed.doubts
     assert "time" not in proposed.doubts
-    proposed = draft(write(tmp_path / "b.csv", bare, table), robot)
+    proposed = draft_column_map(write(tmp_path / "b.csv", bare, table), robot)
     assert "beyond the joints' limits in rad" in " ".join(proposed.doubts["q"])
     assert "10 ms apart" in proposed.doubts["time"][0]
 
@@ -133,7 +133,7 @@ def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit
     n = np.arange(50)
     table = np.column_stack([step * n, *(np.sin(n / k) for k in range(5, 9))])
     path = write(tmp_path / "a.csv", "time;q1;q2;tau1;tau2", table)
-    columns = draft(path, two(tmp_path)).columns
+    columns = draft_column_map(path, two(tmp_path)).columns
     seconds = {"s": 1, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}[unit]
     assert columns.time_unit_seconds == pytest.approx(seconds)
 
@@ -142,14 +142,14 @@ def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
     tmp_path, table
 ):
     header = "t_ms;up_pos;down_pos;up_torque;down_torque"
-    proposed = draft(write(tmp_path / "a.csv", header, table), two(tmp_path))
+    proposed = draft_column_map(write(tmp_path / "a.csv", header, table), two(tmp_path))
     assert proposed.columns.signals["q"].columns == ("up_pos", "down_pos")
     assert proposed.columns.signals["tau"].columns == ("up_torque", "down_torque")
     for signal in ("q", "tau"):
         assert "in the order of the header" in proposed.doubts[signal][0]
     # A joint that is not there is no stranger.
     path = write(tmp_path / "b.csv", "t_ms;q1;x;tau1;y", table)
-    assert draft(path, two(tmp_path)).missing == ("q", "tau")
+    assert draft_column_map(path, two(tmp_path)).missing == ("q", "tau")
 
 
 def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
@@ -159,9 +159,9 @@ def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
     header = "stamp.sec;stamp.nanosec;q1;q2;tau1;tau2"
     rows = np.column_stack([stamp, np.deg2rad(table[:, 1:3]), table[:, 3:]])
     path = write(tmp_path / "a.csv", header, rows)
-    text = drafted(draft(path, robot), str(path), robot)
+    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text)
-    log, _ = read_log(str(path), robot, load_columns(tmp_path / "C.toml"))
+    log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
 
 
@@ -178,7 +178,7 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
     }
     pq.write_table(pa.table(table_columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    proposed = draft(tmp_path / "a.parquet", robot)
+    proposed = draft_column_map(tmp_path / "a.parquet", robot)
     assert proposed.format == "lerobot"
     if not effort:
         assert "without torque or current" in proposed.doubts["tau"][0]
@@ -191,9 +191,9 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
 def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     robot = two(tmp_path)
     path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
-    proposed = draft(path, robot)
+    proposed = draft_column_map(path, robot)
     assert proposed.missing == ("tau",)
-    text = drafted(proposed, "a.csv", robot)
+    text = format_drafted_map(proposed, "a.csv", robot)
     assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
     assert "# not read: left right" in text
     assert set(tomllib.loads(text)) == {"time", "q"}
@@ -211,7 +211,9 @@ def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    text = drafted(draft(tmp_path / "a.parquet", robot), "a.parquet", robot)
+    text = format_drafted_map(
+        draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot
+    )
     assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
     assert all(c.isprintable() or c == "\n" for c in text)
 
@@ -224,15 +226,17 @@ def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
         "/arm": messages(samples, ("arm_shoulder_pan", "arm_elbow")),
     }
     path = write_bag(tmp_path / "log.bag", topics, version=1)
-    text = drafted(draft(tmp_path / "log.bag", robot), path, robot)
+    text = format_drafted_map(
+        draft_column_map(tmp_path / "log.bag", robot), path, robot
+    )
     line = 'bag = {topic = "/arm", joints = ["arm_shoulder_pan", "arm_elbow"]}'
     assert line in text
     (tmp_path / "C.toml").write_text(text)
-    log, _ = read_log(path, robot, load_columns(tmp_path / "C.toml"))
+    log, _ = read_log(path, robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.q, samples[:, 1:3])
 
 
 def test_a_format_that_is_not_known_is_said(tmp_path, table):
     path = write(tmp_path / "a.csv", "t;q1;q2;tau1;tau2", table)
     with pytest.raises(InputError, match="ur-rtde"):
-        draft(path, two(tmp_path), "ur-rtd")
+        draft_column_map(path, two(tmp_path), "ur-rtd")

@@ -8,8 +8,8 @@ import warehouse
 from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
-from warehouse.commit import commit_record, commit_run
-from warehouse.query.views import NAMED
+from warehouse.query.sql_views import NAMED
+from warehouse.record_commit import commit_record, commit_run
 from warehouse.runs import read_run
 
 YEARS = "2020-01-01T00:00:00Z"

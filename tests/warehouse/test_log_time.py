@@ -10,15 +10,15 @@ import pytest
 from residual.errors import InputError
 from residual.recording import Recording
 from tests.warehouse import log_files as files
-from warehouse.logs import check_distinct, read_log, unique_ids
-from warehouse.logs.tables import format_moment, parse_moment
+from warehouse.logs import check_logs_distinct, create_unique_labels, read_log
+from warehouse.logs.log_tables import format_timestamp, parse_timestamp
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 START = 1_763_647_380  # 2025-11-20 14:03:00 UTC
 
 
 def when(path, robot):
-    return format_moment(read_log(str(path), robot)[1].recorded_at)
+    return format_timestamp(read_log(str(path), robot)[1].recorded_at)
 
 
 LINES = {
@@ -66,7 +66,7 @@ def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path
 )
 def test_a_time_that_is_given_has_a_zone_and_is_possible(text):
     with pytest.raises(InputError, match="expected a date with time and zone"):
-        parse_moment(text, "--recorded-at")
+        parse_timestamp(text, "--recorded-at")
 
 
 @pytest.mark.parametrize(
@@ -138,10 +138,10 @@ def test_labels_are_short_and_never_alike(samples, tmp_path):
     (tmp_path / "a" / "other.csv").touch()
     a, b, c = (str(tmp_path / f / "run.csv") for f in ("a", "b", "c/a"))
     other = str(tmp_path / "a" / "other.csv")
-    assert unique_ids([a, other]) == ["run", "other"]
-    assert unique_ids([f"{a}@:2", f"{a}@2:"]) == ["run@:2", "run@2:"]
-    assert unique_ids([a, b]) == ["a/run.csv", "b/run.csv"]
-    assert unique_ids([a, c]) == ["a/run.csv (1)", "a/run.csv (2)"]
+    assert create_unique_labels([a, other]) == ["run", "other"]
+    assert create_unique_labels([f"{a}@:2", f"{a}@2:"]) == ["run@:2", "run@2:"]
+    assert create_unique_labels([a, b]) == ["a/run.csv", "b/run.csv"]
+    assert create_unique_labels([a, c]) == ["a/run.csv (1)", "a/run.csv (2)"]
 
 
 def recording(label, table):
@@ -154,17 +154,17 @@ def test_windows_that_touch_are_distinct_and_those_that_overlap_are_not(
 ):
     path = write(samples)
     first, second = (read_log(f"{path}@{w}", robot)[0] for w in (":2", "2:"))
-    check_distinct([first, second])
+    check_logs_distinct([first, second])
     early = read_log(f"{path}@1.9:", robot)[0]
     with pytest.raises(InputError, match=r"'run@:2' and 'run@1.9:' hold the same"):
-        check_distinct([second, first, early][1:])
+        check_logs_distinct([second, first, early][1:])
 
 
 def test_a_copy_on_another_clock_is_found(samples):
     copy = samples.copy()
     copy[:, 0] += 100
     with pytest.raises(InputError, match=r"same samples \(about 400\)"):
-        check_distinct([recording("a", samples), recording("b", copy)])
+        check_logs_distinct([recording("a", samples), recording("b", copy)])
 
 
 def test_the_same_rest_position_is_no_copy(samples):
@@ -178,7 +178,7 @@ def test_the_same_rest_position_is_no_copy(samples):
         recording(label, np.vstack([rest, table + np.array([3, 0, 0, 0, 0])]))
         for label, table in (("a", samples), ("b", other))
     ]
-    check_distinct(logs)
+    check_logs_distinct(logs)
 
 
 def test_two_runs_of_one_seed_differ_once_the_arm_moves(samples):
@@ -190,11 +190,11 @@ def test_two_runs_of_one_seed_differ_once_the_arm_moves(samples):
     moving[:, 1:3] += still[-1, 1:3] - moving[0, 1:3]
     stronger = moving.copy()
     stronger[:, 3] *= 1.3
-    check_distinct(
+    check_logs_distinct(
         [
             recording(n, np.vstack([still, m]))
             for n, m in (("a", moving), ("b", stronger))
         ]
     )
     with pytest.raises(InputError, match="hold the same samples"):
-        check_distinct([recording(n, np.vstack([still, moving])) for n in "ab"])
+        check_logs_distinct([recording(n, np.vstack([still, moving])) for n in "ab"])

@@ -10,9 +10,9 @@ from tests.warehouse import store_samples as samples
 from warehouse import provenance
 from warehouse.provenance import (
     ROOT,
-    describe_uncommitted,
-    plant_code_hash,
-    plant_files,
+    format_uncommitted_change,
+    hash_plant_code,
+    list_plant_files,
 )
 from warehouse.runs import read_manifest
 
@@ -48,11 +48,11 @@ def tree(tmp_path):
 
 
 def code_hash(tree):
-    return plant_code_hash.__wrapped__(tree)  # past the cache
+    return hash_plant_code.__wrapped__(tree)  # past the cache
 
 
 def test_only_the_code_of_the_plant_changes_the_hash(tree):
-    assert {p.relative_to(tree).as_posix() for p in plant_files(tree)} == COUNTED
+    assert {p.relative_to(tree).as_posix() for p in list_plant_files(tree)} == COUNTED
     before = code_hash(tree)
     for name in FILES:
         (tree / name).write_text(FILES[name] + "\n# another line\n")
@@ -62,15 +62,15 @@ def test_only_the_code_of_the_plant_changes_the_hash(tree):
 
 
 def test_the_diagnosis_is_no_part_of_our_plant():
-    names = {p.relative_to(ROOT).as_posix() for p in plant_files()}
+    names = {p.relative_to(ROOT).as_posix() for p in list_plant_files()}
     assert {"sim/__init__.py", "residual/__init__.py"} <= names
     assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
     assert "residual/diagnosis/examine.py" not in names
 
 
 def test_code_and_environment_are_named():
-    known = provenance.provenance()
-    assert known.code_hash == plant_code_hash()
+    known = provenance.read_code_provenance()
+    assert known.code_hash == hash_plant_code()
     in_git = (ROOT / ".git").exists()  # not where an archive was unpacked
     assert len(known.commit or "") == (40 if in_git else 0)
     assert (known.dirty is None) == (not in_git)
@@ -86,7 +86,7 @@ def git(root, *words):
 
 
 def captured(root):
-    return provenance.uncommitted.__wrapped__(root)  # past the cache
+    return provenance.describe_uncommitted_files.__wrapped__(root)  # past the cache
 
 
 @pytest.fixture
@@ -104,7 +104,7 @@ def root(tmp_path):
 def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
     (root / "notes.txt").write_text("not code")
     assert captured(root) == {"sha256": None, "count": 0, "files": []}
-    assert "none" in describe_uncommitted({"uncommitted": captured(root)})
+    assert "none" in format_uncommitted_change({"uncommitted": captured(root)})
     hashes = set()
     for name, text in (
         ("sim/plant.py", "a = 3\n"),
@@ -119,20 +119,20 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
         2,
         ["sim/plant.py", "sim/new.py"],
     )
-    assert "sim/plant.py, sim/new.py, on" in describe_uncommitted(
+    assert "sim/plant.py, sim/new.py, on" in format_uncommitted_change(
         {"uncommitted": uncommitted}
     )
     assert captured(tmp_path) is None
-    assert "unknown" in describe_uncommitted({"uncommitted": None})
+    assert "unknown" in format_uncommitted_change({"uncommitted": None})
 
 
 def test_the_packages_of_a_record_are_kept_once(tmp_path):
     ids = [samples.commit(tmp_path, seed) for seed in range(2)]
     (kept,) = (tmp_path / "made_with").iterdir()
     known = read_manifest(tmp_path, ids[0])["provenance"]
-    assert provenance.read_packages(tmp_path, known)["numpy"]
+    assert provenance.read_package_versions(tmp_path, known)["numpy"]
     kept.write_bytes(kept.read_bytes()[1:])
-    assert provenance.read_packages(tmp_path, known) is None
+    assert provenance.read_package_versions(tmp_path, known) is None
 
 
 def test_a_checkout_says_the_commit_of_git(capsys):

@@ -7,7 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import log_files as files
-from warehouse.logs import load_columns, read_log
+from warehouse.logs import read_column_map, read_log
 
 # Joints in another order than the robot's, and one that is not of the arm.
 SHUFFLED = ("finger", "joint2", "joint1")
@@ -63,7 +63,7 @@ def test_the_map_chooses_topic_names_clock_and_units(tmp_path, robot, samples):
         "bag = {topic = '/arm', joints = ['base', 'elbow'], time = 'record'}\n"
         "q = {columns = ['q1', 'q2'], unit = 'deg', sign = [1, -1]}\n"
     )
-    log, known = read_log(path, robot, load_columns(tmp_path / "map.toml"))
+    log, known = read_log(path, robot, read_column_map(tmp_path / "map.toml"))
     np.testing.assert_allclose(log.q, samples[:, [2, 1]] * [1, -1], rtol=1e-14)
     assert log.t[0] == pytest.approx(1000.005, abs=1e-9)
     assert "base = joint 1, elbow = joint 2; time of recording" in known.text
@@ -100,7 +100,7 @@ def test_what_a_bag_lacks_is_told(tmp_path, robot, samples, what, kind):
     columns = None
     if what == "wrong topic":
         (tmp_path / "map.toml").write_text("bag = {topic = '/c'}\n")
-        columns = load_columns(tmp_path / "map.toml")
+        columns = read_column_map(tmp_path / "map.toml")
     if what == "torn":
         (file,) = [p for p in [*tmp_path.rglob("log*.*")] if p.suffix != ".yaml"]
         file.write_bytes(file.read_bytes()[: file.stat().st_size // 3])
@@ -150,7 +150,7 @@ def viewer(path, samples, head=VIEWER):
 )
 def test_an_export_of_a_signal_viewer_is_read(tmp_path, robot, samples, head):
     (tmp_path / "map.toml").write_text(MAP)
-    columns = load_columns(tmp_path / "map.toml")
+    columns = read_column_map(tmp_path / "map.toml")
     log, known = read_log(viewer(tmp_path / "a.csv", samples, head), robot, columns)
     np.testing.assert_allclose(log.q, samples[:, 1:3], atol=1e-9)
     np.testing.assert_allclose(log.tau, samples[:, 3:], atol=1e-9)
@@ -160,6 +160,6 @@ def test_an_export_of_a_signal_viewer_is_read(tmp_path, robot, samples, head):
 
 def test_a_unit_that_the_file_contradicts_is_an_error(tmp_path, robot, samples):
     (tmp_path / "map.toml").write_text(MAP.replace('unit = "deg"', 'unit = "rad"'))
-    columns = load_columns(tmp_path / "map.toml")
+    columns = read_column_map(tmp_path / "map.toml")
     with pytest.raises(InputError, match="'J1' is in deg by the file, in rad by"):
         read_log(viewer(tmp_path / "a.csv", samples), robot, columns)

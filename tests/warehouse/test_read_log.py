@@ -10,7 +10,7 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
-from warehouse.logs.columns import CsvFormat
+from warehouse.logs.column_map import CsvFormat
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 

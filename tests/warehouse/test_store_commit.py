@@ -11,12 +11,12 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from warehouse import ids
-from warehouse.commit import commit_record, commit_run, sealed_hash
-from warehouse.files import write_sums
-from warehouse.layout import find, find_run, read_record
-from warehouse.provenance import plant_code_hash
+from warehouse import record_ids
+from warehouse.provenance import hash_plant_code
+from warehouse.record_commit import commit_record, commit_run, hash_sealed_spec
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
+from warehouse.store_catalogue import find_record, find_run, read_record
+from warehouse.store_files import write_check_sums
 
 
 def tree(store):
@@ -62,12 +62,12 @@ def test_the_manifest_says_how_a_run_came_to_be(tmp_path):
     manifest = read_manifest(tmp_path, id)
     assert manifest["spec"] == samples.spec(5)
     assert {key: manifest[key] for key in more} == more
-    assert manifest["sealed_sha256"] == sealed_hash(samples.sealed(5).spec)
-    assert manifest["truth_hash"] == ids.data_hash(samples.sealed(5).truth)
-    assert manifest["data_hash"] == ids.data_hash(read_channels(tmp_path, id))
+    assert manifest["sealed_sha256"] == hash_sealed_spec(samples.sealed(5).spec)
+    assert manifest["truth_hash"] == record_ids.hash_arrays(samples.sealed(5).truth)
+    assert manifest["data_hash"] == record_ids.hash_arrays(read_channels(tmp_path, id))
     assert manifest["units"]["e_tau"] == "N m"
     known = manifest["provenance"]
-    assert known["code_hash"] == plant_code_hash()
+    assert known["code_hash"] == hash_plant_code()
     assert len(known["environment_hash"]) == len(known["lock_hash"]) == 64
     assert {"numpy", "python", "pyarrow"} <= set(known["versions"])
 
@@ -84,8 +84,8 @@ def test_the_same_run_twice_is_one_run_and_the_first_stays(tmp_path):
 def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):
     log = samples.recording()
     id = commit_run(tmp_path, log, {"robot_hash": "ab"})
-    hashed = ids.data_hash({"t": log.t, "q": log.q, "tau": log.tau})
-    assert id == ids.imported_id(hashed, "ab")
+    hashed = record_ids.hash_arrays({"t": log.t, "q": log.q, "tau": log.tau})
+    assert id == record_ids.compute_measured_run_id(hashed, "ab")
     assert id != commit_run(tmp_path, log, {"robot_hash": "cd"})
     assert read_manifest(tmp_path, id)["sealed_sha256"] is None
     with pytest.raises(InputError, match=f"Run {id} has no sealed half"):
@@ -99,11 +99,11 @@ def test_a_broken_seal_is_told(tmp_path):
     with pytest.raises(InputError, match=r"spec\.json is damaged \(it had"):
         open_seal(tmp_path, id)
     # Also where the sums were made to fit.
-    write_sums(path.parent)
+    write_check_sums(path.parent)
     with pytest.raises(InputError, match=f"The seal of run {id} is broken"):
         open_seal(tmp_path, id)
     path.write_text("{")
-    write_sums(path.parent)
+    write_check_sums(path.parent)
     with pytest.raises(InputError, match=r"spec\.json is damaged"):
         open_seal(tmp_path, id)
 
@@ -112,8 +112,10 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
     id = samples.commit(tmp_path)
     path = find_run(tmp_path, id).folder / "part-0.parquet"
     table = pq.read_table(path)
-    pq.write_table(table.set_column(1, table.field(1), pa.array(np.zeros(50))), path)
-    write_sums(path.parent)
+    pq.write_table(
+        table.set_column(1, table.to_arrow_field(1), pa.array(np.zeros(50))), path
+    )
+    write_check_sums(path.parent)
     with pytest.raises(InputError, match="not those that were committed"):
         read_run(tmp_path, id)
     path.write_bytes(path.read_bytes()[:200])
@@ -160,7 +162,7 @@ def test_a_failure_while_writing_leaves_no_run(tmp_path, monkeypatch):
     def full(*_, **__):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr("warehouse.files.os.fsync", full)
+    monkeypatch.setattr("warehouse.store_files.os.fsync", full)
     with pytest.raises(OSError, match="No space left"):
         samples.commit(tmp_path)
     assert tree(tmp_path) == []
@@ -211,17 +213,17 @@ def test_the_beginning_of_an_id_is_enough_if_it_is_one(tmp_path):
     runs = {samples.commit(tmp_path, seed, rows=2) for seed in range(17)}
     model = commit_record(tmp_path, "models", {"stage": "nominal"})
     for id in (*runs, model):
-        assert find(tmp_path, id).id == id
-        assert find(tmp_path, id[:12]).folder.name.endswith(id)
-    assert find(tmp_path, model).kind == "models"
+        assert find_record(tmp_path, id).id == id
+        assert find_record(tmp_path, id[:12]).folder.name.endswith(id)
+    assert find_record(tmp_path, model).kind == "models"
     # Of seventeen ids two have the same first digit.
     first = sorted(id[0] for id in runs)
     common = next(a for a, b in pairwise(first) if a == b)
     with pytest.raises(InputError, match="Give more digits"):
-        find(tmp_path, common)
+        find_record(tmp_path, common)
     with pytest.raises(InputError, match="is in models, expected the id of a run"):
         read_run(tmp_path, model)
     with pytest.raises(InputError, match="begins with 'ffffffffff'"):
-        find(tmp_path, "ffffffffff")
+        find_record(tmp_path, "ffffffffff")
     with pytest.raises(InputError, match="is not an id"):
-        find(tmp_path, "../sealed")
+        find_record(tmp_path, "../sealed")

@@ -7,9 +7,13 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from warehouse.layout import find, with_parents
-from warehouse.query.store import lineage_tree, open_store
-from warehouse.verify import compare_channels, compare_values, differing_channels
+from warehouse.query.store import build_lineage_tree, open_store
+from warehouse.store_catalogue import find_record, list_record_ancestry
+from warehouse.verification import (
+    compare_channels,
+    compare_values,
+    select_differing_channels,
+)
 
 T = np.arange(100) / 50
 
@@ -23,7 +27,7 @@ def test_where_and_how_far_values_part():
     tau = np.ones((100, 2))
     tau[40:, 1] += 3e-3
     tau[60, 1] -= 8e-3
-    (bad,) = differing_channels(compare_channels(channels(), channels(tau=tau)))
+    (bad,) = select_differing_channels(compare_channels(channels(), channels(tau=tau)))
     assert (bad.name, bad.unit, bad.differing) == ("tau2", "N m", 60)
     assert bad.first == T[40]
     assert bad.largest == pytest.approx(5e-3)
@@ -33,7 +37,7 @@ def test_where_and_how_far_values_part():
 
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
-    bad = differing_channels(compare_channels(one, two))
+    bad = select_differing_channels(compare_channels(one, two))
     assert [(c.name, c.note) for c in bad] == [
         ("q_ref1", "only the second has it"),
         ("q_ref2", "only the second has it"),
@@ -63,10 +67,13 @@ def store(tmp_path):
 
 def test_a_record_comes_after_what_it_was_made_from(store):
     folder, runs, id = store
-    kinds = [found.kind for found in with_parents(folder, id)]
+    kinds = [found.kind for found in list_record_ancestry(folder, id)]
     assert kinds == ["runs", "runs", "models", "diagnoses"]
     with open_store(folder) as opened:
-        up, down = lineage_tree(opened, id), lineage_tree(opened, runs[0], down=True)
+        up, down = (
+            build_lineage_tree(opened, id),
+            build_lineage_tree(opened, runs[0], down=True),
+        )
     assert {each.id for each in up.relatives} >= set(runs)
     assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
     again = [each for each in down.relatives if each.again]
@@ -75,10 +82,10 @@ def test_a_record_comes_after_what_it_was_made_from(store):
 
 def test_a_lost_parent_is_named(store, tmp_path):
     folder, runs, id = store
-    place = find(folder, runs[0]).folder
+    place = find_record(folder, runs[0]).folder
     place.rename(tmp_path / "gone")
     with pytest.raises(InputError, match=f"made from {runs[0]}, which is not in"):
-        with_parents(folder, id)
+        list_record_ancestry(folder, id)
     with open_store(folder) as opened:
-        kinds = {each.kind for each in lineage_tree(opened, id).relatives}
+        kinds = {each.kind for each in build_lineage_tree(opened, id).relatives}
     assert None in kinds

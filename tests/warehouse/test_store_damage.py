@@ -8,10 +8,15 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import flip
-from warehouse.files import SUMS, read_unsummed, write_parquet, write_sums
-from warehouse.layout import find_run
-from warehouse.runs import quarantine
-from warehouse.verify import verify_all
+from warehouse.runs import quarantine_run
+from warehouse.store_catalogue import find_run
+from warehouse.store_files import (
+    SUMS,
+    read_unverified_parquet,
+    write_check_sums,
+    write_parquet,
+)
+from warehouse.verification import verify_store
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
 
@@ -32,12 +37,12 @@ def committed(folder):
 
 
 def damaged(folder):
-    return [each for each in verify_all(folder) if each.faults]
+    return [each for each in verify_store(folder) if each.faults]
 
 
 def test_verify_finds_every_flipped_bit_and_nothing_in_a_whole_store(store):
     folder, runs, _ = store
-    quarantine(folder, runs[0], "gripper was loose")
+    quarantine_run(folder, runs[0], "gripper was loose")
     assert damaged(folder) == []
     rng = np.random.default_rng(4)
     paths = committed(folder)
@@ -109,8 +114,8 @@ def test_a_file_that_a_query_names_is_checked_before_it_is_read(store):
 def test_a_row_of_another_version_is_refused_in_one_sentence(store):
     folder, runs, _ = store
     run = find_run(folder, runs[1])
-    write_parquet(run.row, read_unsummed(run.row).drop_columns(["commit"]))
-    write_sums(run.folder)
+    write_parquet(run.row, read_unverified_parquet(run.row).drop_columns(["commit"]))
+    write_check_sums(run.folder)
     with (
         warehouse.open(folder) as opened,
         pytest.raises(InputError, match="lacks commit, which every record of runs has"),
@@ -121,7 +126,7 @@ def test_a_row_of_another_version_is_refused_in_one_sentence(store):
 def row(column, value):
     def change(table):
         at = table.column_names.index(column)
-        field = table.schema.field(at)
+        field = table.schema.to_arrow_field(at)
         return table.set_column(at, field, pa.array([value], field.type))
 
     return change
@@ -139,7 +144,7 @@ def other(column, before, after):
 def louder(table):
     at = table.column_names.index("tau1")
     values = table.column("tau1").to_numpy() * 2
-    return table.set_column(at, table.schema.field(at), [values])
+    return table.set_column(at, table.schema.to_arrow_field(at), [values])
 
 
 @pytest.mark.parametrize(
@@ -155,8 +160,8 @@ def louder(table):
 def test_verify_names_what_is_not_as_its_id_says(store, name, change, match):
     folder, _, _ = store
     path = next(folder.rglob(f"{name}.parquet"))
-    write_parquet(path, change(read_unsummed(path)))
-    write_sums(path.parent)  # a stranger's sums fit
+    write_parquet(path, change(read_unverified_parquet(path)))
+    write_check_sums(path.parent)  # a stranger's sums fit
     (wrong,) = damaged(folder)
     assert match in wrong.faults[0]
 

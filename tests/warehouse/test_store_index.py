@@ -10,8 +10,8 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
-from warehouse.layout import find_run
-from warehouse.schema import DEFAULT_DOF, NUMBER, WHOLE, all_views
+from warehouse.store_catalogue import find_run
+from warehouse.view_schema import DEFAULT_DOF, NUMBER, WHOLE, list_views
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
 QUERY = f"{SUMS} GROUP BY run_id ORDER BY run_id"
@@ -58,7 +58,9 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("warehouse.query.guard.memory", lambda: 400_000_000)
+    monkeypatch.setattr(
+        "warehouse.query.sql_guard.read_machine_memory", lambda: 400_000_000
+    )
     with warehouse.open(tmp_path) as store:
         with pytest.raises(
             InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"
@@ -70,7 +72,7 @@ def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
 
 
 def test_every_quantity_of_every_view_has_its_unit():
-    for view, columns in all_views(DEFAULT_DOF).items():
+    for view, columns in list_views(DEFAULT_DOF).items():
         for column in columns:
             assert column.about, (view, column.name)
             if column.type in (NUMBER, WHOLE) and column.name != "seed":

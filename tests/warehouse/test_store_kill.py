@@ -10,8 +10,8 @@ import warehouse
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_campaign import RUNS, campaign
-from warehouse.layout import list_folders
 from warehouse.runs import open_seal, read_run
+from warehouse.store_catalogue import list_record_folders
 
 KILLS = 6
 
@@ -67,8 +67,8 @@ def test_killed_at_any_moment_it_is_consistent_and_can_be_completed(
         process.start()
         assert started.wait(PATIENCE)
         # Some runs further than before, and then at any moment of the next.
-        wanted = len(list_folders(store, "runs")) + rng.randrange(3)
-        while len(list_folders(store, "runs")) < wanted and process.is_alive():
+        wanted = len(list_record_folders(store, "runs")) + rng.randrange(3)
+        while len(list_record_folders(store, "runs")) < wanted and process.is_alive():
             time.sleep(0.001)
         time.sleep(rng.uniform(0, 0.05))
         process.kill()
@@ -92,5 +92,5 @@ def test_three_writers_of_the_same_and_of_other_runs_at_once(tmp_path, processes
         writer.join()
     assert [writer.exitcode for writer in writers] == [0, 0, 0]
     assert len(check(tmp_path)) == RUNS
-    assert len(list_folders(tmp_path, "diagnoses")) == 1
+    assert len(list_record_folders(tmp_path, "diagnoses")) == 1
     assert list((tmp_path / "_staging").iterdir()) == []

@@ -8,10 +8,10 @@ import pytest
 import warehouse
 from tests.warehouse import store_samples as samples
 from tests.warehouse.test_store_verdicts import MODEL
-from warehouse.commit import commit_record, commit_run
-from warehouse.query.views import NAMED
-from warehouse.runs import quarantine
-from warehouse.schema import VIEWS, arrow_schema
+from warehouse.query.sql_views import NAMED
+from warehouse.record_commit import commit_record, commit_run
+from warehouse.runs import quarantine_run
+from warehouse.view_schema import VIEWS, build_arrow_schema
 
 
 def measured(seed):
@@ -27,7 +27,7 @@ def campaign(tmp_path_factory):
     store = tmp_path_factory.mktemp("asked") / "store"
     runs = [samples.commit(store, k, campaign="march") for k in range(3)]
     imported = [commit_run(store, *measured(seed)) for seed in (10, 11)]
-    quarantine(store, runs[2], "bumped")
+    quarantine_run(store, runs[2], "bumped")
     logs = [imported[0]]
     roles = {"fit": [runs[0], imported[1]], "held_out": logs}
     first = samples.store_verdict(store, samples.verdict(logs), MODEL, roles)
@@ -35,7 +35,7 @@ def campaign(tmp_path_factory):
     second = samples.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
     row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
     row |= {"fault": "gain drop", "kind": "model", "score": 1.5, "until": 0.2}
-    table = pa.Table.from_pylist([row], schema=arrow_schema(VIEWS["alarms"][1:]))
+    table = pa.Table.from_pylist([row], schema=build_arrow_schema(VIEWS["alarms"][1:]))
     record = {"robot": "two_link", "kind": "monitor"}
     commit_record(store, "validations", record, {"alarms": table}, {})
     return store, runs, imported, (first, second)
@@ -125,7 +125,7 @@ def identified(store, serial, day, value):
     error = {"joint": 1, "stage": "identified", "metric": "filtered", "value": value}
     error["run_id"] = run
     tables = {
-        view: pa.Table.from_pylist([each], schema=arrow_schema(VIEWS[view][1:]))
+        view: pa.Table.from_pylist([each], schema=build_arrow_schema(VIEWS[view][1:]))
         for view, each in (("parameters", row), ("errors", error))
     }
     record = {"robot": "two_link", "stage": "identified", "day": day}

@@ -10,12 +10,12 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
-from warehouse import schema
-from warehouse.commit import commit_run
-from warehouse.files import write_sums
-from warehouse.layout import find_run
-from warehouse.query.views import NAMED, TAKES
-from warehouse.runs import quarantine, read_run, tombstone
+from warehouse import view_schema
+from warehouse.query.sql_views import NAMED, TAKES
+from warehouse.record_commit import commit_run
+from warehouse.runs import quarantine_run, read_quarantine_reason, read_run
+from warehouse.store_catalogue import find_run
+from warehouse.store_files import write_check_sums
 
 
 def listing(folder):
@@ -51,7 +51,7 @@ def test_every_view_has_the_columns_and_types_of_the_schema(tmp_path, store, ful
     folder = store if full else tmp_path / "empty"
     folder.mkdir(exist_ok=True)
     with warehouse.open(folder) as opened:
-        for view, columns in schema.all_views().items():
+        for view, columns in view_schema.list_views().items():
             rows = opened.sql(f"FROM {view}")
             assert rows.column_names == [c.name for c in columns]
             assert rows.schema.types == [c.type for c in columns]
@@ -90,9 +90,9 @@ def test_an_id_of_digits_alone_stays_a_text(store):
         shutil.copytree(folder, folder.with_name(f"run_id={digits}"))
         path = folder.with_name(f"run_id={digits}") / "_run.parquet"
         row = pq.read_table(path)
-        changed = row.set_column(0, row.field(0), [[digits]])
+        changed = row.set_column(0, row.to_arrow_field(0), [[digits]])
         pq.write_table(changed, path)
-        write_sums(path.parent)
+        write_check_sums(path.parent)
     ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]
     assert {"00000000000000000012", "1" * 20, "1e10".zfill(20)} < set(ids)
 
@@ -120,14 +120,14 @@ def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
         assert opened.sql(count).to_pylist() == [{"n": 4}]
         rows = opened.sql(f"FROM samples WHERE run_id = '{id}'")
         assert rows.num_rows == 50
-        path = quarantine(store, id[:10], "gripper was loose")
+        path = quarantine_run(store, id[:10], "gripper was loose")
         assert path == store / "quarantine" / f"run_id={id}.json"
-        assert quarantine(store, id, "another reason") == path
-        assert tombstone(store, id) == "gripper was loose"
+        assert quarantine_run(store, id, "another reason") == path
+        assert read_quarantine_reason(store, id) == "gripper was loose"
         assert opened.sql(count).to_pylist() == [{"n": 3}]
         assert opened.sql("FROM runs").num_rows == 4
     with pytest.raises(InputError, match="needs a reason"):
-        quarantine(store, id, " ")
+        quarantine_run(store, id, " ")
 
 
 READING = [

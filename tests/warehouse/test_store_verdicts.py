@@ -5,7 +5,7 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from warehouse.layout import read_record
+from warehouse.store_catalogue import read_record
 
 MODEL = {"theta": [1.0, 2.0], "effects": [{"name": "payload", "joints": [2]}]}
 

@@ -1,24 +1,33 @@
 """Readers of measured logs, and the checks that every log passes."""
 
-from warehouse.logs.columns import (
+from warehouse.logs.column_map import (
     ColumnMap,
     MissingColumnsError,
-    columns_of,
-    load_columns,
+    choose_column_map,
+    read_column_map,
 )
-from warehouse.logs.read import LogSummary, read_any, read_log, read_table
-from warehouse.logs.window import Doubt, check_distinct, unique_ids
+from warehouse.logs.log_reading import (
+    LogSummary,
+    read_log,
+    read_log_despite_doubts,
+    read_memory_log,
+)
+from warehouse.logs.log_window import (
+    LogDoubt,
+    check_logs_distinct,
+    create_unique_labels,
+)
 
 __all__ = [
     "ColumnMap",
-    "Doubt",
+    "LogDoubt",
     "LogSummary",
     "MissingColumnsError",
-    "check_distinct",
-    "columns_of",
-    "load_columns",
-    "read_any",
+    "check_logs_distinct",
+    "choose_column_map",
+    "create_unique_labels",
+    "read_column_map",
     "read_log",
-    "read_table",
-    "unique_ids",
+    "read_log_despite_doubts",
+    "read_memory_log",
 ]

@@ -12,22 +12,27 @@ import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
-from warehouse.bucket import is_address
-from warehouse.files import check_file, replace_file
-from warehouse.ids import damage_error
-from warehouse.layout import Catalogue, find, read_catalogue
-from warehouse.query.guard import (
+from warehouse.bucket import is_bucket_address
+from warehouse.query.sql_guard import (
     check_reads_only,
     collect_answer,
     explain_error,
-    first_line,
-    read_only_connection,
-    time_limit,
+    format_duckdb_error,
+    limit_query_time,
+    open_read_only_connection,
 )
-from warehouse.query.views import catalogue_views, signal_rows
-from warehouse.remote import bucket_of, fetch_file, local_folder, store_name
-from warehouse.runs import quarantined
-from warehouse.schema import (
+from warehouse.query.sql_views import build_catalogue_views, build_signal_table
+from warehouse.record_ids import build_damage_error
+from warehouse.remote_store import (
+    fetch_file,
+    find_local_copy,
+    find_store_bucket,
+    format_store_name,
+)
+from warehouse.runs import list_quarantined_runs
+from warehouse.store_catalogue import StoreCatalogue, find_record, read_catalogue
+from warehouse.store_files import replace_file, verify_file
+from warehouse.view_schema import (
     COMPUTED,
     DEFAULT_DOF,
     INDEX,
@@ -35,8 +40,8 @@ from warehouse.schema import (
     SAMPLES_FILE,
     TEXT,
     VIEWS,
-    arrow_schema,
-    sample_columns,
+    build_arrow_schema,
+    list_sample_columns,
 )
 
 # What a damaged file may raise: also Arrow between two batches, and DuckDB where its
@@ -59,7 +64,7 @@ def _feeding(view: str) -> tuple[str, ...]:
         return ("diagnoses", "runs")
     if view == "adopted":
         return ("adoptions",)
-    kinds = [k.name for k in KINDS.values() if view in (k.name, *k.lists)]
+    kinds = [k.name for k in KINDS.values() if view in (k.name, *k.nested_views)]
     # Serial number and time of recording are those of runs.
     return tuple(dict.fromkeys([*kinds, *(["runs"] if view in COMPUTED else [])]))
 
@@ -71,10 +76,10 @@ FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
 def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
-    folder = local_folder(word) if is_address(word) else Path(path).resolve()
+    folder = find_local_copy(word) if is_bucket_address(word) else Path(path).resolve()
     if not folder.is_dir():
         raise InputError(
-            f"There is no store at {store_name(folder)}. Make one with modelgap "
+            f"There is no store at {format_store_name(folder)}. Make one with modelgap "
             "experiment or demo, or say where it is: --store FOLDER."
         )
     if set(str(folder)) & set("*?[]{}"):
@@ -82,13 +87,13 @@ def open_store(path: Path | str) -> "Store":
     return Store(folder)
 
 
-def query_store(path: Path, query: str, **values: object) -> list[dict]:
+def query_store_rows(path: Path, query: str, **values: object) -> list[dict]:
     """Return the rows of one answer; the store is open for it alone."""
     with open_store(path) as opened:
         return opened.sql(query, values or None).to_pylist()
 
 
-def runs_where(path: Path, clause: str) -> tuple[str, ...]:
+def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
     """Return the ids of the runs that a WHERE clause chooses, in order of recording.
 
     Args:
@@ -105,15 +110,16 @@ def runs_where(path: Path, clause: str) -> tuple[str, ...]:
     except duckdb.Error as error:
         raise InputError(
             f"'{clause}' is not one condition over runs, such as campaign = 'night' "
-            f"AND trajectory = 'fourier': {first_line(error)}"
+            f"AND trajectory = 'fourier': {format_duckdb_error(error)}"
         ) from error
     usable = "true" if "quarantined" in clause.lower() else "NOT quarantined"
     query = f"""SELECT run_id FROM runs WHERE ({clause}
         ) AND {usable} ORDER BY recorded_at, created, run_id"""
-    ids = tuple(row["run_id"] for row in query_store(path, query))
+    ids = tuple(row["run_id"] for row in query_store_rows(path, query))
     if not ids:
         raise InputError(
-            f"No run in {store_name(path)} fulfills {clause}. List the runs: modelgap "
+            f"No run in {format_store_name(path)} fulfills {clause}. List the runs: "
+            f"modelgap "
             'sql "FROM runs".'
         )
     return ids
@@ -130,7 +136,7 @@ class Store:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self._connection = read_only_connection(path)
+        self._connection = open_read_only_connection(path)
         self._left_out: dict[str, str] = {}  # messages about damaged samples, by file
         self._hashed: dict[str, list[int]] = {}
         with suppress(OSError, ValueError):
@@ -139,7 +145,7 @@ class Store:
         self._newly_hashed = 0
         self._viewed = False  # whether the view samples has all files that it should
         self._quarantined: frozenset[str] = frozenset()
-        self._catalogue: Catalogue | None = None  # until the first query
+        self._catalogue: StoreCatalogue | None = None  # until the first query
 
     @property
     def damaged(self) -> tuple[str, ...]:
@@ -173,7 +179,7 @@ class Store:
         names = check_reads_only(self._connection, query)
         self.refresh()
         samples = "samples" in query.lower()
-        with time_limit(self._connection, timeout):
+        with limit_query_time(self._connection, timeout):
             while True:
                 if samples:
                     self._view_samples()
@@ -201,7 +207,7 @@ class Store:
 
     def refresh(self) -> None:
         """See what is committed or quarantined by now."""
-        marked, first = quarantined(self.path), self._catalogue is None
+        marked, first = list_quarantined_runs(self.path), self._catalogue is None
         if first or marked != self._quarantined:
             self._quarantined = marked
             ids = pa.array(sorted(marked), TEXT)
@@ -212,12 +218,12 @@ class Store:
             for kind, rows in catalogue.rows.items():
                 self._table(kind, rows)
             dofs = catalogue.rows["runs"].column("dof").to_pylist()
-            columns = arrow_schema(sample_columns(max([DEFAULT_DOF, *dofs])))
+            columns = build_arrow_schema(list_sample_columns(max([DEFAULT_DOF, *dofs])))
             self._table("no_samples", columns.empty_table())
             self._view("samples", "FROM catalogue.no_samples")
         if first:
-            self._table("signals", signal_rows())
-            for name, query in catalogue_views().items():
+            self._table("signals", build_signal_table())
+            for name, query in build_catalogue_views().items():
                 self._view(name, query)
 
     def close(self) -> None:
@@ -284,7 +290,7 @@ class Store:
         bucket all samples are fetched that are not here yet.
         """
         while not self._viewed:
-            if bucket_of(self.path):
+            if find_store_bucket(self.path):
                 self._leave_out(self._faults(self._files()))
             rows = self._catalogue.rows["runs"].select(["dof", "signals", "run_id"])
             folders = self._catalogue.folders["runs"]
@@ -322,13 +328,13 @@ class Store:
                 state = os.stat(path)
                 key = [state.st_ino, state.st_size, state.st_ctime_ns]
                 if self._hashed.get(path) != key:
-                    check_file(Path(path))
+                    verify_file(Path(path))
                     self._hashed[path] = key
                     self._newly_hashed += 1
             except InputError as error:
                 return str(error)
             except OSError as error:
-                return str(damage_error(Path(path), error.strerror))
+                return str(build_damage_error(Path(path), error.strerror))
             return None
 
         index = f"{self.path}/{INDEX}/"
@@ -345,17 +351,17 @@ class Store:
 
 
 @dataclass(frozen=True, slots=True)
-class Relative:
+class LineageNode:
     """A record in a tree of relatives."""
 
     id: str
     kind: str | None  # name of its kind; None where it is not in this store
     role: str = ""  # what it was to the one above it, or that one to it; "" at the root
     again: bool = False  # whether it stands elsewhere in the tree, with its relatives
-    relatives: tuple["Relative", ...] = ()  # those below it
+    relatives: tuple["LineageNode", ...] = ()  # those below it
 
 
-def lineage_tree(store: Store, id: str, down: bool = False) -> Relative:
+def build_lineage_tree(store: Store, id: str, down: bool = False) -> LineageNode:
     """Return what a record was made from, or what was made from it, all the way."""
     near, far = ("parent", "child") if down else ("child", "parent")
     links: dict[str, list[tuple[str, str]]] = {}
@@ -367,12 +373,12 @@ def lineage_tree(store: Store, id: str, down: bool = False) -> Relative:
     kind_of = dict(zip(*kinds.values(), strict=True))
     shown: set[str] = set()
 
-    def grown(id: str, role: str) -> Relative:
+    def grown(id: str, role: str) -> LineageNode:
         kind, below = kind_of.get(id), links.get(id, [])
         if id in shown:
-            return Relative(id, kind, role, again=bool(below))
+            return LineageNode(id, kind, role, again=bool(below))
         shown.add(id)
         relatives = tuple(grown(other, role) for other, role in below)
-        return Relative(id, kind, role, relatives=relatives)
+        return LineageNode(id, kind, role, relatives=relatives)
 
-    return grown(find(store.path, id).id, "")
+    return grown(find_record(store.path, id).id, "")

@@ -7,9 +7,14 @@ from pathlib import Path
 from flows.storage.diagnosis import store_report
 from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as samples
-from warehouse.commit import ADOPTED, Adoption, commit_adoption, commit_record
-from warehouse.layout import read_record
-from warehouse.schema import rows_table
+from warehouse.record_commit import (
+    ADOPTED,
+    ModelAdoption,
+    commit_adoption,
+    commit_record,
+)
+from warehouse.store_catalogue import read_record
+from warehouse.view_schema import build_view_table
 
 EVIL = '"><img src=x onerror=alert(1)>&'
 STORED = b'<!doctype html><title>stored</title><h1 id="kept">A stored page</h1>'
@@ -46,7 +51,7 @@ def fill(
     proposal = {**about, "kind": "proposal", "parent": None, "findings": []}
     side = store_report(store, proposal, missing, {"proposal.html": STORED})
     ids = [each.name.removeprefix("report_id=") for each in (page, side)]
-    rows = rows_table("alarms", [alarm(runs[0])])
+    rows = build_view_table("alarms", [alarm(runs[0])])
     monitoring = {"robot": "two_link", "kind": "monitor"}
     parents = {"watched": [runs[0]]}
     watched = commit_record(store, "validations", monitoring, {"alarms": rows}, parents)
@@ -70,5 +75,5 @@ def adopt(store: Path, diagnosis: str, note: str = "") -> str:
     model = read_record(store, diagnosis)["model_id"]
     who = {"who": "ann", "note": note, "before": 20.0, "after": 5.6}
     return commit_adoption(
-        store, Adoption("two_link", None, ADOPTED, model, diagnosis, None, **who)
+        store, ModelAdoption("two_link", None, ADOPTED, model, diagnosis, None, **who)
     )

@@ -5,8 +5,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.report.index import write_index
-from flows.service.state import store_key
+from flows.report.store_index import write_index
+from flows.service.state import read_access_key
 from flows.settings import prefect_home
 from tests.flows.browser import alone
 from tests.flows.index.stores import fill
@@ -35,7 +35,7 @@ def served(tmp_path_factory):
     nights = fill(tmp_path_factory.mktemp("seen") / "store", THIEF)
     home = prefect_home(nights.store)
     with serving(home) as running:
-        yield SimpleNamespace(running=running, key=store_key(home), nights=nights)
+        yield SimpleNamespace(running=running, key=read_access_key(home), nights=nights)
 
 
 @pytest.fixture

@@ -5,16 +5,16 @@ from datetime import datetime, timedelta
 
 import pytest
 
-from flows.report.index import night_of, page_at, write_index
-from flows.report.page import origin_of_record
+from flows.report.page import read_record_origin
+from flows.report.store_index import date_night, read_page, write_index
 from tests.flows.index.stores import STORED, adopt, fill
-from warehouse.commit import commit_record
+from warehouse.record_commit import commit_record
 
 LINK = re.compile(r'href="([^"#?]+)"')
 
 
 def page(store) -> str:
-    return page_at(store, "index.html").decode()
+    return read_page(store, "index.html").decode()
 
 
 def rows(text: str) -> list[list[str]]:
@@ -35,7 +35,7 @@ def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
         "log refused",
     }
     when, night, robot, _, words, error = states["something missing"]
-    assert night == f"{night_of(datetime.fromisoformat(when))}"
+    assert night == f"{date_night(datetime.fromisoformat(when))}"
     assert robot == "two_link"
     assert words.startswith("two_link #1: The model lacks a payload")
     assert error == "20.0 → 5.6 %"
@@ -68,7 +68,7 @@ def test_every_link_leads_to_a_report_on_disk_and_at_the_server(nights):
     }
     for link in links:
         assert (file.parent / link).read_bytes() == STORED
-        assert page_at(nights.store, link) == STORED
+        assert read_page(nights.store, link) == STORED
 
 
 @pytest.mark.parametrize(
@@ -94,20 +94,20 @@ def test_every_link_leads_to_a_report_on_disk_and_at_the_server(nights):
 def test_what_is_no_page_is_none_and_reads_no_file(nights, address):
     for word, id in {"{report}": nights.report, "{run}": nights.runs[0]}.items():
         address = address.replace(word, id)
-    assert page_at(nights.store, address) is None
+    assert read_page(nights.store, address) is None
 
 
 def test_a_stored_page_that_was_changed_is_not_shown(tmp_path):
     nights = fill(tmp_path / "store")
     (file,) = nights.store.glob(f"reports/*{nights.report}/report.html")
     file.write_bytes(STORED.replace(b"stored", b"storex"))
-    assert page_at(nights.store, f"report_id={nights.report}/report.html") is None
+    assert read_page(nights.store, f"report_id={nights.report}/report.html") is None
 
 
 def test_nights_go_from_noon_to_noon():
     noon = datetime(2026, 11, 22, 12)
-    assert str(night_of(noon - timedelta(seconds=1))) == "2026-11-22"
-    assert str(night_of(noon)) == "2026-11-23"
+    assert str(date_night(noon - timedelta(seconds=1))) == "2026-11-22"
+    assert str(date_night(noon)) == "2026-11-23"
 
 
 def test_an_empty_store_says_what_fills_it(tmp_path):
@@ -120,7 +120,7 @@ def test_the_foot_of_a_page_says_id_time_version_data_and_what_makes_it_again(tm
     record = {"robot": "irb140", "verdict": "none", "model_id": "ee" * 10}
     parents = {"fit": fit, "held_out": [held_out]}
     id = commit_record(tmp_path, "diagnoses", record, None, parents)
-    foot = dict(origin_of_record(tmp_path, id[:6]))
+    foot = dict(read_record_origin(tmp_path, id[:6]))
     assert id in foot["Diagnosis"]
     assert all(run in foot["Fit"] for run in fit)
     assert held_out in foot["Held out"]

@@ -8,20 +8,25 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inbox.new import new_runs, robot_of_runs
-from flows.inbox.take import import_all, inbox_reason, inboxes, list_logs
+from flows.inbox.batches import find_new_runs, find_project_robot
+from flows.inbox.import_logs import (
+    import_inbox_logs,
+    list_inboxes,
+    list_logs,
+    strip_option_hints,
+)
 from flows.project.read import read_project
-from flows.report.index import page_at, refused
-from flows.steps.monitor import diagnosis_of, healthy_runs
+from flows.report.store_index import list_refused_logs, read_page
+from flows.steps.monitor import find_diagnosis, find_healthy_runs
 from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as samples
-from warehouse.commit import commit_record, commit_run
 from warehouse.query.store import open_store
-from warehouse.runs import keep_robot
-from warehouse.schema import rows_table
+from warehouse.record_commit import commit_record, commit_run
+from warehouse.runs import store_robot_description
+from warehouse.view_schema import build_view_table
 
 TEXT = """schema = 1
 [[robot]]
@@ -51,7 +56,7 @@ def measured(project, seed: int, *tags: str) -> str:
     log = samples.recording(seed, robot=arm.name)
     about = {"source": "imported", "kind": "log", "robot_hash": arm.content_hash}
     manifest = {**about, "tags": list(tags), "log": {"file": f"monday_{seed}.csv"}}
-    keep_robot(project.store, project.word(project.robot("cell")), arm)
+    store_robot_description(project.store, project.word(project.robot("cell")), arm)
     return commit_run(project.store, log, manifest)
 
 
@@ -74,15 +79,15 @@ def morning(project):
         }
         for k in range(ALARMS)
     ]
-    table = {"alarms": rows_table("alarms", rows)}
+    table = {"alarms": build_view_table("alarms", rows)}
     monitoring = {"robot": arm.name, "kind": "monitor"}
     parents = {"watched": list(loads), "calibration": healthy}
     commit_record(store, "validations", monitoring, table, parents)
     folder = project.folder / "in"
     folder.mkdir()
     (folder / "bad.csv").write_text("t,q1\n0,1\n")
-    (inbox, _) = inboxes(project)
-    (taken,) = import_all(inbox, list_logs(folder), lambda runs: None)
+    (inbox, _) = list_inboxes(project)
+    (taken,) = import_inbox_logs(inbox, list_logs(folder), lambda runs: None)
     assert taken.status == "refused"
     verdict = samples.verdict(robot=arm.name)
     id = diagnose(store, loads, verdict)
@@ -96,7 +101,7 @@ def morning(project):
 
 
 def seen(store) -> str:
-    page = page_at(store, "index.html").decode()
+    page = read_page(store, "index.html").decode()
     page = re.sub(r"<(style|script)>.*?</\1>|<[^>]+>", " ", page, flags=re.DOTALL)
     return re.sub(r"\s+", " ", page)
 
@@ -118,22 +123,22 @@ def test_a_morning_is_one_row_for_each_thing_that_happened(project, morning):
 def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     id, loads, healthy = morning
     table = project.robot("cell")
-    assert robot_of_runs(project, loads) == table
+    assert find_project_robot(project, loads) == table
     # All that is new was taken: whoever comes second finds nothing.
-    assert new_runs(project.store, project.arm(table), table) is None
-    assert diagnosis_of(loads, project.store) == id
-    assert diagnosis_of((*loads, healthy[0]), project.store) is None
+    assert find_new_runs(project.store, project.arm(table), table) is None
+    assert find_diagnosis(loads, project.store) == id
+    assert find_diagnosis((*loads, healthy[0]), project.store) is None
     new = measured(project, 9)
-    batch = new_runs(project.store, project.arm(table), table)
+    batch = find_new_runs(project.store, project.arm(table), table)
     assert (batch.runs, sorted(batch.request.baseline)) == ((new,), sorted(healthy))
-    assert robot_of_runs(project, [samples.commit(project.store, 3)]) is None
+    assert find_project_robot(project, [samples.commit(project.store, 3)]) is None
 
 
 def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, morning):
     _, loads, healthy = morning
-    assert healthy_runs(loads, project.store) == tuple(sorted(healthy))
-    assert healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
-    assert healthy_runs(loads, project.store, "good=yes") == ()
+    assert find_healthy_runs(loads, project.store) == tuple(sorted(healthy))
+    assert find_healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
+    assert find_healthy_runs(loads, project.store, "good=yes") == ()
 
 
 @pytest.mark.parametrize(
@@ -150,7 +155,7 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    reason = inbox_reason(why)
+    reason = strip_option_hints(why)
     assert there in reason
     assert gone not in reason
     assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)
@@ -172,7 +177,7 @@ def loaded(log, known):
 @pytest.mark.long
 def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, capsys):
     (project.folder / "arm.urdf").write_text(urdf_text(AXES))
-    known, places = truth(), [inbox.folder for inbox in inboxes(project)]
+    known, places = truth(), [inbox.folder for inbox in list_inboxes(project)]
     for k, log in enumerate(logs(8, noise=0.5, seed=1)):
         write_csv(places[1] / f"good_{k}.csv", log)
     write_csv(places[0] / "usual.csv", logs(1, noise=0.5, seed=2)[0])
@@ -194,4 +199,6 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
     assert page.lower().count("in 4 runs: ") == 1
     assert "rejected/bad.csv" in page  # where the line that drafts its map finds it
     lately = datetime(2020, 1, 1)
-    assert [row["robot"] for row in refused(project.store, lately)] == ["small_arm"]
+    assert [row["robot"] for row in list_refused_logs(project.store, lately)] == [
+        "small_arm"
+    ]

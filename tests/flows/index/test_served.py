@@ -4,8 +4,14 @@ from html.parser import HTMLParser
 
 import pytest
 
-from flows.report.page import hash_of, script
-from flows.service.guard import MADE, STORED, Guard, with_pages, with_policies
+from flows.report.page import hash_script, read_page_script
+from flows.service.access_guard import (
+    MADE,
+    STORED,
+    Guard,
+    add_security_headers,
+    add_store_pages,
+)
 from tests.flows.asgi import OURS, SECRET, answer, origin, prefect, scope, signed
 from tests.flows.index.stores import STORED as PAGE
 from tests.flows.index.stores import fill
@@ -28,7 +34,9 @@ class Attributes(HTMLParser):
 
 @pytest.fixture
 def app(nights):
-    return Guard(with_policies(with_pages(prefect, OURS, nights.store)), OURS)
+    return Guard(
+        add_security_headers(add_store_pages(prefect, OURS, nights.store)), OURS
+    )
 
 
 def get(app, path: str, *given, **more):
@@ -79,7 +87,7 @@ def test_a_stored_page_has_no_origin_that_the_server_listens_to(app, nights):
 
 def test_what_is_made_runs_no_script_but_ours(app):
     _, headers, body = get(app, INDEX, signed())
-    own = hash_of(script("filter.js"))
+    own = hash_script(read_page_script("filter.js"))
     assert f"script-src {own};" in headers["content-security-policy"]
     tags = Attributes()
     tags.feed(body.decode())
@@ -97,7 +105,7 @@ def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights)
 
     ((_, given),) = [
         (k, v)
-        for k, v in answer(with_policies(loose), scope(path="/"))[0]["headers"]
+        for k, v in answer(add_security_headers(loose), scope(path="/"))[0]["headers"]
         if k == b"content-security-policy"
     ]
     assert b"*" not in given
@@ -132,7 +140,7 @@ def test_other_files_of_a_report_are_no_pages(tmp_path):
     nights = fill(
         tmp_path, files={"truth.json": b'{"a": "<script>"}', "a.svg": b"<svg>"}
     )
-    app = with_pages(prefect, OURS, nights.store)
+    app = add_store_pages(prefect, OURS, nights.store)
     place = f"/pages/report_id={nights.report}"
     response = get(app, f"{place}/truth.json", signed())
     assert response[1]["content-type"] == "application/json"

@@ -10,24 +10,24 @@ import pytest
 
 import warehouse
 from flows.cli import main
-from flows.inbox import take as run
-from flows.inbox.new import new_runs
-from flows.inbox.take import (
+from flows.inbox import import_logs as run
+from flows.inbox.batches import find_new_runs
+from flows.inbox.import_logs import (
     KNOWN,
     STORED,
     WAITING,
-    Job,
-    import_all,
-    inboxes,
+    LogImport,
+    import_inbox_logs,
+    import_log,
+    list_inboxes,
     list_logs,
-    locked,
-    take,
-    unchanged,
+    lock_inbox,
+    select_unchanged,
 )
 from flows.project.read import read_project
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
-from warehouse.commit import commit_record
+from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 
 TEXT = """schema = 1
@@ -95,24 +95,24 @@ def test_what_grows_is_waited_for(place, csv):
         writer.flush()
         before = list_logs(place / "in")
         writer.write("9")
-    assert unchanged(before, list_logs(place / "in")) == {}
-    (inbox,) = inboxes(read_project(place))
-    job = Job(file, before["a.csv"], inbox.request(file))
+    assert select_unchanged(before, list_logs(place / "in")) == {}
+    (inbox,) = list_inboxes(read_project(place))
+    job = LogImport(file, before["a.csv"], inbox.request(file))
     file.write_text(csv[0] + "9")
-    assert take(job).status == WAITING
+    assert import_log(job).status == WAITING
     assert not Path("store/samples").exists()
     (place / "in/empty.csv").touch()
-    assert "empty.csv" not in unchanged(
+    assert "empty.csv" not in select_unchanged(
         list_logs(place / "in"), list_logs(place / "in")
     )
 
 
 def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
-    (inbox,) = inboxes(read_project(place))
+    (inbox,) = list_inboxes(read_project(place))
     for text in csv:
         (place / "in/a.csv").write_text(text)
         resting = list_logs(place / "in")
-        (done,) = import_all(inbox, resting, lambda runs: None)
+        (done,) = import_inbox_logs(inbox, resting, lambda runs: None)
         assert done.status == STORED
     assert (place / "in/done/a.csv").read_text() == csv[0]
     assert (place / "in/done/a-2.csv").read_text() == csv[1]
@@ -120,10 +120,10 @@ def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
 
 def test_two_do_not_take_from_one_inbox_at_once(place, csv):
     (place / "in/a.csv").write_text(csv[0])
-    (inbox,) = inboxes(read_project(place))
-    with locked(place / "in") as ours:
+    (inbox,) = list_inboxes(read_project(place))
+    with lock_inbox(place / "in") as ours:
         assert ours
-        (taken,) = import_all(inbox, list_logs(place / "in"), lambda runs: None)
+        (taken,) = import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None)
     assert (taken.status, (place / "in/a.csv").exists()) == (WAITING, True)
 
 
@@ -135,7 +135,7 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     killed = f"""
 import os, signal
 from flows.inbox import take as run
-from flows.inbox.take import list_logs
+from flows.inbox.import_logs import list_logs
 from flows.project.read import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
@@ -161,36 +161,39 @@ for _ in run.import_all(inbox, list_logs(inbox.folder), told):
 def test_a_log_that_was_stored_before_a_kill_is_told_again(place, csv):
     file = place / "in/a.csv"
     file.write_text(csv[0])
-    (inbox,) = inboxes(read_project(place))
-    first = take(Job(file, list_logs(place / "in")["a.csv"], inbox.request(file)))
+    (inbox,) = list_inboxes(read_project(place))
+    first = import_log(
+        LogImport(file, list_logs(place / "in")["a.csv"], inbox.request(file))
+    )
     heard = []
-    (again,) = import_all(inbox, list_logs(place / "in"), heard.append)
+    (again,) = import_inbox_logs(inbox, list_logs(place / "in"), heard.append)
     assert (first.status, again.status, heard) == (STORED, KNOWN, [[first.run]])
     assert (place / "in/done/a.csv").exists()
 
 
 def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     project = read_project(place)
-    (robot,), (inbox,) = project.table.robot, inboxes(project)
+    (robot,), (inbox,) = project.table.robot, list_inboxes(project)
     arm = project.arm(robot)
-    assert new_runs(project.store, arm, robot) is None
+    assert find_new_runs(project.store, arm, robot) is None
     for number, text in enumerate(csv):
         (place / f"in/{number}.csv").write_text(text)
     runs = [
-        t.run for t in import_all(inbox, list_logs(place / "in"), lambda runs: None)
+        t.run
+        for t in import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None)
     ]
-    batch = new_runs(project.store, arm, robot)
+    batch = find_new_runs(project.store, arm, robot)
     assert sorted(batch.runs) == sorted(runs)
     assert (batch.request.held_out, batch.request.baseline) == ((), ())
     about = {"robot": arm.name, "kind": "batch"}
     commit_record(project.store, "validations", about, parents={"batch": runs[:1]})
-    assert new_runs(project.store, arm, robot).runs == tuple(runs[1:])
+    assert find_new_runs(project.store, arm, robot).runs == tuple(runs[1:])
     # Runs of another arm of the kind are no news of this one.
     other = (place / "modelgap.toml").read_text().replace("UR-1", "UR-2")
     (place / "modelgap.toml").write_text(other)
     project = read_project(place)
     (robot,) = project.table.robot
-    assert new_runs(project.store, project.arm(robot), robot) is None
+    assert find_new_runs(project.store, project.arm(robot), robot) is None
 
 
 @pytest.mark.parametrize(
@@ -219,16 +222,16 @@ def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good
 def test_a_log_that_cannot_be_moved_waits_and_stops_no_other(place, csv, monkeypatch):
     for name, text in zip("ab", csv, strict=True):
         (place / f"in/{name}.csv").write_text(text)
-    put = run.archive
+    put = run.move_imported_log
 
     def archive(taken):
         if taken.path.name == "a.csv":
             raise PermissionError(1, "not yours")
         return put(taken)
 
-    monkeypatch.setattr(run, "archive", archive)
-    (inbox,) = inboxes(read_project(place))
-    found = list(import_all(inbox, list_logs(place / "in"), lambda runs: None))
+    monkeypatch.setattr(run, "move_imported_log", archive)
+    (inbox,) = list_inboxes(read_project(place))
+    found = list(import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None))
     assert [(t.status, t.why) for t in found] == [
         (WAITING, "stored; it cannot be moved: not yours"),
         (STORED, ""),

@@ -6,12 +6,16 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.project.deployments import deployments, every_of, inbox_of
-from flows.project.read import project_here, read_project
+from flows.project.deployments import (
+    build_deployments,
+    find_inbox_deployment,
+    list_nightly_deployments,
+)
+from flows.project.read import read_current_project, read_project
 from flows.service import api
 from flows.service.state import ServiceRequest
-from flows.service.up import deployed_as
-from flows.settings import ROOT, store_folder
+from flows.service.up import hash_deployments
+from flows.settings import ROOT, resolve_store_folder
 
 TEXT = """schema = 1
 [[robot]]
@@ -39,7 +43,7 @@ def project(own_folder):
 
 
 def by_name(project):
-    return {d["name"]: d for d in deployments(project)["deployments"]}
+    return {d["name"]: d for d in build_deployments(project)["deployments"]}
 
 
 def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
@@ -56,8 +60,8 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
         assert deployed[name]["parameters"] == {"project": str(project.folder)}
     assert set(deployed["alarm"]["triggers"][0]["parameters"]) == {"runs", "good"}
     assert deployed["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
-    assert inbox_of(project) == "inbox/inbox"
-    assert every_of(project) == ("diagnose-new/cell", "nightly/trial")
+    assert find_inbox_deployment(project) == "inbox/inbox"
+    assert list_nightly_deployments(project) == ("diagnose-new/cell", "nightly/trial")
 
 
 def test_a_simulated_robot_runs_its_campaign(project):
@@ -71,12 +75,12 @@ def test_the_night_of_the_built_in_arm_is_not_that_of_a_project(project):
     own, program = by_name(project), by_name(None)
     assert "nightly" in program
     assert set(program) - set(own) == {"nightly"}
-    assert every_of(None) == ("nightly/nightly",)
-    assert inbox_of(None) is None
+    assert list_nightly_deployments(None) == ("nightly/nightly",)
+    assert find_inbox_deployment(None) is None
 
 
 def test_every_entrypoint_of_a_project_is_a_flow(project):
-    for each in deployments(project)["deployments"]:
+    for each in build_deployments(project)["deployments"]:
         module, _, name = each["entrypoint"].rpartition(".")
         text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
         body = ast.parse(text).body
@@ -87,15 +91,15 @@ def test_every_entrypoint_of_a_project_is_a_flow(project):
 
 
 def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
-    here = project_here(store_folder(None))
+    here = read_current_project(resolve_store_folder(None))
     assert here is not None
     assert here.folder == project.folder
-    assert project_here(project.folder / "another") is None
-    before = deployed_as(ServiceRequest(here.store, project=here))
-    assert before != deployed_as(ServiceRequest(here.store))
+    assert read_current_project(project.folder / "another") is None
+    before = hash_deployments(ServiceRequest(here.store, project=here))
+    assert before != hash_deployments(ServiceRequest(here.store))
     (project.folder / "modelgap.toml").write_text(TEXT.replace("30 3", "31 3"))
-    changed = project_here(here.store)
-    assert deployed_as(ServiceRequest(here.store, project=changed)) != before
+    changed = read_current_project(here.store)
+    assert hash_deployments(ServiceRequest(here.store, project=changed)) != before
 
 
 def test_deployments_that_are_not_wanted_any_more_go():
@@ -111,5 +115,5 @@ def test_deployments_that_are_not_wanted_any_more_go():
         ],
         delete_deployment=deleted.append,
     )
-    api.keep_deployments(client, [{"name": "a", "entrypoint": "m.f"}])
+    api.delete_other_deployments(client, [{"name": "a", "entrypoint": "m.f"}])
     assert deleted == ["b"]

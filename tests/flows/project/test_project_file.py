@@ -6,12 +6,12 @@ import pytest
 
 from flows.cli import main
 from flows.project import read as tables
-from flows.project.read import _TEMPLATE, read_project, start
-from flows.settings import store_folder
+from flows.project.read import _TEMPLATE, create_project, read_project
+from flows.settings import resolve_store_folder
 from residual.errors import InputError
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES
-from warehouse.toml import read_toml
+from warehouse.toml_records import read_toml
 
 SECOND = "[[robot]]\nname = 'b'\nurdf = 'arm.urdf'\n"
 HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
@@ -38,13 +38,13 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
 
 
 def test_a_robot_from_elsewhere_stays_where_it_is(place):
-    project = start(place / "cell", str(place / "arm.urdf"))
+    project = create_project(place / "cell", str(place / "arm.urdf"))
     assert project.table.robot[0].urdf == str(place / "arm.urdf")
     assert project.arm(project.table.robot[0]).name == "small_arm"
 
 
 def test_a_simulated_robot_has_a_campaign_and_no_inbox(place):
-    project = start(place / "trial")
+    project = create_project(place / "trial")
     (robot,) = project.table.robot
     assert (robot.urdf, robot.simulated) == ("irb140", True)
     assert project.table.inbox == ()
@@ -101,7 +101,7 @@ def test_a_fault_is_named_with_what_was_expected(place, text, message):
 
 def test_commands_in_a_project_use_its_store(place, monkeypatch):
     (place / "modelgap.toml").write_text("schema = 1\nstore = 'kept/here'\n")
-    assert store_folder(None) == place / "kept/here"
-    assert store_folder("other") == place / "other"
+    assert resolve_store_folder(None) == place / "kept/here"
+    assert resolve_store_folder("other") == place / "other"
     monkeypatch.setenv("MODELGAP_STORE", str(place / "set"))
-    assert store_folder(None) == place / "set"
+    assert resolve_store_folder(None) == place / "set"

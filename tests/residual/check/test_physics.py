@@ -7,9 +7,9 @@ import pytest
 
 from residual.check.check import check_logs
 from residual.check.result import Repair
-from residual.robot.robot import with_gravity
-from sim.draw import draw
-from sim.engine.records import stream
+from residual.robot.robot import replace_gravity
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import (
     clean_logs,
@@ -55,7 +55,7 @@ def test_joints_in_a_circle_are_put_back_in_order():
 @pytest.mark.parametrize("effect", ["payload", "base_tilt"])
 def test_an_arm_that_hides_something_has_a_clean_log(effect):
     robot, _ = clean_logs("irb140")
-    hidden = (draw(robot, effect, stream(1, effect)),)
+    hidden = (draw_effect(robot, effect, create_random_stream(1, effect)),)
     robot, logs = clean_logs("irb140", 4, hidden)
     assert check_logs(robot, logs).faults == ()
 
@@ -120,7 +120,7 @@ def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
     robot, logs = clean_logs("irb140")
     angle = np.deg2rad(degrees)
     wrong = 9.81 * np.array([np.sin(angle), 0.0, -np.cos(angle)])
-    (fault,) = check_logs(with_gravity(robot, wrong), logs).faults
+    (fault,) = check_logs(replace_gravity(robot, wrong), logs).faults
     assert (fault.kind, fault.joints, fault.certain) == ("mounting", (), True)
     direction = np.array(fault.repairs[0].gravity) / 9.81
     assert np.degrees(np.arccos(min(1.0, -direction[2]))) < 3.0  # masses are off by 2 %
@@ -133,7 +133,7 @@ def test_currents_beside_another_order_or_mounting_are_two_faults():
     order, unit = check_logs(robot, both).faults
     assert (order.kind, order.joints, order.certain) == ("joint_order", (1, 3), True)
     assert (unit.kind, unit.certain) == ("torque_unit", True)
-    wall = with_gravity(robot, [9.81, 0.0, 0.0])
+    wall = replace_gravity(robot, [9.81, 0.0, 0.0])
     mounted, unit = check_logs(wall, amperes).faults
     assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
     assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))

@@ -8,12 +8,12 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.check.check import check_logs, enough
-from residual.check.kinematics import out_of_range
+from residual.check.check import check_logs, find_insufficient_motion
+from residual.check.kinematics import find_limit_violations
 from residual.check.result import Repair
-from residual.robot.dynamics import gravity_torque, inverse_dynamics
+from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
 from residual.robot.robot import load_robot
-from residual.signals.filters import low_pass
+from residual.signals.filters import filter_low_pass
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, times
 from warehouse.logs import read_log
@@ -65,7 +65,7 @@ def test_one_factor_for_all_is_told_as_one(factor):
 def without_weight(robot, logs, share=1.0):
     down = robot.model.gravity.linear
     return [
-        replace(r, tau=r.tau - share * gravity_torque(robot.model, r.q, down))
+        replace(r, tau=r.tau - share * compute_gravity_torque(robot.model, r.q, down))
         for r in logs
     ]
 
@@ -89,7 +89,7 @@ def test_an_arm_that_lacks_the_weight_of_one_joint_has_a_clean_log():
     robot, logs = clean_logs("irb140")
     down, only = robot.model.gravity.linear, np.array([0, 1, 0, 0, 0, 0])
     balanced = [
-        replace(r, tau=r.tau - only * gravity_torque(robot.model, r.q, down))
+        replace(r, tau=r.tau - only * compute_gravity_torque(robot.model, r.q, down))
         for r in logs
     ]
     assert "gravity_removed" not in [kind for kind, *_ in kinds(robot, balanced)]
@@ -100,10 +100,12 @@ def referred(robot, logs, measured):
     out = []
     for log in logs:
         rate = 1 / float(np.median(np.diff(log.t)))
-        q = low_pass(log.q, 5.0, rate)
+        q = filter_low_pass(log.q, 5.0, rate)
         q = np.column_stack([np.interp(log.t + 0.01, log.t, x) for x in q.T])
-        qd, qdd = (low_pass(q, 25.0, rate, order=k) for k in (1, 2))
-        tau = inverse_dynamics(robot.model, q, qd, qdd) + 2.0 * np.tanh(qd / 0.01)
+        qd, qdd = (filter_low_pass(q, 25.0, rate, order=k) for k in (1, 2))
+        tau = compute_inverse_dynamics(robot.model, q, qd, qdd) + 2.0 * np.tanh(
+            qd / 0.01
+        )
         out.append(replace(log, q_ref=q, tau=log.tau if measured else tau))
     return out
 
@@ -166,9 +168,9 @@ def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():
     (log,) = plain_logs(robot, [0, 1], 0.0, count=1)
     rows = slice(0, 500)
     short = replace(log, t=log.t[rows], q=log.q[rows], tau=log.tau[rows])
-    assert enough([short], None)[0].kind == "too_short"
+    assert find_insufficient_motion([short], None)[0].kind == "too_short"
     one_way = np.column_stack([np.linspace(0, 1, len(log.t)), log.q[:, 1]])
-    (fault,) = enough([replace(log, q=one_way)], None)
+    (fault,) = find_insufficient_motion([replace(log, q=one_way)], None)
     assert (fault.kind, fault.joints) == ("no_reversal", (1,))
     in_step = replace(log, q=np.column_stack([log.q[:, 0], -0.5 * log.q[:, 0]]))
     faults = check_logs(robot, [in_step]).faults
@@ -177,8 +179,8 @@ def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():
 
 def test_angles_beyond_their_range_or_in_degrees_are_said_with_their_joint():
     robot, logs = clean_logs("irb140")
-    assert out_of_range(robot, logs) == []
-    (fault,) = out_of_range(
+    assert find_limit_violations(robot, logs) == []
+    (fault,) = find_limit_violations(
         robot, edited(logs, q=lambda q: q + np.array([0, 4, 0, 0, 0, 0]))
     )
     assert (fault.kind, fault.joints, fault.certain) == ("out_of_range", (2,), False)

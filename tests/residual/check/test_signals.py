@@ -8,14 +8,18 @@ import pytest
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.check.check import check_logs
-from residual.check.kinematics import time_unit, uneven, velocity_faults
+from residual.check.kinematics import (
+    find_time_unit,
+    find_uneven_time_steps,
+    find_velocity_faults,
+)
 from residual.check.result import Repair
-from residual.check.samples import standing
+from residual.check.sample_faults import find_frozen_signals
 from residual.errors import InputError
 from residual.recording import Recording
-from sim.engine.records import stream
-from sim.plant.sensors import torque_noise
-from sim.plant.sizes import sizes, usual_limits
+from sim.engine.plant_records import create_random_stream
+from sim.plant.sensors import draw_torque_noise
+from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 from tests.residual.arms import arm, bare_irb140, plain_logs
 from tests.residual.check.damaged import (
     clean_logs,
@@ -25,7 +29,7 @@ from tests.residual.check.damaged import (
     times,
     turned,
 )
-from warehouse.logs.columns import default_signal, to_link_side
+from warehouse.logs.column_map import build_default_signal, convert_to_link_side
 
 
 @pytest.mark.parametrize("size", [300.0, 1e30, 1e308])
@@ -44,8 +48,8 @@ def test_noise_and_friction_are_no_fault_and_no_log_is_an_error():
         check_logs(arm(), [])
     assert check_logs(arm(), plain_logs(arm(), [0, 1], 0.0)).faults == ()
     _, logs = clean_logs("small")
-    assert velocity_faults(with_velocity(logs)) == []
-    assert velocity_faults(logs) == []
+    assert find_velocity_faults(with_velocity(logs)) == []
+    assert find_velocity_faults(logs) == []
 
 
 def frozen(joint):
@@ -82,7 +86,7 @@ def test_what_stands_is_said_with_its_joint(signal, change, said):
     (log,) = plain_logs(arm(), [0, 1], 0.0, count=1)
     values = np.array(getattr(log, signal))
     change(values)
-    faults = standing(replace(log, **{signal: values}))
+    faults = find_frozen_signals(replace(log, **{signal: values}))
     assert [(f.kind, f.joints, f.certain) for f in faults] == said
 
 
@@ -96,9 +100,9 @@ def test_an_encoder_that_wraps_is_not_taken_for_degrees():
     assert set(faults[0].joints) <= {2, 3}
     (repair,) = faults[0].repairs
     assert (repair.signal, repair.unwrap) == ("q", True)
-    signal = replace(default_signal("q", 3), unwrap=True)
+    signal = replace(build_default_signal("q", 3), unwrap=True)
     for own, log in zip(logs, damaged, strict=True):
-        mended = to_link_side("q", log.q, signal, robot)
+        mended = convert_to_link_side("q", log.q, signal, robot)
         turns = (mended - own.q) / (2 * np.pi)  # the first sample may be a turn off
         assert np.ptp(turns, axis=0).max() < 1e-9
     degrees = edited(logs, q=np.rad2deg)
@@ -133,7 +137,7 @@ def test_another_velocity_is_certain_and_comes_with_its_repair(
     changes, kind, joints, repair
 ):
     _, logs = clean_logs("small")
-    (fault,) = velocity_faults(edited(with_velocity(logs), **changes))
+    (fault,) = find_velocity_faults(edited(with_velocity(logs), **changes))
     assert (fault.kind, fault.joints, fault.certain) == (kind, joints, True)
     assert fault.repairs == (repair,)
 
@@ -144,7 +148,7 @@ def test_a_unit_of_time_that_no_logger_keeps_is_found_alone(unit):
     (fault,) = check_logs(robot, edited(logs, t=times(unit))).faults
     assert (fault.kind, fault.certain) == ("time_unit", True)
     assert fault.repairs[0].scale == pytest.approx(1 / unit)
-    assert time_unit(robot, logs) is None
+    assert find_time_unit(robot, logs) is None
 
 
 def test_gaps_and_uneven_steps_are_said():
@@ -153,9 +157,11 @@ def test_gaps_and_uneven_steps_are_said():
     step = np.median(np.diff(log.t))
     late = log.t + np.where(np.arange(len(log.t)) > 700, 0.5, 0.0)
     uneven_steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
-    assert uneven(log) == []
-    assert [f.kind for f in uneven(replace(log, t=late))] == ["clock"]
-    assert [f.kind for f in uneven(replace(log, t=uneven_steps))] == ["clock"]
+    assert find_uneven_time_steps(log) == []
+    assert [f.kind for f in find_uneven_time_steps(replace(log, t=late))] == ["clock"]
+    assert [f.kind for f in find_uneven_time_steps(replace(log, t=uneven_steps))] == [
+        "clock"
+    ]
 
 
 def dead(log, joint):
@@ -190,14 +196,23 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
         motion = make_motion(
-            family, usual_limits(robot), 12.0, 125.0, stream(5, family)
+            family,
+            compute_usual_motion_range(robot),
+            12.0,
+            125.0,
+            create_random_stream(5, family),
         )
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
         still = replace(motion, q=q, qd=qd, qdd=qdd)
         tau = true_torque(plant, still, family).tau
-        noise = torque_noise(len(tau), sizes(robot).torque, 125.0, stream(5, str(i)))
-        rough = q + 5e-5 * stream(6, family).normal(size=q.shape)
+        noise = draw_torque_noise(
+            len(tau),
+            estimate_typical_sizes(robot).torque,
+            125.0,
+            create_random_stream(5, str(i)),
+        )
+        rough = q + 5e-5 * create_random_stream(6, family).normal(size=q.shape)
         rough[:, j] = q[:, j]
         log = Recording(family, robot.name, 30.0 * i + motion.t, rough, tau + noise)
         logs.append(log)

@@ -6,10 +6,10 @@ from unittest.mock import patch
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.open_question import open_question
+from residual.diagnosis.open_question import build_open_question
 from residual.robot.robot import load_robot
-from sim.draw import draw
-from sim.engine.records import stream
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import create_random_stream
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 
@@ -17,7 +17,7 @@ FAMILY, SECONDS = "slow_cyclic", 8.0
 @cache
 def logs(effect, seed):
     robot = load_robot("irb140")
-    hidden = draw(robot, effect, stream(seed, "draw"))
+    hidden = draw_effect(robot, effect, create_random_stream(seed, "draw"))
     parts = (("fit", "fit"), ("proof", "held_out"))
     plan = tuple(LogPlan(name, part, FAMILY, SECONDS) for name, part in parts)
     return robot, make(Plant(robot, (hidden,), seed), plan, seed)
@@ -27,7 +27,7 @@ def logs(effect, seed):
 def seen(effect, seed):
     robot, (fit, proof) = logs(effect, seed)
     with patch(
-        "residual.diagnosis.diagnose.open_question", wraps=open_question
+        "residual.diagnosis.diagnose.build_open_question", wraps=build_open_question
     ) as inside:
         diagnose(robot, [fit], held_out=[proof])
     return inside.call_args.args
@@ -35,4 +35,4 @@ def seen(effect, seed):
 
 @cache
 def robot_and_question(effect, seed):
-    return logs(effect, seed)[0], open_question(*seen(effect, seed))
+    return logs(effect, seed)[0], build_open_question(*seen(effect, seed))

@@ -6,20 +6,20 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.planning.promise import (
+from residual.planning.next_experiment import (
     NOTHING,
     TRAVEL,
-    Contest,
-    Course,
-    Question,
-    Refit,
+    MotionInformation,
+    OpenQuestion,
     Rival,
-    Signals,
-    expected_nats,
-    log_evidence,
-    outlook,
-    prospect,
-    structural_twins,
+    RivalContest,
+    RivalUpdate,
+    SignalSettings,
+    expect_separation,
+    expected_log_bayes_factor,
+    find_inseparable_pairs,
+    rival_log_evidence,
+    simulate_decision,
 )
 from residual.verdict.result import Place
 
@@ -54,24 +54,26 @@ def case():
 
 
 def question(*contests):
-    signals = Signals(np.ones(1), np.ones(1), 10.0, 0.1, 0.5, 0.0)
-    return Question(None, None, (), signals, contests)
+    signals = SignalSettings(np.ones(1), np.ones(1), 10.0, 0.1, 0.5, 0.0)
+    return OpenQuestion(None, None, (), signals, contests)
 
 
 def contest(*rivals, enough=6.0):
-    return Contest(tuple(rivals), enough)
+    return RivalContest(tuple(rivals), enough)
 
 
 def course(x, edge=0.0):
     """One joint, of which the rows of a motion come one by one, ten a second."""
-    return Course(x[:, None, :], 10.0, 0.0, edge)
+    return MotionInformation(x[:, None, :], 10.0, 0.0, edge)
 
 
 def test_the_evidence_of_one_log_is_the_ratio_of_two_densities(case):
     rng, x, a, b = case
     y = rng.normal(size=ROWS)
     gram, products = x.T @ x, (x.T @ y)[:, None]
-    ours = [log_evidence(products, gram, Refit.of(r, gram))[0] for r in (a, b)]
+    ours = [
+        rival_log_evidence(products, gram, RivalUpdate.of(r, gram))[0] for r in (a, b)
+    ]
     theirs = [density(x, r).logpdf(y) for r in (a, b)]
     assert ours[0] - ours[1] == pytest.approx(theirs[0] - theirs[1], abs=1e-9)
 
@@ -82,7 +84,9 @@ def test_what_is_expected_is_the_mean_of_what_logs_of_the_found_size_bring(case)
     y = x[:, a.columns] @ a.mean + rng.normal(size=(40_000, ROWS))
     brought = one.logpdf(y) - other.logpdf(y)
     gram = x.T @ x
-    value = expected_nats(gram, Refit.of(a, gram), Refit.of(b, gram))
+    value = expected_log_bayes_factor(
+        gram, RivalUpdate.of(a, gram), RivalUpdate.of(b, gram)
+    )
     assert value == pytest.approx(brought.mean(), abs=4 * brought.std() / 200)
     assert value > 1  # else anything would do
 
@@ -93,13 +97,17 @@ def test_a_longer_motion_of_what_is_known_well_never_promises_less(case):
     promised = []
     for times in (0.0, 0.1, 1.0, 3.0, 10.0, 100.0):
         gram = times * x.T @ x
-        promised.append(expected_nats(gram, Refit.of(a, gram), Refit.of(b, gram)))
+        promised.append(
+            expected_log_bayes_factor(
+                gram, RivalUpdate.of(a, gram), RivalUpdate.of(b, gram)
+            )
+        )
     assert promised[0] == pytest.approx(0, abs=1e-9)
     assert np.all(np.diff(promised) > 0)
 
 
 def twins_of(asked, *parts):
-    return structural_twins(asked, [course(x) for x in parts])
+    return find_inseparable_pairs(asked, [course(x) for x in parts])
 
 
 def test_the_same_columns_on_every_motion_are_twins_and_a_part_of_them_is_a_case():
@@ -111,7 +119,7 @@ def test_the_same_columns_on_every_motion_are_twins_and_a_part_of_them_is_a_case
     open_question = question(contest(a, b, wide))
     twins = twins_of(open_question, x)
     assert twins == {(0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 1, 2)}
-    seen = outlook(open_question, x.T @ x, twins)
+    seen = expect_separation(open_question, x.T @ x, twins)
     assert set(seen.nats) == {(0, 2, 0), (0, 2, 1)}
     assert min(seen.nats.values()) > 0
 
@@ -142,7 +150,7 @@ def test_the_chance_is_the_share_of_logs_that_settle_it(case):
         lead = density(x, true).logpdf(y) - density(x, other).logpdf(y)
         settled.append((lead >= 3).mean())
         leads.append(lead)
-    sure = prospect(open_question, gram, frozenset(), np.random.default_rng(1))
+    sure = simulate_decision(open_question, gram, frozenset(), np.random.default_rng(1))
     assert sure.chance == pytest.approx(np.mean(settled), abs=0.07)  # of 400 draws each
     assert 0.05 < sure.chance < 0.95
     low, high = np.quantile(np.concatenate(leads), [0.43, 0.57])
@@ -152,7 +160,7 @@ def test_the_chance_is_the_share_of_logs_that_settle_it(case):
 def test_a_motion_that_repeats_counts_like_the_whole_of_it(case):
     rng, *_ = case
     opening, period = rng.normal(size=(20, 1, 3)), rng.normal(size=(30, 1, 3))
-    short = Course(np.concatenate([opening, period]), 10.0, 2.0, 0.5)
-    long = Course(np.concatenate([opening, *[period] * 4]), 10.0, 0.0, 0.5)
+    short = MotionInformation(np.concatenate([opening, period]), 10.0, 2.0, 0.5)
+    long = MotionInformation(np.concatenate([opening, *[period] * 4]), 10.0, 0.0, 0.5)
     for seconds in (0.7, 3.0, 5.0, 5.6, 9.3, 13.9):
         np.testing.assert_allclose(short.gram(seconds), long.gram(seconds), atol=1e-9)

@@ -5,7 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from benchmarks.loop_parts.next import logged_products
-from residual.planning.promise import Course, promised, settled_by, structural_twins
+from residual.planning.next_experiment import (
+    MotionInformation,
+    find_inseparable_pairs,
+    mark_inseparable_alternatives,
+    predict_best_motion,
+)
 from residual.verdict.result import Alternative, Place
 from tests.residual.planning.questions import SECONDS, logs, robot_and_question
 
@@ -24,11 +29,11 @@ def shrunk_to(question, size):
 
 def test_a_spring_of_some_size_is_no_twin_of_a_balancer_and_a_tiny_one_is():
     _, question = robot_and_question("spring", 2)
-    assert structural_twins(question) == set()
-    assert promised(question) is not None
+    assert find_inseparable_pairs(question) == set()
+    assert predict_best_motion(question) is not None
     tiny = shrunk_to(question, 0.01)
-    assert structural_twins(tiny) == {(0, 0, 1), (0, 1, 0)}
-    assert promised(tiny) is None
+    assert find_inseparable_pairs(tiny) == {(0, 0, 1), (0, 1, 0)}
+    assert predict_best_motion(tiny) is None
 
 
 def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
@@ -38,7 +43,10 @@ def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
     others = [Alternative(one, -1.0, "motion") for one in sets]
 
     def by(robot_and_question):
-        return [a.separated_by for a in settled_by(robot_and_question, named, others)]
+        return [
+            a.separated_by
+            for a in mark_inseparable_alternatives(robot_and_question, named, others)
+        ]
 
     assert by(question) == ["motion", "motion"]
     assert by(shrunk_to(question, 0.01)) == ["nothing", "motion"]
@@ -52,7 +60,7 @@ def test_a_planned_motion_is_seen_as_its_log_will_be():
     q = np.column_stack([np.convolve(c, np.ones(9) / 9, "same") for c in log.q.T])
     qd = np.gradient(q, 1 / 250, axis=0)
     every = [x[10:-10:5] for x in (q, qd, np.gradient(qd, 1 / 250, axis=0))]
-    planned = Course.of(question, every, RATE).gram(SECONDS)
+    planned = MotionInformation.of(question, every, RATE).gram(SECONDS)
     own = question.contests[0].rivals[0].effect_columns
     ratio = np.diag(planned)[own] / np.diag(seen)[own]
     # Rows within 0.1 s of a turn are a matter of a sample more or less.

@@ -2,7 +2,7 @@
 
 import itertools
 
-from warehouse import remote
+from warehouse import remote_store
 from warehouse.bucket import Bucket
 
 
@@ -42,5 +42,5 @@ class Careless(Bucket):
 
 def folder_for(bucket, place):
     """Return the folder of a bucket, as `remote.local_folder` does of an address."""
-    remote.attach(place, bucket)
+    remote_store.attach_bucket(place, bucket)
     return place

@@ -4,16 +4,16 @@ import pytest
 from obstore.store import MemoryStore
 
 from tests.warehouse.objects.buckets import folder_for
-from warehouse import remote
+from warehouse import remote_store
 from warehouse.bucket import Bucket
 
 
 @pytest.fixture(autouse=True)
 def own_cache(tmp_path, monkeypatch):
-    monkeypatch.setenv(remote.CACHE, str(tmp_path / "cache"))
-    remote.forget_buckets()
+    monkeypatch.setenv(remote_store.CACHE, str(tmp_path / "cache"))
+    remote_store.close_buckets()
     yield
-    remote.forget_buckets()
+    remote_store.close_buckets()
 
 
 @pytest.fixture

@@ -5,10 +5,10 @@ import os
 import pytest
 
 import warehouse
-from flows.settings import store_folder
+from flows.settings import resolve_store_folder
 from residual.errors import InputError
 from warehouse import bucket
-from warehouse.bucket import is_address, parse_address
+from warehouse.bucket import is_bucket_address, parse_bucket_address
 
 
 @pytest.fixture(autouse=True)
@@ -29,8 +29,8 @@ def nothing_set(monkeypatch, tmp_path):
     ],
 )
 def test_an_address_is_a_bucket_and_a_prefix(word, address):
-    assert is_address(word)
-    assert parse_address(word) == address
+    assert is_bucket_address(word)
+    assert parse_bucket_address(word) == address
 
 
 @pytest.mark.parametrize(
@@ -56,7 +56,7 @@ def test_any_other_scheme_or_form_is_refused_and_no_folder_is_made(
 ):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"xpected|may have"):
-        store_folder(word)
+        resolve_store_folder(word)
     with pytest.raises(InputError):
         warehouse.open(word)
     assert list(tmp_path.iterdir()) == []
@@ -64,26 +64,26 @@ def test_any_other_scheme_or_form_is_refused_and_no_folder_is_made(
 
 @pytest.mark.parametrize("word", ["store", "./s3:/a", "a/b:/c", "/tmp/s3", "s3"])
 def test_a_folder_is_a_folder(word):
-    assert not is_address(word)
+    assert not is_bucket_address(word)
 
 
 @pytest.mark.parametrize("host", ["127.0.0.1:9000", "localhost:9000", "[::1]:9000"])
 def test_without_encryption_only_this_machine(host, monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "a")
     monkeypatch.setenv("AWS_ENDPOINT_URL", f"http://{host}")
-    assert bucket.settings()["client_options"] == {"allow_http": True}
+    assert bucket.read_bucket_settings()["client_options"] == {"allow_http": True}
 
 
 def test_another_machine_without_encryption_must_be_said(monkeypatch):
     monkeypatch.setenv("AWS_ACCESS_KEY_ID", "a")
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://10.0.0.5:9000")
     with pytest.raises(InputError, match="AWS_ALLOW_HTTP=true"):
-        bucket.settings()
+        bucket.read_bucket_settings()
     monkeypatch.setenv("AWS_ALLOW_HTTP", "true")
-    assert bucket.settings()["endpoint"] == "http://10.0.0.5:9000"
+    assert bucket.read_bucket_settings()["endpoint"] == "http://10.0.0.5:9000"
     monkeypatch.setenv("AWS_ENDPOINT_URL", "ftp://10.0.0.5")
     with pytest.raises(InputError, match="expected https"):
-        bucket.settings()
+        bucket.read_bucket_settings()
 
 
 def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
@@ -94,7 +94,7 @@ def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
         "[profile cell]\nregion = eu-1\nendpoint_url = http://127.0.0.1:9\n"
     )
     monkeypatch.setenv("AWS_PROFILE", "cell")
-    settings = bucket.settings()
+    settings = bucket.read_bucket_settings()
     keys = settings["credential_provider"]()
     assert (keys["access_key_id"], keys["secret_access_key"]) == ("mine", "secret")
     assert (settings["region"], settings["endpoint"]) == ("eu-1", "http://127.0.0.1:9")
@@ -102,4 +102,4 @@ def test_a_profile_gives_keys_region_and_endpoint(tmp_path, monkeypatch):
 
 def test_without_keys_it_says_which_are_missing():
     with pytest.raises(InputError, match="AWS_ACCESS_KEY_ID"):
-        store_folder("s3://robots/a")
+        resolve_store_folder("s3://robots/a")

@@ -7,9 +7,9 @@ import pytest
 import warehouse
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import folder_for
-from warehouse import layout
-from warehouse.layout import list_folders
-from warehouse.schema import KINDS
+from warehouse import store_catalogue
+from warehouse.store_catalogue import list_record_folders
+from warehouse.view_schema import KINDS
 
 
 def fill(store, count, start=0):
@@ -29,7 +29,7 @@ def run_ids(store):
 
 def listed(store):
     ids = run_ids(store)
-    assert sorted(ids) == list(list_folders(store, "runs"))
+    assert sorted(ids) == list(list_record_folders(store, "runs"))
     return ids
 
 
@@ -49,7 +49,7 @@ def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
 def test_of_two_that_join_at_once_no_record_is_lost(
     store, memory, began, tmp_path, monkeypatch
 ):
-    monkeypatch.setattr(layout, "_SPARE", 0)
+    monkeypatch.setattr(store_catalogue, "_SPARE", 0)
     more, real, between = fill(store, 2, 3), memory.put, []
 
     def slow(key, data):

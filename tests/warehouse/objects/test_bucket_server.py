@@ -7,9 +7,9 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from warehouse import remote
+from warehouse import remote_store
 from warehouse.bucket import open_bucket
-from warehouse.verify import verify_all
+from warehouse.verification import verify_store
 
 
 def test_of_eight_writers_of_one_key_one_wins(bucket_store):
@@ -40,11 +40,11 @@ def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(
     bucket_store, monkeypatch
 ):
     with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
-        remote.local_folder("s3://not-there/a")
+        remote_store.find_local_copy("s3://not-there/a")
     monkeypatch.setattr("warehouse.bucket._RETRIES", 0)
     monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
     with pytest.raises(InputError, match=r"AWS_ENDPOINT_URL"):
-        remote.local_folder(bucket_store)
+        remote_store.find_local_copy(bucket_store)
 
 
 def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
@@ -52,12 +52,12 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
         warehouse.open(bucket_store)
-    run = samples.commit(remote.local_folder(bucket_store), 1)
-    monkeypatch.setenv(remote.CACHE, str(tmp_path / "another machine"))
-    remote.forget_buckets()
+    run = samples.commit(remote_store.find_local_copy(bucket_store), 1)
+    monkeypatch.setenv(remote_store.CACHE, str(tmp_path / "another machine"))
+    remote_store.close_buckets()
     with warehouse.open(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
-        assert [v.faults for v in verify_all(opened.path) if v.faults] == []
+        assert [v.faults for v in verify_store(opened.path) if v.faults] == []
     assert rows.to_pylist() == [
         {"run_id": run, "q": pytest.approx(samples.recording(1).q[:, 0].mean())}
     ]

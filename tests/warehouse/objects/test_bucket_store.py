@@ -10,24 +10,24 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
-from warehouse import remote
-from warehouse.commit import (
+from warehouse import remote_store
+from warehouse.record_commit import (
     ADOPTED,
-    Adoption,
     AdoptionConflictError,
+    ModelAdoption,
     commit_adoption,
     commit_run,
 )
-from warehouse.layout import find, list_folders
-from warehouse.remote import IDENTITY
-from warehouse.runs import has_seal, open_seal, quarantine, read_run
-from warehouse.verify import verify_all
+from warehouse.remote_store import IDENTITY
+from warehouse.runs import has_seal, open_seal, quarantine_run, read_run
+from warehouse.store_catalogue import find_record, list_record_folders
+from warehouse.verification import verify_store
 
 ALL = ("runs", "models", "diagnoses")
 
 
 def faults(store):
-    return [(v.kind, v.id, v.faults) for v in verify_all(store) if v.faults]
+    return [(v.kind, v.id, v.faults) for v in verify_store(store) if v.faults]
 
 
 def forget_copies(store, bucket, tmp_path, name="other"):
@@ -43,7 +43,7 @@ def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
 ):
     here, there = samples.commit(tmp_path / "folder", 3), samples.commit(store, 3)
     assert there == here
-    folder = find(tmp_path / "folder", here).folder
+    folder = find_record(tmp_path / "folder", here).folder
     (key,) = [k for k in keys(memory, "samples") if "part-0" in k]
     assert memory.get(key) == (folder / "part-0.parquet").read_bytes()
     other = forget_copies(store, memory, tmp_path)
@@ -52,7 +52,7 @@ def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
         assert np.array_equal(getattr(one, name), getattr(two, name))
     assert open_seal(other, here).spec == samples.sealed(3).spec
     assert faults(other) == []
-    assert {v.kind for v in verify_all(other)} >= {"runs", "sealed", "made_with"}
+    assert {v.kind for v in verify_store(other)} >= {"runs", "sealed", "made_with"}
 
 
 def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tmp_path):
@@ -91,7 +91,7 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
 def every_commit(store):
     run = samples.commit(store, 5)
     samples.store_verdict(store, samples.verdict([run]), {"stage": "augmented"}, [run])
-    quarantine(store, run, "for a test")
+    quarantine_run(store, run, "for a test")
     return run
 
 
@@ -106,7 +106,7 @@ def test_killed_at_any_change_nothing_partial_is_visible(memory, tmp_path):
         other = forget_copies(place, bucket, tmp_path, f"later-{at}")
         seen.add(check(other))
         last = every_commit(other)
-        assert {len(list_folders(other, kind)) for kind in ALL} == {1}
+        assert {len(list_record_folders(other, kind)) for kind in ALL} == {1}
         at += 1
     assert run == last
     assert check(other) == (1, 1, 1)
@@ -127,7 +127,7 @@ def check(store):
         assert has_seal(store, id)
         assert read_run(store, id).dof == samples.DOF
     assert count == 50 * len(runs)
-    return len(runs), *(len(list_folders(store, k)) for k in ALL[1:])
+    return len(runs), *(len(list_record_folders(store, k)) for k in ALL[1:])
 
 
 def test_a_server_that_ignores_conditions_is_refused(memory, tmp_path):
@@ -148,7 +148,7 @@ def test_two_writers_of_one_id_with_other_bits_leave_one_whole_record(
     changed = samples.recording(2, q_ref=log.q)
     with monkeypatch.context() as both:
         # Neither sees the other before its last put.
-        both.setattr("warehouse.commit._is_there", lambda *_: False)
+        both.setattr("warehouse.record_commit._is_there", lambda *_: False)
         again = commit_run(second, changed, samples.manifest(1), samples.sealed(1))
     assert again == run
     assert len([k for k in keys(memory, "samples") if "part-0" in k]) == 2
@@ -174,14 +174,14 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
 
 
 def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
-    first = Adoption("two_link", None, ADOPTED, None, None, None, "one")
+    first = ModelAdoption("two_link", None, ADOPTED, None, None, None, "one")
     assert commit_adoption(store, first) == "000001"
     other = forget_copies(store, memory, tmp_path)
     with pytest.raises(AdoptionConflictError, match="one has given two_link"):
         commit_adoption(other, first)
-    then = Adoption("two_link", None, ADOPTED, None, None, "000001", "two")
+    then = ModelAdoption("two_link", None, ADOPTED, None, None, "000001", "two")
     assert commit_adoption(other, then) == "000002"
-    assert sorted(list_folders(store, "adoptions")) == ["000001", "000002"]
+    assert sorted(list_record_folders(store, "adoptions")) == ["000001", "000002"]
 
 
 def test_another_store_at_the_same_address_is_not_taken_for_the_first(
@@ -191,12 +191,12 @@ def test_another_store_at_the_same_address_is_not_taken_for_the_first(
     memory.delete(keys(memory))
     place = folder_for(memory, store)
     assert not place.is_dir()
-    remote.forget_buckets()
+    remote_store.close_buckets()
     folder_for(memory, store)
     new = samples.commit(store, 7)
-    assert list_folders(store, "runs").keys() == {new}
+    assert list_record_folders(store, "runs").keys() == {new}
     with pytest.raises(InputError, match="Nothing in s3://memory/store"):
-        find(store, run)
+        find_record(store, run)
 
 
 def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_path):

@@ -1,0 +1,249 @@
+"""The index of a store: every result by robot and night, with links to the reports.
+
+One page, `reports/index.html` of the store, written when a report is stored and when
+the server of the store receives a request for it; a browser filters it.
+"""
+
+import re
+from collections.abc import Iterator, Mapping
+from datetime import UTC, date, datetime, timedelta
+from functools import lru_cache
+from pathlib import Path
+
+from markupsafe import Markup
+
+from flows.outputs import write_files
+from flows.report.document import (
+    Document,
+    HeadlineFigure,
+    ReportTable,
+    Section,
+    html_tag,
+)
+from flows.report.page import render_html
+from flows.report.phrases import count_noun
+from flows.report.sentences import format_claim, format_error_change, list_wrong_values
+from flows.storage.diagnosis import read_verdict
+from residual.errors import InputError
+from residual.quantity import MISSING
+from warehouse.provenance import format_version
+from warehouse.query.store import Store, open_store
+from warehouse.record_ids import ID_DIGITS
+from warehouse.store_catalogue import find_record
+from warehouse.store_files import verify_file
+from warehouse.verification import list_extra_files
+
+INDEX = "index.html"
+STATES = {
+    "effects": "something missing",
+    "unknown": "unknown",
+    "values": "values off",
+    "none": "nothing missing",
+}
+MOST = 2000  # rows of each kind, the latest; all others are in SQL
+_HALF_A_DAY = timedelta(hours=12)
+_FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
+_HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
+
+# A robot is its name and, where it has one, its serial number: two of a kind are two.
+_ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
+
+# Every diagnosis with its number among those of its robot, and its report.
+_DIAGNOSES = f"""
+    WITH page AS (
+        SELECT parent AS diagnosis_id, arg_max(report_id, created) AS report_id
+        FROM reports JOIN lineage ON child = report_id AND role = 'diagnosis'
+        WHERE kind IN ('demo', 'nightly') GROUP BY ALL
+    )
+    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created, d.verdict,
+           report_id, row_number() OVER (
+               PARTITION BY d.robot, d.serial ORDER BY d.created, d.diagnosis_id
+           ) AS number
+    FROM diagnoses d LEFT JOIN page USING (diagnosis_id)
+    ORDER BY d.created DESC, d.diagnosis_id DESC
+"""
+
+# A proposal is answered where its robot has got another model since.
+_PROPOSALS = f"""
+    SELECT report_id, {_ROBOT.format("d")} AS robot, r.created, parent AS id,
+           NOT EXISTS (SELECT 1 FROM adoptions a
+                       WHERE a.robot = d.robot AND a.created > r.created
+                         AND a.serial IS NOT DISTINCT FROM d.serial) AS waits
+    FROM reports r JOIN lineage ON child = report_id AND role = 'diagnosis'
+    JOIN diagnoses d ON diagnosis_id = parent
+    WHERE kind = 'proposal' ORDER BY r.created DESC, report_id
+"""
+
+_ALARMS = f"""
+    SELECT v.validation_id AS id, v.created, count(DISTINCT a.run_id) AS runs,
+           any_value({_ROBOT.format("u")}) AS robot,
+           list(DISTINCT concat('joint ', a.joint, ': ',
+                CASE WHEN starts_with(a.fault, a.sensor) THEN a.fault
+                     ELSE concat(a.sensor, ' ', a.fault) END)) AS what
+    FROM validations v JOIN alarms a USING (validation_id)
+    LEFT JOIN runs u ON u.run_id = a.run_id
+    GROUP BY ALL ORDER BY v.created DESC, id
+"""
+
+# Logs that an inbox refused, with the reason (`flows.inbox.import_logs`).
+_REFUSED = """
+    SELECT validation_id AS id, robot, verdict AS why, created
+    FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
+"""
+
+# Time, robot, state, result, error.
+Row = tuple[datetime, str, Markup | str, Markup | str, str]
+
+
+def write_index(store: Path) -> Path:
+    """Write the index of a store; return its file."""
+    with open_store(store) as opened:
+        text = render_html(build_index_document(opened))
+    path = store / "reports" / INDEX
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_files({path: text})
+    return path
+
+
+def read_page(store: Path, address: str) -> bytes | None:
+    """Return the index or a file of a report; None where there is none.
+
+    Only an id of hex digits and a file name that a record of the store has become part
+    of a path.
+
+    Args:
+        address: Address in a link of the index, "index.html" or "report_id=.../...".
+    """
+    if address == INDEX:
+        return write_index(store).read_bytes()
+    match = _FILE.fullmatch(address)
+    try:
+        record = find_record(store, match[1]) if match else None
+        path = list_extra_files(record).get(match[2]) if record else None
+        if path is None or record.kind != "reports":
+            return None
+        verify_file(path)
+        return path.read_bytes()
+    except InputError:
+        return None
+
+
+def build_index_document(opened: Store) -> Document:
+    """Return the index of a store."""
+    rows = sorted(_rows(opened), key=lambda row: row[0], reverse=True)
+    cells = [
+        (
+            html_tag("time", f"{row[0]:%Y-%m-%d %H:%M}"),
+            f"{date_night(row[0])}",
+            *row[1:],
+        )
+        for row in rows
+    ]
+    waits = sum("waits" in str(row[2]) for row in rows)
+    table = ReportTable(
+        _HEADS, cells, text_columns=range(6), named=4, look="list", filters=(1, 2, 3)
+    )
+    none = Markup(
+        "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> "
+        "fills the store."
+    )
+    written = (
+        f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {format_version()}"
+    )
+    return Document(
+        title="modelgap: reports",
+        about=Markup("Store <b>{}</b>").format(opened.path.name),
+        headline="Results by robot and night",
+        tiles=[
+            HeadlineFigure("Robots", str(len({row[1] for row in rows})), ""),
+            HeadlineFigure(
+                "Nights",
+                str(len({date_night(row[0]) for row in rows})),
+                "from noon to noon UTC",
+            ),
+            HeadlineFigure("Waiting", str(waits), "for your decision"),
+        ],
+        sections=(Section("all", "Reports", [table if cells else none]),),
+        foot=[("Store", opened.path.name), ("Written", written)],
+    )
+
+
+def date_night(time: datetime) -> date:
+    """Return the night that a time belongs to, from noon to noon, by its morning."""
+    return (time + _HALF_A_DAY).date()
+
+
+def title_diagnosis(store: Path, diagnosis: str) -> str:
+    """Return robot and number of a diagnosis, as "irb140 #2"."""
+    with open_store(store) as opened:
+        rows = _ask(
+            opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis
+        )
+    return _title(rows[0])
+
+
+def list_refused_logs(store: Path, since: datetime) -> list[dict]:
+    """Return the logs that inboxes refused since a time, the latest first.
+
+    Each has `robot`, `why` and `created` [UTC].
+    """
+    with open_store(store) as opened:
+        rows = _ask(opened, _REFUSED)
+    return [row for row in rows if row["created"] and row["created"] > since]
+
+
+def _rows(opened: Store) -> Iterator[Row]:
+    diagnoses = _ask(opened, _DIAGNOSES)
+    titles = {each["id"]: _title(each) for each in diagnoses}
+    for each in diagnoses[:MOST]:
+        state, words, error = _verdict(opened.path, each["id"])
+        text = Markup("{}: {}").format(titles[each["id"]], words)
+        if each["report_id"]:
+            text = _report(each["report_id"], "report.html", text)
+        word = html_tag("span", STATES.get(state, state), f"of {state}")
+        yield each["created"], each["robot"], word, text, error
+    for each in _ask(opened, _PROPOSALS)[:MOST]:
+        title = titles.get(each["id"], each["robot"])
+        words = f"{title}: proposed model beside the present one"
+        text = _report(each["report_id"], "proposal.html", words)
+        if each["waits"]:
+            text += Markup(" ") + html_tag("kbd", f"modelgap adopt {each['id'][:8]}")
+        state = "waits for a decision" if each["waits"] else "decided"
+        yield each["created"], each["robot"], state, text, ""
+    for each in _ask(opened, _ALARMS)[:MOST]:
+        alarms = ", ".join(sorted(each["what"]))
+        words = f"in {count_noun(each['runs'], 'run')}: {alarms}"
+        yield each["created"], each["robot"], "alarm", words, ""
+    for each in _ask(opened, _REFUSED)[:MOST]:
+        yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
+
+
+def _ask(opened: Store, query: str, **values: object) -> list[dict]:
+    """Return the rows of a query; damaged records are left out."""
+    return opened.sql(query, values or None, without_damaged=True).to_pylist()
+
+
+def _title(diagnosis: Mapping) -> str:
+    return f"{diagnosis['robot']} #{diagnosis['number']}"
+
+
+def _report(id: str, file: str, words: str) -> Markup:
+    return Markup('<a href="report_id={}/{}">{}</a>').format(id, file, words)
+
+
+# A record never changes, and reading one takes longer than making a row of it.
+@lru_cache(maxsize=2 * MOST)
+def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
+    """Return the state of a verdict, its findings and its errors, in words."""
+    try:
+        verdict = read_verdict(store, diagnosis)
+    except InputError:
+        return "unknown", "its record cannot be read", MISSING
+    words, pair = format_claim(verdict).removesuffix("."), format_error_change(verdict)
+    state = (
+        "values"
+        if verdict.verdict == "none" and list_wrong_values(verdict)
+        else verdict.verdict
+    )
+    weak = " (end of the fitted run)" if pair and verdict.error.same_run else ""
+    return state, words, f"{pair}{weak}"

@@ -1,0 +1,286 @@
+"""Resolve which model a command uses, and read that model.
+
+A model is named by a file, by the id of a record of the store or its beginning, by
+"nominal", or by a robot, which has the model that was adopted for it.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from flows.inputs.read import is_run_id, load_run_robot, read_run_robot
+from flows.requests import Diagnose, Identify
+from flows.settings import resolve_store_folder
+from flows.storage.calibration import CORRECTED
+from flows.storage.diagnosis import (
+    models_from_record,
+    read_adoptable_model,
+    read_models,
+)
+from residual.calibration.calibrate import add_correction_tables
+from residual.calibration.calibration_rows import PAPER
+from residual.errors import InputError, check_name
+from residual.export.model_export import AnyModel, remove_tables
+from residual.model.lookup import Lookup
+from residual.model.model import Model
+from residual.model.model_files import load_model, model_from_record
+from residual.model.nominal import (
+    build_free_nominal,
+    choose_declared_effects,
+    prepare_fit_logs,
+)
+from residual.recording import Recording
+from residual.robot.robot import Robot
+from residual.signals.track import FilterSettings
+from warehouse.record_commit import find_last_adoption
+from warehouse.store_catalogue import find_record, read_record
+
+NOMINAL = "nominal"
+AUGMENTED = "augmented"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelChoice:
+    """The model that a command uses."""
+
+    # Id of the diagnosis that it is from, None for the nominal model.
+    diagnosis: str | None = None
+    line: str | None = None  # what to print about it; None where there is no choice
+
+    @property
+    def lines(self) -> tuple[str, ...]:
+        """The line, as what is printed first."""
+        return () if self.line is None else (self.line,)
+
+
+def choose_model(
+    robot: Robot,
+    model: str | None = None,
+    store: str | Path | None = None,
+    logs: Sequence[str] = (),
+    instead: str | None = None,
+) -> ModelChoice:
+    """Return the model that a command uses.
+
+    The store is asked where the logs are runs of it, or where --store names it; what is
+    in it has no say about files alone.
+
+    Args:
+        model: Value of --model: "nominal", an id, or None.
+        store: Value of --store, None where it is not given.
+        instead: The option that says by itself what the nominal model is, such as
+            "--baseline"; None for none.
+
+    Raises:
+        InputError: If there is no such model, or it is of another robot or of another
+            description of this one.
+    """
+    place = resolve_store_folder(store)
+    if model is not None and model != NOMINAL:
+        if instead:
+            raise InputError(
+                f"--model and {instead} both set the nominal model. Give only one."
+            )
+        id = resolve_diagnosis_id(place, model)
+        _check_robot(robot, place, id)
+        return ModelChoice(id, f"model: that of diagnosis {id[:8]}, as --model says")
+    in_store = store is not None or (logs and all(map(is_run_id, logs)))
+    last = in_store and find_last_adoption(place, robot.name, robot.serial)
+    if not last:  # nothing is said of a robot that never had another model
+        return ModelChoice()
+    number, adoption = last
+    if adoption.diagnosis_id is None:
+        back = f"the nominal one, to which adoption {int(number)} went back"
+        return ModelChoice(line=f"model: {back}")
+    serial = f" {robot.serial}" if robot.serial else ""
+    name = (
+        f"adoption {int(number)} of {robot.name}{serial}, diagnosis "
+        f"{adoption.diagnosis_id[:8]}"
+    ) + (", against the gate" if adoption.action == "forced" else "")
+    if model == NOMINAL or instead:
+        why = instead or "--model nominal"
+        return ModelChoice(line=f"model: the nominal one by {why}, not {name}")
+    _check_robot(robot, place, adoption.diagnosis_id)
+    return ModelChoice(adoption.diagnosis_id, f"model: {name}")
+
+
+def choose_request_model(request: Diagnose | Identify, robot: Robot) -> ModelChoice:
+    """Return the model that a request goes by, as `choose` does."""
+    logs = (*request.logs, *request.held_out)
+    return choose_model(robot, request.model, request.store, logs, request.instead)
+
+
+def choose_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
+    """Return the model that the robot of some runs of a store has."""
+    robot = load_run_robot(read_run_robot(runs, store), runs, store)
+    return choose_model(robot, None, store, tuple(runs))
+
+
+def choose_monitor_model(
+    word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
+) -> ModelChoice:
+    """Return the model to watch by; no choice where a word names it by an id."""
+    if is_run_id(word):
+        return ModelChoice()
+    robot = load_run_robot(word, runs, store)
+    return choose_model(robot, NOMINAL if nominal else None, store, runs)
+
+
+def resolve_diagnosis_id(store: Path, word: str) -> str:
+    """Return the whole id of the diagnosis that a word stands for.
+
+    Args:
+        word: Id of a diagnosis, of its proof, of the model that it ended with, or of
+            an adoption.
+    """
+    found = find_record(store, word)
+    if found.kind == "diagnoses":
+        return found.id
+    if found.kind == "adoptions":
+        id = read_record(store, found.id)["diagnosis_id"]
+        if id is None:
+            raise InputError(f"Adoption {found.id} went back to the nominal model.")
+        return id
+    if found.kind == "validations" and (
+        id := read_record(store, found.id).get("diagnosis")
+    ):
+        return id
+    if found.kind == "models":
+        from warehouse.query.store import query_store_rows
+
+        query = (
+            "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id "
+            "ORDER BY created LIMIT 1"
+        )
+        for row in query_store_rows(store, query, id=found.id):
+            return row["id"]
+    raise InputError(
+        f"{word} is one of {found.kind}, expected a diagnosis or the model that one "
+        "ended with: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
+    )
+
+
+def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
+    """Return a model of a file, of a diagnosis, or of a model of the store.
+
+    Args:
+        word: File of a model, or the id of a record; the beginning is enough.
+        which: Which of the models of a diagnosis; None for the augmented one.
+
+    Raises:
+        InputError: If there is none, or it was kept without its numbers.
+        UnknownNameError: If the diagnosis has no model of that name.
+    """
+    if Path(word).is_file():
+        if which is not None:
+            raise InputError(
+                f"{word} holds one model; --which chooses among those of a diagnosis."
+            )
+        return load_model(word)
+    if word.endswith(".json") or "/" in word:
+        raise InputError(f"There is no file {word}. Name one that holds a model.")
+    found = find_record(store, word)
+    if found.kind == "diagnoses":
+        return _one_of(read_models(store, found.id), which)
+    if found.kind != "models":
+        raise InputError(
+            f"{word} is one of {found.kind}, which hold no model. Name a diagnosis or "
+            "a model: modelgap sql 'SELECT model_id, robot, stage FROM models'."
+        )
+    # As calibrate, diagnose or identify kept it.
+    if (found.folder / CORRECTED).is_file():
+        return load_model(found.folder / CORRECTED)
+    record = read_record(store, found.id)
+    if record.get("models"):
+        return _one_of(models_from_record(record["models"]), which)
+    content = record.get("model") or record.get("nominal")
+    if content is None:
+        raise InputError(
+            f"Model {word} was kept without its numbers. Make it again with this "
+            "version."
+        )
+    return model_from_record(content)
+
+
+def _one_of(models: Mapping[str, AnyModel], which: str | None) -> AnyModel:
+    return models[check_name(which or AUGMENTED, models, "model of the diagnosis")]
+
+
+def read_controller_model(
+    store: Path, word: str, robot: Robot, nominal: Model | None = None
+) -> AnyModel:
+    """Return the model that a controller is to have.
+
+    Args:
+        word: Id of a diagnosis (its augmented model, tables included), of a model, or
+            of a calibration (its look-up tables on the model that they correct).
+        nominal: The robot as described, for tables of the paper's form: they correct a
+            simulated twin.
+
+    Raises:
+        InputError: If it is of another robot, or of another description of it.
+    """
+    found = find_record(store, word)
+    record = read_record(store, found.id)
+    if nominal and found.kind == "models" and record.get("mode") == PAPER:
+        own, hash = record["robot"], record["request"]["robot_hash"]
+        lookup = Lookup.load(found.folder / "model.npz")
+        model: AnyModel = add_correction_tables(nominal, lookup, record["joints"])
+    else:
+        diagnosis = found.kind == "diagnoses"
+        model = (read_adoptable_model if diagnosis else read_model)(store, found.id)
+        own, hash = (
+            remove_tables(model).robot.name,
+            remove_tables(model).robot.content_hash,
+        )
+    if hash != robot.content_hash:
+        raise InputError(
+            f"The model of {word} is of {own} as it was described then, the robot is "
+            f"{robot.name} as it is described now. Give a model of this one."
+        )
+    return model
+
+
+def build_nominal_model(robot: Robot, logs: Sequence[Recording]) -> Model:
+    """Return the robot as described, with the effects that it declares.
+
+    Args:
+        logs: What counts as standing is learnt from them.
+    """
+    prepared = prepare_fit_logs(robot, logs, None, FilterSettings())
+    return build_free_nominal(prepared, choose_declared_effects(robot, None)).model
+
+
+def check_description(
+    robot: Robot, run: Recording, manifest: Mapping, by: str | None
+) -> None:
+    """Refuse a robot that is described otherwise than when a run was made."""
+    if robot.content_hash != manifest.get("robot_hash"):
+        raise InputError(
+            f"Run {run.id} was made with another description of {run.robot} than "
+            f"{by} has now. Put back the URDF and robot.toml of that time."
+        )
+
+
+def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
+    own, about = (
+        read_adoptable_model(store, diagnosis).robot,
+        f"of diagnosis {diagnosis[:8]}",
+    )
+    if own.name != robot.name:
+        raise InputError(
+            f"The model {about} is of {own.name}, the robot is {robot.name}. Give a "
+            "model of this robot, or --model nominal."
+        )
+    if own.joints != robot.joints:
+        raise InputError(
+            f"The model {about} is of the chain {', '.join(own.joints)}, this is "
+            f"{', '.join(robot.joints)}. Choose that one with --chain, or go on with "
+            "--model nominal."
+        )
+    if own.content_hash != robot.content_hash:
+        raise InputError(
+            f"The model {about} was made with another description of {robot.name} than "
+            "it has now. Put back the URDF and robot.toml of that time, or go on with "
+            "--model nominal."
+        )

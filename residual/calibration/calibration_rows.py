@@ -1,0 +1,320 @@
+"""Rows for the data-driven correction: states X, what a model leaves Y, torque Y*.
+
+Two modes. The paper's: X(t) is the reference of joints 1 to 3 with its derivatives,
+Y(t + 1) the torque of the arm minus that of its simulated twin (section 2.4). Ours: X
+is the measured motion of all joints, Y the residual of a nominal model that was
+identified without the held-out runs.
+
+Where runs are few, blocks within them are left out. Of three runs one can be left out,
+but then two are left to choose tables by, and two agree by chance. Consecutive blocks
+of each run are more, but weaker proof: the other blocks of the run are of the same
+motion, drives as warm and payload.
+"""
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+
+import numpy as np
+
+from residual.errors import InputError
+from residual.quantity import check_block, make_read_only
+from residual.recording import Array, Recording
+from residual.signals.splitting import slice_recording
+from residual.signals.track import FilterSettings, Track, estimate_sample_rate
+
+BLOCKS = 4  # of a run
+FEW = 4  # runs under which leaving one out leaves fewer than three
+GUARD = 0.25  # s, beside a block that is left out: filters and friction remember
+PAPER, MEASURED = "paper", "measured"
+PAPER_JOINTS = 3  # section 2.4 of the paper
+PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
+_ENOUGH = 10  # rows per variable from which on a joint has rows in motion to learn from
+PARTS = 5  # of a single log
+MOST = 900.0  # s of logs in all
+
+
+def stack_state_columns(q: Array, qd: Array, qdd: Array) -> Array:
+    """Return [q, qd, qdd] side by side (paper, eq. 13 and 28). Shape (n, 3 joints)."""
+    return np.hstack(
+        [check_block(part, "a part of the state") for part in (q, qd, qdd)]
+    )
+
+
+def name_state_columns(joints: Sequence[int]) -> tuple[str, ...]:
+    """Names of the columns of `state_block` for joints counted from 1."""
+    return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RunBlocks:
+    """Blocks of all runs, numbered through; rows have a place in one.
+
+    A place is 3 times the block's number, and 0, 1 or 2 for rows close to the block
+    before, to none and to the block after.
+    """
+
+    cut_times: tuple[Array, ...]  # where each run is cut, on the log's own clock [s]
+
+    @property
+    def runs(self) -> Array:
+        """Run of each block."""
+        return np.repeat(
+            np.arange(len(self.cut_times)), [len(c) + 1 for c in self.cut_times]
+        )
+
+    def places(self, run: int, t: Array) -> Array:
+        """Place of rows of a run, at times on the log's own clock [s]. Shape (n,)."""
+        cuts = self.cut_times[run]
+        begin, end = np.r_[-np.inf, cuts], np.r_[cuts, np.inf]
+        block = np.searchsorted(cuts, t, side="right")
+        first = int(np.searchsorted(self.runs, run))
+        beside = (t >= end[block] - GUARD).astype(int) - (t < begin[block] + GUARD)
+        return 3 * (first + block) + 1 + beside
+
+    def kept(self, left_out: Collection[int]) -> Array:
+        """Return the places that are in no block that is left out, nor close to it."""
+        gone, runs = np.isin(np.arange(len(self.runs)), list(left_out)), self.runs
+        same = runs[1:] == runs[:-1]
+        before = np.r_[False, gone[:-1] & same]
+        after = np.r_[gone[1:] & same, False]
+        free = ~np.column_stack([gone | before, gone, gone | after])
+        return np.flatnonzero(free.ravel())
+
+    def mask_kept_rows(self, places: Array, left_out: Collection[int]) -> Array:
+        """Whether rows stay where some blocks are left out. Shape (n,), bool."""
+        return np.isin(places, self.kept(left_out))
+
+
+def cut_runs_into_blocks(times: Sequence[Array]) -> RunBlocks:
+    """Cut every run into blocks of equally many rows, given at their times [s]."""
+    inner = [t[np.arange(1, BLOCKS) * len(t) // BLOCKS] for t in times]
+    return RunBlocks(tuple(map(make_read_only, inner)))
+
+
+def compute_row_times(track: Track) -> Array:
+    """Times of a track's rows on the log's own clock [s]. Shape (m,)."""
+    return track.t[:: track.step][: len(track.tau)]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CalibrationRun:
+    """One log, and what is known beside it.
+
+    Attributes:
+        log: What was measured.
+        family: Kind of motion, None where it is not known.
+        twin: Errors against the simulated twin, by name. Shapes (n, dof).
+    """
+
+    log: Recording
+    family: str | None = None
+    twin: Mapping[str, Array] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CalibrationRows:
+    """Rows of all runs under each other.
+
+    Attributes:
+        mode: "paper" or "measured".
+        joints: Joints of Y, from 1.
+        names: Columns of X, as q1, qd1, qdd1.
+        X: States [rad, rad/s, rad/s^2]. Shape (n, d).
+        Y: What the model leaves [N m]. Shape (n, j).
+        tau: Measured torque Y* [N m]. Shape (n, j).
+        run: Number of the run of each row. Shape (n,).
+        labels: Name of each run.
+        families: Kind of motion of each run; "" where it is not known.
+        rates: Rows per second of each run [Hz].
+        blocks: Blocks of the runs.
+        place: Place of each row in them. Shape (n,).
+        moving: Whether a row counts for a joint: it moves there. Shape (n, j), bool.
+    """
+
+    mode: str
+    joints: tuple[int, ...]
+    names: tuple[str, ...]
+    X: Array
+    Y: Array
+    tau: Array
+    run: Array
+    labels: tuple[str, ...]
+    families: tuple[str, ...]
+    rates: tuple[float, ...]
+    blocks: RunBlocks
+    place: Array
+    moving: Array
+
+    @property
+    def family(self) -> Array:
+        """Kind of motion of each row. Shape (n,)."""
+        return np.array(self.families)[self.run]
+
+    @property
+    def velocity_columns(self) -> tuple[int, ...]:
+        """Columns of X that hold velocities."""
+        third = len(self.names) // 3
+        return tuple(range(third, 2 * third))
+
+    @property
+    def second(self) -> Array:
+        """Second of its run that each row is in, numbered through all runs. (n,)."""
+        out, start = np.zeros(len(self.run), int), 0
+        for number, rate in enumerate(self.rates):
+            in_run = self.run == number
+            out[in_run] = start + (np.arange(in_run.sum()) / rate).astype(int)
+            start = out[in_run].max(initial=start) + 1
+        return out
+
+
+def build_paper_rows(
+    runs: Sequence[CalibrationRun],
+    joints: Sequence[int] | None = None,
+    thinning_factor: int = 1,
+) -> CalibrationRows:
+    """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
+
+    Of joints from 1, or of the paper's first three.
+    """
+    for run in runs:
+        lacks = [] if run.log.q_ref is not None else ["reference (q_ref)"]
+        lacks += [] if "e_tau" in run.twin else ["torque of a simulated twin (e_tau)"]
+        if lacks:
+            raise InputError(
+                f"--paper: {run.log.id} has no {' and no '.join(lacks)}. Take runs "
+                "that modelgap experiment made or logs with q_ref1 and so on, or leave "
+                "--paper out."
+            )
+    joints = _joints(joints, runs[0].log.dof, PAPER_JOINTS)
+    columns = [j - 1 for j in joints]
+    parts, rates = [], []
+    for run in runs:
+        log, rate = run.log, estimate_sample_rate(run.log.t)
+        q = log.q_ref[:, columns]
+        qd = np.gradient(q, log.t, axis=0)
+        X = stack_state_columns(q, qd, np.gradient(qd, log.t, axis=0))
+        both = np.hstack([run.twin["e_tau"][:, columns], log.tau[:, columns]])
+        step = thinning_factor * _step(rate, PAPER_HZ)
+        ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
+        now = np.ascontiguousarray(X[:-1])[::step]
+        everywhere = np.ones(ahead[0].shape, bool)
+        parts.append((now, *ahead, everywhere, log.t[:-1:step]))
+        rates.append(rate / step)
+    return _stacked(PAPER, joints, parts, runs, rates)
+
+
+def build_measured_rows(
+    runs: Sequence[CalibrationRun],
+    tracks: Sequence[Track],
+    residuals: Sequence[Array],
+    joints: Sequence[int] | None = None,
+    thinning_factor: int = 1,
+) -> CalibrationRows:
+    """Return rows on measured motion, of some joints from 1 or of all.
+
+    Args:
+        residuals: Measured minus model torque on each track's times [N m]. (n, dof).
+        thinning_factor: Take every so manieth row, where there are more than tables
+            can use.
+    """
+    joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
+    columns = [j - 1 for j in joints]
+    parts, rates = [], []
+    for run, track, residual in zip(runs, tracks, residuals, strict=True):
+        chosen = select_row_samples(track, thinning_factor)
+        X = stack_state_columns(
+            *(x[:, columns] for x in (track.q, track.qd, track.qdd))
+        )[chosen]
+        Y, tau = (
+            residual[:, columns],
+            interpolate_track_torque(run.log, track)[:, columns],
+        )
+        moving = np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
+        moving = moving[chosen][:, columns]
+        parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
+        rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thinning_factor)
+    return _stacked(MEASURED, joints, parts, runs, rates)
+
+
+def interpolate_track_torque(log: Recording, track: Track) -> Array:
+    """Torque as logged, at the times of a track [N m]. Shape (n, dof)."""
+    return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
+
+
+def select_row_samples(track: Track, thinning_factor: int = 1) -> Array:
+    """Samples of a track that become rows: neither its ends nor gaps. Numbers."""
+    inner = np.repeat(track.valid, track.step)[: len(track.t)]
+    edge = round(FilterSettings().edge * track.rate)
+    inner[:edge] = inner[len(inner) - edge :] = False
+    return np.flatnonzero(inner)[:: thinning_factor * _step(track.rate, MEASURED_HZ)]
+
+
+def _joints(joints: Sequence[int] | None, dof: int, default: int) -> tuple[int, ...]:
+    if joints is None:
+        return tuple(range(1, min(default, dof) + 1))
+    if not joints or any(not 1 <= j <= dof for j in joints):
+        listed = ", ".join(map(str, joints)) or "none"
+        raise InputError(f"joints {listed}: expected some of 1 to {dof}, each once.")
+    return tuple(sorted(set(joints)))
+
+
+def _step(rate: float, target: float) -> int:
+    return max(1, round(rate / target))
+
+
+def _stacked(
+    mode: str,
+    joints: tuple[int, ...],
+    of_runs: Sequence[Sequence[Array]],
+    runs: Sequence[CalibrationRun],
+    rates: Sequence[float],
+) -> CalibrationRows:
+    """Rows of all runs: of each its X, Y, torque, whether it moves, and times."""
+    *sides, times = zip(*of_runs, strict=True)
+    X, Y, tau, moving = map(np.concatenate, sides)
+    # Of a joint that hardly moves, what it holds is all that there is.
+    moving = moving | (moving.sum(axis=0) < _ENOUGH * X.shape[1])
+    run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
+    blocks = cut_runs_into_blocks(times)
+    places = [blocks.places(number, t) for number, t in enumerate(times)]
+    return CalibrationRows(
+        mode,
+        joints,
+        name_state_columns(joints),
+        *map(make_read_only, (X, Y, tau, run)),
+        tuple(r.log.id for r in runs),
+        tuple(r.family or "" for r in runs),
+        tuple(rates),
+        blocks,
+        make_read_only(np.concatenate(places)),
+        make_read_only(moving),
+    )
+
+
+def cut_single_run(runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]:
+    """Cut a single log into parts, so that there is something to leave out."""
+    if len(runs) != 1:
+        return tuple(runs)
+    (run,) = runs
+    ends = np.linspace(0, len(run.log.t), PARTS + 1).astype(int)
+    parts = []
+    for i, (a, b) in enumerate(pairwise(ends), 1):
+        log = replace(slice_recording(run.log, a, b), id=f"{run.log.id} part {i}")
+        twin = {name: values[a:b] for name, values in run.twin.items()}
+        parts.append(replace(run, log=log, twin=twin))
+    return tuple(parts)
+
+
+def choose_thinning_factor(
+    runs: Sequence[CalibrationRun],
+) -> tuple[int, tuple[str, ...]]:
+    """Return every how manieth row tables take of all logs, and that, a line.
+
+    The model is identified from all of them, piece by piece.
+    """
+    total = sum(run.log.duration for run in runs)
+    thin = max(1, int(np.ceil(total / MOST)))
+    if thin == 1:
+        return 1, ()
+    return thin, (f"{total / 60:.3g} min of logs: tables take one row in {thin}",)

@@ -1,0 +1,179 @@
+"""Rows for the physics of a log, and the columns that may explain its torque.
+
+Before a log is believed these are the bodies of the robot file within a rough prior, a
+load on the flange, and one broad column for each other cause of torque. A fault must
+explain more than all of these can.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache
+
+import numpy as np
+from scipy.linalg import cholesky
+
+from residual.evidence.priors import compute_inertial_precision
+from residual.recording import Array, Recording
+from residual.robot.dynamics import (
+    PER_LINK,
+    compute_flange_jacobian,
+    compute_gravity_torque,
+    compute_inertial_regressor,
+    compute_last_joint_distance,
+    read_inertial_parameters,
+)
+from residual.robot.robot import Robot
+from residual.signals.track import FilterSettings, build_tracks
+
+_FILTERS = FilterSettings(5.0, 5.0, 60.0)  # Hz: on angles, on torque, of the rows
+_MOST_ROWS = 360
+_APART = 0.3  # s: rows nearer to each other count as one in evidence
+# What a torque may be made of before a log is believed: priors, one deviation each.
+BODY = 0.3  # relative, of the inertial parameters
+TILT = 0.1  # rad
+_LOAD, _STRANGE, _LEVER = 0.05, 0.005, 0.15  # of the arm's mass; of its reach
+_PULL = 0.05  # of the arm's weight, at the flange
+_LEAST_SIZE = 0.05  # of the strongest joint's torque
+_NOTHING = 1e-9
+OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
+_FRICTION = (1, 2, 7, 8)  # of the columns beside the body
+
+
+def compute_row_rms(x: Array) -> Array:
+    """Return the root mean square along the rows."""
+    return np.sqrt(np.mean(x**2, axis=0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckMotion:
+    """Filtered rows of all logs of one column map."""
+
+    # Filtered kinematics [rad, rad/s, rad/s^2], (n, dof).
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array  # torque behind the same filter [N m], (n, dof)
+    moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
+    spread: float  # independent rows for each row that is there
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def reorder_angles(self, order: Sequence[int], scale: Array) -> "CheckMotion":
+        """Return the motion with other angles: channel ``order[j]``, times a factor.
+
+        Channels from 0, and the factor on each joint's angle. Shape (dof,).
+        """
+        order = list(order)
+        parts = {k: getattr(self, k)[:, order] * scale for k in ("q", "qd", "qdd")}
+        return replace(self, moving=self.moving[:, order], **parts)
+
+
+def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
+    """Filter and thin logs; None where nothing is left of them."""
+    long = [r for r in recordings if len(r.t) > 20]
+    tracks, _ = build_tracks(long, _FILTERS) if long else ((), None)
+    total = sum(int(track.valid.sum()) for track in tracks)
+    if total < 10:
+        return None
+    every, parts = max(1, int(np.ceil(total / _MOST_ROWS))), []
+    for track in tracks:
+        use = np.flatnonzero(track.valid)[::every]
+        motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
+        parts.append((*motion, track.tau[use], track.moving[use]))
+    rows = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    seconds = sum(t.valid.sum() * t.step / t.rate for t in tracks)
+    return CheckMotion(*rows, spread=min(1.0, seconds / _APART / len(rows[0])))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PriorColumns:
+    """The columns of one joint, each of the size of its prior, on its moving rows."""
+
+    nominal: Array  # torque of the robot file [N m], (n,)
+    values: Array  # torque of each coefficient of one [N m], (n, p)
+    brake: Array  # power that friction takes, per coefficient of one [W], (p,)
+    rows: Array  # rows that are used. Shape of all rows, bool
+
+
+def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
+    """Return the inertial regressor, and the torque of the robot file. (n, dof)."""
+    y = compute_inertial_regressor(robot.model, motion.q, motion.qd, motion.qdd)
+    return y, y @ read_inertial_parameters(robot.model)
+
+
+def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
+    """Return gravity, and as much of it along the other two axes. (3,), (2, 3)."""
+    down = np.asarray(robot.model.gravity.linear)
+    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
+    return down, float(np.linalg.norm(down)) * across
+
+
+def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]:
+    """Return the columns of every joint."""
+    y, nominal = compute_nominal_torque(robot, motion)
+    size = compute_row_rms(nominal)
+    size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
+    root, outer, out = _inertial_root(robot), _outer(robot, motion), []
+    for j in range(motion.dof):
+        use, first = motion.moving[:, j], PER_LINK * j
+        local = size[j] * _local(motion, j, use)
+        body = y[use, j, first:] @ root[first:]
+        values = np.column_stack([local, outer[use, j], body])
+        brake = np.zeros(values.shape[1])
+        if use.any():
+            friction = local[:, _FRICTION] * motion.qd[use, j, None]
+            brake[list(_FRICTION)] = friction.mean(axis=0)
+        out.append(PriorColumns(nominal[use, j], values, brake, use))
+    return out
+
+
+@lru_cache(maxsize=4)
+def _inertial_root(robot: Robot) -> Array:
+    """What a rough robot file leaves open, and a load that it may not have at all.
+
+    The lower root of the covariance of its parameters; motions and readings share it.
+    """
+    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot))
+    lever = _LEVER * compute_last_joint_distance(robot.model)
+    sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
+    out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
+    out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
+    return cholesky(out, lower=True)
+
+
+def _mass(robot: Robot) -> float:
+    return sum(body.mass for body in list(robot.model.inertias)[1:])
+
+
+def _outer(robot: Robot, motion: CheckMotion) -> Array:
+    """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
+    down, across = compute_gravity_axes(robot)
+    tilts = [compute_gravity_torque(robot.model, motion.q, TILT * x) for x in across]
+    force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
+    pulls = force * compute_flange_jacobian(robot.model, motion.q)[:, :3]
+    return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
+
+
+def _local(motion: CheckMotion, j: int, use: Array) -> Array:
+    """Rotor, friction in several forms, and what follows the angle. Shape (n, 10)."""
+    q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
+    turn = q - q.mean() if len(q) else q
+    speed, hard, wide = (
+        max(float(compute_row_rms(x)), 1e-6) if len(x) else 1.0 for x in (qd, qdd, turn)
+    )
+    return np.column_stack(
+        [
+            qdd / hard,
+            qd / speed,
+            np.tanh(qd / (0.05 * speed)),
+            np.ones_like(q),
+            0.5 * np.sin(q),
+            0.5 * np.cos(q),
+            0.5 * turn / wide,
+            0.5 * np.abs(qd) / speed,
+            0.5 * np.abs(qd) * qd / speed**2,
+        ]
+    )

@@ -1,0 +1,288 @@
+"""Impossible samples: spikes, jumps, constant or coarse values.
+
+A joint that is held has an angle of one value too. It feels the others: its torque is
+what the robot file, bent as far as a rough one may be, gives for a standing joint.
+Torque beyond that is a moving joint's.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+from scipy.ndimage import median_filter
+
+from residual.check.physics_columns import build_prior_columns, filter_check_motion
+from residual.check.result import Fault, Repair, list_true_joints
+from residual.check.thresholds import CHECK
+from residual.check.torque_shares import compute_torque_factors, fit_nominal_shares
+from residual.errors import format_joint_numbers
+from residual.recording import Array, Recording
+from residual.robot.robot import Robot
+
+_NOTHING = 1e-12
+_WINDOW = 7  # samples of the running median
+_TURN = 0.3  # rad off a whole turn: what the joint moved meanwhile
+
+
+def find_spikes(recording: Recording) -> list[Fault]:
+    """Find single samples that leave their neighbours by far, and come back."""
+    out = []
+    for name in ("q", "qd", "tau"):
+        signal = getattr(recording, name)
+        if signal is None or len(signal) < 10:
+            continue
+        for j, x in enumerate(signal.T / 4):  # the difference of two must not overflow
+            away = np.abs(x - compute_running_median(x))
+            # Of what samples do but for one in a hundred: noise stays below.
+            usual = np.quantile(away, 0.99, method="lower")
+            usual = max(usual, np.quantile(np.abs(np.diff(x)), 0.99), 1e-12)
+            high = away > CHECK.spike_ratio * usual
+            if 0 < high.mean() <= CHECK.spike_share + 3 / len(x):
+                at = np.flatnonzero(high)
+                near = recording.t[int(at[len(at) // 2])]
+                words = (
+                    f"Isolated outlier in {name}{j + 1} near t = {near:.6g} s "
+                    f"({away.max() / usual:.3g} times the usual deviation)."
+                )
+                out.append(_suspected("spike", recording, j, words))
+    return out
+
+
+def _suspected(kind: str, recording: Recording, j: int, words: str) -> Fault:
+    return Fault(kind, (j + 1,), False, words, (), recording.id)
+
+
+def find_encoder_wraps(recording: Recording, robot: Robot) -> list[Fault]:
+    """Find angles that jump by a whole turn between two samples: an encoder that wraps.
+
+    No joint of the robot can move so far in a step.
+    """
+    leap = np.diff(recording.q, axis=0)
+    whole = np.abs(np.abs(leap) - 2 * np.pi) < _TURN
+    far = 2 * np.pi - _TURN > 10 * np.outer(np.diff(recording.t), robot.velocity_limit)
+    # Of an angle in other units many steps are large, and of any size.
+    large = np.abs(leap) > np.pi
+    joints = list_true_joints((whole & far).any(axis=0) & (whole == large).all(axis=0))
+    if not joints:
+        return []
+    words = (
+        f"The angle of {format_joint_numbers(joints)} jumps by 2*pi between two "
+        f"samples: the "
+        "encoder wraps."
+    )
+    repairs = (Repair("q", joints, unwrap=True),)
+    return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
+
+
+def scale_signal(recording: Recording, signal: str, scale: float) -> Recording:
+    """Return a log with one of its signals, if it has that, times a factor."""
+    values = getattr(recording, signal)
+    if values is None:
+        return recording
+    return replace(recording, **{signal: np.asarray(values) * scale})
+
+
+def smooth_spikes(recording: Recording) -> Recording:
+    """Return a log smoothed by a running median, which no single sample survives."""
+    signals = {name: getattr(recording, name) for name in ("q", "qd", "tau")}
+    smooth = {k: compute_running_median(x) for k, x in signals.items() if x is not None}
+    return replace(recording, **smooth)
+
+
+def compute_running_median(x: Array) -> Array:
+    """Return the median over each sample and its neighbours. (n,) or (n, dof)."""
+    window = (_WINDOW,) + (1,) * (x.ndim - 1)
+    return median_filter(x, window, mode="nearest")
+
+
+def find_frozen_signals(recording: Recording) -> list[Fault]:
+    """Find frozen, saturated and coarse signals of one log."""
+    if len(recording.t) < 50:
+        return []
+    out, reference = [], recording.q_ref
+    for j in range(recording.dof):
+        tau, q = recording.tau[:, j], recording.q[:, j]
+        clipped = _clipped(tau)
+        if clipped:
+            words = f"tau{j + 1} repeatedly stays at {clipped}: it saturates there."
+            out.append(_suspected("saturated", recording, j, words))
+        coarse = _coarse(recording, j)
+        out += coarse
+        run = _longest(recording, tau)
+        if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moving_rad:
+            run = slice(0, len(tau))
+        # Coarse values stand by themselves.
+        if run and not clipped and not coarse and np.ptp(q[run]) >= CHECK.moving_rad:
+            out.append(_frozen(recording, "tau", j, run, "its joint moves"))
+        run = _longest(recording, q)
+        if run and not coarse:
+            usual = float(np.quantile(np.abs(np.diff(q)), 0.99))
+            jump = abs(q[min(run.stop, len(q) - 1)] - q[run.stop - 1])
+            if reference is not None and np.ptp(reference[run, j]) > CHECK.moving_rad:
+                out.append(_frozen(recording, "q", j, run, "its reference moves"))
+            elif jump > max(CHECK.jump_rad, 3 * usual):
+                out.append(_frozen(recording, "q", j, run, "it then jumps"))
+    return out
+
+
+def _frozen(recording: Recording, name: str, j: int, run: slice, moves: str) -> Fault:
+    first, last = recording.t[run.start], recording.t[run.stop - 1]
+    words = (
+        f"{name}{j + 1} is constant from t = {first:.6g} to {last:.6g} s, while "
+        f"{moves}."
+    )
+    return _suspected("frozen", recording, j, words)
+
+
+def _runs(x: Array) -> tuple[Array, Array]:
+    """First sample and length of every run of equal values."""
+    edges = np.flatnonzero(np.diff(x) != 0) + 1
+    starts = np.concatenate([[0], edges])
+    return starts, np.diff(np.concatenate([starts, [len(x)]]))
+
+
+def _longest(recording: Recording, x: Array) -> slice | None:
+    """The longest run, if it is long and unlike the others."""
+    starts, lengths = _runs(x)
+    if len(starts) < 2:
+        return None
+    k = int(np.argmax(lengths))
+    step = float(np.median(np.diff(recording.t)))
+    usual = float(np.quantile(np.delete(lengths, k), 0.95))
+    least = max(CHECK.frozen_s / step, 15)
+    if lengths[k] < max(least, 5 * usual):
+        return None
+    return slice(int(starts[k]), int(starts[k] + lengths[k]))
+
+
+def _clipped(x: Array) -> str:
+    """The limits at which a signal is cut, in words; "" for none."""
+    starts, lengths = _runs(x)
+    values, counts = np.unique(x, return_counts=True)
+    if len(values) < 20:
+        return ""
+    limits = []
+    for end, below in ((values[-1], counts[-6:-1]), (values[0], counts[1:6])):
+        runs = lengths[x[starts] == end]
+        often = np.sum(runs >= 4) >= 2
+        if often and runs.sum() > 4 * below.max():
+            limits.append(f"{end:.4g} N m")
+    return " and ".join(limits)
+
+
+def _coarse(recording: Recording, j: int) -> list[Fault]:
+    out, rate = [], 1 / float(np.median(np.diff(recording.t)))
+    tau, q = recording.tau[:, j], recording.q[:, j]
+    step, size = _step(tau), float(np.std(tau))
+    if (
+        step > CHECK.torque_step_ratio * max(size, 1e-12)
+        and np.ptp(q) > CHECK.moving_rad
+    ):
+        words = (
+            f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
+        )
+        out.append(_suspected("quantised", recording, j, words))
+    step, cutoff = _step(q), 12.0
+    if step and np.ptp(q) > CHECK.moving_rad:
+        stride = max(1, round(rate / (2 * cutoff)))
+        bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
+        # Noise of steps, evenly over their band, behind two derivatives.
+        noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * cutoff / rate))
+        noise *= (2 * np.pi * cutoff) ** 2 / np.sqrt(5)
+        if noise > CHECK.angle_step_ratio * float(np.sqrt(np.mean(bend**2))):
+            words = (
+                f"q{j + 1} comes in steps of {step:.3g} rad: at {cutoff:g} Hz that is "
+                f"{noise:.3g} rad/s^2, as much as its acceleration."
+            )
+            out.append(_suspected("quantised", recording, j, words))
+    return out
+
+
+def _step(x: Array) -> float:
+    """Step of a signal that comes in steps, else 0."""
+    values = np.unique(x)
+    if not 2 < len(values) < len(x) / 3:
+        return 0.0
+    gaps = np.diff(values)
+    step = float(np.quantile(gaps, 0.1))
+    whole = gaps / max(step, 1e-300)
+    return step if np.mean(np.abs(whole - np.round(whole)) < 0.05) > 0.9 else 0.0
+
+
+def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
+    """Find angles that keep one value while their torque is that of a moving joint."""
+    span = np.ptp(recording.q, axis=0)
+    still = np.flatnonzero(span == 0)
+    if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moving_rad:
+        return []
+    out, silent = [], []
+    for j in map(int, still):
+        if why := _moves_elsewhere(recording, j):
+            out.append(_unmoved(recording, j, why, True))
+        else:
+            silent.append(j)
+    motion = filter_check_motion([recording]) if silent else None
+    if (
+        motion is None
+        or compute_torque_factors(fit_nominal_shares(robot, motion)) is not None
+    ):
+        return out  # in another unit a held joint's torque is any joint's
+    motion = replace(motion, moving=np.ones_like(motion.moving))
+    every = build_prior_columns(robot, motion)
+    for j in silent:
+        tau, nominal, values = motion.tau[:, j], every[j].nominal, every[j].values
+        size, residual = (
+            float(np.std(tau)),
+            _residual_rms(motion.spread, tau - nominal, values),
+        )
+        noise = float(np.median(np.abs(np.diff(recording.tau[:, j])))) / 0.95
+        feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))
+        # Other friction and a load leave up to half of it; friction that holds, more.
+        if residual < 5 * noise or not (
+            residual > 0.5 * size or residual > 1.5 * feels
+        ):
+            continue
+        why = (
+            f"its torque moves by {np.ptp(tau):.3g} N m, {residual:.3g} N m rms beside "
+            f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
+        )
+        certain = (
+            residual > CHECK.held_residual_share * size
+            and residual > CHECK.held_torque_ratio * feels
+        )
+        out.append(_unmoved(recording, j, why, certain))
+    return out
+
+
+def _moves_elsewhere(recording: Recording, j: int) -> str:
+    """Say where else the joint moves; "" if nowhere."""
+    reference, qd = recording.q_ref, recording.qd
+    if reference is not None and np.ptp(reference[:, j]) > CHECK.moving_rad:
+        return f"its reference moves by {np.ptp(reference[:, j]):.3g} rad"
+    if qd is not None:
+        steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
+        way = float(np.ptp(np.cumsum(steps)))
+        smooth = np.std(np.diff(qd[:, j])) < 0.5 * np.std(qd[:, j])
+        # What an offset and noise of a velocity add up to is no motion.
+        if way > CHECK.moving_rad + 3 * abs(float(steps.sum())) and smooth:
+            return f"its velocity adds up to {way:.3g} rad"
+    return ""
+
+
+def _residual_rms(spread: float, y: Array, a: Array) -> float:
+    """What a held joint's torque has beside a bent robot file [N m rms]."""
+    residual, sigma = y, max(0.05 * float(np.std(y)), _NOTHING)
+    for _ in range(4):
+        weight = spread / sigma**2
+        at = np.linalg.solve(np.eye(a.shape[1]) + weight * a.T @ a, weight * a.T @ y)
+        residual = y - a @ at
+        sigma = max(float(np.std(residual)), _NOTHING)
+    return float(np.std(residual))
+
+
+def _unmoved(recording: Recording, j: int, why: str, certain: bool) -> Fault:
+    words = (
+        f"q{j + 1} is {recording.q[0, j]:.6g} rad in all {len(recording.t)} samples, "
+        f"bit for bit, while {why}: expected an angle that moves with it. Map the "
+        "column in which it is logged (columns of q in --map), or record it."
+    )
+    return Fault("constant", (j + 1,), certain, words, (), recording.id)

@@ -1,0 +1,545 @@
+"""Would another experiment decide what is open? A bound, without designing one.
+
+Motions that know no obstacle, each joint through all of its range as fast as its limits
+let it, show how far apart the rivals can come at all. What an arm in its cell can do is
+less, and a designed motion aims better than a random one: `modelgap next` looks.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import permutations
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cho_factor, cho_solve, solve_triangular
+
+from residual.effects.base import PlacedEffect, State
+from residual.model.model import Model
+from residual.quantity import format_number, format_probability
+from residual.recording import Array
+from residual.robot.robot import Robot
+from residual.signals.track import dilate_mask
+from residual.verdict.result import UNTOLD, Alternative, Place
+
+# What logs leave open: contests of rival models, as records.
+
+NOTHING = Place("nothing", ())
+TOGETHER = " + "  # between the names of a rival of several effects
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Rival:
+    """One model that may be true, as a Gaussian over coefficients of shared columns."""
+
+    place: Place  # the effect that makes the difference, `NOTHING` for none
+    columns: Array  # which of the shared columns it has, (k,)
+    effect_columns: Array  # which of these are the effect's own; empty for none, (e,)
+    mean: Array  # their posterior mean [SI], (k,)
+    precision: Array  # their posterior precision, (k, k)
+    # Evidence of the logs so far, less the price of the name [nats], up to a constant
+    # that is the same for all rivals of a contest.
+    nats: float
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RivalContest:
+    """Models of which one is true."""
+
+    rivals: tuple[Rival, ...]  # two or more
+    enough: float  # nats by which one must lead to be believed
+
+    @property
+    def pairs(self) -> tuple[tuple[int, int], ...]:
+        """Every ordered pair of rivals: the true one first."""
+        return tuple(permutations(range(len(self.rivals)), 2))
+
+    def lead(self, a: int, b: int) -> float:
+        """By how much the logs so far prefer one rival to another [nats]."""
+        return self.rivals[a].nats - self.rivals[b].nats
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SignalSettings:
+    """How the logs so far were read, and so will the next one be."""
+
+    information: Array  # of a row's squared error [1 / N^2 m^2], (dof,)
+    speed_floor: Array  # speed under which a joint stands [rad/s], (dof,)
+    rate: float  # rows per second [Hz]
+    margin: float  # time about a standstill that does not count [s]
+    edge: float  # time at both ends of a log that does not count [s]
+    start: float  # session time at which the next log may begin [s]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class OpenQuestion:
+    """What the logs so far leave open."""
+
+    nominal: Model  # the model that deviations are counted from
+    seen_with: Model  # the model whose torque the effects see
+    effects: tuple[PlacedEffect, ...]  # columns after the inertial ones
+    signals: SignalSettings
+    contests: tuple[RivalContest, ...]  # empty if nothing is open
+
+
+def merge_places(places: Sequence[Place]) -> Place:
+    """The name of a rival: that of its effect, or of several together."""
+    if not places:
+        return NOTHING
+    joints = sorted({j for place in places for j in place.joints})
+    return Place(TOGETHER.join(place.name for place in places), tuple(joints))
+
+
+# What a motion promises for a question: nats for every pair, chance, seconds.
+#
+# Each rival says of new rows y, whitened: y ~ N(X mu, I + X S X'), with mu and S its
+# posterior after the logs so far and X its columns on the new motion. All follows from
+# G = X' X of the columns that the rivals share, by the matrix inversion lemma.
+#
+# What is expected of A against B is the log Bayes factor that a log brings whose truth
+# is A at the size that was found, mu. Its quadratic part is the T-criterion of Atkinson
+# & Fedorov 1975, with B refitted under its posterior. The average over what is not
+# known of A (the Kullback-Leibler divergence, Box & Hill 1967, eq. 3.6) is no number to
+# go by: the few largest sizes that the logs so far allow carry it. What is not known of
+# A is in the chance, which is counted in drawn logs.
+
+
+DRAWS = 400  # logs that a chance is counted in
+HOPELESS = 1 / 6  # of what is needed: what brings less decides nothing
+Pair = tuple[int, int, int]  # contest, true rival, other rival
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class RivalUpdate:
+    """A rival after new rows, scaled so that its posterior precision has ones."""
+
+    rival: Rival
+    scale: Array  # standard deviations by which coefficients are scaled, (k,)
+    factor: Array  # lower Cholesky factor of precision + G, scaled, (k, k)
+    log_det: float  # ln det(precision + G) - ln det(precision)
+    learned: float  # numbers that the new rows determine, tr((precision + G)^-1 G)
+
+    @classmethod
+    def of(cls, rival: Rival, gram: Array) -> "RivalUpdate":
+        """Factor once what all questions about a motion share: its Gram. (m, m)."""
+        scale = 1 / np.sqrt(np.diag(rival.precision))
+        both = np.outer(scale, scale)
+        known = rival.precision * both
+        own = gram[np.ix_(rival.columns, rival.columns)]
+        factor = cho_factor(known + own * both, lower=True)[0]
+        log_det = 2 * np.log(np.diag(factor)).sum() - np.linalg.slogdet(known)[1]
+        learned = len(scale) - np.trace(cho_solve((factor, True), known))
+        return cls(rival, scale, np.tril(factor), float(log_det), float(learned))
+
+    def solve(self, right: Array) -> Array:
+        """(precision + G)^-1 times some columns. Shape (k, ...) as given."""
+        scale = self.scale if right.ndim == 1 else self.scale[:, None]
+        return scale * cho_solve((self.factor, True), scale * right)
+
+
+def expected_log_bayes_factor(gram: Array, a: RivalUpdate, b: RivalUpdate) -> float:
+    """Expected log Bayes factor of A against B, A at its found size being true [nats].
+
+    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
+    says more surely what A says, too. The first part is what B, refitted, leaves of the
+    difference d of the two means. The Gram is whitened, (m, m).
+    """
+    apart = np.zeros(len(gram))
+    apart[a.rival.columns] += a.rival.mean
+    apart[b.rival.columns] -= b.rival.mean
+    seen = gram @ apart
+    pull = seen[b.rival.columns]
+    gap = max(float(apart @ seen - pull @ b.solve(pull)), 0.0)
+    certainty = a.learned - b.learned + b.log_det - a.log_det
+    return 0.5 * (gap + certainty)
+
+
+def rival_log_evidence(products: Array, gram: Array, b: RivalUpdate) -> Array:
+    """Log evidence of new rows for a rival, up to what all rivals share [nats].
+
+    Of X' y of the shared columns, whitened, one column per draw of y, (m, draws), and
+    X' X, (m, m). Shape (draws,).
+    """
+    at, mean = b.rival.columns, b.rival.mean
+    own = gram[np.ix_(at, at)]
+    left = products[at] - (own @ mean)[:, None]
+    fit = 2 * mean @ products[at] - mean @ own @ mean
+    return 0.5 * (fit + np.einsum("kd,kd->d", left, b.solve(left)) - b.log_det)
+
+
+def draw_log_products(
+    gram: Array, a: RivalUpdate, rng: np.random.Generator, draws: int
+) -> Array:
+    """X' y of logs that A would give on a motion. Shape (m, draws)."""
+    rival = a.rival
+    scaled = rival.precision * np.outer(a.scale, a.scale)
+    lower = np.linalg.cholesky(scaled)
+    free = rng.normal(size=(len(rival.mean), draws))
+    theta = a.scale[:, None] * solve_triangular(lower.T, free)
+    theta += rival.mean[:, None]
+    # R with R R' = G, for a G that may be singular.
+    size = np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    values, vectors = np.linalg.eigh(gram / np.outer(size, size))
+    root = size[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    noise = rng.normal(size=(len(gram), draws))
+    return gram[:, rival.columns] @ theta + root @ noise
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ExpectedSeparation:
+    """What a motion promises, at the sizes that the logs so far found."""
+
+    # Expected evidence of each pair that a motion can tell apart [nats].
+    nats: Mapping[Pair, float]
+    # Of the evidence that the pairs still need, how much the worst of them gets: at 1
+    # all are expected to be apart.
+    share: float
+
+    @property
+    def separates_nothing(self) -> bool:
+        """Whether it decides nothing."""
+        return self.share < HOPELESS
+
+
+def expect_separation(
+    question: OpenQuestion, gram: Array, twins: frozenset[Pair] = frozenset()
+) -> ExpectedSeparation:
+    """Weigh one motion by its Gram, (m, m), but for pairs that it cannot tell apart."""
+    nats, shares = {}, []
+    for c, contest in enumerate(question.contests):
+        after = [RivalUpdate.of(rival, gram) for rival in contest.rivals]
+        for a, b in contest.pairs:
+            if (c, a, b) in twins:
+                continue
+            value = max(expected_log_bayes_factor(gram, after[a], after[b]), 0.0)
+            nats[c, a, b] = value
+            need = contest.enough - contest.lead(a, b)
+            shares.append(value / need if need > 0 else np.inf)
+    return ExpectedSeparation(nats, float(min(shares, default=0.0)))
+
+
+class SimulatedDecision(NamedTuple):
+    """What logs of a motion would bring, counted in logs as the rivals would give them.
+
+    The chance that the true rival leads every other from which a motion can tell it by
+    enough, old logs included; and its median lead over the nearest [nats].
+    """
+
+    chance: float
+    nats: float
+
+
+def simulate_decision(
+    question: OpenQuestion,
+    gram: Array,
+    twins: frozenset[Pair],
+    rng: np.random.Generator,
+) -> SimulatedDecision:
+    """Draw logs of every rival, as probable as the logs so far make it.
+
+    A rival that no motion can tell from any other is left out. The Gram is whitened,
+    (m, m).
+    """
+    chances, nats = [], []
+    for c, contest in enumerate(question.contests):
+        after = [RivalUpdate.of(rival, gram) for rival in contest.rivals]
+        before = np.array([rival.nats for rival in contest.rivals])
+        leads, odds = [], []  # of the true rival over the nearest [nats]
+        for a, share in enumerate(np.exp(before - before.max())):
+            pairs = (b for x, b in contest.pairs if x == a)
+            others = [b for b in pairs if (c, a, b) not in twins]
+            if not others:
+                continue
+            products = draw_log_products(gram, after[a], rng, DRAWS)
+            own = before[a] + rival_log_evidence(products, gram, after[a])
+            best = [
+                before[b] + rival_log_evidence(products, gram, after[b]) for b in others
+            ]
+            leads.append(own - np.max(best, axis=0))
+            odds.append(np.full(DRAWS, share))
+        if leads:
+            lead, weight = np.concatenate(leads), np.concatenate(odds)
+            weight = weight / max(weight.sum(), 1e-300)
+            chances.append(float(weight @ (lead >= contest.enough)))
+            order = np.argsort(lead)
+            half = np.searchsorted(np.cumsum(weight[order]), 0.5)
+            nats.append(float(lead[order][min(half, len(lead) - 1)]))
+    if not chances:
+        return SimulatedDecision(0.0, 0.0)
+    return SimulatedDecision(min(float(np.prod(chances)), 1.0), min(nats))
+
+
+SECONDS = 20.0  # length of a motion where nobody says another [s]
+PERIODS = 2  # of it
+TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
+SURE = 0.8  # chance from which a motion is called enough
+MOTIONS, HARMONICS = 6, 5
+TURN = np.pi  # rad to either side: what of a range is used at most
+UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
+RISE = 0.15  # s in which a joint reaches its speed, where it states no acceleration
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class MotionInformation:
+    """The shared columns along a motion, whitened: what of it counts, second by second.
+
+    A planned motion has nothing above the identification filter but where a joint turns
+    round, and there rows do not count: so nothing is filtered.
+    """
+
+    # Columns at the samples of the motion, or of its opening and first period, scaled
+    # to the rows that a log has of it. Shape (n, dof, m).
+    rows: Array
+    rate: float  # samples per second [Hz]
+    opening: float  # time from the start that no later period repeats [s]
+    edge: float  # time at both ends of a log that does not count [s]
+
+    @classmethod
+    def of(
+        cls,
+        question: OpenQuestion,
+        motion: Sequence[Array],
+        rate: float,
+        opening: float = 0.0,
+    ) -> "MotionInformation":
+        """Look at q, qd and qdd of a motion's opening and first period. (n, dof) each.
+
+        The more samples, the better effects with a memory are seen.
+        """
+        signals = question.signals
+        t = signals.start + np.arange(len(motion[0])) / rate
+        columns = all_torque_columns(
+            question, question.seen_with.state(rate, t, motion)
+        )
+        weight = np.sqrt(
+            signals.information * ~find_standstill_samples(question, motion[1], rate)
+        )
+        rows = np.sqrt(signals.rate / rate) * (weight[:, :, None] * columns)
+        return cls(rows, rate, opening, signals.edge)
+
+    def gram(self, seconds: float) -> Array:
+        """X' X of a log of so many seconds, whitened, its ends left out. (m, m)."""
+        first, last = (round(x * self.rate) for x in (self.edge, seconds - self.edge))
+        count, start = len(self.rows), round(self.opening * self.rate)
+        if last <= count:
+            return self._part(first, last)
+        times, more = divmod(last - count, count - start)
+        total = self._part(first, count) + self._part(start, start + more)
+        return total + times * self._part(start, count) if times else total
+
+    def _part(self, first: int, last: int) -> Array:
+        flat = self.rows[first : max(last, first)].reshape(-1, self.rows.shape[2])
+        return flat.T @ flat
+
+
+def all_torque_columns(question: OpenQuestion, state: State) -> Array:
+    """Return the inertial columns and those of all effects. Shape (n, dof, m)."""
+    n, dof = state.q.shape
+    parts = [np.asarray(state.regressor)]
+    for effect, joints, shape in question.effects:
+        own = effect.columns(state, joints, shape)
+        part = np.zeros((n, dof, own.shape[2]))
+        part[:, list(effect.rows(joints, dof))] = own
+        parts.append(part)
+    return np.concatenate(parts, axis=2)
+
+
+def find_standstill_samples(question: OpenQuestion, qd: Array, rate: float) -> Array:
+    """Return where a joint stands or turns round, and next to that. (n, dof)."""
+    still = np.abs(qd) < question.signals.speed_floor
+    still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+    return dilate_mask(still, int(np.ceil(question.signals.margin * rate)))
+
+
+def describe_plan(
+    question: OpenQuestion,
+    expected: ExpectedSeparation,
+    decision: SimulatedDecision,
+    seconds: float,
+    after: float | None = None,
+) -> dict:
+    """Return what a motion of that length [s] promises, as `next_experiment` has it.
+
+    After how long it settles the question surely [s] is None for never, and where that
+    was not computed.
+    """
+    rivals = list_separable_rivals(question, expected)
+    return {
+        "rivals": [{"name": p.name, "joints": list(p.joints)} for p in rivals],
+        "family": None,
+        "parameters": None,
+        "seconds": seconds,
+        "sure_after": after,
+        "expected_nats": round(decision.nats, 3),
+        "chance": round(decision.chance, 3),
+        "program": None,
+    }
+
+
+def describe_settling_time(seconds: float, after: float | None, chance: float) -> str:
+    """Return how soon and how surely a motion settles its question, in words."""
+    chance_text = format_probability(chance)
+    end = f"{format_number(seconds)} s with a chance of {chance_text}"
+    if after is None:
+        return f"settled after {end}"
+    return (
+        f"settled after {after:.1f} s with a chance of {format_probability(SURE)}, "
+        f"after {end}"
+    )
+
+
+def predict_best_motion(question: OpenQuestion) -> dict | None:
+    """Return what the best of some free motions promises, as `plan_of`.
+
+    None where none of them would decide. How much of a motion is enough is asked of one
+    that an arm can make.
+    """
+    if not question.contests:
+        return None
+    courses = draw_free_motions(question)
+    twins = find_inseparable_pairs(question, courses)
+    grams = [course.gram(SECONDS) for course in courses]
+    expected = [expect_separation(question, gram, twins) for gram in grams]
+    best = int(np.argmax([one.share for one in expected]))
+    if expected[best].separates_nothing:
+        return None
+    sure = simulate_decision(question, grams[best], twins, np.random.default_rng(0))
+    return describe_plan(question, expected[best], sure, SECONDS)
+
+
+def find_settling_time(
+    question: OpenQuestion,
+    motion: MotionInformation,
+    seconds: float,
+    twins: frozenset[Pair],
+) -> tuple[SimulatedDecision, float | None]:
+    """Return what a motion brings, and after how long it settles the question surely.
+
+    The length from its start at which the chance is `SURE` [s], in tenths rounded up;
+    None where all of it is not enough.
+    """
+
+    def at(length: float) -> SimulatedDecision:
+        # The same draws at every length, so that more of a motion is no matter of luck.
+        return simulate_decision(
+            question, motion.gram(length), twins, np.random.default_rng(0)
+        )
+
+    whole = at(seconds)
+    if whole.chance < SURE:
+        return whole, None
+    low, high = 2 * motion.edge, seconds
+    while high - low > max(high / 50, 1 / motion.rate):
+        middle = (low + high) / 2
+        low, high = (low, middle) if at(middle).chance >= SURE else (middle, high)
+    return whole, min(float(np.ceil(10 * high) / 10), seconds)
+
+
+def find_inseparable_pairs(
+    question: OpenQuestion, motions: Sequence[MotionInformation] | None = None
+) -> frozenset[Pair]:
+    """Return pairs of which the second can be what the first is, on any motion.
+
+    What is weighed is what the first, at the size that was found of it, has beyond the
+    columns of the second, on `TRAVEL` seconds through all of the range: below what a
+    contest takes, no experiment tells. Both ways round they are twins; one way round
+    the first is a case of the second.
+
+    What the nominal model could do in their place is left out: it may be able to
+    imitate both, and its values speak for or against that.
+    """
+    motions = draw_free_motions(question) if motions is None else motions
+    gram = np.mean([c.gram(TRAVEL + 2 * c.edge) for c in motions], axis=0)
+    found = set()
+    for c, contest in enumerate(question.contests):
+        for a, b in contest.pairs:
+            one, other = contest.rivals[a], contest.rivals[b]
+            own = len(one.effect_columns) and len(other.effect_columns)
+            if own and evidence_beyond_columns(gram, one, other) < contest.enough:
+                found.add((c, a, b))
+    return frozenset(found)
+
+
+def mark_inseparable_alternatives(
+    question: OpenQuestion, named: Sequence[Place], sets: Sequence[Alternative]
+) -> tuple[Alternative, ...]:
+    """Return the equally good sets; marks those that no motion separates."""
+    twins = (
+        find_inseparable_pairs(question) if sets and question.contests else frozenset()
+    )
+    same = {
+        tuple(question.contests[c].rivals[i].place for i in (a, b))
+        for c, a, b in twins
+        if (c, b, a) in twins
+    }
+
+    def difference(alternative: Alternative) -> tuple[Place, Place]:
+        gone = merge_places([place for place in named if place not in alternative.set])
+        return gone, merge_places(
+            [place for place in alternative.set if place not in named]
+        )
+
+    return tuple(
+        replace(alternative, separated_by=UNTOLD)
+        if difference(alternative) in same
+        else alternative
+        for alternative in sets
+    )
+
+
+def evidence_beyond_columns(gram: Array, a: Rival, b: Rival) -> float:
+    """Evidence of rival a, at its estimated size, beyond the columns of b [nats]."""
+    size = 1 / np.sqrt(np.maximum(np.diag(gram), 1e-300))
+    scaled = gram * np.outer(size, size)
+    found = np.isin(a.columns, a.effect_columns)
+    at = a.columns[found]
+    value = a.mean[found] / size[at]
+    mixed = scaled[np.ix_(b.effect_columns, at)] @ value
+    inner = np.linalg.pinv(
+        scaled[np.ix_(b.effect_columns, b.effect_columns)],
+        rcond=1e-9,
+        hermitian=True,
+    )
+    return 0.5 * float(value @ scaled[np.ix_(at, at)] @ value - mixed @ inner @ mixed)
+
+
+def list_separable_rivals(
+    question: OpenQuestion, expected: ExpectedSeparation
+) -> tuple:
+    """Return the rivals that a motion tells apart, each once."""
+    contests = question.contests
+    parted = {contests[c].rivals[i].place for c, a, b in expected.nats for i in (a, b)}
+    every = (r.place for contest in contests for r in contest.rivals)
+    return tuple(place for place in dict.fromkeys(every) if place in parted)
+
+
+def draw_free_motions(question: OpenQuestion) -> list[MotionInformation]:
+    """Draw motions that know no obstacle; the same for the same question."""
+    rng = np.random.default_rng(0)
+    count = round(SECONDS / PERIODS * question.signals.rate)
+    robot = question.nominal.robot
+    motions = [draw_fourier_motion(robot, count, rng) for _ in range(MOTIONS)]
+    return [
+        MotionInformation.of(question, m, count * PERIODS / SECONDS) for m in motions
+    ]
+
+
+def draw_fourier_motion(
+    robot: Robot, count: int, rng: np.random.Generator
+) -> tuple[Array, Array, Array]:
+    """Draw a period of five harmonics, as large as the joints let it. (count, dof)."""
+    lower, upper = np.maximum(robot.lower, -TURN), np.minimum(robot.upper, TURN)
+    limit = np.asarray(robot.velocity_limit, dtype=float)
+    speed = np.where(np.isfinite(limit) & (limit > 0), limit, UNKNOWN_SPEED)
+    top = speed / RISE
+    if robot.acceleration_limit is not None:
+        top = np.minimum(top, robot.acceleration_limit)
+    order = 2 * np.pi * PERIODS / SECONDS * np.arange(1, HARMONICS + 1)
+    turn = np.outer(np.arange(count) / count * SECONDS / PERIODS, order)
+    a, b = rng.normal(size=(2, HARMONICS, robot.dof)) / order[:, None]
+    q = np.cos(turn) @ a + np.sin(turn) @ b
+    qd = np.cos(turn) * order @ b - np.sin(turn) * order @ a
+    qdd = -(np.cos(turn) * order**2 @ a + np.sin(turn) * order**2 @ b)
+    half, tops = np.ptp(q, axis=0) / 2, [abs(x).max(axis=0) for x in (qd, qdd)]
+    size = np.min([(upper - lower) / 2 / half, speed / tops[0], top / tops[1]], axis=0)
+    centre = (upper + lower) / 2 - size * (q.max(axis=0) + q.min(axis=0)) / 2
+    return centre + size * q, size * qd, size * qdd

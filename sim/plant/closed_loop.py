@@ -1,0 +1,312 @@
+"""The loop: read encoders, control, friction and transmission, Bullet, next.
+
+Control is computed torque: the maker's model, and feedback on the readings.
+
+tau = M(q) a_q + C(q, qd) qd + G(q) + F(qd)                  (paper eq. 8)
+a_q = qdd* - Kp (q - q*) - Kd (qd - qd*)                       (paper eq. 9)
+
+The paper prints the inverse of M in eq. 8; it must be M.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+import pinocchio as pin
+
+from residual import one_blas_thread
+from residual.errors import ModelgapError
+from residual.recording import Array
+from residual.robot.robot import Robot
+from sim.effects.effect import MovingArm
+from sim.engine.plant_records import PlantSpec, ReferenceMotion, format_motion_label
+from sim.engine.pybullet_world import BulletWorld
+from sim.plant import step_tables as at
+from sim.plant.arm_step import step_arm
+from sim.plant.plant_arm import (
+    ArmPhase,
+    PlantArm,
+    build_initial_state,
+    build_plant_arm,
+    build_torque_series,
+    split_into_phases,
+)
+from sim.plant.sensors import invert_encoder_error, read_encoders
+from sim.plant.step_tables import PlantState, compile_lazily, pack_constants
+from sim.plant.typical_sizes import read_nominal_drives
+
+# Critically damped at 30 rad/s: poles of eq. 10.
+KP, KD = 900.0, 60.0  # 1/s^2, 1/s
+_SOFT = 0.05  # rad/s: over which the controller turns its dry friction
+
+# From step, read position and read speed to the torque commanded [N m]. Shapes (dof,).
+Controller = Callable[[int, Array, Array], Array]
+# From step, position, speed and the acceleration that reference and feedback want
+# (eq. 9) to torque [N m]. Shapes (dof,).
+Law = Callable[[int, Array, Array, Array], Array]
+
+
+def choose_controller(
+    robot: Robot, reference: ReferenceMotion, command: Array | Law | None = None
+) -> Controller:
+    """Return what drives an arm along a reference.
+
+    Args:
+        command: Of some model: torque along the reference [N m], shape (n, dof), which
+            goes with plain feedback; or a law, which closes the loop. None for the
+            controller of the paper, with the nominal model.
+    """
+    if command is None:
+        return build_computed_torque_controller(robot, reference)
+    if not callable(command):
+        return build_feed_forward_controller(robot, reference, command)
+    goal = _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        q, qd, qdd = goal[k]
+        return command(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
+
+    return torque
+
+
+def build_computed_torque_controller(
+    robot: Robot, reference: ReferenceMotion
+) -> Controller:
+    """Return the controller of the paper, with the nominal model of the robot."""
+    model, data = robot.model, robot.model.createData()
+    maker, goal = np.array(read_nominal_drives(robot)), _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        demand, rest = _demand(goal[k], reading, rate, maker)
+        return pin.rnea(model, data, reading, rate, demand) + rest
+
+    return torque
+
+
+def build_feed_forward_controller(
+    robot: Robot, reference: ReferenceMotion, command: Array
+) -> Controller:
+    """Return given torques with the same feedback, joint by joint: no model in it."""
+    mass = np.diag(pin.crba(robot.model, robot.model.createData(), reference.q[0]))
+    inertia, goal = mass + read_nominal_drives(robot).rotor, _goal(reference)
+
+    def torque(k: int, reading: Array, rate: Array) -> Array:
+        q, qd, _ = goal[k]
+        return command[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
+
+    return torque
+
+
+def build_open_loop_controller(command: Array) -> Controller:
+    """Return given torques and nothing else: no feedback."""
+    return lambda k, reading, rate: command[k]
+
+
+def _goal(reference: ReferenceMotion) -> Array:
+    """Return q, qd and qdd of the reference in one array. Shape (n, 3, dof)."""
+    return np.stack([reference.q, reference.qd, reference.qdd], axis=1)
+
+
+@compile_lazily
+def _demand(goal, reading, rate, maker):
+    """Return a_q, and the torque of rotors and friction. Shapes (dof,)."""
+    coulomb, viscous, rotor = maker
+    demand, rest = np.empty_like(reading), np.empty_like(reading)
+    for j in range(len(reading)):
+        miss = goal[0, j] - reading[j]
+        demand[j] = goal[2, j] + KP * miss + KD * (goal[1, j] - rate[j])
+        rest[j] = rotor[j] * demand[j] + viscous[j] * rate[j]
+        # By the wanted direction: the read one would chatter at standstill.
+        rest[j] += coulomb[j] * np.tanh(goal[1, j] / _SOFT)
+    return demand, rest
+
+
+class SimulationDivergedError(ModelgapError):
+    """The simulation ran away."""
+
+    def __init__(self, time: float, q: Array, qd: Array, joint: int) -> None:
+        self.time, self.q, self.qd = time, q, qd
+        state = ", ".join(f"{angle:.3g}" for angle in q)
+        super().__init__(
+            f"The simulation diverged at {time:.3f} s on joint {joint}: q = [{state}] "
+            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Make the effects there "
+            "smaller, the motion slower, or the control rate higher."
+        )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SimulationTrace:
+    """Everything that happened, at the rate of the controller."""
+
+    t: Array  # times [s], (n,)
+    rows: Array  # rows of `tables`, then one per channel, (n, rows, dof)
+    qdd: Array  # accelerations (v_(k+1) - v_k) / dt [rad/s^2], (n, dof)
+    arm: PlantArm
+    split_into_phases: tuple[ArmPhase, ...]  # the arm between onsets
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of the explicit torques."""
+        return self.arm.channels
+
+    def rigid(self, stride: int) -> Array:
+        """Return the torque of the true rigid body at every n-th step [N m].
+
+        Computed afresh from the motion that Bullet made. Shape (n / every, dof).
+        """
+        out = []
+        for phase in self.phases:
+            data = phase.model.createData()
+            first = -(-phase.first // stride) * stride
+            for k in range(first, phase.end_step, stride):
+                q, qd = self.rows[k, at.Q], self.rows[k, at.QD]
+                out.append(pin.rnea(phase.model, data, q, qd, self.qdd[k]))
+        return np.array(out)
+
+
+def build_and_simulate(
+    robot: Robot,
+    reference: ReferenceMotion,
+    plant: PlantSpec,
+    start: float = 0.0,
+    command: Array | Law | None = None,
+) -> SimulationTrace:
+    """Build the arm of a spec and drive it; arguments as of `simulate`.
+
+    Args:
+        command: What drives it in place of the nominal model (`controller_of`).
+    """
+    arm, label = build_plant_arm(robot, plant), format_motion_label(reference, start)
+    controller = choose_controller(robot, reference, command)
+    return simulate_closed_loop(arm, reference, controller, label, start, plant.seed)
+
+
+@one_blas_thread
+def simulate_closed_loop(
+    arm: PlantArm,
+    reference: ReferenceMotion,
+    controller: Controller,
+    label: str = "",
+    start: float = 0.0,
+    seed: int = 0,
+) -> SimulationTrace:
+    """Drive an arm along a reference.
+
+    An arm that runs away because its encoder is broken is stopped by its guard, as a
+    real one: the trace ends there.
+
+    Args:
+        start: Time since the session began [s].
+    """
+    t, dt = reference.t, float(reference.t[1] - reference.t[0])
+    channels = arm.channels
+    rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
+    series = build_torque_series(arm.effects, start + t, seed, label)
+    parts, state = (
+        split_into_phases(arm, len(t), dt, series),
+        build_initial_state(arm, start),
+    )
+    run = _Run(controller, reference.q, rows, channels, state)
+    q, qd = _start(parts[0], reference, state)
+    for i, phase in enumerate(parts):
+        if i > 0:
+            _join_springs(phase, parts[i - 1], state, (q, qd))
+        try:
+            q, qd = _run(phase, run, q, qd)
+        except SimulationDivergedError as trip:
+            if phase.faults is None:
+                raise
+            parts[i:] = [replace(phase, end_step=round(trip.time / dt))]
+            q, qd = trip.q, trip.qd
+            break
+    t, rows = t[: parts[-1].end_step], rows[: parts[-1].end_step]
+    if not np.isfinite(qd).all():
+        raise SimulationDivergedError(t[-1], q, qd, int(np.isfinite(qd).argmin()) + 1)
+    speeds = np.vstack([rows[:, at.QD], qd])
+    return SimulationTrace(t, rows, np.diff(speeds, axis=0) / dt, arm, tuple(parts))
+
+
+class _Run(NamedTuple):
+    """What stays the same from phase to phase of one simulation."""
+
+    controller: Controller
+    goal: Array
+    rows: Array
+    channels: tuple[str, ...]
+    state: PlantState
+
+
+def _run(phase: ArmPhase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
+    """Run one phase; return position and velocity after its last step."""
+    model, data, arm = (
+        phase.model,
+        phase.model.createData(),
+        pack_constants(phase.constants),
+    )
+    rows, state, dof, still = run.rows, run.state, model.nv, np.zeros(model.nv)
+    body, outside = np.empty((dof + 1, dof)), still
+    with BulletWorld(model, arm.dt) as world:
+        world.reset(q, qd)
+        for k in range(phase.first, phase.end_step):
+            now = rows[k]
+            now[at.Q], now[at.QD] = q, qd
+            astray = read_encoders(k, arm.joints, state.motors, run.goal[k], rows)
+            if astray:
+                raise SimulationDivergedError(k * arm.dt, q, qd, astray)
+            if phase.faults is not None:
+                phase.faults.read(k, arm.dt, rows)
+            now[at.DRIVE] = run.controller(k, now[at.READING], now[at.READING_RATE])
+            body[:dof] = pin.crba(model, data, q)
+            body[dof] = pin.rnea(model, data, q, qd, still)
+            if phase.pushes:
+                torques = compute_external_torques(phase, MovingArm(model, data, q, qd))
+                for name, torque in torques.items():
+                    now[at.CHANNELS + run.channels.index(name)] = -torque
+                outside = np.sum(list(torques.values()), axis=0)
+            world.step(step_arm(k, body, outside, arm, state, rows))
+            q, qd = world.state()
+    return q, qd
+
+
+def compute_external_torques(phase: ArmPhase, arm: MovingArm) -> dict[str, Array]:
+    """Return the torque from outside on the links, by effect [N m]. Shapes (dof,)."""
+    out: dict[str, Array] = {}
+    for kind, p, joints, _ in phase.pushes:
+        torque = kind.push(p, arm)
+        if joints:
+            torque = np.where(np.isin(np.arange(len(arm.q)), joints), torque, 0.0)
+        out[kind.name] = out[kind.name] + torque if kind.name in out else torque
+    return out
+
+
+def _start(
+    phase: ArmPhase, reference: ReferenceMotion, state: PlantState
+) -> tuple[Array, Array]:
+    """Return where the arm is when its encoders read the beginning of the motion."""
+    motor = invert_encoder_error(reference.q[0], phase.errors)
+    q, data = motor, phase.model.createData()
+    for _ in range(5):  # the springs give way to the weight
+        load = pin.rnea(phase.model, data, q, reference.qd[0], reference.qdd[0])
+        q = motor - _give(phase, load)
+    state.motors[:] = motor, reference.qd[0], load
+    return q, reference.qd[0].copy()
+
+
+def _give(phase: ArmPhase, load: Array) -> Array:
+    """Return how far each transmission gives way under a load [rad]. Shape (dof,)."""
+    c = phase.constants
+    soft = c.elastic > 0
+    twist = load / np.where(soft, c.stiffness, 1.0) + np.sign(load) * c.gap
+    return np.where(soft, twist, 0.0)
+
+
+def _join_springs(
+    phase: ArmPhase, before: ArmPhase, state: PlantState, link: tuple[Array, Array]
+) -> None:
+    """Let springs that come with an onset bear the load of that moment."""
+    now, then = phase.constants, before.constants
+    new = (now.stiffness != then.stiffness) | (now.gap != then.gap)
+    give = _give(phase, state.motors[at.LOADED])
+    state.motors[at.ANGLE, new] = (link[0] + give)[new]
+    state.motors[at.SPEED, new] = link[1][new]

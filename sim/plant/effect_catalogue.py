@@ -1,0 +1,202 @@
+"""The one place that reads `sim.effects`: names, values, checks, amounts."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from typing import NamedTuple, get_args
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import InputError, check_keys, check_name
+from residual.robot.robot import Robot
+from sim.effects import find_effect_definition, load_effects
+from sim.effects.effect import Effect, Joints, OfDrive, PlantEffectTrait
+from sim.engine.plant_records import PlantEffect, SyntheticEffect
+
+
+class ActingEffect(NamedTuple):
+    """An effect where it acts."""
+
+    kind: Effect  # its entry in the catalogue
+    values: Mapping[str, float]  # its values, defaults filled in
+    joints: Joints  # its joints, from 0
+    onset: float  # time from which it acts [s]
+
+
+def list_plant_effects() -> dict[str, Effect]:
+    """Return every effect that the plant can have, by name."""
+    return load_effects()
+
+
+def list_named_effects() -> list[str]:
+    """Return the names of those that have one outside of the simulation, sorted."""
+    return sorted(name for name, effect in load_effects().items() if effect.named)
+
+
+def list_unnamed_effects() -> list[str]:
+    """Return the names of those that no vocabulary has, broken sensors apart."""
+    return [
+        name
+        for name, effect in list_plant_effects().items()
+        if not effect.named and PlantEffectTrait.SENSOR not in effect.traits
+    ]
+
+
+def list_drive_effects() -> list[Effect]:
+    """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
+    found = [effect for effect in load_effects().values() if effect.of_drive]
+    return sorted(found, key=lambda effect: get_args(OfDrive).index(effect.of_drive))
+
+
+def resolve_effects(
+    effects: Iterable[PlantEffect | SyntheticEffect],
+) -> list[ActingEffect]:
+    """Return checked effects with what the catalogue has of them."""
+    return [
+        ActingEffect(
+            kind := find_effect_definition(e.name),
+            {**kind.defaults, **dict(e.parameters)},
+            tuple(joint - 1 for joint in e.joints),
+            e.onset,
+        )
+        for e in effects
+    ]
+
+
+def apply_body_effects(model: pin.Model, effects: Sequence[ActingEffect]) -> pin.Model:
+    """Return a copy with every load, changed link and tilt among the effects.
+
+    Raises:
+        InputError: If a load has a tensor that no body can have.
+    """
+    out = pin.Model(model)
+    for kind, p, joints, _ in effects:
+        if kind.body:
+            out = kind.body(out, joints, p)
+    return out
+
+
+# -- how much of it there is ---------------------------------------------------------
+
+
+def compute_effect_amount(name: str, parameters: Mapping[str, float]) -> float | None:
+    """Return how much there is of an effect, without sign: its torque grows with it.
+
+    In the unit of its first parameter, or the inverse of that (compliance of a gear).
+
+    Returns:
+        The amount, None for an effect that has none in proportion to its torque
+        (presliding, saturation, all out of the vocabulary).
+    """
+    effect = load_effects().get(name)
+    if effect is None or not effect.amount:
+        return None
+    size = float(np.linalg.norm([parameters[key] for key in effect.amount]))
+    return convert_stated_size(name, size)
+
+
+def convert_stated_size(name: str, value: float) -> float:
+    """Return an amount as the size that people state, or the other way round."""
+    return (
+        1.0 / value
+        if PlantEffectTrait.INVERSE in load_effects()[name].traits
+        else value
+    )
+
+
+def scale_effect_parameters(
+    name: str, parameters: Mapping[str, float], factor: float
+) -> dict[str, float]:
+    """Return the parameters of the same effect, larger by a factor."""
+    effect = load_effects()[name]
+    keys = (*effect.amount, *effect.along)
+    if PlantEffectTrait.INVERSE in effect.traits:
+        return {k: v / factor if k in keys else v for k, v in parameters.items()}
+    return {k: v * factor if k in keys else v for k, v in parameters.items()}
+
+
+def find_main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
+    """Return the key that an estimate is judged by: of a vector its largest part."""
+    effect = load_effects().get(name)
+    keys = [key for key in effect.amount if key in parameters] if effect else []
+    if not keys:
+        return next(iter(parameters), None)
+    return max(keys, key=lambda key: abs(parameters[key]))
+
+
+# -- what cannot be ------------------------------------------------------------------
+
+
+def check_effect(effect: PlantEffect, robot: Robot) -> None:
+    """Check name, joints, parameters and onset of one effect."""
+    check_name(effect.name, list_plant_effects(), "effect of the plant")
+    kind, given = load_effects()[effect.name], dict(effect.parameters)
+    check_keys(given, kind.parameters, f"effect '{effect.name}'")
+    for key in kind.parameters:
+        if key not in given and key not in kind.defaults:
+            raise InputError(
+                f"Effect '{effect.name}' needs '{key}'; it has "
+                f"{', '.join(given) or 'no parameter'}. Give '{key}' in SI units."
+            )
+    if not (math.isfinite(effect.onset) and effect.onset >= 0):
+        raise InputError(
+            f"Effect '{effect.name}': onset is {effect.onset:g}, expected 0 s or later."
+        )
+    _check_values(kind, given)
+    _check_joints(effect, robot.dof)
+    _check_left(effect, given, robot)
+
+
+def _check_values(kind: Effect, given: Mapping[str, float]) -> None:
+    """Refuse what no arm can be: weightless links, motors that push the other way."""
+    for key, value in given.items():
+        limit = kind.above.get(key, -math.inf)
+        if not math.isfinite(value) or value <= limit:
+            expected = (
+                f"number above {limit:g}" if key in kind.above else "finite number"
+            )
+            raise InputError(
+                f"Effect '{kind.name}': {key} is {value:g}, expected a {expected}."
+            )
+    if any(abs(given.get(key, 1.0)) != 1.0 for key in kind.signs):
+        raise InputError(f"Effect '{kind.name}': a sign is 1 or -1, nothing else.")
+    if 0 < sum(key in given for key in kind.together) < len(kind.together):
+        raise InputError(
+            f"Effect '{kind.name}': give all of {', '.join(kind.together)} or none."
+        )
+
+
+def _check_joints(effect: PlantEffect, dof: int) -> None:
+    joints = effect.joints
+    inside = all(isinstance(j, int) and 1 <= j <= dof for j in joints)
+    fits, expected = {
+        "joint": (len(joints) >= 1, f"one or more of 1 to {dof}"),
+        "pair": (len(joints) == 2, f"two of 1 to {dof}"),
+        "flange": (joints in ((), (dof,)), f"[{dof}]"),
+        "global": (joints == (), "none"),
+    }[load_effects()[effect.name].scope]
+    if len(set(joints)) < len(joints):
+        raise InputError(
+            f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice."
+        )
+    if not (inside and fits):
+        raise InputError(
+            f"Effect '{effect.name}' is on joints {list(joints)}, expected {expected}."
+        )
+
+
+def _check_left(effect: PlantEffect, given: Mapping[str, float], robot: Robot) -> None:
+    """Refuse a change that would leave less than none of what the arm has."""
+    kind = load_effects()[effect.name]
+    declared = robot.declared.get(effect.name)
+    for key, change in given.items():
+        if not kind.of_drive or change >= 0:
+            continue
+        for joint in effect.joints:
+            values = declared.values.get(key) if declared else None
+            has = float(values[joint - 1]) if values is not None else 0.0
+            if has + change < 0:
+                raise InputError(
+                    f"Effect '{effect.name}': {key} is {change:g} on joint {joint}, "
+                    f"which has {has:g}; expected {-has:g} or more."
+                )

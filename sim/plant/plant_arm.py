@@ -1,0 +1,338 @@
+"""The arm that is there: not quite its description, and with something hidden."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.robot.robot import Robot
+from sim.engine import friction_laws
+from sim.engine.plant_records import (
+    DriveParameters,
+    PlantEffect,
+    PlantSpec,
+    create_random_stream,
+)
+from sim.plant import step_tables as at
+from sim.plant.arm_step import SLOW, combine_springs, compute_warmth_after
+from sim.plant.effect_catalogue import (
+    ActingEffect,
+    apply_body_effects,
+    check_effect,
+    resolve_effects,
+)
+from sim.plant.joint_background import (
+    USUAL_SPEED,
+    JointBackground,
+    compute_start_warmth,
+    compute_usual_friction_power,
+    draw_background,
+)
+from sim.plant.sensors import (
+    EncoderFaults,
+    collect_encoder_faults,
+    compute_torque_ratios,
+    sum_encoder_errors,
+)
+from sim.plant.step_tables import PlantState, StepConstants
+from sim.plant.typical_sizes import (
+    compute_usual_motion_range,
+    read_nominal_drives,
+    scatter_inertias,
+)
+
+Effects = Sequence[PlantEffect]
+COGGING = "background"  # channel of what the background adds beside friction
+
+
+def list_torque_channels(
+    effects: Effects, background: JointBackground | None = None
+) -> tuple[str, ...]:
+    """Return what has a torque channel: effects by name, then that of a background."""
+    names = sorted(
+        {e.kind.name for e in resolve_effects(effects) if e.kind.has_channel}
+    )
+    return (*names, COGGING) if background is not None else tuple(names)
+
+
+def build_contact_rows(
+    effects: Effects, active: Sequence[int], elastic: Array
+) -> Array:
+    """Return the contacts (`Constants`). Shape (c, 6).
+
+    A shared gear that does not act yet is there, without friction and inertia.
+    """
+    dof = len(elastic)
+    motor = np.where(elastic > 0, dof + np.cumsum(elastic) - 1, np.arange(dof))
+    rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
+    for i, gear in find_shared_gears(effects):
+        inertia, sign, *_ = gear.kind.gear(gear.values)
+        one, two = gear.joints
+        inertia = inertia if i in active else 0.0
+        rows.append((motor[one], motor[two], sign, one, two, inertia))
+    return np.array(rows, dtype=float)
+
+
+def find_shared_gears(effects: Effects) -> list[tuple[int, ActingEffect]]:
+    """Return the gears that two joints share, with their place among the effects."""
+    return [(i, e) for i, e in enumerate(resolve_effects(effects)) if e.kind.gear]
+
+
+def build_friction_rows(
+    base: DriveParameters,
+    effects: Effects,
+    active: Sequence[int],
+    background: JointBackground | None = None,
+) -> Array:
+    """Return the rows of friction that act. Shape (f, WIDTH)."""
+    dof, hidden = len(base.coulomb), resolve_effects(effects)
+    rows = []
+    for j in range(dof):
+        rows.append(_row(j, 0, (friction_laws.LEVEL, base.coulomb[j])))
+        rows.append(_row(j, 0, (friction_laws.VISCOUS, base.viscous[j])))
+        rows.append(_row(j, len(effects) * dof + j, (friction_laws.WARMUP, 0.0, SLOW)))
+    gears = {i: dof + n for n, (i, _) in enumerate(find_shared_gears(effects))}
+    for i in active:
+        kind, p, joints, _ = hidden[i]
+        if kind.gear:
+            _, _, level, coefficient = kind.gear(p)
+            rows.append(_row(gears[i], 0, (friction_laws.LEVEL, level)))
+            rows.append(_row(gears[i], 0, (friction_laws.VISCOUS, coefficient)))
+        if kind.friction:
+            rows += [
+                _row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints
+            ]
+    for j in range(dof if background is not None else 0):
+        rows.append(
+            _row(j, 0, (friction_laws.FADING, background.level[j], background.speed[j]))
+        )
+        rows.append(
+            _row(j, 0, (friction_laws.PRESSED, background.press[j], background.span[j]))
+        )
+    return np.array(rows)
+
+
+def build_torque_rows(
+    effects: Effects, active: Sequence[int], background: JointBackground | None = None
+) -> Array:
+    """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
+    channels, columns = list_torque_channels(effects, background), _columns(effects)
+    hidden, rows = resolve_effects(effects), []
+    for i in active:
+        kind, p, joints, _ = hidden[i]
+        if kind.series:
+            channel = channels.index(kind.name)
+            rows += [
+                _row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints
+            ]
+        if kind.torque:
+            channel, numbers = channels.index(kind.name), kind.torque(p, joints)
+            on = joints[:1] if kind.scope == "pair" else joints
+            rows += [_row(j, channel, numbers) for j in on]
+    for wave in background.waves if background is not None else ():
+        channel = channels.index(COGGING)
+        rows += [
+            _row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)
+        ]
+    return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
+
+
+def build_background_rows(background: JointBackground | None, first_slot: int) -> Array:
+    """Return what friction of each joint is by direction and warmth (`Constants`)."""
+    if background is None:
+        return np.zeros((0, 5))
+    slots = first_slot + 2 * np.arange(len(background.span))
+    return np.column_stack(
+        [background.lean, background.growth, background.oil, background.housing, slots]
+    )
+
+
+def build_torque_series(effects: Effects, t: Array, seed: int, label: str) -> Array:
+    """Return the torques that follow a clock or chance, for a whole motion.
+
+    Args:
+        t: Session time [s]. Shape (n,).
+        label: Name of the motion; chance differs from motion to motion.
+
+    Returns:
+        Torques [N m], a column per such effect and joint. Shape (n, s).
+    """
+    columns, hidden = _columns(effects), resolve_effects(effects)
+    out = np.zeros((len(t), len(columns)))
+    for (i, j), column in columns.items():
+        kind, p, *_ = hidden[i]
+        rng = create_random_stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
+        out[:, column] = kind.series(p, t, rng)
+    return out
+
+
+def _columns(effects: Effects) -> dict[tuple[int, int], int]:
+    """Return the column of each torque over time, by effect and joint (from 0)."""
+    hidden = enumerate(resolve_effects(effects))
+    keys = [(i, j) for i, e in hidden if e.kind.series for j in e.joints]
+    return {key: column for column, key in enumerate(keys)}
+
+
+def _row(place: int, slot: int, row: Sequence[float]) -> list[float]:
+    kind, *numbers = row
+    padding = [0.0] * (at.WIDTH - 3 - len(numbers))
+    return [float(kind), float(place), float(slot), *map(float, numbers), *padding]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PlantArm:
+    """One arm, as built."""
+
+    robot: Robot
+    effects: tuple[PlantEffect, ...]  # what it hides
+    model: pin.Model  # true rigid body without the effects
+    base: DriveParameters  # true friction and rotors without the effects
+    # What all its joints have undeclared, None if it is clean.
+    background: JointBackground | None = None
+    worked: float = 0.0  # usual work before its session began [s]
+
+    @property
+    def channels(self) -> tuple[str, ...]:
+        """Names of its explicit torques."""
+        return list_torque_channels(self.effects, self.background)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ArmPhase:
+    """The arm between two onsets."""
+
+    first: int
+    end_step: int  # step after the last one
+    model: pin.Model  # rigid body
+    constants: StepConstants  # everything else, as the compiled step reads it
+    pushes: tuple[ActingEffect, ...]  # effects that push the links from outside
+    errors: Array  # constant, cosine, sine of the encoder errors [rad], (3, dof)
+    faults: EncoderFaults | None = None  # encoders that are broken, None if none is
+
+
+def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
+    """Build the arm of a spec."""
+    for effect in plant.effects:
+        check_effect(effect, robot)
+    rng = create_random_stream(plant.seed, "friction")
+    factors = 1.0 + plant.scatter * rng.normal(size=(3, robot.dof))
+    base = DriveParameters(
+        *(
+            f * value
+            for f, value in zip(factors, read_nominal_drives(robot), strict=True)
+        )
+    )
+    model = scatter_inertias(
+        robot.model, plant.scatter, create_random_stream(plant.seed, "scatter")
+    )
+    background = draw_background(robot, plant.background, plant.seed, base.coulomb)
+    return PlantArm(robot, plant.effects, model, base, background, plant.worked_before)
+
+
+def build_initial_state(arm: PlantArm, start: float) -> PlantState:
+    """Return the state of an arm that has worked since its session began."""
+    dof, count = arm.robot.dof, len(arm.effects)
+    memory = np.zeros((count + 1) * dof)
+    rows = build_friction_rows(arm.base, arm.effects, range(count))
+    for _, _, slot, _, constant, *_ in rows[rows[:, 0] == friction_laws.WARMUP]:
+        memory[int(slot)] = compute_warmth_after(start, constant)
+    if arm.background is not None:
+        # Oil and housing side by side, joint by joint, as `used_rows` finds them.
+        warmth = compute_start_warmth(arm.background, arm.worked + start)
+        memory = np.concatenate([memory, warmth.T.ravel()])
+    gears = len(find_shared_gears(arm.effects))
+    return PlantState(np.zeros((3, dof)), np.zeros(dof + gears), memory)
+
+
+def split_into_phases(
+    arm: PlantArm, steps: int, dt: float, series: Array
+) -> list[ArmPhase]:
+    """Return the arm between the onsets of its effects.
+
+    Args:
+        dt: Time step [s].
+        series: Torques given over time, one per effect and joint [N m]. (steps, s).
+    """
+    onsets = [find_onset_step(effect, steps, dt) for effect in arm.effects]
+    starts = sorted({0, *(k for k in onsets if k < steps)})
+    out = []
+    for first, last in zip(starts, [*starts[1:], steps], strict=True):
+        active = [i for i, k in enumerate(onsets) if k <= first]
+        out.append(_phase(arm, active, (first, last), dt, series))
+    return out
+
+
+def find_onset_step(effect: PlantEffect, steps: int, dt: float) -> int:
+    """Return the first control step on which an effect acts."""
+    kind, p, _, onset = resolve_effects([effect])[0]
+    if kind.onset_share:
+        onset = max(onset, kind.onset_share(p) * steps * dt)
+    return int(np.ceil(onset / dt - 1e-6))
+
+
+def _phase(
+    arm: PlantArm, active: list[int], span: tuple[int, int], dt: float, series: Array
+) -> ArmPhase:
+    effects = resolve_effects(arm.effects[i] for i in active)
+    robot, dof = arm.robot, arm.robot.dof
+    change = np.zeros(dof)
+    for kind, p, joints, _ in effects:
+        if kind.of_drive == "rotor":
+            change[list(joints)] += p[kind.amount[0]]
+    rotor = arm.base.rotor + change
+    if rotor.min() <= 0:
+        raise InputError(
+            f"The effects leave the rotor of joint {int(rotor.argmin()) + 1} with "
+            f"{rotor.min():g} kg m^2, expected more than 0. Take a smaller change."
+        )
+    springs = _springs(effects, rotor, arm.background)
+    elastic = (springs[0] > 0).astype(float)
+    errors = sum_encoder_errors(effects, dof)
+    speed = USUAL_SPEED * compute_usual_motion_range(robot).velocity
+    gain = 0.0 if arm.background is None else arm.background.gain
+    constants = StepConstants(
+        dt=dt,
+        rotor=rotor,
+        elastic=elastic,
+        stiffness=springs[0],
+        damping=springs[1],
+        gap=springs[2],
+        ratio=compute_torque_ratios(effects, dof) / (1.0 + gain),
+        limit=np.array(robot.torque_limit, dtype=float),
+        power=compute_usual_friction_power(arm.base.coulomb, arm.base.viscous, speed),
+        shift=errors[0],
+        cos=errors[1],
+        sin=errors[2],
+        contacts=build_contact_rows(arm.effects, active, elastic),
+        friction=build_friction_rows(arm.base, arm.effects, active, arm.background),
+        torque=build_torque_rows(arm.effects, active, arm.background),
+        series=series,
+        used=build_background_rows(arm.background, (len(arm.effects) + 1) * dof),
+    )
+    faults = collect_encoder_faults(effects, dt)
+    pushes = tuple(effect for effect in effects if effect.kind.push)
+    model = apply_body_effects(arm.model, effects)
+    return ArmPhase(*span, model, constants, pushes, errors, faults)
+
+
+def _springs(
+    effects: Sequence[ActingEffect], rotor: Array, background: JointBackground | None
+) -> Array:
+    """Return stiffness, damping and half gap of each joint; rigid ones 0. (3, dof)."""
+    springs = np.zeros((3, len(rotor)))
+    for j in range(len(rotor)):
+        soft = [
+            e.kind.transmission(e.values)
+            for e in effects
+            if j in e.joints and e.kind.transmission
+        ]
+        compliances = [compliance for compliance, _ in soft if compliance]
+        gaps = [gap for _, gap in soft if gap]
+        if background is not None:
+            compliances.append(background.twist[j] / background.span[j])
+        if compliances or gaps:
+            springs[:, j] = combine_springs(compliances, gaps, rotor[j])
+    return springs

@@ -1,0 +1,138 @@
+"""The tables that the compiled step reads: one row per term, one arm per phase."""
+
+import hashlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+import numba
+import numpy as np
+
+from residual.recording import Array
+
+# Numba keeps a function until its own file changes, and would go on with what the
+# function calls in other files as that was. So the folder of compiled code is named
+# after all of them.
+_PLANT = Path(__file__).parent
+_SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "engine" / "friction_laws.py")
+_CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
+_FOLDER = _PLANT / "__pycache__" / f"compiled-{_CODE[:12]}"
+
+# Columns of a row of friction: kind (`sim.engine.friction_laws`), on which contact,
+# its memory, four numbers. Contacts are the joints, then the shared gears of pairs.
+# Columns of a row of torque: kind, on which joint, into which channel, four numbers.
+WIDTH = 7
+# Rows of the trace, before one row for each explicit channel.
+(
+    Q,
+    QD,
+    MOTOR_Q,
+    MOTOR_QD,
+    READING,
+    READING_RATE,
+    DRIVE,
+    MOTOR,
+    ROTOR,
+    FRICTION,
+    LINK,
+    GEAR,
+    TEMPERATURE,
+) = range(13)
+CHANNELS = 13
+ANGLE, SPEED, LOADED = range(3)
+
+
+def compile_lazily(function: Callable) -> Callable:
+    """Compile a function on its first call; later processes load it."""
+    before = numba.config.CACHE_DIR
+    numba.config.CACHE_DIR = str(_FOLDER)
+    try:
+        return numba.njit(cache=True)(function)
+    finally:
+        numba.config.CACHE_DIR = before
+
+
+class StepConstants(NamedTuple):
+    """One arm during one phase, as the compiled step reads it."""
+
+    dt: float  # time step [s]
+    rotor: Array  # rotor inertia at the joint [kg m^2], (dof,)
+    elastic: Array  # whether a spring is between motor and link, 1 or 0, (dof,)
+    # Transmission, N m/rad, N m s/rad, rad, (dof,) each.
+    stiffness: Array
+    damping: Array
+    gap: Array
+    ratio: Array  # real over reported torque, (dof,)
+    limit: Array  # largest torque of each drive [N m], (dof,)
+    power: Array  # usual power of friction, which heats by one unit [W], (dof,)
+    # Error of the encoder: true minus reading [rad], (dof,).
+    shift: Array
+    cos: Array
+    sin: Array
+    # Where friction acts, joints first, then shared gears: index of an unknown, of a
+    # second one or -1, sign of that; both joints; inertia of a shared gear [kg m^2],
+    # (c, 6).
+    contacts: Array
+    friction: Array  # rows of friction, (f, WIDTH)
+    torque: Array  # rows of explicit torque, (e, WIDTH)
+    series: Array  # torques given over time [N m], (n, s)
+    # Of each joint of an arm with a background, which part its dry friction is more
+    # forwards; how much larger cold friction is; time constants of oil and housing [s];
+    # place of their warmth in the memory, (dof or 0, 5).
+    used: Array
+
+
+class PackedStepConstants(NamedTuple):
+    """Constants with all that has one number per joint in one array.
+
+    Each array that crosses from Python to compiled code costs time at every step.
+    """
+
+    dt: float
+    joints: Array
+    contacts: Array
+    friction: Array
+    torque: Array
+    series: Array
+    used: Array
+
+
+class PlantState(NamedTuple):
+    """What an arm carries from step to step, changed in place."""
+
+    # Angle and speed of the motor side of each joint, at the link [rad, rad/s], and
+    # torque that its gear passes on [N m], (3, dof).
+    motors: Array
+    impulse: Array  # friction impulse of each contact [N m s], (c,)
+    memory: Array  # bristles and temperatures of the terms, (m,)
+
+
+def pack_constants(constants: StepConstants) -> PackedStepConstants:
+    """Return the same in fewer arrays."""
+    dt, *joints = constants[:12]
+    return PackedStepConstants(dt, np.array(joints), *constants[12:])
+
+
+@compile_lazily
+def unpack_constants(packed):
+    """Return the constants by name, as views; free inside compiled code."""
+    j = packed.joints
+    return StepConstants(
+        packed.dt,
+        j[0],
+        j[1],
+        j[2],
+        j[3],
+        j[4],
+        j[5],
+        j[6],
+        j[7],
+        j[8],
+        j[9],
+        j[10],
+        packed.contacts,
+        packed.friction,
+        packed.torque,
+        packed.series,
+        packed.used,
+    )

@@ -1,0 +1,134 @@
+"""How far and fast a given robot moves, how large its torques and friction are."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from residual.recording import Array
+from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
+from residual.robot.robot import Robot
+from sim.effects.effect import Effect
+from sim.engine.plant_records import DriveParameters, TypicalSizes, create_random_stream
+from sim.plant.effect_catalogue import list_drive_effects
+
+_MARGIN = 0.05  # rad kept free at each end of the range
+_WIDEST = 1.3  # rad; larger sweeps add nothing and would hit a real cell
+_SHARE_OF_SPEED = 0.5
+_FASTEST = 3.0  # rad/s
+_UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
+
+# A six-axis arm of 100 kg: engineering judgement, not data of a manufacturer.
+_ARM_100_KG = dict(
+    torque=(57.0, 157.0, 54.0, 11.0, 7.0, 7.0),
+    coulomb=(12.0, 14.0, 9.0, 4.0, 3.5, 2.5),
+    viscous=(10.0, 11.0, 7.0, 2.5, 2.0, 1.5),
+    rotor=(2.0, 2.0, 1.0, 0.3, 0.3, 0.15),
+)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class UsualMotionRange:
+    """What a motion may use."""
+
+    lower: Array  # lower end of the positions [rad], (dof,)
+    upper: Array  # upper end of the positions [rad], (dof,)
+    centre: Array  # usual middle of a motion [rad], (dof,)
+    amplitude: Array  # largest deviation from the middle of a motion [rad], (dof,)
+    velocity: Array  # largest speed [rad/s], (dof,)
+    acceleration: Array  # largest acceleration [rad/s^2], (dof,)
+
+
+def compute_usual_motion_range(robot: Robot) -> UsualMotionRange:
+    """Return what motions of a robot usually use, inside its limits with a margin."""
+    lower = np.maximum(robot.lower, -np.pi) + _MARGIN
+    upper = np.minimum(robot.upper, np.pi) - _MARGIN
+    amplitude = np.minimum(0.35 * (upper - lower), _WIDEST)
+    limit = np.asarray(robot.velocity_limit, dtype=float)
+    known = np.isfinite(limit) & (limit > 0)
+    velocity = np.where(known, _SHARE_OF_SPEED * limit, _UNKNOWN_SPEED)
+    velocity = np.minimum(velocity, _FASTEST)
+    acceleration = velocity / 0.15
+    if robot.acceleration_limit is not None:
+        acceleration = np.minimum(acceleration, 0.9 * robot.acceleration_limit)
+    # As near to the zero posture as the range allows: there arms carry their weight.
+    centre = np.clip(0.0, lower + amplitude, upper - amplitude)
+    return UsualMotionRange(lower, upper, centre, amplitude, velocity, acceleration)
+
+
+def draw_motion_centre(
+    usual_range: UsualMotionRange, rng: np.random.Generator
+) -> Array:
+    """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
+    centre = usual_range.centre + rng.uniform(-0.3, 0.3, len(usual_range.centre))
+    return np.clip(
+        centre,
+        usual_range.lower + usual_range.amplitude,
+        usual_range.upper - usual_range.amplitude,
+    )
+
+
+def estimate_typical_sizes(robot: Robot) -> TypicalSizes:
+    """Return the usual sizes on that robot.
+
+    The built-in arm has a table; any other robot gets friction in proportion to the
+    torques of its rigid body. Values that the robot declares win over both.
+    """
+    space = compute_usual_motion_range(robot)
+    unit = create_random_stream(0, "sizes").uniform(-1, 1, (3, 300, robot.dof))
+    q = space.centre + space.amplitude * unit[0]
+    qd, qdd = space.velocity * unit[1], 0.5 * space.acceleration * unit[2]
+    weight = np.abs(compute_gravity_torque(robot.model, q, robot.model.gravity.linear))
+    weight = weight.mean(axis=0)
+    loaded = np.flatnonzero(weight >= 0.05 * max(weight.max(), 1e-12)) + 1
+    if robot.name == "irb140":
+        table = {key: np.array(value) for key, value in _ARM_100_KG.items()}
+    else:
+        # Friction in the proportions of industrial arms; wrists get a floor.
+        rigid = np.abs(compute_inverse_dynamics(robot.model, q, qd, qdd))
+        torque = 1.5 * np.quantile(rigid, 0.99, axis=0)
+        torque = np.maximum(torque, 0.03 * torque.max())
+        shares = dict(coulomb=0.2 * torque, viscous=0.15 * torque, rotor=0.02 * torque)
+        table = {"torque": torque, **shares}
+    for effect in list_drive_effects():
+        table[effect.of_drive] = read_declared_values(
+            robot, effect, table[effect.of_drive]
+        )
+    return TypicalSizes(**table, loaded=tuple(int(j) for j in loaded))
+
+
+def read_nominal_drives(robot: Robot) -> DriveParameters:
+    """Return what the robot declares, or what arms like it have: a maker knows."""
+    size = estimate_typical_sizes(robot)
+    return DriveParameters(size.coulomb, size.viscous, size.rotor)
+
+
+def read_declared_values(robot: Robot, effect: Effect, default: Array) -> Array:
+    """Return what a robot declares of an effect of its drives, by joint. (dof,)."""
+    known = robot.declared.get(effect.name)
+    value = None if known is None else known.values.get(effect.amount[0])
+    if value is None:
+        return default
+    return np.broadcast_to(np.asarray(value, dtype=float), (robot.dof,)).copy()
+
+
+def scatter_inertias(
+    model: pin.Model, relative: float, rng: np.random.Generator
+) -> pin.Model:
+    """Return a copy whose bodies differ a little from the nominal ones.
+
+    Mass and centre of mass are scaled, and each body is stretched about its centre:
+    the second moment S = tr(I)/2 1 - I becomes s D S D with diagonal D. So the
+    pseudo-inertia stays positive definite where it was: a body can be like that.
+    """
+    true = pin.Model(model)
+    for i in range(1, true.njoints):
+        body = true.inertias[i]
+        factors = 1.0 + relative * rng.normal(size=7)
+        mass, lever = factors[0] * body.mass, factors[1:4] * body.lever
+        stretch = np.diag(factors[4:7])
+        moment = np.trace(body.inertia) / 2 * np.eye(3) - body.inertia
+        moment = factors[0] * stretch @ moment @ stretch
+        inertia = np.trace(moment) * np.eye(3) - moment
+        true.inertias[i] = pin.Inertia(mass, lever, inertia)
+    return true

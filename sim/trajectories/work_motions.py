@@ -1,0 +1,591 @@
+"""Motions at work: pick and place, painting a panel and welding seams.
+
+Pick and place: quick moves of all joints together, and real dwells between them, in
+which speed is exactly zero, for a gripper to close or open. It may also be given by its
+places: it stands at the first, and then goes round all of them, as quickly as the
+limits allow, so many times.
+
+A work piece is a plane in front of the arm. Painting (cyclic) goes to and fro over it;
+welding follows straight seams at even speed, with air moves between them: of the same
+kind as pick and place, with more segments (G2017 section 2.1), since the arm stands
+still where a seam begins and ends. Seams and air moves are paths of poses; the joint
+angles along each are a polynomial through its nodes, exact to rounding.
+"""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import InputError
+from residual.recording import Array
+from residual.robot.robot import Robot
+from sim.engine.geometry import (
+    MARGIN,
+    NEAR_SINGULAR,
+    ToolKinematics,
+    build_arm_capsules,
+    build_tool_kinematics,
+    compute_clearances,
+    compute_flange_pose,
+    measure_singularity_distance,
+    solve_inverse_kinematics,
+    solve_pose_path,
+)
+from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
+from sim.trajectories.motion_curves import (
+    RAMP,
+    FourierSeries,
+    JointPath,
+    Motion,
+    MotionStage,
+    build_dwell,
+    build_joint_move,
+    build_path_stage,
+    compute_path_nodes,
+    evaluate_ramped_series,
+    find_shortest_move_time,
+    find_shortest_stage_time,
+    interpolate_joint_path,
+    repeat_stages,
+)
+from sim.trajectories.planning_limits import (
+    MotionLimitError,
+    MotionPlan,
+    MotionWorkspace,
+    PlanningLimits,
+    bound_nominal_torque,
+    build_workspace,
+    choose_first_feasible_plan,
+    read_planning_limits,
+)
+
+_MOST_PLACES, _LEAST_PLACES = 40, 2  # places per period
+_DWELLS = (0.3, 0.9)  # s
+_SLOWER = (1.02, 1.4)  # than the limits allow, so that moves differ in speed
+_PLACE_SPREAD = 0.9  # of the usual amplitude
+_TRIES = 80  # points drawn for one place
+_CENTRES = 20  # postures that routes are drawn about
+_LONGER, _TRIALS = 1.15, 10  # by which a move of too much torque is slowed
+_SAMPLES = 60  # of a move
+_SPARE = 0.97  # of torque, since it is seen at samples here
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Waypoints:
+    """Places [rad], times of the moves to them from the one before, and dwells [s]."""
+
+    places: list[Array]
+    times: list[float]
+    dwells: list[float]
+
+    @property
+    def length(self) -> float:
+        """Time it takes, without the way back [s]."""
+        return sum(self.times) + sum(self.dwells)
+
+
+def plan_move_stop_move(
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator
+) -> MotionPlan:
+    """Draw places and visit as many per period as the limits allow.
+
+    Raises:
+        LimitError: If even two places per period are too fast.
+    """
+    space = build_workspace(robot, duration / periods)
+    route = _draw_waypoints(space, rng)
+    counts = range(len(route.places), _LEAST_PLACES - 1, -1)
+    plans = (_closed_route(space, route, count, duration) for count in counts)
+    found = choose_first_feasible_plan(robot, (plan for plan in plans if plan))
+    if isinstance(found, MotionPlan):
+        return found
+    raise found or _nowhere(robot)
+
+
+def plan_given_places(
+    robot: Robot, duration: float, rounds: int, postures: Sequence[Sequence[float]]
+) -> MotionPlan:
+    """Return the motion round given places, after a stand that fills the duration.
+
+    Args:
+        duration: Length, the stand at the first place included [s].
+    """
+    shapes = {len(row) for row in postures}
+    if len(postures) < _LEAST_PLACES or shapes != {robot.dof}:
+        raise InputError(
+            f"coefficients of move_stop_move: expected {_LEAST_PLACES} or more places "
+            f"of {robot.dof} angles, got {len(postures)} of {sorted(shapes)}."
+        )
+    places = np.array(postures, dtype=float)
+    if not np.isfinite(places).all():
+        raise InputError("coefficients: expected finite numbers.")
+    space, times = build_workspace(robot, duration), []
+    for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
+        time = _move_time(space, start, end)
+        if time is None:
+            raise _nowhere(robot)
+        times.append(_SLOWER[0] * time)
+    stand = duration - rounds * sum(times)
+    if stand < 0:
+        raise InputError(
+            f"move_stop_move: {rounds} rounds of {sum(times):.2f} s do not fit into "
+            f"{duration:g} s. Lengthen the duration, or ask for fewer periods."
+        )
+    ways = zip(places, np.roll(places, -1, axis=0), times, strict=True)
+    going = repeat_stages(
+        [build_joint_move(start, end, time) for start, end, time in ways]
+    )
+
+    def curve(t: Array) -> Motion:
+        return going(np.clip(t - stand, 0.0, None))
+
+    once = min(stand + sum(times), duration)
+    return MotionPlan("move_stop_move", curve, duration, sum(times), once)
+
+
+def _draw_waypoints(space: MotionWorkspace, rng: np.random.Generator) -> _Waypoints:
+    """Draw more places than fit into a period, but two at least."""
+    space_used = compute_usual_motion_range(space.robot)
+    for number in range(_CENTRES):
+        centre = draw_motion_centre(space_used, rng)
+        if number:  # the zero posture of some arms lies on the floor
+            limits = space.limits
+            centre = limits.middle + rng.uniform(-0.6, 0.6, len(centre)) * limits.half
+        route = _around(space, centre, space_used.amplitude, rng)
+        if len(route.places) >= _LEAST_PLACES:
+            return route
+    raise _nowhere(space.robot)
+
+
+def _around(
+    space: MotionWorkspace, centre: Array, amplitude: Array, rng: np.random.Generator
+) -> _Waypoints:
+    """Draw a route about a posture; it is shorter where the next place is not found."""
+    route, limits = _Waypoints([], [], []), space.limits
+    while len(route.places) < _LEAST_PLACES or (
+        len(route.places) < _MOST_PLACES and route.length < space.period
+    ):
+        for _ in range(_TRIES):
+            reach = rng.uniform(-_PLACE_SPREAD, _PLACE_SPREAD, space.robot.dof)
+            place = centre + reach * amplitude
+            place = np.clip(place, limits.lower, limits.upper)
+            time = _move_time(space, route.places[-1] if route.places else place, place)
+            if time is not None:
+                break
+        else:
+            return route
+        if route.places:
+            route.times.append(time * rng.uniform(*_SLOWER))
+        route.places.append(place)
+        route.dwells.append(rng.uniform(*_DWELLS))
+    return route
+
+
+def _move_time(space: MotionWorkspace, start: Array, end: Array) -> float | None:
+    """Return the shortest time of a move [s], None where something is in the way."""
+    limits = space.limits
+    time = find_shortest_move_time(end - start, limits.velocity, limits.acceleration)
+    for _ in range(_TRIALS):
+        motion = build_joint_move(start, end, time).motion(
+            np.linspace(0, time, _SAMPLES)
+        )
+        if (compute_clearances(space.arm, motion[0]) < 2 * MARGIN).any():
+            return None
+        if (bound_nominal_torque(space.robot, *motion) <= _SPARE * limits.torque).all():
+            return time
+        time *= _LONGER
+    return None
+
+
+def _closed_route(
+    space: MotionWorkspace, route: _Waypoints, count: int, duration: float
+) -> MotionPlan | None:
+    """Return the route of the first places and back, None where it does not fit.
+
+    It is stretched to fill the period. Two places are pressed into any period: then the
+    checks say what is too fast.
+    """
+    period = space.period
+    back = _move_time(space, route.places[count - 1], route.places[0])
+    if back is None:
+        return None
+    moves = [*route.times[: count - 1], _SLOWER[0] * back]
+    needed = sum(moves) + sum(route.dwells[:count])
+    if needed > period and count > _LEAST_PLACES:
+        return None
+    stages, places = [], [*route.places[:count], route.places[0]]
+    for i in range(count):
+        stages.append(build_dwell(places[i], route.dwells[i] * period / needed))
+        stages.append(
+            build_joint_move(places[i], places[i + 1], moves[i] * period / needed)
+        )
+    return MotionPlan("move_stop_move", repeat_stages(stages), duration, period, period)
+
+
+def _nowhere(robot: Robot) -> InputError:
+    return InputError(
+        f"move_stop_move: found no places that {robot.name} can move between within "
+        "its limits and clear of the floor and itself. Try another seed, or fourier."
+    )
+
+
+_PIECES = 150  # work pieces drawn at most
+_GUESSES = 6  # postures that the arm is tried in
+# Ranges that a work piece is drawn from; lengths as shares of the stretched arm.
+_ASIDE = (-0.4, 0.4)  # rad
+_AWAY, _HIGH = (0.35, 0.6), (0.15, 0.6)
+_DOWN = (0.35, 1.4)  # rad that the tool points below the horizon
+_SIDEWAYS = (-0.6, 0.6)  # rad that it points away from straight ahead
+_WIDE, _TALL = (0.10, 0.18), (0.05, 0.10)  # half sizes
+# Painting.
+_STROKES = 8  # strokes to and fro per period at most
+_STROKE = 2.0  # s that one may take where the limits let it
+_TURN = 0.07  # share of the third harmonic; 1/9 would be a sharp triangle
+_SWING = 0.2  # rad
+_STROKE_NODES = 64  # of a stroke, and of four strokes at least
+_SMALLEST = 1e-9  # rad; higher harmonics are left out
+# Welding.
+_MOST, _LEAST = 8, 2  # seams per period
+_NODES = 33  # of a path
+_DWELL = 0.2  # s, for the arc to start and the crater to fill
+_EASE = 1.15  # what takes that much longer than it must
+_AIR, _SEAM = 0.4, 0.8  # s, least times
+_LEAN = 0.3  # rad by which a torch leans at most
+_LIFT = 0.06  # of the stretched arm, above the piece between seams
+_LENGTH = 0.7  # least length of a seam, in half widths of the piece
+
+Attempt = Callable[["WorkPiece"], MotionPlan | MotionLimitError | None]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ToolWorkspace(MotionWorkspace):
+    """An arm with all that bounds a path of its tool."""
+
+    ways: ToolKinematics
+
+    def fits(self, q: Array) -> bool:
+        """Say whether postures are in range, clear of all and not near singular."""
+        inside = (q >= self.limits.lower) & (q <= self.limits.upper)
+        return bool(
+            inside.all()
+            and measure_singularity_distance(self.ways, q).min() > NEAR_SINGULAR
+            and (compute_clearances(self.arm, q) >= MARGIN).all()
+        )
+
+
+def build_tool_workspace(robot: Robot, family: str, period: float) -> ToolWorkspace:
+    """Return the cell of a robot; the error of `kinematics` for a short arm."""
+    limits, arm = read_planning_limits(robot), build_arm_capsules(robot.model)
+    return ToolWorkspace(
+        robot, limits, arm, period, build_tool_kinematics(robot, family)
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class WorkPiece:
+    """A plane to work on."""
+
+    origin: pin.SE3  # pose of the flange over its middle
+    across: Array  # level direction in the plane, (3,)
+    build_path_stage: Array  # direction in the plane that is square to it, (3,)
+    half: Array  # half sizes across and along [m], (2,)
+    posture: Array  # joint angles with the tool in the middle [rad], (dof,)
+
+    def pose(self, x: float, y: float, turn: Array, lift: float = 0.0) -> pin.SE3:
+        """Return the pose of the flange over a point.
+
+        Args:
+            x: Place across, from -1 to 1.
+            y: Place along, from -1 to 1.
+            turn: Rotation away from the upright tool, a vector in the base frame
+                [rad]. Shape (3,).
+            lift: Height above the plane [m].
+        """
+        off = np.cross(self.across, self.along)
+        place = self.origin.translation + x * self.half[0] * self.across
+        place = place + y * self.half[1] * self.along + lift * off
+        return pin.SE3(pin.exp3(turn) @ self.origin.rotation, place)
+
+
+# Spray painting: strokes to and fro over a panel, square to it, again and again.
+#
+# The gun crosses the panel at an even speed and turns gently outside, works its way
+# down and up again, and swings out a little at the end of each stroke. The path is
+# closed and smooth, so the joint angles along it are a Fourier series, exact to
+# rounding.
+
+
+def plan_cyclic(
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator
+) -> MotionPlan:
+    """Draw a panel and paint it with as many strokes as the limits allow.
+
+    Raises:
+        LimitError: If even one stroke per period is too fast.
+    """
+    space = build_tool_workspace(robot, "cyclic", (duration - RAMP) / periods)
+
+    def painted(piece: WorkPiece) -> MotionPlan | MotionLimitError | None:
+        return choose_first_feasible_plan(robot, _paintings(space, piece, duration))
+
+    return _on_a_piece("cyclic", space, rng, painted, too_fast=4)
+
+
+def plan_welding(
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator
+) -> MotionPlan:
+    """Draw a work piece and weld as many seams per period as the limits allow.
+
+    Raises:
+        LimitError: If even two seams per period are too fast.
+    """
+    space = build_tool_workspace(robot, "welding", duration / periods)
+
+    def welded(piece: WorkPiece) -> MotionPlan | MotionLimitError | None:
+        seams = [_draw_seam(piece, rng) for _ in range(_MOST)]
+        if _routes(space, piece, seams) is None:
+            return None
+        return choose_first_feasible_plan(
+            robot, _weldings(space, piece, seams, duration)
+        )
+
+    return _on_a_piece("welding", space, rng, welded, too_fast=3)
+
+
+def _on_a_piece(
+    family: str,
+    space: ToolWorkspace,
+    rng: np.random.Generator,
+    attempt: Attempt,
+    too_fast: int,
+) -> MotionPlan:
+    """Draw work pieces until there is a plan.
+
+    Args:
+        attempt: From a piece to a plan, to what is too fast even about the least work,
+            or to None where the arm cannot work there.
+        too_fast: Pieces on which it was too fast, before giving up.
+    """
+    errors: list[MotionLimitError] = []
+    for _ in range(_PIECES):
+        piece = draw_work_piece(space, rng)
+        found = None if piece is None else attempt(piece)
+        if isinstance(found, MotionPlan):
+            return found
+        errors += [found] if found else []
+        if len(errors) == too_fast:
+            break
+    if errors:
+        raise errors[0]
+    raise InputError(
+        f"{family}: found no place for a work piece that {space.robot.name} reaches "
+        "within its ranges, clear of the floor and itself and away from singular "
+        "postures. Try another seed, or fourier."
+    )
+
+
+def _paintings(
+    space: ToolWorkspace, piece: WorkPiece, duration: float
+) -> Iterator[MotionPlan]:
+    """Return plans of fewer and fewer strokes, as far as the arm can follow."""
+    period = space.period
+    for strokes in range(int(np.clip(period / _STROKE, 1, _STROKES)), 0, -1):
+        series = _series(space, piece, strokes)
+        if series is None:
+            return
+        curve = partial(evaluate_ramped_series, series, duration=duration)
+        yield MotionPlan("cyclic", curve, duration, period, duration)
+
+
+def _weldings(
+    space: ToolWorkspace, piece: WorkPiece, seams: list, duration: float
+) -> Iterator[MotionPlan]:
+    """Return plans of fewer and fewer seams, where the arm can follow them."""
+    period = space.period
+    for count in range(_MOST, _LEAST - 1, -1):
+        routes = _routes(space, piece, seams[:count])
+        stages = routes and _timed(space.limits, routes, period, count == _LEAST)
+        if stages:
+            yield MotionPlan("welding", repeat_stages(stages), duration, period, period)
+
+
+def draw_work_piece(cell: ToolWorkspace, rng: np.random.Generator) -> WorkPiece | None:
+    """Draw a work piece in front of the arm; None where the arm cannot work on it."""
+    ways = cell.ways
+    # From the direction in which the arm points at its zero posture.
+    x, y, _ = compute_flange_pose(ways, pin.neutral(ways.model)).translation
+    front = 0.0 if np.hypot(x, y) < 0.05 * ways.length else float(np.arctan2(y, x))
+    angle = front + rng.uniform(*_ASIDE)
+    away, high = (ways.length * rng.uniform(*share) for share in (_AWAY, _HIGH))
+    down, roll = rng.uniform(*_DOWN), rng.uniform(0, 2 * np.pi)
+    half = ways.length * np.array([rng.uniform(*_WIDE), rng.uniform(*_TALL)])
+    ahead = angle + rng.uniform(*_SIDEWAYS)
+    across = np.array([-np.sin(ahead), np.cos(ahead), 0.0])
+    tool = np.array([np.cos(ahead), np.sin(ahead), -np.tan(down)]) * np.cos(down)
+    place = np.array([away * np.cos(angle), away * np.sin(angle), high])
+    turn = pin.Quaternion.FromTwoVectors(ways.tool, tool).toRotationMatrix()
+    rotation = turn @ pin.exp3(roll * ways.tool)
+    posture = _best_posture(cell, pin.SE3(rotation, place), rng)
+    if posture is None:
+        return None
+    # across x along points back along the tool, so that a lift leaves the piece.
+    along = np.cross(across, tool)
+    return WorkPiece(pin.SE3(rotation, place), across, along, half, posture)
+
+
+def _best_posture(
+    space: ToolWorkspace, target: pin.SE3, rng: np.random.Generator
+) -> Array | None:
+    """Return the posture for a pose that is farthest from singular ones. (dof,)."""
+    limits, postures, room = space.limits, [], compute_usual_motion_range(space.robot)
+    for share in rng.uniform(-1, 1, (_GUESSES, space.robot.dof)):
+        guess = room.centre + share * room.amplitude
+        q = solve_inverse_kinematics(space.ways, target, guess)
+        if q is None:
+            continue
+        # Whole turns are the same posture; the one amid the range has most room.
+        q = q - 2 * np.pi * np.round((q - limits.middle) / (2 * np.pi))
+        if space.fits(q[None]):
+            postures.append(q)
+    free = [
+        float(measure_singularity_distance(space.ways, q[None])[0]) for q in postures
+    ]
+    return postures[int(np.argmax(free))] if postures else None
+
+
+def _series(
+    space: ToolWorkspace, piece: WorkPiece, strokes: int
+) -> FourierSeries | None:
+    """Return the joint angles of painting, None where the arm cannot follow."""
+    count = _STROKE_NODES * max(strokes, 4)
+    angle = 2 * np.pi * np.arange(count) / count
+    targets = [_gun(piece, a, strokes) for a in angle]
+    q = solve_pose_path(
+        space.ways, [*targets, targets[0]], piece.posture, piece.posture
+    )
+    # An arm may end in another posture than it began in, or one turn farther.
+    if q is None or not space.fits(q) or np.abs(q[-1] - q[0]).max() > 1e-6:
+        return None
+    waves = np.fft.rfft(q[:-1], axis=0) / count
+    size = np.abs(waves).max(axis=1)
+    last = int(np.flatnonzero(size > _SMALLEST)[-1])
+    if last > count // 3:
+        return None
+    waves = waves[: max(last, 1) + 1]
+    return FourierSeries(
+        waves[0].real, -2 * waves[1:].imag, 2 * waves[1:].real, space.period
+    )
+
+
+def _gun(piece: WorkPiece, angle: float, strokes: int):
+    """Return the pose of the flange at one point of a period, 0 to 2 pi."""
+    own = strokes * angle
+    x = (np.sin(own) - _TURN * np.sin(3 * own)) / (1 + _TURN)
+    return piece.pose(x, np.cos(angle), _SWING * np.sin(own) * piece.along)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Point:
+    """Where the torch is: place on the piece, -1 to 1, and lean [rad]."""
+
+    place: Array
+    lean: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Routes:
+    """Joint angles along seams, and along the air move that follows each.
+
+    The last air move leads back to the first seam.
+    """
+
+    seams: list[JointPath]
+    moves: list[JointPath]
+
+
+def _draw_seam(piece: WorkPiece, rng: np.random.Generator) -> tuple[_Point, _Point]:
+    axes = np.array([piece.across, piece.along, np.cross(piece.across, piece.along)])
+    lean = rng.uniform(-_LEAN, _LEAN, 3) @ axes
+    ends = rng.uniform(-1, 1, (2, 2))
+    while np.linalg.norm((ends[1] - ends[0]) * piece.half) < _LENGTH * piece.half[0]:
+        ends = rng.uniform(-1, 1, (2, 2))
+    return _Point(ends[0], lean), _Point(ends[1], lean)
+
+
+def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> _Routes | None:
+    """Return the joint angles along all paths, None where the arm cannot follow."""
+    lift, found = _LIFT * space.ways.length, []
+    last = piece.posture
+    for (start, end), (after, _) in zip(seams, [*seams[1:], seams[0]], strict=True):
+        for points, height in (((start, end), 0.0), ((end, after), lift)):
+            targets = [
+                _torch(piece, *points, height, x) for x in compute_path_nodes(_NODES)
+            ]
+            q = solve_pose_path(space.ways, targets, last, piece.posture)
+            if q is None or not space.fits(q):
+                return None
+            found.append(q)
+            last = q[-1]
+    if np.abs(found[-1][-1] - found[0][0]).max() > 1e-6:
+        return None  # back over the first seam in another posture
+    return _Routes(
+        [interpolate_joint_path(q) for q in found[::2]],
+        [interpolate_joint_path(q) for q in found[1::2]],
+    )
+
+
+def _torch(
+    piece: WorkPiece, start: _Point, end: _Point, height: float, x: float
+) -> pin.SE3:
+    """Return the pose of the flange on the way between two points, x from 0 to 1."""
+    place = start.place + x * (end.place - start.place)
+    lean = start.lean + x * (end.lean - start.lean)
+    return piece.pose(place[0], place[1], lean, height * 16 * x**2 * (1 - x) ** 2)
+
+
+def _timed(
+    limits: PlanningLimits, routes: _Routes, period: float, hurry: bool
+) -> list[MotionStage] | None:
+    """Return the stages of one period; what time is left goes to the seams.
+
+    Returns:
+        The stages; None where the period is too short, unless in a hurry: then all is
+        so fast that it fits.
+    """
+    bounds = (limits.velocity, limits.acceleration)
+    seams = np.array(
+        [
+            find_shortest_stage_time(build_path_stage(r, 1.0, True), *bounds)
+            for r in routes.seams
+        ]
+    )
+    moves = np.array(
+        [
+            find_shortest_stage_time(build_path_stage(r, 1.0, False), *bounds)
+            for r in routes.moves
+        ]
+    )
+    seams = np.maximum(_EASE * seams, _SEAM)
+    moves, still = np.maximum(_EASE * moves, _AIR), _DWELL
+    needed = seams.sum() + moves.sum() + 2 * still * len(seams)
+    if needed <= period:
+        seams = seams + (period - needed) * seams / seams.sum()
+    elif hurry:
+        seams, moves, still = (part * period / needed for part in (seams, moves, still))
+    else:
+        return None
+    stages = []
+    for i, (seam, air) in enumerate(zip(routes.seams, routes.moves, strict=True)):
+        begin, end = (seam.at(np.array([x]))[0] for x in (0.0, 1.0))
+        stages += [
+            build_dwell(begin, still),
+            build_path_stage(seam, float(seams[i]), True),
+        ]
+        stages += [
+            build_dwell(end, still),
+            build_path_stage(air, float(moves[i]), False),
+        ]
+    return stages

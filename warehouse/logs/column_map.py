@@ -1,0 +1,418 @@
+"""COLUMNS.toml: which column is which signal, its unit, and the conversion to SI.
+
+Only what the map states is converted.
+"""
+
+import math
+import re
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from difflib import get_close_matches
+from pathlib import Path
+from typing import Annotated, Literal
+
+import numpy as np
+from pydantic import ConfigDict, Field, model_validator
+from pydantic.dataclasses import dataclass as table
+
+from residual.errors import InputError, check_name
+from residual.robot.robot import Robot
+from warehouse.toml_records import build_toml_record, read_toml
+
+JOINT_SIGNALS = ("q", "tau", "qd", "qdd", "q_ref")
+
+_DEGREE = math.pi / 180
+TIME_UNITS = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
+_ANGLE = {"rad": 1.0, "deg": _DEGREE}
+# A torque in one of these units needs the robot's torque_per_unit.
+LOGGED_UNITS = ("A", "counts", "%")
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "q": _ANGLE,
+    "q_ref": _ANGLE,
+    "qd": {"rad/s": 1.0, "deg/s": _DEGREE},
+    "qdd": {"rad/s^2": 1.0, "deg/s^2": _DEGREE},
+    "tau": {"N m": 1.0, "Nm": 1.0, **dict.fromkeys(LOGGED_UNITS, 1.0)},
+}
+
+# TOML has types, so "7" for 7 or true for 1 is a slip and not a wish.
+_Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
+_TABLE = ConfigDict(extra="forbid")
+
+MOST_FOUND = 4000  # letters: every column of an arm, not a million of a broken file
+_NEEDED = ("q", "tau")
+_JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
+Array = np.ndarray
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class SignalMap:
+    """One signal of all joints."""
+
+    # Column names, joint 1 first.
+    columns: Annotated[tuple[str, ...], Field(min_length=1)]
+    unit: str = ""  # unit of the columns; empty for the usual one
+    side: Literal["link", "motor"] = "link"
+    sign: _Numbers = ()  # factor 1 or -1 of each joint, empty for all 1
+    # Reading at the joint's zero in the unit of the columns, empty for all 0.
+    zero: _Numbers = ()
+    # Positive factor of each joint, after unit and sign; empty for all 1.
+    scale: _Numbers = ()
+    # Whether readings that begin again after a whole turn go on instead (positions).
+    unwrap: Annotated[bool, Field(strict=True)] = False
+
+    @model_validator(mode="after")
+    def _check(self) -> "SignalMap":
+        if not {*self.sign} <= {1, -1}:
+            raise ValueError("sign must be a list of 1 and -1")
+        if any(value <= 0 for value in self.scale):
+            raise ValueError("scale must be a list of positive numbers; see sign")
+        for key in ("sign", "zero", "scale"):
+            values = getattr(self, key)
+            if values and len(values) != len(self.columns):
+                raise ValueError(
+                    f"{key} has {len(values)} entries for {len(self.columns)} columns"
+                )
+        return self
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class CsvFormat:
+    """How a text log is written."""
+
+    separator: str | None = None  # one character, None to sniff it
+    decimal: Literal[".", ","] = "."
+    skip: Annotated[int, Field(ge=0, strict=True)] = 0  # lines before the line of names
+
+    @model_validator(mode="after")
+    def _check(self) -> "CsvFormat":
+        if self.separator is not None and len(self.separator) != 1:
+            raise ValueError("separator must be one character")
+        if self.separator == self.decimal:
+            raise ValueError(f"separator and decimal are both '{self.decimal}'")
+        return self
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class BagFormat:
+    """What of a bag is read."""
+
+    topic: str | None = None  # topic with joint states, None where there is only one
+    # Names of the joints in the bag, joint 1 first; empty for the URDF's.
+    joints: tuple[str, ...] = ()
+    # "header" for the time in the messages, "record" for that of recording.
+    time: Literal["header", "record"] = "header"
+
+    @model_validator(mode="after")
+    def _check(self) -> "BagFormat":
+        if len(set(self.joints)) < len(self.joints):
+            raise ValueError("joints names one of them twice")
+        return self
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class ColumnMap:
+    """The checked content of a COLUMNS.toml."""
+
+    time: str = "t"
+    time_unit: str = "s"  # "s", "ms" or "us"
+    time_scale: float = 1.0  # factor on time, after its unit
+    nanoseconds: str | None = None  # column that is added to one of whole seconds
+    # Joint signals that the map names; others keep their default columns.
+    signals: Mapping[str, SignalMap] = field(default_factory=dict)
+    csv: CsvFormat = CsvFormat()
+    bag: BagFormat = BagFormat()
+
+    @property
+    def time_unit_seconds(self) -> float:
+        """Seconds in one unit of the column of time [s]."""
+        return TIME_UNITS[self.time_unit] * self.time_scale
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class _Time:
+    column: str = "t"
+    unit: Literal["s", "ms", "us"] = "s"
+    scale: Annotated[float, Field(strict=True, gt=0, allow_inf_nan=False)] = 1.0
+    nanoseconds: str | None = None
+
+    @model_validator(mode="after")
+    def _check(self) -> "_Time":
+        if self.nanoseconds is not None and (self.unit != "s" or self.scale != 1):
+            raise ValueError("nanoseconds stand beside a column in s, without a scale")
+        return self
+
+
+@table(frozen=True, slots=True, config=_TABLE)
+class _File:
+    """The tables of a COLUMNS.toml."""
+
+    time: _Time = _Time()
+    q: SignalMap | None = None
+    tau: SignalMap | None = None
+    qd: SignalMap | None = None
+    qdd: SignalMap | None = None
+    q_ref: SignalMap | None = None
+    csv: CsvFormat = CsvFormat()
+    bag: BagFormat = BagFormat()
+
+
+class MissingColumnsError(InputError):
+    """A log has no columns of the names that it is read by; a map would say which."""
+
+
+def choose_column_map(robot: Robot, path: str | Path | None = None) -> ColumnMap | None:
+    """Return how the logs of a robot are read.
+
+    Args:
+        path: COLUMNS.toml; None for what the robot.toml says under [columns].
+    """
+    if path:
+        return read_column_map(path)
+    return (
+        _column_map(robot.columns, "robot.toml, [columns]") if robot.columns else None
+    )
+
+
+def read_column_map(path: str | Path) -> ColumnMap:
+    """Read a COLUMNS.toml."""
+    return _column_map(read_toml(path), Path(path).name)
+
+
+def _column_map(content: Mapping, name: str) -> ColumnMap:
+    file = build_toml_record(_File, dict(content), name)
+    maps = {key: getattr(file, key) for key in JOINT_SIGNALS}
+    return ColumnMap(
+        time=file.time.column,
+        time_unit=file.time.unit,
+        time_scale=file.time.scale,
+        nanoseconds=file.time.nanoseconds,
+        signals={k: _in_unit(k, s, name) for k, s in maps.items() if s},
+        csv=file.csv,
+        bag=file.bag,
+    )
+
+
+def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
+    """Return a signal with its unit, the usual one where the file gives none."""
+    if signal.zero and key not in ("q", "q_ref"):
+        raise InputError(f"{where}: [{key}] has a zero; only a position has its own.")
+    if signal.unwrap and key not in ("q", "q_ref"):
+        raise InputError(f"{where}: [{key}] has unwrap; only a position goes round.")
+    unit = signal.unit or next(iter(UNITS[key]))
+    check_name(unit, UNITS[key], f"unit of {key} in {where}")
+    return replace(signal, unit=unit)
+
+
+def abbreviate_column_names(columns: Iterable[str]) -> str:
+    """Return names in one line: q1 q2 q3 tau1 tau2 as "q1..3 tau1..2"."""
+    words: list[str] = []
+    first, last = "", ("", -1)  # of the word that the next number may go on from
+    for name in columns:
+        # A number with a leading zero would lose it: "J01" stays as it is.
+        match = re.fullmatch(r"(.*\D)(0|[1-9]\d{0,8})", name, re.DOTALL | re.ASCII)
+        stem, number = (match[1], int(match[2])) if match else (name, -1)
+        # Goes on where the last word ended: q1..3 and q4 are q1..4.
+        if match and last == (stem, number - 1):
+            words[-1] = f"{first}..{number}"
+        else:
+            words.append(name)
+            first = name
+        last = stem, number
+    return " ".join(words)
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnSelection:
+    """The columns of a log that are read."""
+
+    time: str
+    signals: Mapping[str, SignalMap]
+    ignored: tuple[str, ...]
+    nanoseconds: str | None = None
+
+    @property
+    def used(self) -> tuple[str, ...]:
+        """Columns that are read, time first."""
+        joints = (c for signal in self.signals.values() for c in signal.columns)
+        clock = (self.time, self.nanoseconds) if self.nanoseconds else (self.time,)
+        return (*clock, *joints)
+
+
+def select_columns(
+    columns: tuple[str, ...], column_map: ColumnMap, robot: Robot, source: str
+) -> ColumnSelection:
+    """Find the columns of every signal."""
+    signals, dof = {}, robot.dof
+    for name in JOINT_SIGNALS:
+        signal = column_map.signals.get(name)
+        if signal is not None and len(signal.columns) != dof:
+            raise InputError(
+                f"The map names {len(signal.columns)} columns of {name}, the robot has "
+                f"{dof} joints."
+            )
+        if signal is None:
+            signal = build_default_signal(name, dof)
+            # An optional signal is read where it is whole, else ignored and named.
+            if name not in _NEEDED and not set(signal.columns) <= set(columns):
+                continue
+        signals[name] = signal
+    chosen = ColumnSelection(column_map.time, signals, (), column_map.nanoseconds)
+    _check_there(chosen.used, columns, source)
+    ignored = tuple(c for c in columns if c not in chosen.used and c)
+    for column in sorted(ignored):
+        match = _JOINT_COLUMN.fullmatch(column)
+        # Python reads no number of thousands of digits.
+        if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
+            raise InputError(
+                f"{source}: column '{column}' is beyond the robot's joints 1 to {dof}. "
+                "Is --robot the right one? Else remove or rename the column."
+            )
+    return replace(chosen, ignored=ignored)
+
+
+def check_column_units(
+    selection: ColumnSelection,
+    time_unit: str,
+    file_units: Mapping[str, str],
+    source: str,
+) -> None:
+    """Compare the units of the map, or the usual ones, with those of the file."""
+    meant = {selection.time: ("time", time_unit)}
+    for name, signal in selection.signals.items():
+        unit = "N m" if signal.unit == "Nm" else signal.unit
+        meant |= dict.fromkeys(signal.columns, (name, unit))
+    for column, (name, unit) in meant.items():
+        stated_unit = file_units.get(column, unit)
+        if stated_unit != unit:
+            key = "column" if name == "time" else "columns"
+            raise InputError(
+                f"{source}: column '{column}' is in {stated_unit} by the file, in "
+                f"{unit} by the map.\nSay so in --map: "
+                f"{name} = {{{key} = ..., unit = '{stated_unit}'}}."
+            )
+
+
+def build_default_signal(name: str, dof: int) -> SignalMap:
+    """Return what is meant by a signal that no map names: q1, q2, ... in SI units."""
+    columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
+    return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
+
+
+def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) -> None:
+    missing = [c for c in used if c not in columns]
+    if missing:
+        near = get_close_matches(missing[0], columns, n=1, cutoff=0.5)
+        hint = f" (near: '{near[0]}')" if near else ""
+        listing = abbreviate_column_names(columns)
+        if len(listing) > MOST_FOUND:
+            listing = f"{listing[:MOST_FOUND]}... ({len(columns)} columns in all)"
+        raise MissingColumnsError(
+            f"{where}: missing column {abbreviate_column_names(missing)}{hint}; "
+            f"found {listing}.\n"
+            "Rename the columns, or say which is which with --map COLUMNS.toml."
+        )
+    for column in used:
+        if columns.count(column) > 1 or used.count(column) > 1:
+            raise InputError(
+                f"{where}: column '{column}' stands twice, expected once. "
+                "Rename one of them."
+            )
+
+
+def convert_to_link_side(
+    name: str, raw: Array, signal: SignalMap, robot: Robot
+) -> Array:
+    """Convert one signal of all joints.
+
+    Positions, whole turns undone where that is asked for, and their derivatives:
+    scale * unit * sign * (reading - zero), then from motor to joint by the inverse of
+    the transmission. Torques: from motor to joint by
+    its transpose, since both sides carry the same power.
+
+    Args:
+        raw: Readings. Shape (n, dof).
+
+    Returns:
+        Values in SI units, link side. Shape (n, dof).
+    """
+    values = raw
+    if signal.unwrap:
+        values = np.unwrap(raw, axis=0, period=2 * math.pi / UNITS[name][signal.unit])
+    if signal.zero:
+        values = values - np.array(signal.zero)
+    factor = UNITS[name][signal.unit]
+    if factor != 1 or signal.sign:
+        values = values * (factor * np.array(signal.sign or 1.0))
+    if signal.scale:
+        values = values * np.array(signal.scale)
+    if name == "tau":
+        return _torque(values, signal, robot)
+    if signal.side == "motor":
+        return np.linalg.solve(_transmission(name, robot), values.T).T
+    return values
+
+
+def _torque(values: Array, signal: SignalMap, robot: Robot) -> Array:
+    logged = signal.unit in LOGGED_UNITS
+    if logged:
+        if robot.torque_per_unit is None:
+            raise InputError(
+                f"tau is in {signal.unit}: robot.toml of '{robot.name}' needs "
+                "torque_per_unit under [joints], N m at the link per logged unit."
+            )
+        values = values * robot.torque_per_unit
+    if signal.side == "link":
+        return values
+    # torque_per_unit holds at the link already; only couplings are left to apply.
+    if logged and robot.motor_from_joint is None:
+        return values
+    transmission = _transmission("tau", robot)
+    if logged:
+        values = values / np.diag(transmission)
+    return values @ transmission
+
+
+def _transmission(name: str, robot: Robot) -> Array:
+    if robot.transmission is None:
+        raise InputError(
+            f"{name} is on the motor side: robot.toml of '{robot.name}' needs "
+            "gear_ratio under [joints] (or [couplings] motor_from_joint)."
+        )
+    return robot.transmission
+
+
+def list_signal_channels(
+    name: str, signal: SignalMap
+) -> list[tuple[str, str, str, str]]:
+    """Return channel, column, unit and what is done to it, joint by joint."""
+    out = []
+    for i, column in enumerate(signal.columns):
+        done = ["from motor side"] if signal.side == "motor" else []
+        if signal.sign and signal.sign[i] < 0:
+            done.append("sign turned")
+        if signal.scale and signal.scale[i] != 1:
+            done.append(f"times {signal.scale[i]:.6g}")
+        if signal.zero and signal.zero[i]:
+            done.append(f"zero at {signal.zero[i]:g}")
+        out.append((f"{name}{i + 1}", column, signal.unit, ", ".join(done)))
+    return out
+
+
+def describe_conversion(name: str, signal: SignalMap) -> str | None:
+    """Return in words what was converted, None for nothing."""
+    units = [unit for unit, factor in UNITS[name].items() if factor == 1]
+    parts = []
+    if signal.unit not in units or signal.unit in LOGGED_UNITS:
+        parts.append(f"{signal.unit} to {units[0]}")
+    if signal.side == "motor":
+        parts.append("motor to link side")
+    if any(s < 0 for s in signal.sign):
+        turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
+        parts.append(f"sign turned on joint {', '.join(turned)}")
+    if any(value != 1 for value in signal.scale):
+        parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
+    if any(signal.zero):
+        parts.append("zero moved")
+    if signal.unwrap:
+        parts.append("whole turns undone")
+    return f"{name}: {', '.join(parts)}" if parts else None

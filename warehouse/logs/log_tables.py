@@ -1,0 +1,432 @@
+"""Parquet logs, and text logs with any separator and with lines above the table.
+
+RobotStudio's viewers of signals, and those of other makers, write lines about the
+recording, a line of names, and often the unit of every signal: in brackets behind its
+name or in a line below the names. The table is found by its shape. Stated units are
+only compared with those of the map; a difference is an error.
+"""
+
+import csv
+import re
+from abc import ABC, abstractmethod
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+import pyarrow.parquet as pq
+from pyarrow import csv as arrow_csv
+
+from residual.errors import InputError
+from residual.recording import Array
+from warehouse.logs.column_map import CsvFormat
+
+# When a log was recorded is what it says: copying changes the date of the file itself.
+# No clock that is set says less, and no log is of after it.
+_EARLIEST, _LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
+_STAMP = re.compile(
+    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s?(Z|[+-]\d\d:?\d\d)?"
+)
+FIELD = "recorded_at"  # what the metadata of a Parquet file may say
+
+
+def convert_epoch_seconds(seconds: float) -> datetime | None:
+    """Return the moment that a clock of seconds since 1970 shows, UTC.
+
+    Returns:
+        The moment; None where the clock counts from elsewhere, as from being turned on.
+    """
+    if not _EARLIEST.timestamp() <= seconds < _LATEST.timestamp():
+        return None
+    return datetime.fromtimestamp(seconds, UTC)
+
+
+def find_header_timestamp(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
+    """Return the first moment in lines above a table, UTC; or one that says no zone."""
+    for line in lines:
+        if stamp := _STAMP.search(line):
+            moment = _parsed(stamp[0])
+            return (moment, None) if moment else (None, stamp[0])
+    return None, None
+
+
+def parse_timestamp(text: str, label: str) -> datetime:
+    """Return a moment that a user gave, in ISO 8601 with a zone."""
+    moment = _parsed(text)
+    if moment is None or not _EARLIEST <= moment < _LATEST:
+        raise InputError(
+            f"{label} '{text[:40]}': expected a date with time and zone, such as "
+            "2026-11-20T14:03:00+01:00, or with Z for UTC."
+        )
+    return moment
+
+
+def format_timestamp(moment: datetime | None) -> str | None:
+    """Return a moment as records have it: ISO 8601 in UTC, None for none."""
+    if moment is None:
+        return None
+    return moment.astimezone(UTC).isoformat().replace("+00:00", "Z")
+
+
+def _parsed(text: str) -> datetime | None:
+    try:
+        moment = datetime.fromisoformat(text.strip().replace(",", "."))
+    except ValueError:
+        return None
+    return moment.astimezone(UTC) if moment.tzinfo else None
+
+
+class LogFile(ABC):
+    """An opened log file.
+
+    Attributes:
+        name: File name, as messages begin.
+        columns: Names of all columns.
+        units: Units that the file itself states, by column.
+        notes: What was understood of the file, in words.
+        recorded_at: When its first sample was taken, UTC; None where it does not say.
+    """
+
+    name: str
+    columns: tuple[str, ...]
+    units: Mapping[str, str] = {}
+    notes: tuple[str, ...] = ()
+    recorded_at: datetime | None = None
+
+    @abstractmethod
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+
+
+HEAD = 1 << 16  # bytes in which the names of a file's columns must end
+_SEPARATORS = ";\t,|"
+
+# What a map calls a unit, and how it is written.
+_WRITTEN = {
+    "s": ("s", "sec"),
+    "ms": ("ms",),
+    "us": ("us", "µs"),
+    "rad": ("rad",),
+    "deg": ("deg", "degrees", "°"),
+    "rad/s": ("rad/s",),
+    "deg/s": ("deg/s", "°/s"),
+    "rad/s^2": ("rad/s^2", "rad/s2", "rad/s²"),
+    "deg/s^2": ("deg/s^2", "deg/s2", "°/s²"),
+    "N m": ("nm", "n m", "n·m", "n*m"),
+    "A": ("a",),
+    "%": ("%",),
+}
+UNITS = {word: unit for unit, words in _WRITTEN.items() for word in words}
+_COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
+_BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
+# So many lines may stand above the samples.
+_ABOVE = 60
+BATCH = 1 << 16  # rows
+# Measured torques have more noise than a byte a row can hold, however compressed: of a
+# file with more rows than bytes the rows are made up. Up to a million are read at once.
+_MOST_ROWS = 1_000_000
+
+
+@dataclass(frozen=True, slots=True)
+class TextTableLayout:
+    """Where the table in a text file is."""
+
+    names: int  # line with the names of the columns, counted from 0
+    samples: int  # first line with samples
+    separator: str  # what stands between two columns
+    # Units that the file states, by name.
+    units: Mapping[str, str] = field(default_factory=dict)
+    above: int = 0  # how many lines above the names are no part of the table
+
+
+class CsvLog(LogFile):
+    """A text file with a line of names."""
+
+    def __init__(self, path: Path, head: bytes, form: CsvFormat) -> None:
+        self.name = path.name
+        self._path = path
+        self._form = form
+        self._encoding, text = _decode(head)
+        lines = re.split(r"\r\n|\n|\r", text)
+        rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
+        if not rows:
+            raise InputError(
+                f"{self.name} has no line of names after {form.skip} lines."
+            )
+        layout = find_text_table(lines, form)
+        if layout is None:
+            separator = form.separator or guess_separator(lines[rows[0]])
+            layout = TextTableLayout(rows[0], rows[0] + 1, separator)
+        self._skip, self._separator = layout.samples, layout.separator
+        if layout.names == len(lines) - 1 and len(head) >= HEAD:
+            raise InputError(
+                f"{self.name}: its line of names does not end in the first {HEAD} "
+                "bytes. Give a file with names that somebody can read."
+            )
+        header = split_csv_line(lines[layout.names], layout.separator)
+        self.columns = tuple(name.strip() for name in header)
+        self.units = layout.units
+        self.recorded_at, unzoned = find_header_timestamp(lines[: layout.names])
+        stated = ", ".join(f"{name}: {unit}" for name, unit in layout.units.items())
+        notes = {
+            f"{unzoned} has no time zone and is not used; see --recorded-at": unzoned,
+            f"{layout.above} lines above the names": layout.above,
+            f"units as the file says ({stated})": stated,
+        }
+        self.notes = tuple(text for text, present in notes.items() if present)
+        filled = [name for name in self.columns if name]
+        if 2 * sum(map(is_number, filled)) > len(filled):
+            raise InputError(
+                f"{self.name} starts with numbers, expected a line of column names "
+                "such as t,q1,tau1. `ros2 topic echo --csv` writes none: add it."
+            )
+
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+        # Columns are found by place, since a name may stand twice among the ignored.
+        places = [str(i) for i in range(len(self.columns))]
+        selected = [places[self.columns.index(column)] for column in columns]
+        try:
+            table = self._table(places, selected, threads=True)
+        except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
+            try:  # once more alone: only then the parser counts lines
+                table = self._table(places, selected, threads=False)
+            except (pa.ArrowException, OSError, UnicodeDecodeError) as again:
+                raise InputError(self._explain(str(again))) from error
+        values = {}
+        for column, place in zip(columns, selected, strict=True):
+            values[column] = table.column(place).to_numpy()
+            # Else a long log would stand twice in memory.
+            table = table.drop_columns([place])
+        return values
+
+    def _table(self, places: list[str], selected: list[str], threads: bool) -> pa.Table:
+        return arrow_csv.read_csv(
+            prepare_arrow_source(self._path),
+            read_options=arrow_csv.ReadOptions(
+                skip_rows=self._skip,
+                column_names=places,
+                encoding=self._encoding,
+                use_threads=threads,
+            ),
+            parse_options=arrow_csv.ParseOptions(delimiter=self._separator),
+            convert_options=arrow_csv.ConvertOptions(
+                include_columns=selected,
+                column_types=dict.fromkeys(selected, pa.float64()),
+                decimal_point=self._form.decimal,
+            ),
+        )
+
+    def _explain(self, error: str) -> str:
+        """Turn what the parser says into what the user can do."""
+        row = re.search(r"Row #(\d+)", error)
+        line = f"line {row[1]}" if row else "a line"
+        if match := re.search(r"column #(\d+).*invalid value '(.*)'", error):
+            place, value = int(match[1]), match[2][:30]
+            at = f"{line}: " if row else ""
+            cell = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
+            if _COMMA.fullmatch(value.strip()):
+                return (
+                    f"{cell}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
+                )
+            return f"{cell}, expected a number."
+        if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
+            return (
+                f"{self.name}: {line} has {match[2]} values for {match[1]} names. "
+                "Repair it, or give the separator in --map: csv = {separator = ';'}."
+            )
+        if "too short" in error or "Empty CSV" in error:
+            return f"{self.name} has names but no samples."
+        return f"{self.name} is not a readable CSV file: {error.splitlines()[0][:120]}"
+
+
+def guess_csv_format(path: Path) -> CsvFormat:
+    """Return how a text file is written: whether its numbers have a decimal comma.
+
+    Separators and lines above the names are found wherever a file is read.
+    """
+    with path.open("rb") as file:
+        _, text = _decode(file.read(HEAD))
+    lines = re.split(r"\r\n|\n|\r", text)
+    layout = find_text_table(lines, CsvFormat())
+    if layout is None or layout.separator == ",":
+        return CsvFormat()
+    fields = [
+        f
+        for line in lines[layout.samples : -1]
+        for f in split_csv_line(line, layout.separator)
+    ]
+    comma = sum(bool(_COMMA.fullmatch(field.strip())) for field in fields)
+    point = sum("." in field and is_number(field) for field in fields)
+    return CsvFormat(decimal="," if comma > point else ".")
+
+
+def _decode(head: bytes) -> tuple[str, str]:
+    # The cut may fall inside a character; those up to the last line end are whole.
+    lines = head[: head.rfind(b"\n") + 1] or head
+    try:
+        return "utf-8", lines.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        return "latin-1", lines.decode("latin-1")
+
+
+def guess_separator(header: str) -> str:
+    """Return the separator that splits the names into the most."""
+    best = max(_SEPARATORS, key=lambda s: len(split_csv_line(header, s)))
+    # A blank separates only where nothing else does: names may have blanks in them.
+    return best if best in header else " "
+
+
+def split_csv_line(line: str, separator: str) -> list[str]:
+    """Return the fields of a line; of one with a field beyond all limits itself."""
+    try:
+        return next(csv.reader([line], delimiter=separator), [])
+    except csv.Error:
+        return [line]
+
+
+def is_number(text: str) -> bool:
+    """Whether a text is a number, with a decimal point or comma."""
+    try:
+        float(text.replace(",", "."))
+    except ValueError:
+        return False
+    return True
+
+
+def find_text_table(
+    lines: Sequence[str], csv_format: CsvFormat
+) -> TextTableLayout | None:
+    """Find the table in the first lines of a file; None with nothing above it."""
+    rows = [i for i, line in enumerate(lines) if i >= csv_format.skip and line.strip()]
+    for place, row in enumerate(rows[: _ABOVE + 1]):
+        # Of the line of names: in a line of numbers a comma may be the decimal one.
+        separator = csv_format.separator or guess_separator(
+            lines[rows[place - 1] if place else row]
+        )
+        fields = split_csv_line(lines[row], separator)
+        filled = [field for field in fields if field.strip()]
+        if place and len(filled) >= 2 and all(map(is_number, filled)):
+            break
+    else:
+        return None
+    above = [(i, _clean(split_csv_line(lines[i], separator))) for i in rows[:place]]
+    units: dict[str, str] = {}
+    last, names = above[-1]
+    if len(above) > 1 and len(names) <= len(fields) and _are_units(names):
+        stated = [word.strip("[]() ") for word in names]
+        last, names = above[-2]
+        units = dict(zip(names, stated, strict=False))
+    if len(names) != len(_clean(fields)) and len(names) != len(fields):
+        return None
+    for name in names:
+        if bracket := _BRACKET.search(name):
+            units.setdefault(name, bracket[1].strip())
+    si_units = {n: UNITS[u.lower()] for n, u in units.items() if u.lower() in UNITS}
+    return TextTableLayout(
+        names=last,
+        samples=row,
+        separator=separator,
+        units=si_units,
+        above=sum(i < last for i, _ in above),
+    )
+
+
+def _clean(fields: list[str]) -> list[str]:
+    """Names without blanks, and without what a separator at the end leaves."""
+    fields = [field.strip().strip('"') for field in fields]
+    while fields and not fields[-1]:
+        fields.pop()
+    return fields
+
+
+def _are_units(fields: list[str]) -> bool:
+    words = [field.strip("[]() ").lower() for field in fields]
+    return bool(words) and all(
+        word in UNITS or word in ("", "-", "1") for word in words
+    )
+
+
+class ParquetLog(LogFile):
+    """A Parquet file."""
+
+    def __init__(self, path: Path) -> None:
+        self.name = path.name
+        try:
+            # Read ahead, the file itself would stand in memory too.
+            self._file = pq.ParquetFile(prepare_arrow_source(path), pre_buffer=False)
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(_broken(path.name)) from error
+        rows, size = self._file.metadata.num_rows, path.stat().st_size
+        if rows > max(_MOST_ROWS, size):
+            raise InputError(
+                f"{path.name} has {size} bytes and says {rows} rows, expected measured "
+                "samples, of which each has several bytes. Export the log again."
+            )
+        self._schema = self._file.schema_arrow
+        # Column and place in its lists; of a column of numbers no place.
+        self._places: dict[str, tuple[str, int | None]] = {}
+        for each in self._schema:
+            size = self._lengths(each)
+            items = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
+            self._places |= items or {each.name: (each.name, None)}
+        self.columns = tuple(self._places)
+        recorded = (self._schema.metadata or {}).get(FIELD.encode(), b"")
+        self.recorded_at, _ = find_header_timestamp([recorded.decode(errors="replace")])
+
+    def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
+        """Return the values of some columns, NaN where empty."""
+        for column in columns:
+            kind = self._schema.to_arrow_field(self._places[column][0]).type
+            if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+                kind = kind.value_type
+            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+                raise InputError(
+                    f"{self.name}: column '{column}' holds {kind}, expected numbers."
+                )
+        values = {c: np.empty(self._file.metadata.num_rows) for c in columns}
+        done = 0
+        try:
+            # Batch by batch: a table of all of it would stand beside the values.
+            selected = list(dict.fromkeys(self._places[c][0] for c in columns))
+            for batch in self._file.iter_batches(BATCH, columns=selected):
+                rows = slice(done, done + len(batch))
+                for c in columns:
+                    name, k = self._places[c]
+                    column = batch.column(name)
+                    if k is not None:
+                        column = pc.list_element(column, k)
+                    column = column.cast(pa.float64())
+                    values[c][rows] = column.to_numpy(zero_copy_only=False)
+                done += len(batch)
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(_broken(self.name)) from error
+        return {c: x[:done] for c, x in values.items()}
+
+    def _lengths(self, field: pa.Field) -> int | None:
+        """How many numbers each list of a column has; None for what is no list."""
+        if pa.types.is_fixed_size_list(field.type):
+            return field.type.list_size
+        if not pa.types.is_list(field.type) or not self._file.metadata.num_rows:
+            return None
+        try:
+            batch = next(self._file.iter_batches(1, columns=[field.name]))
+        except (pa.ArrowException, OSError) as error:
+            raise InputError(_broken(self.name)) from error
+        return len(batch.column(0)[0].as_py() or ())
+
+
+def prepare_arrow_source(path: Path) -> Path | pa.BufferReader:
+    """Return what Arrow opens: of a name that is no UTF-8 the bytes of the file."""
+    try:
+        str(path).encode()
+    except UnicodeEncodeError:
+        return pa.BufferReader(path.read_bytes())
+    return path
+
+
+def _broken(name: str) -> str:
+    return f"{name} is not a readable Parquet file. Export the log again."

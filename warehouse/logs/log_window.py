@@ -1,0 +1,444 @@
+"""Windows of logs (FILE@start:end), and checks of samples against the robot."""
+
+import os
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from residual.errors import InputError, RecordingError, shorten_value
+from residual.recording import Array, Recording, compute_speed_quantile
+from residual.robot.robot import Robot, drop_placeholder_limits
+
+_EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
+_WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
+
+# So many equal samples in a row are no coincidence, however coarse the sensors.
+RUN = 5
+# Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
+LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
+NEARER = 3.0  # times, that the next reading but one is nearer where two take turns
+STEPS = 32  # readings that a joint must have, or it is at rest
+BLOCK = 1 << 17  # samples that are looked at together
+# A joint that moves by less than this share of the largest span within _LATELY rests.
+STILL, _LATELY = 0.002, 0.2  # 1, s
+
+
+@dataclass(frozen=True, slots=True)
+class LogWindow:
+    """A span of a log: [start, end) in time from its first sample."""
+
+    text: str  # as the user wrote it, without the "@"
+    start: float = 0.0  # start [s], or [%] of the whole time
+    end: float | None = None  # end, None for the end of the log
+    start_percent: bool = False  # whether start is a percentage
+    end_percent: bool = False  # whether end is a percentage
+
+    def rows(self, t: Array, where: str) -> slice:
+        """Return the rows of the window.
+
+        Args:
+            t: Sample times, strictly increasing [s]. Shape (n,).
+        """
+        step = float(np.median(np.diff(t)))
+        # One step longer than last minus first, so that 100 % has the last sample.
+        length = float(t[-1] - t[0]) + step
+        start = self.start * length / 100 if self.start_percent else self.start
+        end = length if self.end is None else self.end
+        end = end * length / 100 if self.end_percent else end
+        if start >= length - step / 2 or end > length + step / 2:
+            raise InputError(
+                f"{where}: window @{shorten_value(self.text)} is outside the log, "
+                f"which "
+                f"lasts {length:.6g} s. Times count from its first sample."
+            )
+        if end <= start:
+            raise InputError(
+                f"{where}: window @{shorten_value(self.text)} is empty: end before "
+                f"start."
+            )
+        # A hair early, so that 2.5 s is not missed by the rounding of a clock.
+        edges = np.searchsorted(t - t[0], np.array([start, end]) - 1e-3 * step)
+        last = len(t) if end >= length - step / 2 else int(edges[1])
+        return slice(int(edges[0]), last)
+
+
+def split_log_spec(spec: str) -> tuple[Path, LogWindow | None]:
+    """Split the words for a log into its file and its window.
+
+    Args:
+        spec: "FILE" or "FILE@start:end"; a file of the full name wins.
+    """
+    path = Path(spec)
+    # Those of os.path, which say no of a name that no file can have.
+    if "@" not in path.name or os.path.exists(path):
+        return _existing(path), None
+    name, _, text = spec.rpartition("@")
+    match = _WINDOW.fullmatch(text)
+    if match is None or not name:
+        raise InputError(
+            f"{shorten_value(path.name)}: window @{shorten_value(text)} is not "
+            f"understood, "
+            "expected @start:end in seconds or percent, such as @0:16.5, @60%: or "
+            "@:60%."
+        )
+    start, start_percent, end, end_percent = match.groups()
+    window = LogWindow(
+        text,
+        float(start or 0),
+        None if end is None else float(end),
+        bool(start_percent),
+        bool(end_percent),
+    )
+    for edge, percent in ((start, start_percent), (end, end_percent)):
+        if percent and float(edge) > 100:
+            raise InputError(
+                f"{shorten_value(path.name)}: {shorten_value(edge)}% is outside the "
+                f"log, "
+                "expected 0 to 100 %."
+            )
+    return _existing(Path(name)), window
+
+
+def create_unique_labels(specs: Sequence[str]) -> list[str]:
+    """Return a short label for each log, no two alike.
+
+    Returns:
+        File stems with their windows; with folders, then with numbers, where alike.
+    """
+    parts = [split_log_spec(spec) for spec in specs]
+    tails = ["" if window is None else f"@{window.text}" for _, window in parts]
+    ids = [f"{path.stem}{tail}" for (path, _), tail in zip(parts, tails, strict=True)]
+    longer = [
+        f"{path.resolve().parent.name}/{path.name}{tail}"
+        for (path, _), tail in zip(parts, tails, strict=True)
+    ]
+    counts = Counter(ids)
+    ids = [a if counts[a] == 1 else b for a, b in zip(ids, longer, strict=True)]
+    counts, counted = Counter(ids), Counter()
+    for i, label in enumerate(ids):
+        counted[label] += 1
+        if counts[label] > 1:
+            ids[i] = f"{label} ({counted[label]})"
+    return ids
+
+
+def _existing(path: Path) -> Path:
+    if os.path.isfile(path / "metadata.yaml"):
+        return path  # a bag of ROS 2
+    if os.path.isdir(path):
+        raise InputError(
+            f"{path} is a folder, expected a log file, or the folder of a "
+            "ROS 2 bag with its metadata.yaml."
+        )
+    if not os.path.exists(path):
+        raise InputError(
+            f"No log file '{shorten_value(path)}'. Give a CSV or Parquet file."
+        )
+    if not os.path.isfile(path):
+        raise InputError(
+            f"{path} is not a regular file, expected a CSV or Parquet file."
+        )
+    return path
+
+
+def check_logs_distinct(recordings: Sequence[Recording]) -> None:
+    """Refuse logs that share samples of a motion: overlapping windows, or a copy.
+
+    Samples are compared by position and torque, not by time, since a copy may have
+    another clock. Those of a standstill say nothing: two simulated runs of one seed
+    are equal until the arm moves.
+    """
+    if len(recordings) < 2:
+        return
+    prints = [_runs(recording) for recording in recordings]
+    for i, j in combinations(range(len(recordings)), 2):
+        (runs, moving), (other_runs, other_moving) = prints[i], prints[j]
+        shared, at, there = np.intersect1d(
+            runs, other_runs, assume_unique=True, return_indices=True
+        )
+        if moving[at].any() or other_moving[there].any():
+            raise InputError(
+                f"'{recordings[i].id}' and '{recordings[j].id}' hold the same samples "
+                f"(about {len(shared) + RUN - 1}). Give every sample once: other logs, "
+                "or windows that do not overlap."
+            )
+
+
+def _runs(recording: Recording) -> tuple[Array, Array]:
+    """Return one number for every RUN samples in a row, and whether the arm moves."""
+    factors = (
+        np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
+    )
+    blocks = range(0, len(recording.t), BLOCK)
+    parts = [_hashes(recording, start, factors[0]) for start in blocks]
+    sample, row = (np.concatenate(each) for each in zip(*parts, strict=True))
+    count = max(0, len(sample) - RUN + 1)
+    runs = np.zeros(count, dtype=np.uint64)
+    for k in range(RUN):
+        runs += sample[k : k + count] * factors[1, k]
+    runs, first = np.unique(runs, return_index=True)
+    # Whether a joint has moved within the last tenths of a second.
+    t, q = recording.t, recording.q
+    least = STILL * 2 * _half_span(q).max()
+    before = np.searchsorted(t, t - _LATELY)
+    moving = (np.abs(q - q[before]) > least).any(axis=1)
+    return runs, moving[row[first]]
+
+
+def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Array]:
+    """One number for each sample of a block that is not the one before; its row."""
+    rows = slice(max(start - 1, 0), start + BLOCK)
+    values = np.hstack([recording.q[rows], recording.tau[rows]])
+    # Standing still repeats one sample, in any log: count it once.
+    changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
+    bits = np.ascontiguousarray(values[changed]).view(np.uint64)
+    mixed = (bits ^ (bits >> np.uint64(29))) * factors[: bits.shape[1]]
+    hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
+    return hashes, rows.start + np.flatnonzero(changed)
+
+
+# Checks of the samples of a log against the robot.
+
+
+MIN_DURATION = 2.0
+MIN_RATE = 10.0
+# How far a position may lie outside the range of its joint [rad].
+LIMIT_SLACK = 0.2
+# No arm goes so much faster than its rating; degrees read as radians do.
+SPEED_SLACK = 5.0
+_SHARE = 0.95  # of the samples are slower
+# What clocks count in besides seconds [s].
+_UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+
+
+@dataclass(frozen=True, slots=True)
+class LogDoubt:
+    """Why a log as it was read is none of this arm."""
+
+    kind: str  # what sort of fault it is (docs/check.md)
+    joints: tuple[int, ...]  # its joints, from 1; () for all
+    words: str  # what was found and what to do, in one or two lines
+    fatal: bool = False  # whether nothing can be computed from such a log
+    certain: bool = True  # whether the log can be used in no case
+
+
+def find_time_fault(t: Array, source: str) -> str | None:
+    """Return what is wrong with the times of a whole file: not finite or increasing.
+
+    Args:
+        t: Times [s]. Shape (n,).
+    """
+    if len(t) < 2:
+        raise RecordingError(f"{source} has {len(t)} samples, expected a log of 2 s.")
+    if not np.isfinite(t).all():
+        row = int(np.argmin(np.isfinite(t)))
+        return f"{source}: time is NaN or infinite at sample {row}. Cut that row out."
+    steps = np.diff(t)
+    if steps.min() > 0:
+        return None
+    row = int(np.argmax(steps <= 0)) + 1
+    how = "repeats" if steps[row - 1] == 0 else "runs backwards"
+    return (
+        f"{source}: time {how} at sample {row} ({t[row]:.9g} s after "
+        f"{t[row - 1]:.9g} s). Remove or reorder these samples."
+    )
+
+
+def find_implausible_samples(
+    recording: Recording, robot: Robot
+) -> tuple[LogDoubt, ...]:
+    """Check what a log says against what an arm can do.
+
+    Returns:
+        What no log of this arm can be: too short or too slow, without motion, or at
+        positions and speeds that the arm does not have; empty for a usable log.
+    """
+    robot = drop_placeholder_limits(robot, [recording])
+    # Of what is out of range the speed says no more.
+    checks = (_short(recording), _constant(recording))
+    where = _out_of_range(recording, robot) or _too_fast(recording, robot)
+    return tuple(doubt for doubt in (*checks, where) if doubt)
+
+
+def _short(recording: Recording) -> LogDoubt | None:
+    rows = len(recording.t)
+    # Every sample stands for the step that follows it: 500 at 250 Hz are 2 s.
+    duration = recording.duration * rows / (rows - 1)
+    if duration < MIN_DURATION * (1 - 1e-3):
+        words = (
+            f"{recording.id} lasts {duration:.3g} s, expected at least "
+            f"{MIN_DURATION:g} s. Record longer; is the unit of time right (--map)?"
+        )
+        return LogDoubt("too_short", (), words, fatal=True)
+    if rows / duration < MIN_RATE:
+        words = (
+            f"{recording.id} has {rows / duration:.3g} samples per second, expected at "
+            f"least {MIN_RATE:g}.\n{_why_slow(recording.t)}"
+        )
+        return LogDoubt("time_unit", (), words, fatal=True)
+    return None
+
+
+def _why_slow(t: Array) -> str:
+    """Return what may be wrong with times that are too far apart."""
+    steps = np.diff(t)
+    step, row = float(np.median(steps)), int(np.argmax(steps))
+    if step * MIN_RATE <= 1:
+        return (
+            f"It stops for {steps[row]:.6g} s after sample {row}. Give the parts "
+            "before and after by themselves: FILE@start:end."
+        )
+    for unit, factor in _UNITS.items():
+        if step * factor * MIN_RATE <= 1:
+            how = f"unit = '{unit}'" if unit != "ns" else "unit = 'us', scale = 1e-3"
+            return f"Time in {unit}? Say so in --map: time = {{{how}}}."
+    return "Record faster, or say in --map what time is in: time = {unit = ...}."
+
+
+def find_interleaved_arms(q: Array, source: str) -> LogDoubt | None:
+    """Find readings of two arms in turn: leaps there and back that no joint can do.
+
+    Args:
+        q: Readings in any unit, all rows. Shape (n, dof).
+    """
+    if len(q) < RUN:
+        return None
+    if _in_turn(q):
+        return _two_arms(source, len(q) - 1, len(q))
+    signs = np.stack([_leaps(joint_angles) for joint_angles in q.T], axis=1)
+    # A single joint leaps where its reading is coarse or begins again.
+    least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
+    if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
+        return None
+    signs *= [_moves(joint_angles) for joint_angles in q.T]
+    rows = np.flatnonzero(np.abs(signs).sum(axis=1) >= least)
+    if len(rows) < most:
+        return None
+    pairs = signs[rows][1:] * signs[rows][:-1]
+    back = pairs[pairs != 0] < 0
+    if not len(back) or back.mean() < BACK:
+        return None
+    return _two_arms(source, len(rows), len(q))
+
+
+def _two_arms(where: str, leaps: int, samples: int) -> LogDoubt:
+    words = (
+        f"{where}: the angles leap there and back {leaps} times in {samples} "
+        "samples, as no joint can: two arms or drivers are interleaved in it. Log one "
+        "of them: its topic by itself, or its joints under their names."
+    )
+    return LogDoubt("interleaved", (), words, fatal=True)
+
+
+def _in_turn(q: Array) -> bool:
+    """Whether the next reading but one is much nearer than the next, on two joints.
+
+    Of one joint it is twice as far where it moves, and as far where it is noise. Of a
+    long log evenly spread readings are looked at: every log that is read comes here.
+    """
+    at = np.arange(0, len(q) - 2, 1 + len(q) // BLOCK)
+    next_step, second_step = (
+        np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2)
+    )
+    nearer = np.flatnonzero(next_step > NEARER * second_step)
+    return sum(_moves(q[:, j]) for j in nearer) >= min(2, q.shape[1])
+
+
+def _moves(angles: Array) -> bool:
+    """Whether a joint moves: at rest it leaps by its encoder's step, there and back."""
+    return len(np.unique(angles)) > STEPS
+
+
+def _leaps(angles: Array) -> Array:
+    """Way of each step that is far for a joint, 0 for the others. Shape (n - 1,)."""
+    step = np.diff(angles)
+    far = np.abs(step) > LEAP * (np.nanmax(angles) - np.nanmin(angles))
+    return (np.where(far, np.sign(step), 0)).astype(np.int8)
+
+
+def _constant(recording: Recording) -> LogDoubt | None:
+    if _half_span(recording.q).max() < 1e-6:
+        words = (
+            f"{recording.id}: q is constant on all joints, expected motion. "
+            "Give a log in which the arm moves."
+        )
+        return LogDoubt("frozen", (), words, fatal=True)
+    frozen = [int(j) + 1 for j in np.flatnonzero(_half_span(recording.tau) == 0)]
+    if not frozen:
+        return None
+    joints = "all joints" if len(frozen) == recording.dof else f"joint {frozen[0]}"
+    words = (
+        f"{recording.id}: tau is constant on {joints}, expected a signal. Give a "
+        "log with measured torques or currents of every joint."
+    )
+    return LogDoubt("frozen", tuple(frozen), words, fatal=True)
+
+
+def _half_span(x: Array) -> Array:
+    """Half of the span of each column; halves first, since both may be huge. (k,)."""
+    return x.max(axis=0) / 2 - x.min(axis=0) / 2
+
+
+def _out_of_range(recording: Recording, robot: Robot) -> LogDoubt | None:
+    q = recording.q
+    beyond = np.maximum(robot.lower - q.min(axis=0), q.max(axis=0) - robot.upper)
+    if beyond.max() <= LIMIT_SLACK:
+        return None
+    joint = int(np.argmax(beyond))
+    low, high = q[:, joint].min(), q[:, joint].max()
+    as_degrees = np.deg2rad(q)
+    inside = np.maximum(robot.lower - as_degrees, as_degrees - robot.upper).max()
+    degrees = inside <= LIMIT_SLACK and max(-low, high) > 4
+    hint = (
+        "Degrees? Say so in --map: q = {columns = [...], unit = 'deg'}."
+        if degrees
+        else "Check zero, sign and unit (--map), or the limits in the URDF."
+    )
+    words = (
+        f"{recording.id}: q{joint + 1} runs from {low:.3g} to {high:.3g} rad, the "
+        f"joint's range is {robot.lower[joint]:.3g} to {robot.upper[joint]:.3g} rad.\n"
+        f"{hint}"
+    )
+    kind, joints = ("angle_unit", ()) if degrees else ("out_of_range", (joint + 1,))
+    return LogDoubt(kind, joints, words)
+
+
+def _too_fast(recording: Recording, robot: Robot) -> LogDoubt | None:
+    # Over a tenth of a second, so that the steps of an encoder do not count.
+    stride = max(1, int(0.1 * len(recording.t) / recording.duration))
+    if stride >= len(recording.t):
+        return None
+    speed = compute_speed_quantile(recording, stride, _SHARE)
+    ratio = speed / robot.velocity_limit
+    if ratio.max() <= SPEED_SLACK:
+        return None
+    joint = int(np.argmax(ratio))
+    words = (
+        f"{recording.id}: q{joint + 1} moves at {speed[joint]:.3g} rad/s, the "
+        f"joint's limit is {robot.velocity_limit[joint]:.3g} rad/s.\n"
+        "Degrees, or time in another unit? Say so in --map COLUMNS.toml."
+    )
+    return LogDoubt("out_of_range", (joint + 1,), words)
+
+
+def describe_log_oddities(recording: Recording) -> tuple[str, ...]:
+    """Return what is odd about a log but usable, in words."""
+    messages = []
+    still = np.flatnonzero(_half_span(recording.q) == 0) + 1
+    if len(still):
+        joints = ", ".join(f"q{j}" for j in still)
+        messages.append(f"{recording.id}: {joints} never changes; is it logged?")
+    steps = np.diff(recording.t)
+    gap = int(np.argmax(steps))
+    gaps = int(np.sum(steps > 5 * np.median(steps)))
+    if gaps:
+        messages.append(
+            f"{recording.id}: {gaps} gap(s) in time, the largest {steps[gap]:.3g} s at "
+            f"t = {recording.t[gap]:.6g} s."
+        )
+    return tuple(messages)

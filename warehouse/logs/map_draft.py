@@ -1,0 +1,574 @@
+"""Draft the map of a log from column names, units, the robot and the numbers.
+
+The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
+tests the map against the physics of the arm.
+
+To add a public log format, add an entry to `PRESETS`; to add a word of a signal, to
+`WORDS`. In a name "#" stands for the number of the joint, counted from 0 or 1.
+"""
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+
+import numpy as np
+
+from residual.errors import InputError, check_name
+from residual.robot.robot import Robot
+from warehouse.logs.column_map import (
+    TIME_UNITS,
+    UNITS,
+    BagFormat,
+    ColumnMap,
+    SignalMap,
+    abbreviate_column_names,
+)
+from warehouse.logs.log_reading import open_log
+from warehouse.logs.log_tables import UNITS as HEADER_UNITS
+from warehouse.logs.log_tables import LogFile, guess_csv_format
+from warehouse.logs.log_window import LIMIT_SLACK, MIN_RATE
+from warehouse.logs.ros_bags import list_joint_topics
+
+_AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
+_BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
+
+
+def _split(words: str) -> list[str]:
+    return words.split()
+
+
+# Signal, or None for what is no signal of a joint, by the words of a name. Of several
+# words the first line that has one of them decides, so "axis_1_torque" is a torque.
+WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
+    (signal, frozenset(words.split()))
+    for signal, words in (
+        (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
+        (None, "cart cartesian tool power error err wrench stiffness damping status"),
+        (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
+        ("tau", "tau torque torques trq moment effort efforts drehmoment tq mom qfrc"),
+        ("tau", "current currents cur curr strom amps"),
+        ("qdd", "qdd ddq acc accel acceleration accelerations"),
+        ("qd", "qd dq vel velocity velocities speed speeds omega qdot qvel"),
+        ("qd", "geschwindigkeit"),
+        ("q", "q pos position positions angle angles theta winkel joint joints jpos"),
+        ("q", "qpos axis achse axes"),
+    )
+)
+# Letters that are a whole name, as in "J1" and "M1": likely, and no more.
+LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
+CURRENTS = frozenset(_split("current currents cur curr strom amps i"))
+WANTED = frozenset(  # what was asked of the arm, not what it did
+    _split("ref reference target cmd command commanded des desired set setpoint soll")
+    + _split("goal d planned nominal udes kdes")
+)
+MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
+TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
+# Of the units in a name; those of one letter are words of another meaning, too.
+UNIT_WORDS = {
+    **{word: HEADER_UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
+    **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
+}
+_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
+
+
+Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
+
+
+@dataclass(frozen=True, slots=True)
+class MakerLogFormat:
+    """A log format of a maker; only its angles where it publishes no names."""
+
+    about: str  # whose it is
+    time: Units = field(default_factory=dict)
+    signals: Mapping[str, Units] = field(default_factory=dict)
+    angle: str | None = None  # unit of angles whose names and file say none
+
+
+def _measured(*names: str, q_ref: str = "", angle: str = "rad") -> dict[str, Units]:
+    """Units of what formats call q, tau and qd, and the wanted q."""
+    units = {"q": angle, "tau": "N m", "qd": "rad/s"}
+    signals = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
+    return signals | ({"q_ref": {q_ref: angle}} if q_ref else {})
+
+
+def _plotted(number: str) -> dict[str, Units]:
+    kinds = ("position", "effort", "velocity")
+    return _measured(*(f"/joint_states/{number}/{kind}" for kind in kinds))
+
+
+_RTDE = _measured("actual_q_#", "actual_current_as_torque_#", "actual_qd_#")
+PRESETS: Mapping[str, MakerLogFormat] = {
+    "ur-rtde": MakerLogFormat(
+        "Universal Robots, RTDE (rtde/csv_writer.py of its client)",
+        {"timestamp": "s"},
+        _RTDE
+        | {"tau": _RTDE["tau"] | {"actual_current_#": "A"}}
+        | {"q_ref": {"target_q_#": "rad"}},
+    ),
+    "franka": MakerLogFormat(
+        "Franka, libfranka's logToCSV (src/log.cpp)",
+        {"time": "ms"},
+        _measured("state.q[#]", "state.tau_J[#]", "state.dq[#]", q_ref="state.q_d[#]"),
+    ),
+    "kuka-fri": MakerLogFormat(
+        "KUKA LWR, Fast Research Interface Library (src/DataLogging.cpp)",
+        {"KRCTime": "s", "LocalTime": "s"},
+        _measured("ActPJ#", "ActFJ#", q_ref="UDesPJ#", angle="deg"),
+    ),
+    "robotstudio": MakerLogFormat(
+        "ABB RobotStudio, which publishes no names: degrees where nothing says more",
+        angle="deg",
+    ),
+    "ros": MakerLogFormat(
+        "ROS joint states: a bag, or text by rostopic echo -p",
+        {"%time": "ns", "field.header.stamp": "ns"},
+        _measured("field.position#", "field.effort#", "field.velocity#"),
+    ),
+    "mujoco": MakerLogFormat(
+        "MuJoCo, the arrays of mjData",
+        {"time": "s"},
+        _measured("qpos[#]", "qfrc_actuator[#]", "qvel[#]"),
+    ),
+    "plotjuggler": MakerLogFormat(
+        "PlotJuggler, joint states as exported to CSV",
+        {"__time": "s"},
+        {key: own | _plotted("#")[key] for key, own in _plotted("joint_#").items()},
+    ),
+    "lerobot": MakerLogFormat(
+        "LeRobot, version 3 (data/*.parquet)",
+        {"timestamp": "s"},
+        {"q": {"observation.state[#]": ""}, "q_ref": {"action[#]": ""}},
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnFamily:
+    """Columns that differ in the number, or in the name, of a joint."""
+
+    name: str  # their name, with "#" for what differs
+    columns: tuple[str, ...]  # one for each joint, joint 1 first
+    unmatched_columns: tuple[
+        str, ...
+    ] = ()  # of the same name, beyond the joints of the robot
+    named: bool = False  # whether they have the names of the URDF's joints
+    has_unusual_names: bool = False  # whether they have names that are not the URDF's
+
+    @property
+    def words(self) -> tuple[str, ...]:
+        """The words that the name is made of, without the joint and the unit."""
+        return split_column_name(_BRACKET.sub("", self.name.replace("[#]", "#")))
+
+
+def strip_joint_prefix(joint: str) -> str:
+    """Name of a joint without the word "joint", where something is left."""
+    return _AFFIX.sub("", joint.casefold()) or joint.casefold()
+
+
+def split_column_name(name: str) -> tuple[str, ...]:
+    """Return the words of a name in small letters: "TorqueSm#" is torque, sm."""
+    parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
+    return tuple(w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+
+
+def find_name_unit(name: str) -> str | None:
+    """Unit that a name ends with, as "pos_deg_#" does; None for none."""
+    return next(
+        (UNIT_WORDS[w] for w in split_column_name(name)[::-1][:2] if w in UNIT_WORDS),
+        None,
+    )
+
+
+def group_joint_columns(
+    columns: Sequence[str], joints: Sequence[str]
+) -> list[ColumnFamily]:
+    """Return the families of columns with one for each joint, in the file's order."""
+    groups: dict[str, dict[int, str]] = {}
+    for column in dict.fromkeys(columns):
+        for match in re.finditer(r"\d{1,3}", column):
+            # The name, with "#" in place of this one of its numbers.
+            name = f"{column[: match.start()]}#{column[match.end() :]}"
+            groups.setdefault(name, {}).setdefault(int(match[0]), column)
+    dof, groups_found = len(joints), []
+    for name, group in groups.items():
+        first = 0 if 0 in group else 1
+        members = [group.get(first + j) for j in range(dof)]
+        if all(members):
+            more = tuple(c for n, c in sorted(group.items()) if n >= first + dof)
+            groups_found.append(ColumnFamily(name, tuple(members), more))
+    groups_found = [*_named(columns, joints), *groups_found]
+    used = {
+        c
+        for family in groups_found
+        for c in (*family.columns, *family.unmatched_columns)
+    }
+    return [*groups_found, *_strange([c for c in columns if c not in used], dof)]
+
+
+def _named(columns: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
+    """Return the families whose columns have the names of the URDF's joints."""
+    stems = sorted(
+        ((strip_joint_prefix(j), n) for n, j in enumerate(joints)),
+        key=lambda s: -len(s[0]),
+    )
+    groups: dict[str, dict[int, str]] = {}
+    for column in columns:
+        low = column.casefold()
+        hit = next(((s, n) for s, n in stems if len(s) > 2 and s in low), None)
+        if hit:
+            at = low.index(hit[0])
+            tail = re.sub(r"^[_-]?joint", "", low[at + len(hit[0]) :])
+            head = re.sub(r"joint[_-]?$", "", low[:at])
+            groups.setdefault(f"{head}#{tail}", {}).setdefault(hit[1], column)
+    return [
+        ColumnFamily(name, tuple(group[n] for n in range(len(joints))), named=True)
+        for name, group in groups.items()
+        if len(group) == len(joints)
+    ]
+
+
+def _strange(columns: Sequence[str], dof: int) -> list[ColumnFamily]:
+    """Return the families of joints with other names, as "base_pos" and "elbow_pos".
+
+    Columns belong together by the words that are of signals and the unit in brackets.
+    """
+    groups: dict[tuple, list[str]] = {}
+    for column in columns:
+        words = tuple(
+            w for w in split_column_name(_BRACKET.sub("", column)) if w in _KNOWN
+        )
+        unit = _BRACKET.search(column)
+        groups.setdefault((words, unit and unit[1]), []).append(column)
+    groups_found = []
+    for (words, _), group in groups.items():
+        # Names that differ in their numbers alone are a family that has a gap.
+        apart = {re.sub(r"\d+", "", column) for column in group}
+        if words and len(group) >= dof and len(apart) > 1:
+            members, more = tuple(group[:dof]), tuple(group[dof:])
+            groups_found.append(
+                ColumnFamily("_".join(words), members, more, has_unusual_names=True)
+            )
+    return groups_found
+
+
+Array = np.ndarray
+
+FASTEST = 1e4  # Hz: no controller logs faster, so a unit that says so is another one
+MOSTLY = 0.95  # of the steps of a clock go on
+NEEDED = ("time", "q", "tau")
+_SECONDS = {**TIME_UNITS, "ns": 1e-9}
+TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
+_SECONDS_OF = re.compile(r"secs?$")
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnMapDraft:
+    """A map as it may be."""
+
+    columns: ColumnMap  # the map, with what was found
+    format: str | None  # name of the preset that the log has, None for none
+    # What is not certain, by the line that it concerns: "time", "csv", "bag" or a
+    # signal.
+    doubts: Mapping[str, tuple[str, ...]]
+    optional: Mapping[str, SignalMap]  # signals that were found and are not needed
+    missing: tuple[str, ...]  # of time, q and tau those that were not found
+    unread: tuple[str, ...]  # columns in no line of the map
+
+
+def draft_column_map(
+    path: Path, robot: Robot, format: str | None = None
+) -> ColumnMapDraft:
+    """Draft the map of a log."""
+    if format is not None:
+        check_name(format, PRESETS, "format of a log")
+    joints = tuple(robot.model.names)[1:]
+    if bag := list_joint_topics(path):
+        return _of_bag(path, bag, joints)
+    form = guess_csv_format(path)
+    log = open_log(path, ColumnMap(csv=form), joints)
+    return _Drafter(log, robot, joints, format).draft(ColumnMap(csv=form))
+
+
+def _of_bag(
+    path: Path, bag: Mapping[str, tuple], joints: Sequence[str]
+) -> ColumnMapDraft:
+    """Draft the map of a bag: which topic, and which name is which joint."""
+    full = {name: names for name, names in bag.items() if len(names) >= len(joints)}
+    named = {t: _in_order(names, joints) for t, names in full.items()}
+    certain = [topic for topic, names_of_joints in named.items() if names_of_joints]
+    doubts: list[str] = []
+    topic = next(iter([*certain, *full, *bag]))
+    if len(certain or full) > 1:
+        doubts.append(
+            f"joint states are also on {', '.join(t for t in bag if t != topic)}"
+        )
+    names_of_joints = named.get(topic) or ()
+    if not names_of_joints and topic in full:
+        names_of_joints = full[topic][: len(joints)]
+        doubts.append(
+            "no name is one of the URDF's joints; these are in the order of the "
+            f"messages, which have {', '.join(bag[topic])}"
+        )
+    joint_names = (
+        () if tuple(names_of_joints) == tuple(joints) else tuple(names_of_joints)
+    )
+    form = BagFormat(topic=topic if len(bag) > 1 else None, joints=joint_names)
+    missing = () if names_of_joints else ("q", "tau")
+    doubts_by_line = {"bag": tuple(doubts)} if doubts else {}
+    try:
+        open_log(path, ColumnMap(bag=form), joints)
+    except InputError as error:
+        doubts_by_line["bag"] = (*doubts, str(error))
+    return ColumnMapDraft(ColumnMap(bag=form), "ros", doubts_by_line, {}, missing, ())
+
+
+def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
+    """Return those of some names that are the URDF's joints; () unless all are."""
+    plain = {name.casefold(): name for name in names}
+    ordered = []
+    for joint in joints:
+        stem = strip_joint_prefix(joint)
+        like = [name for low, name in plain.items() if stem and stem in low]
+        ordered.append(
+            plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None)
+        )
+    return tuple(ordered) if all(ordered) and len({*ordered}) == len(ordered) else ()
+
+
+class _Drafter:
+    """What is found in one log, line by line of its map."""
+
+    def __init__(
+        self, log: LogFile, robot: Robot, joints: Sequence[str], format: str | None
+    ) -> None:
+        self.log, self.robot = log, robot
+        self.doubts: dict[str, list[str]] = {}
+        self.families = group_joint_columns(log.columns, joints)
+        formats = (n for n, p in PRESETS.items() if self._is_of(p))
+        self.format = format or next(formats, None)
+        self.preset = PRESETS.get(self.format or "", MakerLogFormat(""))
+        self.values: dict[tuple[str, ...], Array | None] = {}
+
+    def draft(self, columns: ColumnMap) -> ColumnMapDraft:
+        """Return the map and what is not certain about it."""
+        if columns.csv.decimal == ",":
+            self._doubt("csv", "numbers have a comma before the decimals")
+        clock, unit = self._time()
+        signals = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
+        some = {name: signal for name, signal in signals.items() if signal}
+        used = {*clock, *(c for s in some.values() for c in s.columns)}
+        ns = unit == "ns"
+        return ColumnMapDraft(
+            columns=replace(
+                columns,
+                time=clock[0] if clock else "t",
+                time_unit="us" if ns else unit,
+                time_scale=1e-3 if ns else 1.0,
+                nanoseconds=clock[1] if len(clock) > 1 else None,
+                signals={n: s for n, s in some.items() if n in NEEDED},
+            ),
+            format=self.format,
+            doubts={name: tuple(words) for name, words in self.doubts.items()},
+            optional={n: s for n, s in some.items() if n not in NEEDED},
+            missing=tuple(
+                n for n in NEEDED if n not in some and not (n == "time" and clock)
+            ),
+            unread=tuple(c for c in self.log.columns if c and c not in used),
+        )
+
+    def _doubt(self, line: str, words: str) -> None:
+        self.doubts.setdefault(line, []).append(words)
+
+    def _is_of(self, preset: MakerLogFormat) -> bool:
+        """Whether time and angles of a preset are in the log."""
+        return bool(
+            {*preset.time} & {*self.log.columns} and self._preset_columns(preset, "q")
+        )
+
+    def _preset_columns(
+        self, preset: MakerLogFormat, signal: str
+    ) -> tuple[ColumnFamily, str] | None:
+        """Return the columns that a preset has for a signal, and their unit."""
+        named = {family.name: family for family in reversed(self.families)}
+        units = preset.signals.get(signal, {})
+        return next(((named[n], u) for n, u in units.items() if n in named), None)
+
+    def _time(self) -> tuple[tuple[str, ...], str]:
+        """Return the column of time, or those of seconds and nanoseconds; the unit."""
+        for column in self.log.columns:
+            for word in ("nanosec", "nanosecs", "nsec", "nsecs"):
+                other = _SECONDS_OF.sub(word, column)
+                if other != column and other in self.log.columns:
+                    return (column, other), "s"
+        named = [c for c in self.log.columns if TIMES & {*split_column_name(c)}]
+        clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
+        if not clocks:
+            self._doubt(
+                "time", "no column with increasing numbers has a name of a time"
+            )
+            return (), "s"
+        column = clocks[0]
+        return (column,), self.preset.time.get(column) or self._time_unit(column)
+
+    def _increases(self, column: str) -> bool:
+        x = self._read((column,))
+        if x is None:
+            return False
+        steps = np.diff(x[:, 0])
+        # A few samples that repeat or are gone are for the reader to say.
+        return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
+
+    def _time_unit(self, column: str) -> str:
+        stated = self.log.units.get(column) or find_name_unit(column)
+        if stated in _SECONDS:
+            return stated
+        steps = np.diff(self._read((column,))[:, 0])
+        step = float(np.median(steps[steps > 0]))
+        rates = {unit: 1 / (step * seconds) for unit, seconds in _SECONDS.items()}
+        likely = [u for u, rate in rates.items() if MIN_RATE <= rate <= FASTEST]
+        unit = (likely or ["s"])[0]
+        if unit != "s" or len(likely) != 1:
+            also = f", or {likely[1]}" if len(likely) > 1 else ""
+            apart = f"in {unit} samples are {step:.6g} {unit} apart{also}"
+            self._doubt("time", f"no unit is stated; {apart}")
+        return unit
+
+    def _signal(self, name: str) -> SignalMap | None:
+        """Return the columns of a signal with their unit, None where there are none."""
+        if preset_columns := self._preset_columns(self.preset, name):
+            family, unit = preset_columns
+            if not unit:
+                self._doubt(
+                    name, "the format states no unit and does not define these columns"
+                )
+            return self._mapped(name, family, unit or self._unit(name, family))
+        ranked = self._ranked(name)
+        if not ranked:
+            words = "no column name, one for each joint, is recognized as this signal"
+            if name == "tau":
+                words += "; without torque or current no model can be judged"
+            if name in NEEDED:
+                self._doubt(name, words)
+            return None
+        family, *others = ranked
+        if others:
+            names = "; ".join(abbreviate_column_names(f.columns) for f in others)
+            self._doubt(name, f"or else: {names}")
+        if not family.words or family.words[0] in LETTERS:
+            self._doubt(
+                name, f"matched by one letter only: confirm that {family.name} is it"
+            )
+        if family.has_unusual_names:
+            words = "no name is one of the URDF's joints; in the order of the header"
+            self._doubt(name, words)
+        if family.unmatched_columns:
+            self._doubt(
+                name,
+                f"more columns of that name: "
+                f"{abbreviate_column_names(family.unmatched_columns)}",
+            )
+        return self._mapped(name, family, self._unit(name, family))
+
+    def _mapped(self, name: str, family: ColumnFamily, unit: str) -> SignalMap:
+        if unit == "A":
+            words = "a motor current: robot.toml needs torque_per_unit, N m per A"
+            self._doubt(name, words)
+        return SignalMap(columns=family.columns, unit=unit)
+
+    def _ranked(self, name: str) -> list[ColumnFamily]:
+        """Return the families that may be a signal, the likeliest first.
+
+        A torque rather than a current, as measured rather than by any other name.
+        """
+        meant = "q" if name == "q_ref" else name
+
+        def rank(family: ColumnFamily) -> tuple:
+            words = {*family.words}
+            letter = len(family.words) == 1 and family.words[0] in LETTERS
+            current, other = bool(CURRENTS & words), not MEASURED & words
+            return family.has_unusual_names, current, letter, other, len(words)
+
+        candidates = [
+            family
+            for family in self.families
+            if bool(WANTED & {*family.words}) is (name == "q_ref")
+            and self._meaning(family) == meant
+        ]
+        return sorted(candidates, key=rank)
+
+    def _meaning(self, family: ColumnFamily) -> str | None:
+        """Return the signal that columns are of, by their unit or their words."""
+        words, unit = {*family.words}, self._stated(family)
+        of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
+        if of_unit:
+            bad = any(
+                signal is None and signal_words & words
+                for signal, signal_words in WORDS
+            )
+            return None if bad else of_unit
+        if len(family.words) == 1 and family.words[0] in LETTERS:
+            return LETTERS[family.words[0]]
+        if not words and family.named:
+            return "q"
+        return next(
+            (signal for signal, signal_words in WORDS if signal_words & words), None
+        )
+
+    def _stated(self, family: ColumnFamily) -> str | None:
+        """Unit that the file or the name states, as a map calls it."""
+        return self.log.units.get(family.columns[0]) or find_name_unit(family.name)
+
+    def _unit(self, name: str, family: ColumnFamily) -> str:
+        stated = self._stated(family)
+        if stated in UNITS[name]:
+            return stated
+        if stated == "deg" and name == "qd":
+            return "deg/s"
+        if name in ("q", "q_ref"):
+            return self._angle(name, family)
+        if name == "tau":
+            if CURRENTS & {*family.words} and "torque" not in family.words:
+                return "A"
+            self._doubt("tau", "no unit is stated; taken for N m at the link")
+        return next(iter(UNITS[name]))
+
+    def _angle(self, name: str, family: ColumnFamily) -> str:
+        """Return the unit of angles by what the joints of the robot can reach."""
+        q = self._read(family.columns)
+        if q is None:
+            self._doubt(name, "no unit is stated, and its numbers cannot be read")
+        elif self._reach(q) > LIMIT_SLACK:
+            sure = self._reach(np.deg2rad(q)) <= LIMIT_SLACK
+            self._doubt(
+                name,
+                f"no unit is stated; up to {np.nanmax(np.abs(q)):.4g} is beyond the "
+                f"joints' limits in rad, {'inside' if sure else 'still beyond'} them "
+                "in degrees",
+            )
+            return "deg"
+        elif self.preset.angle == "deg":
+            self._doubt(name, "degrees by the format; radians fit too")
+        return self.preset.angle or "rad"
+
+    def _reach(self, q: Array) -> float:
+        """How far angles lie beyond the limits of the joints, at the most [rad]."""
+        low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
+        beyond = np.maximum(self.robot.lower - low, high - self.robot.upper)
+        free = ~np.isfinite(self.robot.upper)
+        turns = np.where(free, np.maximum(-low, high) - TURNS, 0)
+        return float(max(beyond.max(), turns.max()))
+
+    def _read(self, columns: tuple[str, ...]) -> Array | None:
+        """Values of some columns; None where they are no numbers. Shape (n, k)."""
+        if columns not in self.values:
+            try:
+                read = self.log.read(columns)
+            except InputError:
+                x = np.zeros((0, len(columns)))
+            else:
+                x = np.column_stack([read[c] for c in columns]).astype(float)
+            x[~np.isfinite(x)] = np.nan
+            enough = np.isfinite(x).all(axis=1).sum() > 1
+            self.values[columns] = x if enough else None
+        return self.values[columns]

@@ -1,0 +1,250 @@
+"""Which SQL may run: one SELECT that only reads, or an EXPLAIN of one.
+
+The type of a statement is not enough. In DuckDB 2.0 all of these are SELECT or EXPLAIN
+and write a file wherever files may be read:
+
+    WITH x AS (COPY ... TO 'file') FROM x
+    EXPLAIN ANALYZE COPY ... TO 'file'
+    FROM json_execute_serialized_sql('{... the first one, serialised ...}')
+
+DuckDB's settings come first: no external access but to `READABLE`, no extension, locked
+configuration, read-only transaction. None of them stops a COPY into an allowed folder.
+Therefore the parsed tree is searched, and every kind of query and every table function
+in it must be on a list.
+"""
+
+import json
+import os
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from itertools import pairwise
+from pathlib import Path
+
+import duckdb
+import pyarrow as pa
+
+from residual.errors import InputError
+from warehouse.query.sql_views import quote_sql_text
+from warehouse.view_schema import INDEX, KINDS
+
+_QUERIES = {
+    "SELECT_NODE",
+    "SET_OPERATION_NODE",
+    "RECURSIVE_CTE_NODE",
+    "CTE_NODE",
+    "VALUES_NODE",
+}
+_FUNCTIONS = {
+    "duckdb_columns",
+    "duckdb_functions",
+    "duckdb_tables",
+    "duckdb_views",
+    "generate_series",
+    "histogram",
+    "histogram_values",
+    "json_each",
+    "json_tree",
+    "parquet_file_metadata",
+    "parquet_kv_metadata",
+    "parquet_metadata",
+    "parquet_scan",
+    "parquet_schema",
+    "pragma_table_info",
+    "range",
+    "read_parquet",
+    "repeat",
+    "summary",
+    "unnest",
+}
+LONGEST = 100_000  # characters of a query
+_LINE = 600  # characters of what is wrong with one
+_DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
+_ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
+
+# Folders that a query may read: not the sealed halves, nothing else on the machine.
+READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
+# Shares of the memory that a query may take, and its answer on top of that.
+WORKING, LARGEST = 0.5, 0.25
+
+
+def check_reads_only(
+    connection: duckdb.DuckDBPyConnection, query: str
+) -> frozenset[str]:
+    """Return the tables and views that a query names, if all it can do is read."""
+    if len(query) > LONGEST:
+        raise InputError(
+            f"The query has {len(query)} characters, at most {LONGEST} are taken."
+        )
+    kind, text = _one_statement(connection, query)
+    select = _explained(text) if kind == "EXPLAIN" else text
+    if kind not in ("SELECT", "EXPLAIN"):
+        hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
+        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
+    if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
+        raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
+    return _tables(connection, select)
+
+
+def _one_statement(
+    connection: duckdb.DuckDBPyConnection, query: str
+) -> tuple[str, str]:
+    try:
+        statements = connection.extract_statements(query)
+        # A statement newer than the library's own list of types is no number of it.
+        kinds = [statement.type.name for statement in statements]
+    except duckdb.Error as error:
+        raise InputError(format_duckdb_error(error)) from error
+    # A type error is of words that are no UTF-8.
+    except (TypeError, ValueError) as error:
+        raise InputError(f"{_ONLY}, got something else.") from error
+    if len(statements) != 1:
+        raise InputError(f"{_ONLY}, got {len(statements) or 'no'} statements.")
+    return kinds[0], statements[0].query
+
+
+def _explained(text: str) -> str:
+    """Return what follows EXPLAIN, its ANALYZE and its options."""
+    data = text.encode()
+    tokens = [(at, kind.name) for at, kind in duckdb.tokenize(text)]
+    starts = [at for at, kind in tokens if kind != "comment"]
+    words = [data[a:b].split()[0] for a, b in pairwise([*starts, None])]
+    skip = 1
+    if words[skip : skip + 1] == [b"("]:
+        skip = words.index(b")") + 1
+    elif words[skip : skip + 1] and words[skip].lower() in (b"analyze", b"analyse"):
+        skip += 1
+    return data[starts[skip] :].decode() if skip < len(starts) else ""
+
+
+def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
+    """Return tables and views of a SELECT in which nothing can write."""
+    named = set()
+    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    result = connection.execute("SELECT json_serialize_sql(?)", [text])
+    try:
+        tree = json.loads(result.fetchall()[0][0])
+    except RecursionError as error:
+        raise InputError(_DEEP) from error
+    if tree.get("error"):
+        raise InputError(f"{_ONLY}, got something that is neither.")
+    parts = [tree["statements"]]
+    while parts:
+        node = parts.pop()
+        if not isinstance(node, dict):
+            parts += node if isinstance(node, list) else ()
+            continue
+        parts += node.values()
+        kind = str(node.get("type", ""))
+        if kind == "BASE_TABLE":
+            named.add(str(node.get("table_name")).lower())
+        if kind.endswith("_NODE") and kind not in _QUERIES:
+            statement = kind.removesuffix("_NODE").removesuffix("_QUERY")
+            raise InputError(f"{_ONLY}, got one that contains {statement}.")
+        if kind == "TABLE_FUNCTION":
+            name = str(node.get("function", {}).get("function_name", "")).lower()
+            if name not in _FUNCTIONS:
+                raise InputError(
+                    f"SQL reads the views of the store, not '{name}()'. "
+                    "See modelgap sql --schema."
+                )
+    return frozenset(named)
+
+
+def format_duckdb_error(error: Exception) -> str:
+    """Return what DuckDB says, in one line and without its picture of the query."""
+    text = str(error).split("\n\nLINE ")[0]
+    line = " ".join(text.split()).removesuffix(".")
+    return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
+
+
+def open_read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
+    """Return a connection that reaches nothing but what may be read of a store."""
+    connection = duckdb.connect(":memory:")
+    connection.execute("CREATE SCHEMA catalogue")
+    connection.execute("CALL enable_logging('FileSystem')")
+    allowed = ", ".join(quote_sql_text(f"{path}/{folder}") for folder in READABLE)
+    for setting in (
+        "autoinstall_known_extensions = false",
+        "autoload_known_extensions = false",
+        # A query must not see the variables of the program that asks it.
+        "python_enable_replacements = false",
+        # What comes from a cache would not be checked again after it was damaged.
+        "enable_external_file_cache = false",
+        "temp_directory = ''",
+        f"memory_limit = '{int(WORKING * read_machine_memory())}B'",
+        f"allowed_directories = [{allowed}]",
+        "enable_external_access = false",
+        "lock_configuration = true",
+    ):
+        connection.execute(f"SET {setting}")
+    return connection
+
+
+def read_machine_memory() -> int:
+    """Return the memory of this machine [bytes]."""
+    return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+
+
+def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
+    """Return the whole answer if it fits into the memory that it may take."""
+    batches, size, most = [], 0, LARGEST * read_machine_memory()
+    # Closed also where it is too large: what is not read would hold the transaction.
+    with reader:
+        for batch in reader:
+            batches.append(batch)
+            size += batch.nbytes
+            if size > most:
+                raise InputError(
+                    f"The answer is larger than {most / 2**30:.2g} GB, a quarter of "
+                    "this machine's memory. Ask for less: aggregate, or add LIMIT or "
+                    "a WHERE."
+                )
+    return pa.Table.from_batches(batches, reader.schema)
+
+
+@contextmanager
+def limit_query_time(
+    connection: duckdb.DuckDBPyConnection, seconds: float | None
+) -> Iterator[None]:
+    """Interrupt a query after some seconds; None for no limit."""
+    if seconds is None:
+        yield
+        return
+    late = threading.Event()
+
+    def stop() -> None:
+        late.set()
+        connection.interrupt()
+
+    timer = threading.Timer(seconds, stop)
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    except (duckdb.Error, InputError) as error:
+        if late.is_set():
+            raise InputError(
+                f"The query was stopped after {seconds:g} s. Ask for less, or give it "
+                "more time with --timeout SECONDS."
+            ) from error
+        raise
+    finally:
+        timer.cancel()
+
+
+def explain_error(error: Exception) -> str:
+    """Return what an error means for the user, in one line."""
+    if isinstance(error, duckdb.PermissionException):
+        reason = format_duckdb_error(error).removeprefix("Permission Error: ")
+        return f"SQL reads {', '.join(KINDS)} of this store, nothing else. {reason}"
+    if isinstance(error, duckdb.OutOfMemoryException):
+        most = WORKING * read_machine_memory() / 2**30
+        return (
+            f"The query needs more than {most:.2g} GB, half of this machine's memory. "
+            f"Ask for less: aggregate, or add a WHERE. "
+            f"({format_duckdb_error(error)[:100]})"
+        )
+    # What Python said to DuckDB, which hands on how it came to that.
+    text = str(error).rstrip().splitlines()[-1] if "Traceback" in str(error) else ""
+    return text or format_duckdb_error(error)

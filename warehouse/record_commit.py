@@ -1,0 +1,495 @@
+"""Commit records to the store: each becomes visible whole or not at all.
+
+Adoptions are numbered records of which model a robot has. A number is taken once,
+because its folder is renamed into place; the second writer gets an error. The last
+adoption of a robot holds. A rollback is one more adoption, of the model before.
+"""
+
+import hashlib
+import json
+from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import asdict, dataclass, field, fields
+from datetime import UTC, datetime
+from pathlib import Path
+
+import numpy as np
+import pyarrow as pa
+
+from residual.errors import InputError, check_keys, check_name
+from residual.recording import Recording
+from warehouse import record_ids
+from warehouse.provenance import (
+    build_origin_columns,
+    read_code_provenance,
+    store_package_list,
+)
+from warehouse.record_ids import build_record_path
+from warehouse.remote_store import find_store_bucket, is_record_local
+from warehouse.store_catalogue import find_run, list_record_folders
+from warehouse.store_files import (
+    arrays_to_table,
+    create_staging_folder,
+    flush_to_disk,
+    hash_table,
+    publish_folder,
+    read_parquet,
+    read_row_text,
+    write_parquet,
+)
+from warehouse.view_schema import KINDS, SAMPLES_FILE, SIGNALS, build_view_table
+
+Array = np.ndarray
+Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
+
+SPEC, TRUTH = "spec.json", "truth.parquet"
+_LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SealedTruth:
+    """The hidden half of a simulated run: hashed before, opened only afterwards.
+
+    A diagnosis must not be able to look at what was planted. The hash in the run's
+    manifest shows later that the truth was not changed to fit the verdict.
+    """
+
+    spec: Mapping  # the hidden half of the spec: effects, scatter, noise, salt
+    # Channels that no robot logs. Shapes (n,) or (n, k).
+    truth: Mapping[str, Array] = field(default_factory=dict)
+
+
+def hash_sealed_spec(spec: object) -> str:
+    """Return the hash of a hidden half; its salt keeps it from being guessed."""
+    return record_ids.hash_values(spec)
+
+
+def commit_run(
+    store: Path,
+    recording: Recording,
+    manifest: Mapping,
+    sealed: SealedTruth | None = None,
+    extra: Mapping[str, Array] | None = None,
+) -> str:
+    """Put a run into the store; one of the same id that is there already stays.
+
+    Args:
+        manifest: How it came to be. Keys that a caller gives: ``spec`` (the open half:
+            robot, trajectory, declared effects, rates, reference seed), ``source``,
+            ``kind``, ``trajectory``, ``seed``, ``robot_hash``, ``seed_streams``,
+            ``timings``, ``parents``; of a measured run ``serial``, ``recorded_at`` (of
+            its first sample, ISO 8601, UTC) and ``tags`` (texts), where they are
+            known; others are kept as they are. The commit adds ``sealed_sha256``,
+            ``provenance``, ``data_hash``, ``truth_hash`` and ``units``. With ``spec``
+            it is a simulated run; without, a measured one, which needs ``robot_hash``.
+    """
+    arrays = _channels(recording, extra or {})
+    units = {name: SIGNALS[name].unit for name in arrays}
+    # Writing and hashing take most of the time, so they run on two cores. If the run
+    # exists already, the file is thrown away.
+    with create_staging_folder(store, "run") as folder, ThreadPoolExecutor(1) as beside:
+
+        def write() -> None:
+            write_parquet(folder / SAMPLES_FILE, arrays_to_table(arrays, units))
+            if find_store_bucket(store) is None:
+                flush_to_disk(folder / SAMPLES_FILE)
+
+        writing = beside.submit(write)
+        full = {
+            **record_ids.convert_to_json_types(manifest),
+            "provenance": asdict(read_code_provenance()),
+            "data_hash": record_ids.hash_arrays(arrays),
+            "sealed_sha256": sealed and hash_sealed_spec(sealed.spec),
+            "truth_hash": sealed and record_ids.hash_arrays(sealed.truth),
+            "units": units,
+        }
+        id = compute_manifest_id(full)
+        target = build_record_path(store, "runs", id, recording.robot)
+        if not _is_there(target, "runs"):
+            row = _run_row(id, recording, full, arrays)
+            store_package_list(store)
+            # The seal first, so that every visible run has its truth.
+            if sealed:
+                commit_seal(store, id, sealed)
+            write_parquet(folder / KINDS["runs"].row, row)
+            writing.result()
+            publish_folder(folder, target)
+    return id
+
+
+def commit_seal(store: Path, run_id: str, sealed: SealedTruth) -> None:
+    """Put a hidden half into the store; one that is there already stays."""
+    target = record_ids.build_seal_path(store, run_id)
+    if is_record_local(target):
+        return
+    units = {name: SIGNALS[name].unit for name in sealed.truth if name in SIGNALS}
+    with create_staging_folder(store, f"sealed-{run_id}") as folder:
+        (folder / SPEC).write_bytes(record_ids.encode_canonical_json(sealed.spec))
+        write_parquet(folder / TRUTH, arrays_to_table(sealed.truth, units))
+        publish_folder(folder, target)
+
+
+def compute_imported_run_id(recording: Recording, robot_hash: str) -> str:
+    """Return the id that a measured recording has as a run, stored or not."""
+    return record_ids.compute_measured_run_id(
+        record_ids.hash_arrays(_channels(recording, {})), robot_hash
+    )
+
+
+def commit_record(
+    store: Path,
+    kind: str,
+    record: Mapping,
+    tables: Mapping[str, pa.Table] | None = None,
+    parents: Parents = (),
+    files: Mapping[str, bytes] | None = None,
+) -> str:
+    """Put a model, diagnosis, validation or report into the store.
+
+    Args:
+        record: All there is to say, as JSON can hold it; what has the name of a column
+            of the view becomes one.
+        tables: ``errors`` and ``effects`` become rows of these views (columns as in
+            ``schema.VIEWS``, without the record's own id); others become files.
+        files: Other files by name, such as the page of a report.
+
+    Returns:
+        Its id: a hash of all of that, so the same record is kept once.
+    """
+    if check_name(kind, KINDS, "kind of record") == "runs":
+        raise InputError("Runs are committed by commit_run, other records here.")
+    tables, files = dict(tables or {}), dict(files or {})
+    record, lineage = (
+        record_ids.convert_to_json_types(record),
+        build_lineage_rows(parents),
+    )
+    sums = {name: hash_table(table) for name, table in tables.items()}
+    sums |= {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
+    id = record_ids.hash_values(kind, record, lineage, sums)[: record_ids.ID_DIGITS]
+    if not _is_there(build_record_path(store, kind, id), kind):
+        views = set(KINDS[kind].nested_views) - {"lineage"}
+        lists = {v: tables.pop(v).to_pylist() if v in tables else [] for v in views}
+        for name in (*tables, *files):
+            if name != Path(name).name or name.startswith((".", "_")):
+                raise InputError(f"'{name}' is not a file name for a record.")
+        beside = {f"{name}.parquet": table for name, table in tables.items()} | files
+        commit_catalogue_row(
+            store, kind, id, record, {**lists, "lineage": lineage}, beside
+        )
+    return id
+
+
+def commit_catalogue_row(
+    store: Path,
+    kind: str,
+    id: str,
+    record: Mapping,
+    lists: Mapping[str, Sequence[Mapping]],
+    files: Mapping[str, pa.Table | bytes] | None = None,
+) -> bool:
+    """Put a record of a known id into the store, with its one catalogue row.
+
+    Returns:
+        Whether it is this one; False if the id was taken.
+    """
+    kinds, origin = KINDS[kind], asdict(read_code_provenance())
+    row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(
+        kind, id
+    )
+    texts = {"record": record, "provenance": origin}
+    texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
+    table = _one_row(kind, {**row, **lists}, texts)
+    store_package_list(store)
+    with create_staging_folder(store, f"{kind}-{id}") as folder:
+        for name, content in (files or {}).items():
+            if isinstance(content, pa.Table):
+                write_parquet(folder / name, content)
+            else:
+                (folder / name).write_bytes(content)
+        write_parquet(folder / kinds.row, table)
+        return publish_folder(folder, build_record_path(store, kind, id))
+
+
+def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
+    """Return parents as rows of the view ``lineage``, without the child.
+
+    Args:
+        parents: Ids, pairs of id and role, or lists of ids by role.
+    """
+    if isinstance(parents, Mapping):
+        pairs = [
+            (id, name) for name, ids_of_role in parents.items() for id in ids_of_role
+        ]
+    else:
+        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
+    rows = [
+        {"parent": record_ids.check_record_id(id), "role": str(name)}
+        for id, name in pairs
+    ]
+    if len({tuple(row.values()) for row in rows}) < len(rows):
+        raise InputError("A parent is given twice in one role, expected it once.")
+    return rows
+
+
+def build_run_columns(manifest: Mapping) -> dict:
+    """Return the columns of ``runs`` that the manifest decides."""
+    spec = manifest.get("spec") or {}
+    motion = spec.get("trajectory") or {}
+    motion = motion.get("kind") if isinstance(motion, Mapping) else motion
+    simulated = "spec" in manifest
+    recorded = manifest.get("recorded_at")
+    try:  # UTC without saying so, as columns hold it
+        moment = recorded and datetime.fromisoformat(recorded)
+        moment = moment and moment.astimezone(UTC).replace(tzinfo=None)
+    except (TypeError, ValueError) as error:
+        raise InputError(
+            f"'{recorded}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+        ) from error
+    return {
+        "serial": manifest.get("serial"),
+        "recorded_at": moment,
+        "tags": list(manifest.get("tags") or ()),
+        "source": manifest.get("source", "simulated" if simulated else "imported"),
+        "kind": manifest.get("kind", "experiment" if simulated else "log"),
+        "trajectory": manifest.get("trajectory", motion),
+        "seed": manifest.get("seed", spec.get("seed")),
+        **build_origin_columns(manifest),
+        "log": (manifest.get("log") or {}).get("file"),
+    }
+
+
+def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Array]:
+    check_keys(extra, set(SIGNALS) - set(_LOGGED), "the extra channels of a run")
+    logged = {name: getattr(recording, name) for name in _LOGGED}
+    arrays = {k: v for k, v in {**logged, **extra}.items() if v is not None}
+    for name, array in arrays.items():
+        if name != "t" and np.shape(array) != recording.q.shape:
+            raise InputError(
+                f"{name} has shape {np.shape(array)}, expected {recording.q.shape}."
+            )
+    return arrays
+
+
+def compute_manifest_id(manifest: Mapping) -> str:
+    """Return the id of the run that a whole manifest is of."""
+    if manifest.get("spec") is not None:
+        code_hash = manifest["provenance"]["code_hash"]
+        return record_ids.compute_simulated_run_id(
+            manifest["spec"], manifest["sealed_sha256"], code_hash
+        )
+    if not manifest.get("robot_hash"):
+        raise InputError(
+            "A run needs 'spec' in its manifest, or 'robot_hash' where it was measured."
+        )
+    return record_ids.compute_measured_run_id(
+        manifest["data_hash"], manifest["robot_hash"]
+    )
+
+
+def _is_there(target: Path, kind: str) -> bool:
+    """Whether a record is at its place; a damaged one is told, not repaired."""
+    if not is_record_local(target):
+        return False
+    read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
+    return True
+
+
+def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> pa.Table:
+    about = build_run_columns(full)
+    same = {"run_id": id, "trajectory": about["trajectory"], "stage": "twin"}
+    row = {
+        **about,
+        **_common_columns("runs", id),
+        "robot": recording.robot,
+        "duration_s": recording.duration,
+        "rows": len(recording.t),
+        "dof": recording.dof,
+        "data_hash": full["data_hash"],
+        "signals": list(arrays),
+        "lineage": build_lineage_rows(full.get("parents") or ()),
+        # Root mean square of each error against the twin, joint by joint.
+        "errors": [
+            {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
+            for name, array in arrays.items()
+            if name.startswith("e_")
+            for joint, value in enumerate(np.sqrt(np.mean(np.square(array), axis=0)), 1)
+        ],
+    }
+    extra = {
+        "spec": record_ids.encode_canonical_json(full.get("spec")).decode(),
+        "sealed_sha256": full["sealed_sha256"],
+        "manifest": json.dumps(full, ensure_ascii=False, allow_nan=False),
+    }
+    return _one_row("runs", row, extra)
+
+
+def _common_columns(kind: str, id: str) -> dict:
+    """Return the columns that the rows of every kind have."""
+    return {
+        KINDS[kind].key: id,
+        "created": datetime.now(UTC).replace(tzinfo=None),
+        "code_hash": read_code_provenance().code_hash,
+        "dirty": read_code_provenance().dirty,
+    }
+
+
+def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Table:
+    """Return a catalogue row as the file of a record has it."""
+    try:
+        table = pa.Table.from_pylist([dict(row)], schema=KINDS[kind].fields)
+    except (pa.ArrowException, TypeError) as error:
+        raise InputError(
+            f"A record of {kind} does not fit its view: {error}"
+        ) from error
+    for name, text in extra.items():
+        table = table.append_column(name, pa.array([text], pa.string()))
+    return table
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class DiagnosisRecords:
+    """What is kept of a diagnosis."""
+
+    # Its record as JSON can hold it; with ``robot``, and what else the view diagnoses
+    # shows, but for ``model_id``.
+    record: Mapping
+    # The record of the model it ends with; ``stage`` says if it is another than
+    # augmented.
+    model: Mapping
+    effects: Sequence[Mapping] = ()  # rows of the view effects
+    # Rows of the view errors, but for ``trajectory``; those without a ``run_id`` are
+    # over all held-out runs.
+    errors: Sequence[Mapping] = ()
+    # Other tables of it, such as curves.
+    tables: Mapping[str, pa.Table] = field(default_factory=dict)
+    # Id of the diagnosis whose model was the nominal one, if any.
+    nominal: str | None = None
+    # Tables that go with its model: the motion that it is from.
+    beside: Mapping[str, pa.Table] = field(default_factory=dict)
+
+
+def commit_diagnosis(
+    store: Path, rows: DiagnosisRecords, runs: Mapping[str, Sequence[str]]
+) -> str:
+    """Put a diagnosis and its model into the store.
+
+    Args:
+        runs: Ids of the runs that it was made from, by role: fit, baseline, held_out.
+
+    Returns:
+        The id of the diagnosis; the same one on the same runs has the same.
+    """
+    roles = {role: list(ids) for role, ids in runs.items() if ids}
+    motions = {
+        id: read_row_text(find_run(store, id).row, "trajectory")
+        for ids in roles.values()
+        for id in ids
+    }
+    model = {"robot": rows.record["robot"], "stage": "augmented", **rows.model}
+    before = {"nominal": [rows.nominal]} if rows.nominal else {}
+    fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
+    model_id = commit_record(store, "models", model, rows.beside, fitted)
+    # What is over one held-out run, or over one kind of motion, is of it.
+    held_out = roles.get("held_out", [])
+    kinds = {motions[id] for id in held_out}
+    same = {
+        "run_id": held_out[0] if len(held_out) == 1 else None,
+        "trajectory": kinds.pop() if len(kinds) == 1 else None,
+    }
+    errors = [
+        row
+        | ({"trajectory": motions.get(row["run_id"])} if row.get("run_id") else same)
+        for row in map(dict, rows.errors)
+    ]
+    tables = {
+        **rows.tables,
+        "errors": build_view_table("errors", errors),
+        "effects": build_view_table("effects", rows.effects),
+    }
+    record = {**rows.record, "model_id": model_id}
+    parents = {**roles, **before, "model": [model_id]}
+    return commit_record(store, "diagnoses", record, tables, parents)
+
+
+ADOPTIONS = "adoptions"
+ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
+_DIGITS = 6
+
+
+class AdoptionConflictError(InputError):
+    """Another user has given the robot a model in the meantime."""
+
+
+@dataclass(frozen=True, slots=True)
+class ModelAdoption:
+    """A robot gets a model."""
+
+    robot: str
+    serial: str | None  # its serial number, None where it has none
+    action: str  # "adopted", "forced" or "rolled back"
+    model_id: str | None  # id of the model, None for the nominal one
+    diagnosis_id: str | None  # id of the diagnosis that found it
+    parent: str | None  # id of the adoption before it, None for the first
+    who: str  # name of the user
+    note: str = ""  # what he wrote about it
+    # Held-out error of the model before and of this one [%].
+    before: float | None = None
+    after: float | None = None
+    evidence: Mapping | None = None  # everything that the gate saw
+
+
+def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
+    """Put an adoption into the store under the next number.
+
+    Args:
+        adoption: Its parent is what the robot had when it was judged.
+
+    Raises:
+        AdoptionConflictError: If the robot has got another model since.
+    """
+    record_ids.check_robot_name(adoption.robot)
+    parents = {"model": [adoption.model_id], "diagnosis": [adoption.diagnosis_id]}
+    lineage = build_lineage_rows(
+        {k: ids_of_role for k, ids_of_role in parents.items() if ids_of_role[0]}
+    )
+    while True:
+        numbers = list_record_folders(store, ADOPTIONS)
+        _check_parent(store, adoption)
+        id = f"{1 + max(map(int, numbers), default=0):0{_DIGITS}}"
+        # If another writer takes the number, check the parent again.
+        if commit_catalogue_row(
+            store, ADOPTIONS, id, asdict(adoption), {"lineage": lineage}
+        ):
+            return id
+
+
+def read_adoption(store: Path, id: str) -> ModelAdoption:
+    """Return an adoption; what else is in its record is left out."""
+    row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+    record = json.loads(read_row_text(row, "record"))
+    return ModelAdoption(
+        **{each.name: record[each.name] for each in fields(ModelAdoption)}
+    )
+
+
+def find_last_adoption(
+    store: Path, robot: str, serial: str | None = None
+) -> tuple[str, ModelAdoption] | None:
+    """Return the last adoption of a robot with its number, None where there is none."""
+    for id in sorted(list_record_folders(store, ADOPTIONS), reverse=True):
+        adoption = read_adoption(store, id)
+        if (adoption.robot, adoption.serial) == (robot, serial):
+            return id, adoption
+    return None
+
+
+def _check_parent(store: Path, adoption: ModelAdoption) -> None:
+    last = find_last_adoption(store, adoption.robot, adoption.serial)
+    if (last[0] if last else None) == adoption.parent:
+        return
+    id, other = last
+    raise AdoptionConflictError(
+        f"{other.who} has given {adoption.robot} another model meanwhile (adoption "
+        f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
+        "was changed. Look at it with modelgap models, and try again if it still holds."
+    )
