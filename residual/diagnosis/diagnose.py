@@ -9,9 +9,9 @@ from collections.abc import Sequence
 from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
 from residual.diagnosis.constants import add_joint_constants
-from residual.diagnosis.doubts import withdraw_doubtful_names
+from residual.diagnosis.doubts import split_background, withdraw_doubtful_names
 from residual.diagnosis.errors_in_variables import describe_angle_noise
-from residual.diagnosis.findings import residual_clouds, split_background
+from residual.diagnosis.findings import residual_clouds
 from residual.diagnosis.held_out import build_three_models, fit_least_squares_model
 from residual.diagnosis.open_question import build_open_question
 from residual.diagnosis.outcome import Progress, search_effects
@@ -27,6 +27,7 @@ from residual.model.compare import (
 from residual.model.model import Model
 from residual.model.nominal import (
     GIVEN,
+    FitLogs,
     NominalModel,
     choose_declared_effects,
     prepare_fit_logs,
@@ -88,14 +89,7 @@ def diagnose(
     logs = prepare_fit_logs(
         robot, fit, find_session_start([*fit, *held_out]), FilterSettings()
     )
-    if isinstance(declared, Model):
-        nominal = NominalModel(
-            start_model(logs, declared), (GIVEN,) * len(declared.terms)
-        )
-    else:
-        nominal = add_joint_constants(
-            logs, choose_declared_effects(logs.robot, declared)
-        )
+    nominal = _build_nominal_model(logs, declared)
     outcome = search_effects(logs, nominal, THRESHOLDS, tell)
     # Every name is doubted, on held-out motion too; what stands is in the models.
     tell("proof", 0.0)
@@ -153,3 +147,12 @@ def diagnose(
         adoptable=augmented,
         question=question,
     )
+
+
+def _build_nominal_model(
+    logs: FitLogs, declared: Sequence[str] | Model | None
+) -> NominalModel:
+    """Return what the search starts from: the declared effects or an adopted model."""
+    if isinstance(declared, Model):
+        return NominalModel(start_model(logs, declared), (GIVEN,) * len(declared.terms))
+    return add_joint_constants(logs, choose_declared_effects(logs.robot, declared))

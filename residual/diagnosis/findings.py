@@ -582,35 +582,3 @@ def _variable(
 #
 # A diagnosis finds small true things beside the large one: a ripple of the gear,
 # friction that is another when the arm is cold. They are no reason to look.
-
-
-def split_background(
-    named: Sequence[NamedEffect], dof: int
-) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
-    """Part the findings into those to be listed and those to be folded.
-
-    Folded is friction or ripple of a size that the joints have anyway, beside something
-    much larger, where half of the joints have such: one alone is a finding.
-
-    Returns:
-        What is listed, and what is folded, in the same order.
-    """
-    if not named:
-        return tuple(named), ()
-    largest = max(f.torque.max() for f in named)
-    small = [
-        f for f in named if _is_background(f, THRESHOLDS.background_share * largest)
-    ]
-    if len({j for f in small for j in f.joints}) < max(
-        THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
-    ):
-        small = []
-    return tuple(f for f in named if f not in small), tuple(small)
-
-
-def _is_background(finding: NamedEffect, least: float) -> bool:
-    effect = finding.effect
-    small = effect.traits & (EffectTrait.FRICTION | EffectTrait.PERIODIC)
-    if not small or effect.scope != "local":
-        return False
-    return bool(np.all(finding.torque < min(THRESHOLDS.usual_torque_share, least)))

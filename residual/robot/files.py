@@ -11,7 +11,7 @@ import sys
 import tempfile
 import tomllib
 import xml.etree.ElementTree as ET
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -33,6 +33,52 @@ from residual.errors import (
 )
 from residual.recording import Array
 from residual.robot.urdf import ArmChoice
+
+
+def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
+    """Expand a xacro.
+
+    Args:
+        args: Its arguments, as "name:=value".
+        packages: Folders of packages, or such packages themselves, where $(find name)
+            looks before the folders above the file.
+
+    Raises:
+        RobotError: If it does not expand.
+        InputError: If an argument is none, or xacrodoc is not installed.
+    """
+    try:
+        from xacrodoc import XacroDoc
+        from xacrodoc import packages as finder
+    except ImportError as error:
+        raise build_missing_package_error("xacrodoc") from error
+    arguments = {}
+    for word in args:
+        name, sign, value = word.partition(":=")
+        if not sign or not name:
+            raise InputError(
+                f"--xacro-arg '{shorten_value(word)}': expected name:=value, such as "
+                "ur_type:=ur5e."
+            )
+        arguments[name] = value
+    finder.reset()
+    # A folder is a package by its name too, with or without a package.xml.
+    above = list(path.resolve().parents)
+    places = [*reversed(above), *(Path(p).resolve() for p in packages)]
+    beside = [p for folder in (*packages, *above[:3]) for p in Path(folder).iterdir()]
+    folders = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
+    finder.update_package_cache(folders)
+    try:
+        # Meshes are nobody's concern here, and their folders no part of the robot.
+        document = XacroDoc.from_file(path, subargs=arguments, resolve_packages=False)
+        return document.dom.toxml()
+    except Exception as error:
+        # What a macro makes the parser raise is not on any list.
+        why = shorten_value(" ".join(str(error).split()) or type(error).__name__)
+        raise RobotError(
+            f"{path.name} does not expand: {why} Arguments are given by --xacro-arg "
+            "name:=value, folders of packages by --package-dir."
+        ) from error
 
 
 def build_pinocchio_model(text: str, where: str) -> pin.Model:

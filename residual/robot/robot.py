@@ -29,13 +29,14 @@ from residual.robot.files import (
     DeclaredEffect,
     Effects,
     build_pinocchio_model,
+    expand_xacro,
     find_prismatic_joints,
     parse_arm_choice,
     parse_robot_settings,
     parse_toml,
     read_mjcf,
 )
-from residual.robot.urdf import UrdfArm, expand_xacro, read_joint_link, read_urdf
+from residual.robot.urdf import UrdfArm, read_joint_link, read_urdf
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
 Properties = Mapping[str, tuple[str, str]]
