@@ -1,7 +1,7 @@
 """Build hook: a wheel remembers its commit, and has prefect.yaml and the examples.
 
 Everything else is in pyproject.toml. `modelgap --version` reads what this writes
-(`warehouse/provenance.py`).
+(`warehouse/code_provenance.py`).
 """
 
 import shutil

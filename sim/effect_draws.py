@@ -14,7 +14,7 @@ import numpy as np
 from residual.errors import InputError, check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, build_robot
-from sim.effects.effect import Effect, Joints, PlantEffectTrait, Rng, TypicalJointSizes
+from sim.effects.base import Effect, Joints, PlantEffectTrait, Rng, TypicalJointSizes
 from sim.engine.plant_records import (
     PlantEffect,
     SyntheticEffect,

@@ -19,7 +19,7 @@ import pyarrow as pa
 from residual.errors import InputError, check_keys, check_name
 from residual.recording import Recording
 from warehouse import record_ids
-from warehouse.provenance import (
+from warehouse.code_provenance import (
     build_origin_columns,
     read_code_provenance,
     store_package_list,

@@ -17,7 +17,7 @@ import pyarrow as pa
 from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
 from warehouse import record_ids
-from warehouse.provenance import MADE_WITH, check_package_list
+from warehouse.code_provenance import MADE_WITH, check_package_list
 from warehouse.record_commit import compute_manifest_id
 from warehouse.record_ids import SUMS
 from warehouse.remote_store import (
@@ -277,7 +277,7 @@ class IntegrityResult:
 
     kind: str  # kind of record, or the folder of the store that it is in
     id: str  # its id, or the name of its file
-    find_record_faults: tuple[str, ...]  # what is not as it was committed, a line each
+    faults: tuple[str, ...]  # what is not as it was committed, a line each
 
 
 def verify_store(store: Path) -> Iterator[IntegrityResult]:

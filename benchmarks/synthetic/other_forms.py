@@ -5,7 +5,7 @@ from numba import njit
 
 from residual.recording import Array
 from sim.effects import register_effects
-from sim.effects.effect import Effect, SyntheticMotion, Values
+from sim.effects.base import Effect, SyntheticMotion, Values
 from sim.effects.stribeck import stribeck
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)

@@ -14,7 +14,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
-from sim.effects.effect import SyntheticMotion, compute_bristle_states
+from sim.effects.base import SyntheticMotion, compute_bristle_states
 from sim.engine import friction_laws
 from sim.engine.plant_records import (
     CLEAN,
@@ -55,7 +55,7 @@ class Plant:
     background: BackgroundWord = CLEAN  # what all joints have undeclared, at all times
     # How far its bodies, friction and rotors are off what the description says, as a
     # share; None for as far as those of any arm.
-    scatter_inertias: float | None = None
+    scatter: float | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -29,7 +29,7 @@ from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from sim.effect_draws import draw_plant_effect
-from sim.effects.effect import Rng
+from sim.effects.base import Rng
 from sim.engine.friction_laws import BRISTLE
 from sim.engine.plant_records import (
     HIDDEN,

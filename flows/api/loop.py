@@ -114,7 +114,7 @@ def next_experiment(
     outcome = diagnose_logs(logs, progress=progress)
     diagnosis = convert_to_subclass(Diagnosis, outcome)
     if outcome.question is None:
-        outcome = diagnose_logs(logs, progress=progress, alone=True)
+        outcome = diagnose_logs(logs, progress=progress, ignore_baseline=True)
     best = rank_motions(outcome.question, robot, seconds, seed, progress)
     if best is None or best.best.outlook.separates_nothing:
         return Experiment(diagnosis, None, None)

@@ -51,7 +51,7 @@ _SHORTER = {"models": "list"}  # modelgap model list
 
 
 def _version() -> str:
-    from warehouse.provenance import format_version
+    from warehouse.code_provenance import format_version
 
     return format_version()
 

@@ -16,7 +16,7 @@ from flows.project.read import Project, RobotTable
 from flows.requests import Diagnose
 from flows.settings import prefect_home
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
-from flows.steps.model_choice import choose_adopted_model
+from flows.steps.model_choice import resolve_adopted_model
 from flows.storage.diagnosis import read_verdict
 from residual.robot.robot import Robot
 from residual.verdict.result import Verdict
@@ -82,7 +82,7 @@ def find_new_runs(store: Path, robot: Robot, table: RobotTable) -> Batch | None:
         return None
     chosen = pick_evenly_spread(runs, table.most)
     proof = chosen[-1:] if len(chosen) >= _PROOF else []
-    model = choose_adopted_model(chosen, store).diagnosis
+    model = resolve_adopted_model(chosen, store).diagnosis
     roles = {
         "fit": [run for run in chosen if run not in proof],
         "held_out": proof,

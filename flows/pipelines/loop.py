@@ -28,7 +28,7 @@ from flows.steps.adopt import (
     store_proposal,
 )
 from flows.steps.adopt import adopt as give
-from flows.steps.model_choice import choose_adopted_model
+from flows.steps.model_choice import resolve_adopted_model
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 
@@ -36,7 +36,7 @@ from residual.errors import InputError
 @task(name="model-in-force", task_run_name="model-in-force", tags=["analysis"])
 def find_adopted_model(runs: dict, store: str) -> str | None:
     """Return the id of the diagnosis of the adopted model, and log it."""
-    choice = choose_adopted_model(runs["fit"], Path(store))
+    choice = resolve_adopted_model(runs["fit"], Path(store))
     get_run_logger().info(choice.line or "model: the nominal one")
     return choice.diagnosis
 

@@ -198,9 +198,7 @@ def experiment(
     ]
     ids = [future.result() for future in futures]
     for each, id in zip(batch, ids, strict=True):
-        if why := campaigns.explain_misplaced_run(
-            each, id, resolve_store_folder(store)
-        ):
+        if why := campaigns.explain_missing_run(each, id, resolve_store_folder(store)):
             raise RunError(why)
     return ids
 
@@ -318,6 +316,6 @@ def report(ids: list[str], store: str) -> str:
     """Write the report; it and the sentences of the verdict become artifacts."""
     page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
     name = format_run_name(ids[0], Path(store))
-    publish_verdict(name, page, stored_pages.read_headline(ids[1], Path(store)))
+    publish_verdict(name, page, stored_pages.read_verdict_headline(ids[1], Path(store)))
     rename_flow_run(name)
     return str(page)

@@ -16,7 +16,7 @@ from markupsafe import Markup
 from flows.report.document import BoldText, Document, html_tag
 from flows.report.phrases import capitalize_first
 from flows.requests import Diagnose
-from warehouse.provenance import format_version
+from warehouse.code_provenance import format_version
 from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import read_parquet
 

@@ -26,7 +26,7 @@ from flows.report.sentences import format_claim, format_error_change, list_wrong
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
 from residual.quantity import MISSING
-from warehouse.provenance import format_version
+from warehouse.code_provenance import format_version
 from warehouse.query.store import Store, open_store
 from warehouse.record_ids import ID_DIGITS
 from warehouse.store_catalogue import find_record

@@ -62,7 +62,7 @@ def store_demo_page(
     return store_diagnosis_page(ids, store, "demo", demonstration, files)
 
 
-def read_headline(proof: str, store: Path) -> str:
+def read_verdict_headline(proof: str, store: Path) -> str:
     """Return the headline of a stored verdict."""
     return " ".join(list_headline_sentences(read_outcome(store, proof).verdict))
 

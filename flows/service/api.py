@@ -168,11 +168,9 @@ class Status:
     wrong: tuple[str, ...] = ()  # problems, as text
     server: bool = False  # the server answers
     worker: str = "gone"  # "online", "starting" or "gone"
-    list_deployments: tuple[Mapping, ...] = ()
+    deployments: tuple[Mapping, ...] = ()
     runs: tuple[Mapping, ...] = ()  # the last flow runs (`last_runs`)
-    list_refused_logs: tuple[
-        Mapping, ...
-    ] = ()  # logs refused within a day, latest first
+    refused: tuple[Mapping, ...] = ()  # logs refused within a day, latest first
 
     @property
     def healthy(self) -> bool:

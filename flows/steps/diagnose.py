@@ -76,12 +76,12 @@ def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
-    skip_planning: bool = False,
+    ignore_baseline: bool = False,
 ) -> Diagnosis:
     """Find what the model lacks, by a store: its models, its runs.
 
     Args:
-        skip_planning: Look at the logs by themselves although there is a baseline.
+        ignore_baseline: Look at the logs by themselves although there is a baseline.
     """
     store, model = resolve_store_folder(request.store), None
     if request.model:
@@ -90,7 +90,7 @@ def diagnose(
         logs = replace(logs, baseline=before)
     how = {"declared": request.declared, "trust_log": request.trust_log}
     return diagnose_logs(
-        logs, **how, model=model, progress=progress, alone=skip_planning
+        logs, **how, model=model, progress=progress, ignore_baseline=ignore_baseline
     )
 
 
@@ -102,14 +102,14 @@ def diagnose_logs(
     trust_log: bool = False,
     model: method.Model | None = None,
     progress: Progress | None = None,
-    alone: bool = False,
+    ignore_baseline: bool = False,
 ) -> Diagnosis:
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
         declared: Effects that the model has; None for the robot's own list.
         model: The adopted model; None for the nominal one.
-        alone: As of `diagnose`.
+        ignore_baseline: As of `diagnose`.
     """
     report = refuse_faulty_logs(logs, trust_log)
     logs = correct_mounting(logs, report)
@@ -121,7 +121,7 @@ def diagnose_logs(
         held_out=logs.held_out,
         declared=declared if model is None else model,
         progress=progress,
-        skip_planning=alone,
+        ignore_baseline=ignore_baseline,
         check=report,
         warnings=logs.warnings,
     )

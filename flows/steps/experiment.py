@@ -43,7 +43,7 @@ from sim.experiment import compute_log_twin_errors, run_experiment
 from sim.plant.effect_catalogue import check_effect
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
-from warehouse.provenance import hash_plant_code
+from warehouse.code_provenance import hash_plant_code
 from warehouse.record_commit import SealedTruth, commit_run, hash_sealed_spec
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
@@ -396,7 +396,7 @@ def run_campaign_experiments(
     done = run_jobs(executor, work, missing) if executor else ()
     for count, each in enumerate(done, start=1):
         at = missing[each.index]
-        if why := _line(each.error) or explain_misplaced_run(at, each.value, store):
+        if why := _line(each.error) or explain_missing_run(at, each.value, store):
             failed[at.run_id] = f"{at.label}: {why}"
         if tell:
             word = "failed" if why else "stored"
@@ -501,7 +501,7 @@ def run_planned_experiment(planned: PlannedExperiment, store: str) -> str:
     )
 
 
-def explain_misplaced_run(planned: PlannedExperiment, run_id: str, store: Path) -> str:
+def explain_missing_run(planned: PlannedExperiment, run_id: str, store: Path) -> str:
     """Return why a run that was stored is not where it should be; "" where it is."""
     # A process loads the code anew, and the id of a run is also that of its code.
     if run_id != planned.run_id:

@@ -110,7 +110,7 @@ def choose_request_model(request: Diagnose | Identify, robot: Robot) -> ModelCho
     return choose_model(robot, request.model, request.store, logs, request.instead)
 
 
-def choose_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
+def resolve_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
     """Return the model that the robot of some runs of a store has."""
     robot = load_run_robot(read_run_robot(runs, store), runs, store)
     return choose_model(robot, None, store, tuple(runs))

@@ -7,7 +7,7 @@ from pathlib import Path
 from flows.inputs.read import is_run_id, load_run_robot, read_run_serial
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
-from flows.steps.model_choice import AUGMENTED, check_description, choose_adopted_model
+from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model
 from flows.storage.diagnosis import read_models, read_runs
 from residual import one_blas_thread
 from residual.errors import InputError
@@ -173,7 +173,7 @@ def monitor_new_runs(
     """
     model = (
         model
-        or choose_adopted_model(runs, store).diagnosis
+        or resolve_adopted_model(runs, store).diagnosis
         or find_latest_diagnosis(runs, store)
     )
     if model is None:

@@ -84,7 +84,7 @@ def reopen_diagnosis(
     found = diagnose(again, logs, progress)
     question = found.question
     if question is None:
-        question = diagnose(again, logs, progress, skip_planning=True).question
+        question = diagnose(again, logs, progress, ignore_baseline=True).question
     return ReopenedDiagnosis(verdict, found, question, logs.robot, logs.lines)
 
 
@@ -173,7 +173,7 @@ class RankedMotion:
     """A motion with its expected evidence."""
 
     spec: TrajectorySpec  # reproduces the motion
-    expect_separation: ExpectedSeparation  # of the whole motion, at the estimated sizes
+    outlook: ExpectedSeparation  # of the whole motion, at the estimated sizes
     prospect: SimulatedDecision  # of the whole motion, from drawn logs
     # Length after which the chance of settling the question is `SURE` [s], or None.
     after: float | None

@@ -35,7 +35,7 @@ from flows.steps.experiment import (
 from flows.steps.monitor import monitor
 from flows.steps.validate import validate
 from residual.errors import InputError
-from warehouse.provenance import (
+from warehouse.code_provenance import (
     format_uncommitted_change,
     read_code_provenance,
     read_package_versions,

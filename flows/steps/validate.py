@@ -52,7 +52,7 @@ from sim.experiment import (
 from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError, build_and_simulate
 from sim.trajectories import plan_reference_motion
-from warehouse.provenance import hash_plant_code
+from warehouse.code_provenance import hash_plant_code
 from warehouse.record_commit import build_run_columns, commit_record, find_last_adoption
 from warehouse.runs import has_seal, open_seal, read_manifest, read_run
 from warehouse.store_catalogue import find_record
@@ -100,7 +100,7 @@ class Validation:
     """
 
     window: float
-    simulate_open_loop_windows: Array
+    open_loop: Array
     nominal: Array | None = None
     arm: Array | None = None
     notes: tuple[str, ...] = ()

@@ -40,7 +40,7 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.splitting import find_session_start, pick_spread_pieces
 from residual.signals.track import FilterSettings
-from residual.verdict.edit_test import fit_dense_model, run_edit_tests
+from residual.verdict.edit_test import fit_all_parameters, run_edit_tests
 from residual.verdict.result import PLAIN, STAGES, Diagnosis, tabulate_errors
 
 Progress = Callable[[str, float], None]
@@ -105,7 +105,7 @@ def compare_epochs(
         ),
         edit=run_edit_tests(
             models,
-            fit_dense_model(Design(after.logs.tracks, nominal.model)),
+            fit_all_parameters(Design(after.logs.tracks, nominal.model)),
             [c.place for c in search.changes],
             (),
             first,

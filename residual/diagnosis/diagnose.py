@@ -48,7 +48,7 @@ def diagnose(
     held_out: Sequence[Recording] = (),
     declared: Sequence[str] | Model | None = None,
     progress: Progress | None = None,
-    alone: bool = False,
+    ignore_baseline: bool = False,
     check: LogCheck | None = None,
     warnings: Sequence[str] = (),
 ) -> Diagnosis:
@@ -61,7 +61,8 @@ def diagnose(
             log is cut off and held out.
         declared: Effects that the model has; None for the robot's own list. Or the
             adopted model (`Diagnosis.adoptable`), with its logs as the baseline.
-        alone: Ignore the baseline, for what the fit logs by themselves leave open.
+        ignore_baseline: Ignore the baseline, for what the fit logs by themselves leave
+            open.
         check: Faults of the logs. With a certain one nothing is named: what was found
             may be the fault.
         warnings: Sentences on the logs that the verdict repeats first.
@@ -80,7 +81,7 @@ def diagnose(
             "The adopted model has no logs, so changes since then cannot be found: "
             "give its logs as the baseline."
         )
-    if baseline and not alone:
+    if baseline and not ignore_baseline:
         refuse_known_with_baseline(robot)
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)

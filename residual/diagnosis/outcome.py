@@ -65,12 +65,12 @@ class SearchOutcome:
     task: SearchTask  # data, chosen prior and candidates
     wide: NominalPrior  # the widest prior that the logs do not contradict
     plain: Fit  # fit of the nominal structure alone
-    fit_jointly: Fit  # fit with the named effects
+    fit: Fit  # fit with the named effects
     tested: tuple[GateResult, ...]  # the named effects with their evidence
     withdrawn: tuple[
         GateResult, ...
     ]  # names that merely resemble what flagged joints show
-    assess_adequacy: Adequacy  # what remains
+    adequacy: Adequacy  # what remains
     # What was found with every constant free; None where nothing was sought.
     start: Selection | None = None
     # Joints (from 0) whose constant, that nobody declared, is in the fit.

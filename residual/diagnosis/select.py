@@ -58,7 +58,7 @@ class Selection:
     """The search's result."""
 
     task: SearchTask  # data under the chosen prior
-    fit_jointly: Fit  # its best fit
+    fit: Fit  # its best fit
     # The widest prior that the logs do not contradict, for standard deviations.
     wide: NominalPrior
 

@@ -351,7 +351,7 @@ class JointRemainder:
 
     joint: int  # from 0
     # State variables that predict it on left-out folds, best first.
-    fit_residual_curves: tuple[ResidualCurve, ...]
+    curves: tuple[ResidualCurve, ...]
     wave: SpectralLine | None  # a spectral line of what the curves leave
     kind: str | None  # "repeatable", "time-driven", or None where neither is known
     cloud: FindingScatter  # leftover over the variable that it depends on most

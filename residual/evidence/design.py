@@ -28,7 +28,7 @@ from residual.evidence.columns import (
 )
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model, Term
-from residual.model.nominal import compute_known_prior, select_effect_values
+from residual.model.nominal import compute_known_value_information, select_effect_values
 from residual.recording import Array
 from residual.robot.dynamics import split_regressor_by_link
 from residual.signals.splitting import choose_spread_pieces, exceeds_memory_length
@@ -269,7 +269,7 @@ class Design:
         if not known:
             return group
         terms = [(t.effect.name, t.joints) for t in self.model.terms]
-        added = compute_known_prior(
+        added = compute_known_value_information(
             known, group.precision, (effect.name, joints) in terms
         )
         return replace(group, known_prior=KnownPrior.of(group.precision, *added))

@@ -25,7 +25,7 @@ from residual.model.nominal import (
     GIVEN,
     FitLogs,
     NominalModel,
-    compute_known_prior,
+    compute_known_value_information,
     read_known_masses,
     select_effect_values,
 )
@@ -167,7 +167,9 @@ def build_relative_prior(
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         known = select_effect_values(robot, term.effect, term.joints)
-        precision[own, own] += compute_known_prior(known, precision[own, own], True)[0]
+        precision[own, own] += compute_known_value_information(
+            known, precision[own, own], True
+        )[0]
     return _prior(precision, scale, dict(widths))
 
 

@@ -101,9 +101,7 @@ class Estimate:
         Array  # rows of each joint over their autocorrelation time, (dof,)
     )
     weight: Array  # w_j, (dof,)
-    compute_condition_number: (
-        float  # condition number of the weighted, column-normalised rows
-    )
+    condition: float  # condition number of the weighted, column-normalised rows
     outliers: Array  # share of each joint's rows that weigh less than half, (dof,)
     counts: Array  # rows of each joint, (dof,)
     row_weights: tuple[Array, ...] | None = None  # of irls, else None, (m_j,)

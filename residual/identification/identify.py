@@ -128,7 +128,7 @@ class Identification:
     nominal_theta: Array  # base parameters before, (b,)
     # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
-    find_unobserved_parameters: Observability  # what the motion cannot tell
+    preflight: Observability  # what the motion cannot tell
     essential: (
         EssentialReduction | None
     )  # what was dropped, None where nothing was to be
@@ -253,7 +253,7 @@ class ConsistentParameters:
     # and m r^2, (dof,).
     least_eigenvalue: Array
     # Smallest eigenvalue of M(q), rotors included, over all poses [kg m^2].
-    find_least_mass_eigenvalue: float
+    least_mass_matrix: float
     poses: int  # poses at which it was looked at
     # Rms of each joint's rows, fitted freely and consistently [N m], (2, dof).
     misfit: Array
@@ -345,10 +345,10 @@ class ValidatedIdentification:
 
     robot: Robot
     free: Identification
-    find_consistent_parameters: ConsistentParameters | None
+    consistent: ConsistentParameters | None
     errors: Mapping[str, ErrorSums]
     accelerations: Mapping[str, AccelerationError | None]
-    find_least_mass_eigenvalue: Mapping[str, float]
+    least_mass_matrix: Mapping[str, float]
     fit: tuple[str, ...]
     held_out: tuple[str, ...]
     same_run: bool

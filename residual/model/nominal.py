@@ -100,7 +100,7 @@ def read_known_masses(robot: Robot) -> dict[int, float]:
     return {k.joints[0]: k.value for k in list_known_values(robot) if k.name == LINK}
 
 
-def compute_known_prior(
+def compute_known_value_information(
     values: Sequence[KnownValue], precision: Array, change: bool
 ) -> tuple[Array, Array]:
     """Return what known values add to a usual prior: information K, and pull b.
@@ -327,10 +327,10 @@ class FitLogs:
     span: MotionSpan
     speed_floor: np.ndarray
     filters: FilterSettings
-    add_angle_noise: tuple[Track, ...]
+    shaken: tuple[Track, ...]
     # Joints (from 0) whose torque is little more than its step or noise: none of their
     # rows counts.
-    find_unresolved_torques: tuple[int, ...] = ()
+    too_small: tuple[int, ...] = ()
 
     @property
     def sketch(self) -> tuple[Track, ...]:

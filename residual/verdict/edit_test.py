@@ -31,7 +31,7 @@ ROUNDS = 3  # of parameters and noise in turn
 # friction or a rotor the coefficient. Nothing is refitted then either.
 
 
-def fit_dense_model(design: Design) -> Model:
+def fit_all_parameters(design: Design) -> Model:
     """Fit all that a design's nominal model has, freely, on the design's rows."""
     weight = design.rows / np.maximum(design.power.sum(axis=0), 1e-300)
     for _ in range(ROUNDS):

@@ -9,7 +9,7 @@ from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from sim.effects.effect import Effect
+from sim.effects.base import Effect
 
 
 @cache

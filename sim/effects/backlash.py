@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.ndimage import uniform_filter1d
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint
+from sim.effects.base import Effect, PlantEffectTrait, draw_first_joint
 
 CROSSING = 0.04  # s that a link takes from one side of its play to the other
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from sim.effects.effect import (
+from sim.effects.base import (
     Effect,
     PlantEffectTrait,
     draw_angle,

@@ -6,7 +6,7 @@ itself works, and the controller reads the encoder but not the torque sensor.
 
 import numpy as np
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_any_joint, draw_sign
+from sim.effects.base import Effect, PlantEffectTrait, draw_any_joint, draw_sign
 
 SLACK = 1e-9  # s: an onset on a step acts on that step
 

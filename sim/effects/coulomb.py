@@ -1,6 +1,6 @@
 """Dry friction: a change of what the drive has."""
 
-from sim.effects.effect import Effect, build_row_function
+from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ f = level z(u) + coefficient u'; torque (f, sign f), z a bristle driven by u.
 
 import numpy as np
 
-from sim.effects.effect import Effect, compute_bristle_states, draw_sign
+from sim.effects.base import Effect, compute_bristle_states, draw_sign
 
 
 def _law(state, p):

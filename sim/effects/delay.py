@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.effect import Effect, PlantEffectTrait
+from sim.effects.base import Effect, PlantEffectTrait
 
 
 def _late(tau, t, onset, p):

@@ -1,6 +1,6 @@
 """A soft gear: the motor, on which the encoder sits, leads by load / stiffness."""
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint
+from sim.effects.base import Effect, PlantEffectTrait, draw_first_joint
 
 EFFECT = Effect(
     name="elasticity",

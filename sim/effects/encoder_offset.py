@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_any_joint, draw_sign
+from sim.effects.base import Effect, PlantEffectTrait, draw_any_joint, draw_sign
 
 EFFECT = Effect(
     name="encoder_offset",

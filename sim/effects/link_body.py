@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from sim.effects.effect import (
+from sim.effects.base import (
     CENTRE,
     TENSOR,
     Effect,

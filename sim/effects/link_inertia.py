@@ -2,7 +2,7 @@
 
 import pinocchio as pin
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint, draw_sign
+from sim.effects.base import Effect, PlantEffectTrait, draw_first_joint, draw_sign
 
 
 def _denser(model, joints, p):

@@ -1,6 +1,6 @@
 """coefficient sqrt(load^2 + e^2) z with e a tenth of the Coulomb level."""
 
-from sim.effects.effect import Effect, draw_loaded_joint
+from sim.effects.base import Effect, draw_loaded_joint
 from sim.engine import friction_laws
 
 

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.effect import Effect, build_row_function, draw_sign
+from sim.effects.base import Effect, build_row_function, draw_sign
 from sim.engine import friction_laws
 
 EFFECT = Effect(

@@ -5,7 +5,7 @@ import math
 import pinocchio as pin
 
 from residual.robot.dynamics import find_flange_axis, find_flange_placement
-from sim.effects.effect import (
+from sim.effects.base import (
     CENTRE,
     TENSOR,
     Effect,

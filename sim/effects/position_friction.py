@@ -5,7 +5,7 @@ With the base friction: Fc (1 + (a / Fc) cos x + ...), an eccentric gear wheel.
 
 import numpy as np
 
-from sim.effects.effect import Effect, draw_angle, split_into_components
+from sim.effects.base import Effect, draw_angle, split_into_components
 from sim.engine import friction_laws
 
 

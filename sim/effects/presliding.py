@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.effect import (
+from sim.effects.base import (
     Effect,
     PlantEffectTrait,
     build_row_function,

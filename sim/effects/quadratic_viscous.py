@@ -1,6 +1,6 @@
 """coefficient qd times the viscosity of churning oil."""
 
-from sim.effects.effect import Effect, build_row_function
+from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
 

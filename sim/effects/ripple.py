@@ -1,6 +1,6 @@
 """The cogging of a magnet at order q + phase."""
 
-from sim.effects.effect import Effect, build_row_function, draw_angle
+from sim.effects.base import Effect, build_row_function, draw_angle
 from sim.engine import friction_laws
 
 

@@ -1,6 +1,6 @@
 """Another rotor: d/dt dT/dqd = inertia qdd of the motor's T = 1/2 inertia qd^2."""
 
-from sim.effects.effect import Effect
+from sim.effects.base import Effect
 
 EFFECT = Effect(
     name="rotor_inertia",

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from sim.effects.effect import Effect, PlantEffectTrait, draw_first_joint
+from sim.effects.base import Effect, PlantEffectTrait, draw_first_joint
 
 EFFECT = Effect(
     name="saturation",

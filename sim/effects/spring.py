@@ -1,6 +1,6 @@
 """stiffness times q - rest: a hose that softens."""
 
-from sim.effects.effect import Effect, build_row_function
+from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
 EFFECT = Effect(

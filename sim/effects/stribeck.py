@@ -1,6 +1,6 @@
 """level z / (1 + (qd / velocity)^2): a Lorentzian (Hess 1990), not an exponential."""
 
-from sim.effects.effect import Effect, build_row_function
+from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
 

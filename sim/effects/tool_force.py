@@ -4,7 +4,7 @@ import numpy as np
 import pinocchio as pin
 
 from residual.robot.dynamics import find_flange_frame, find_flange_placement
-from sim.effects.effect import (
+from sim.effects.base import (
     Array,
     Effect,
     MovingArm,

@@ -1,6 +1,6 @@
 """A wrong torque constant: the drives believe to give more than they do."""
 
-from sim.effects.effect import Effect, draw_loaded_joint, draw_sign
+from sim.effects.base import Effect, draw_loaded_joint, draw_sign
 
 EFFECT = Effect(
     name="torque_gain",

@@ -1,6 +1,6 @@
 """+coefficient qd forwards and -coefficient qd backwards, blended by z."""
 
-from sim.effects.effect import Effect, build_row_function, draw_sign
+from sim.effects.base import Effect, build_row_function, draw_sign
 from sim.engine import friction_laws
 
 EFFECT = Effect(

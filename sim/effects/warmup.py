@@ -6,7 +6,7 @@ in the physics engine the friction itself heats.
 
 import numpy as np
 
-from sim.effects.effect import Effect, build_row_function
+from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
 

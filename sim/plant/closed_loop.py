@@ -19,11 +19,11 @@ from residual import one_blas_thread
 from residual.errors import ModelgapError
 from residual.recording import Array
 from residual.robot.robot import Robot
-from sim.effects.effect import MovingArm
+from sim.effects.base import MovingArm
 from sim.engine.plant_records import PlantSpec, ReferenceMotion, format_motion_label
 from sim.engine.pybullet_world import BulletWorld
 from sim.plant import step_tables as at
-from sim.plant.arm_step import step_arm
+from sim.plant.drive_train_step import step_drive_train
 from sim.plant.plant_arm import (
     ArmPhase,
     PlantArm,
@@ -143,7 +143,7 @@ class SimulationTrace:
     rows: Array  # rows of `tables`, then one per channel, (n, rows, dof)
     qdd: Array  # accelerations (v_(k+1) - v_k) / dt [rad/s^2], (n, dof)
     arm: PlantArm
-    split_into_phases: tuple[ArmPhase, ...]  # the arm between onsets
+    phases: tuple[ArmPhase, ...]  # the arm between onsets
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -264,7 +264,7 @@ def _run(phase: ArmPhase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]
                 for name, torque in torques.items():
                     now[at.CHANNELS + run.channels.index(name)] = -torque
                 outside = np.sum(list(torques.values()), axis=0)
-            world.step(step_arm(k, body, outside, arm, state, rows))
+            world.step(step_drive_train(k, body, outside, arm, state, rows))
             q, qd = world.state()
     return q, qd
 

@@ -10,7 +10,7 @@ import pinocchio as pin
 from residual.errors import InputError, check_keys, check_name
 from residual.robot.robot import Robot
 from sim.effects import find_effect_definition, load_effects
-from sim.effects.effect import Effect, Joints, OfDrive, PlantEffectTrait
+from sim.effects.base import Effect, Joints, OfDrive, PlantEffectTrait
 from sim.engine.plant_records import PlantEffect, SyntheticEffect
 
 

@@ -17,7 +17,7 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant import step_tables as at
-from sim.plant.arm_step import SLOW, combine_springs, compute_warmth_after
+from sim.plant.drive_train_step import SLOW, combine_springs, compute_warmth_after
 from sim.plant.effect_catalogue import (
     ActingEffect,
     apply_body_effects,

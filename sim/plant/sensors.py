@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.recording import Array
-from sim.effects.effect import PlantEffectTrait
+from sim.effects.base import PlantEffectTrait
 from sim.plant import step_tables as at
 from sim.plant.effect_catalogue import ActingEffect
 from sim.plant.step_tables import compile_lazily

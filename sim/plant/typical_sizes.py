@@ -8,7 +8,7 @@ import pinocchio as pin
 from residual.recording import Array
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
 from residual.robot.robot import Robot
-from sim.effects.effect import Effect
+from sim.effects.base import Effect
 from sim.engine.plant_records import DriveParameters, TypicalSizes, create_random_stream
 from sim.plant.effect_catalogue import list_drive_effects
 

@@ -258,7 +258,7 @@ class Excitation:
 
     # Condition number of the column-normalised base regressor W, inf where a parameter
     # is not excited.
-    compute_series_condition: float
+    condition: float
     log_det: float  # log det(W' W / samples) of the regressor as it is, in SI units
     parameters: int  # number of base parameters
 
@@ -288,7 +288,7 @@ class LimitUsage:
     speed: Array  # largest speed
     acceleration: Array  # largest acceleration
     torque: Array  # largest torque of the nominal model
-    measure_excitation: Excitation  # what the motion tells about the base parameters
+    excitation: Excitation  # what the motion tells about the base parameters
 
 
 def compute_limit_usage(robot: Robot, reference: ReferenceMotion) -> LimitUsage:

@@ -290,7 +290,7 @@ class WorkPiece:
 
     origin: pin.SE3  # pose of the flange over its middle
     across: Array  # level direction in the plane, (3,)
-    build_path_stage: Array  # direction in the plane that is square to it, (3,)
+    along: Array  # direction in the plane that is square to it, (3,)
     half: Array  # half sizes across and along [m], (2,)
     posture: Array  # joint angles with the tool in the middle [rad], (dof,)
 

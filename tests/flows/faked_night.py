@@ -38,7 +38,7 @@ def faked(monkeypatch, tmp_path):
 
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored_pages, "store_diagnosis_page", page)
-    take(stored_pages, "read_headline", "Nothing is missing.")
+    take(stored_pages, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))

@@ -17,7 +17,7 @@ from flows.steps.rerun import find_cause
 from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
-from warehouse import provenance
+from warehouse import code_provenance
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
@@ -50,9 +50,9 @@ def other_code(monkeypatch):
     """Let the code be another one, from now on."""
 
     def change():
-        known = provenance.read_code_provenance()
+        known = code_provenance.read_code_provenance()
         changed_code = replace(known, code_hash="f" * 64, program_hash="e" * 64)
-        for place in ("warehouse.provenance", "flows.steps.experiment"):
+        for place in ("warehouse.code_provenance", "flows.steps.experiment"):
             hash = f"{place}.plant_code_hash"
             monkeypatch.setattr(hash, lambda: changed_code.code_hash)
         for place in ("flows.steps.rerun", "warehouse.record_commit"):
@@ -159,13 +159,13 @@ def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
 
 
 def test_libraries_and_machine_are_causes_by_name(tmp_path):
-    now = asdict(provenance.read_code_provenance())
+    now = asdict(code_provenance.read_code_provenance())
     then = {**now, "environment_hash": "0" * 64}
     then["versions"] = {**now["versions"], "numpy": "1.0"}
     cause = find_cause(then, now, "code_hash", (), tmp_path)
     assert cause.kind == "environment"
     assert f"numpy 1.0 -> {now['versions']['numpy']}" in cause.why
-    packages = provenance.list_installed_packages()
+    packages = code_provenance.list_installed_packages()
     import hashlib
 
     lines = packages + b"\nzzz==1.0"

@@ -62,7 +62,7 @@ def since(adopted):
     """What is new since then, and the new logs by themselves, as planning sees them."""
     model, before, now = adopted
     given = {"baseline": before.fit, "declared": model}
-    return [diagnose_case(now, **given, alone=one) for one in (False, True)]
+    return [diagnose_case(now, **given, ignore_baseline=one) for one in (False, True)]
 
 
 def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):

@@ -14,7 +14,7 @@ from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
 from residual.verdict.edit_test import (
-    fit_dense_model,
+    fit_all_parameters,
     measure_errors,
     remove_effects_from_model,
     reset_effect_parameters,
@@ -45,7 +45,7 @@ def world():
     augmented = replace(nominal, terms=(*nominal.terms, load))
     models = {"nominal": nominal, "augmented": augmented}
     return (
-        models | {"dense": fit_dense_model(Design(logs.tracks, nominal))},
+        models | {"dense": fit_all_parameters(Design(logs.tracks, nominal))},
         loaded,
         bare,
     )

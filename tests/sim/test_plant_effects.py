@@ -5,8 +5,8 @@ import pytest
 from scipy.ndimage import uniform_filter1d
 
 from sim.plant import step_tables as at
-from sim.plant.arm_step import solve_friction_impulses
 from sim.plant.closed_loop import build_open_loop_controller
+from sim.plant.drive_train_step import solve_friction_impulses
 from sim.plant.effect_catalogue import resolve_effects
 from sim.plant.sensors import simulate_torque_report
 from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing

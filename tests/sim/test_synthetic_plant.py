@@ -13,7 +13,7 @@ from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect, list_drawable_effects
-from sim.effects.effect import compute_bristle_states
+from sim.effects.base import compute_bristle_states
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_unnamed_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias

@@ -1,7 +1,7 @@
 """A campaign to be killed; importing it prepares all that is slow the first time."""
 
 from tests.warehouse import store_samples as samples
-from warehouse.provenance import read_code_provenance
+from warehouse.code_provenance import read_code_provenance
 
 RUNS = 6
 

@@ -7,8 +7,8 @@ import pytest
 
 from flows.cli import main
 from tests.warehouse import store_samples as samples
-from warehouse import provenance
-from warehouse.provenance import (
+from warehouse import code_provenance
+from warehouse.code_provenance import (
     ROOT,
     format_uncommitted_change,
     hash_plant_code,
@@ -69,7 +69,7 @@ def test_the_diagnosis_is_no_part_of_our_plant():
 
 
 def test_code_and_environment_are_named():
-    known = provenance.read_code_provenance()
+    known = code_provenance.read_code_provenance()
     assert known.code_hash == hash_plant_code()
     in_git = (ROOT / ".git").exists()  # not where an archive was unpacked
     assert len(known.commit or "") == (40 if in_git else 0)
@@ -86,7 +86,9 @@ def git(root, *words):
 
 
 def captured(root):
-    return provenance.describe_uncommitted_files.__wrapped__(root)  # past the cache
+    return code_provenance.describe_uncommitted_files.__wrapped__(
+        root
+    )  # past the cache
 
 
 @pytest.fixture
@@ -130,9 +132,9 @@ def test_the_packages_of_a_record_are_kept_once(tmp_path):
     ids = [samples.commit(tmp_path, seed) for seed in range(2)]
     (kept,) = (tmp_path / "made_with").iterdir()
     known = read_manifest(tmp_path, ids[0])["provenance"]
-    assert provenance.read_package_versions(tmp_path, known)["numpy"]
+    assert code_provenance.read_package_versions(tmp_path, known)["numpy"]
     kept.write_bytes(kept.read_bytes()[1:])
-    assert provenance.read_package_versions(tmp_path, known) is None
+    assert code_provenance.read_package_versions(tmp_path, known) is None
 
 
 def test_a_checkout_says_the_commit_of_git(capsys):

@@ -89,17 +89,15 @@ class CodeProvenance:
     """Code and environment of this process."""
 
     code_hash: str  # hash of the plant's code, part of the id of every run
-    find_code_commit: str | None  # commit in git, None where this is no checkout
+    commit: str | None  # commit in git, None where this is no checkout
     # Whether the code differs from that commit; None where there is none.
     dirty: bool | None
     lock_hash: str | None  # hash of requirements.lock, None where there is none
     environment_hash: str  # hash of all installed packages and their versions
     # Versions of Python, of this program and the libraries that compute.
     versions: dict[str, str]
-    hash_program_code: (
-        str  # hash of all our code, which decides what derived records say
-    )
-    describe_uncommitted_files: Mapping | None  # how the code differs from the commit
+    program_hash: str  # hash of all our code, which decides what derived records say
+    uncommitted: Mapping | None  # how the code differs from the commit
     machine: str  # kind of system and processor
 
 

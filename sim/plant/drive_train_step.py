@@ -292,7 +292,7 @@ def sum_explicit_torques(table, q, motor_q, motor, series_torques, channels):
 
 
 @compile_lazily
-def step_arm(k, rigid_dynamics, external_torque, packed, state, trace):
+def step_drive_train(k, rigid_dynamics, external_torque, packed, state, trace):
     """Go one step on.
 
     Args:
