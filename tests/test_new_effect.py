@@ -27,11 +27,11 @@ def new_effect(tmp_path, monkeypatch):
         copy.mkdir()
         (copy / f"{NAME}.py").write_text(example, encoding="utf-8")
         monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(copy)])
-        folder.registry.cache_clear()
+        folder.load_effects.cache_clear()
     yield
     for folder in (sought, hidden):
         sys.modules.pop(f"{folder.__name__}.{NAME}", None)
-        folder.registry.cache_clear()
+        folder.load_effects.cache_clear()
 
 
 @pytest.mark.usefixtures("new_effect")

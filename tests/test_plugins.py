@@ -16,7 +16,7 @@ from tests.residual.test_model_record import model_of
 from warehouse.logs import read_log
 
 PACKAGE = '''
-from residual.effects.base import Effect, local
+from residual.effects.base import Effect, build_joint_columns
 from residual.export.model_export import ModelExport, to_json
 from warehouse.logs.log_tables import LogFile
 import numpy as np
@@ -25,7 +25,7 @@ SIZE = Effect(
     "gadget",
     "a gadget on the hinge",
     {"coefficient": "N m"},
-    local(lambda state, j, shape: [np.cos(3 * state.q[:, j])]),
+    build_joint_columns(lambda state, j, shape: [np.cos(3 * state.q[:, j])]),
 )
 
 class Shouted(LogFile):

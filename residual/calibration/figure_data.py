@@ -266,7 +266,7 @@ def analyze_principal_components(
             WHITE: (rng.normal(size=X.shape), rows.names),
         }
         for name, (values, names) in blocks.items():
-            options = {"run": rows.run[chosen], "draws": _DRAWS}
+            options = {"run_of_row": rows.run[chosen], "surrogate_count": _DRAWS}
             out.append(
                 BlockComponents(family, name, fit_pca(values, rng, names, **options))
             )

@@ -424,7 +424,7 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[StateVar
         lines = [getattr(s, name)[:: t.step] for s, t in states]
         return list(_stack(tracks, j, lines).T)
 
-    q, qd, qdd, tau = map(compute_table_variables, ("q", "qd", "qdd", "tau_model"))
+    q, qd, qdd, tau = map(read, ("q", "qd", "qdd", "tau_model"))
     side = (qd[j] > 0).astype(int)
     own = [("q", q[j]), ("qdd", qdd[j]), ("tau", tau[j])]
     out = [StateVariable("qd", (j,), PLAIN, qd[j])]

@@ -76,9 +76,7 @@ def split_joint_properties(
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0
         return f"{target} has no constant torque on a joint" if lone else ""
 
-    return split_exportable_terms(
-        source, explain_missing_formula, f"{target} has no tables"
-    )
+    return split_exportable_terms(source, refuse, f"{target} has no tables")
 
 
 def sum_joint_properties(model: Model) -> dict[str, Array]:

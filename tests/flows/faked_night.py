@@ -44,8 +44,8 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
-        (loop, "in_force", ModelChoice("11" * 10, "model: adoption 3")),
-        (loop, "judge", SimpleNamespace(doubts=("nothing new",))),
+        (loop, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
+        (loop, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
@@ -55,7 +55,7 @@ def faked(monkeypatch, tmp_path):
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])
-    for name in ("identified_parts", "calibrated_parts", "validated_parts"):
+    for name in ("identified_parts", "calibrated_parts", "build_validation_parts"):
         monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
     take(identify, "identify", (SimpleNamespace(), "ff"))
     take(calibrate, "calibrate", SCORES)

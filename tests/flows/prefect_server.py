@@ -29,13 +29,13 @@ ROOT = Path(__file__).parents[2]
 OWNER = """
 import sys
 from pathlib import Path
-from flows.service.state import store_key
+from flows.service.state import read_access_key
 from tests.flows.prefect_server import served
 
 home = Path(sys.argv[1])
 with served(home, PREFECT_UI_ENABLED="false") as running:
     pid = (home / "server.pid").read_text()
-    print(running.url, pid, store_key(home), flush=True)
+    print(running.url, pid, read_access_key(home), flush=True)
     sys.stdin.read()
 """
 PATIENCE = 10.0  # s that messages to a server which was killed are waited for

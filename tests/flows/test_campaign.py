@@ -140,11 +140,11 @@ def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
 # A suite that a shell started in the background inherits a deaf ear for Ctrl-C.
 _SLEEPERS = """
 import signal, time
-from flows.workers import Processes, spread
+from flows.workers import ProcessExecutor, run_jobs
 signal.signal(signal.SIGINT, signal.default_int_handler)
 if __name__ == "__main__":
-    with Processes(2) as pool:
-        for done in spread(pool, time.sleep, [0.5, 0.5, 600.0, 600.0]):
+    with ProcessExecutor(2) as pool:
+        for done in run_jobs(pool, time.sleep, [0.5, 0.5, 600.0, 600.0]):
             print("done", *pool._pids, flush=True)
 """
 

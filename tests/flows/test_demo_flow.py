@@ -72,10 +72,11 @@ def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
     # Three analyses go on beside it.
     beside = ["identify", "calibrate", "validate"]
     assert sorted(n for n, _ in rest if n in beside) == sorted(beside)
-    needed = ["in_force", "diagnose_runs", "diagnosis_page", "words", "judge"]
+    needed = ["resolve_adopted_model", "diagnose_stored_runs", "store_diagnosis_page"]
+    needed += ["read_verdict_headline", "judge_adoption"]
     assert [name for name, _ in rest if name not in beside] == needed
     # The diagnosis goes by the model that the robot has.
-    assert dict(rest)["diagnose_runs"][0][2] == "11" * 10
+    assert dict(rest)["diagnose_stored_runs"][0][2] == "11" * 10
     assert dict(rest)["validate"][0].run == "cc"  # what was held out is validated
 
 
@@ -125,7 +126,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
         return id
 
     monkeypatch.setattr(campaign, "simulate_and_store", run)
-    monkeypatch.setattr(flows, "Processes", lambda _: InlineExecutor())
+    monkeypatch.setattr(flows, "ProcessExecutor", lambda _: InlineExecutor())
     monkeypatch.setattr(flows.tasks.experiment, "retry_delay_seconds", 0)
     (tmp_path / "C.toml").write_text(f"[grid]\nseed = {list(range(12))}\n")
     places = tmp_path / "C.toml", tmp_path / "store"

@@ -53,10 +53,10 @@ def other_code(monkeypatch):
         known = code_provenance.read_code_provenance()
         changed_code = replace(known, code_hash="f" * 64, program_hash="e" * 64)
         for place in ("warehouse.code_provenance", "flows.steps.experiment"):
-            hash = f"{place}.plant_code_hash"
+            hash = f"{place}.hash_plant_code"
             monkeypatch.setattr(hash, lambda: changed_code.code_hash)
         for place in ("flows.steps.rerun", "warehouse.record_commit"):
-            monkeypatch.setattr(f"{place}.provenance", lambda: changed_code)
+            monkeypatch.setattr(f"{place}.read_code_provenance", lambda: changed_code)
 
     return change
 
@@ -72,7 +72,7 @@ def change_value(store, id, by=1e-9):
     values = table.column("tau3").to_numpy().copy()
     values[30] += by
     at = table.column_names.index("tau3")
-    write_parquet(path, table.set_column(at, table.schema.to_arrow_field(at), [values]))
+    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
     write_check_sums(path.parent)
 
 
@@ -193,7 +193,7 @@ def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
     table = pq.ParquetFile(path).read()
     at = table.column_names.index("q1")
     values = table.column("q1").to_numpy() + 1
-    write_parquet(path, table.set_column(at, table.schema.to_arrow_field(at), [values]))
+    write_parquet(path, table.set_column(at, table.schema.field(at), [values]))
     assert main([*words, "--verify"]) == 1
 
 

@@ -122,9 +122,9 @@ def test_a_common_signal_is_one_component_and_white_noise_none(rng):
     [
         (np.ones((9, 2)), {}, "constant over all 9 rows: x1 = 1, x2 = 1"),
         (np.full((9, 2), np.nan), {}, "NaN or infinite in row 0"),
-        (np.eye(9), {"draws": 3}, "draws must be 20 to .* got 3"),
-        (np.eye(9), {"run": [0] * 8 + [1]}, "rows of a run must be 4 .* got 1"),
-        (np.eye(9), {"run": [0, 1]}, "run has shape"),
+        (np.eye(9), {"surrogate_count": 3}, "draws must be 20 to .* got 3"),
+        (np.eye(9), {"run_of_row": [0] * 8 + [1]}, "rows of a run must be 4 .* got 1"),
+        (np.eye(9), {"run_of_row": [0, 1]}, "run has shape"),
     ],
 )
 def test_bad_blocks_are_refused_with_what_to_do(rng, X, options, message):

@@ -223,7 +223,7 @@ def prior_space(design, priors):
         even=({},),
         free=False,
         at=lambda scale, widths: priors[scale],
-        barred=lambda prior: set(),
+        list_barred_effects=lambda prior: set(),
     )
 
 

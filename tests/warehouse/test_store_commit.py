@@ -112,9 +112,7 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
     id = samples.commit(tmp_path)
     path = find_run(tmp_path, id).folder / "part-0.parquet"
     table = pq.read_table(path)
-    pq.write_table(
-        table.set_column(1, table.to_arrow_field(1), pa.array(np.zeros(50))), path
-    )
+    pq.write_table(table.set_column(1, table.field(1), pa.array(np.zeros(50))), path)
     write_check_sums(path.parent)
     with pytest.raises(InputError, match="not those that were committed"):
         read_run(tmp_path, id)

@@ -126,7 +126,7 @@ def test_a_row_of_another_version_is_refused_in_one_sentence(store):
 def row(column, value):
     def change(table):
         at = table.column_names.index(column)
-        field = table.schema.to_arrow_field(at)
+        field = table.schema.field(at)
         return table.set_column(at, field, pa.array([value], field.type))
 
     return change
@@ -144,7 +144,7 @@ def other(column, before, after):
 def louder(table):
     at = table.column_names.index("tau1")
     values = table.column("tau1").to_numpy() * 2
-    return table.set_column(at, table.schema.to_arrow_field(at), [values])
+    return table.set_column(at, table.schema.field(at), [values])
 
 
 @pytest.mark.parametrize(

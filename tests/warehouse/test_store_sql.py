@@ -90,7 +90,7 @@ def test_an_id_of_digits_alone_stays_a_text(store):
         shutil.copytree(folder, folder.with_name(f"run_id={digits}"))
         path = folder.with_name(f"run_id={digits}") / "_run.parquet"
         row = pq.read_table(path)
-        changed = row.set_column(0, row.to_arrow_field(0), [[digits]])
+        changed = row.set_column(0, row.field(0), [[digits]])
         pq.write_table(changed, path)
         write_check_sums(path.parent)
     ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]

@@ -380,7 +380,7 @@ class ParquetLog(LogFile):
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
         for column in columns:
-            kind = self._schema.to_arrow_field(self._places[column][0]).type
+            kind = self._schema.field(self._places[column][0]).type
             if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
                 kind = kind.value_type
             if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):

@@ -134,16 +134,16 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     (place / "in/bad.csv").write_text("t,q1\n0,1\n")
     killed = f"""
 import os, signal
-from flows.inbox import take as run
+from flows.inbox import import_logs as run
 from flows.inbox.import_logs import list_logs
 from flows.project.read import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
-    put, count = run.archive, []
-    run.archive = lambda taken: die() if count else count.append(put(taken))
-(inbox,) = run.inboxes(read_project("."))
+    put, count = run.move_imported_log, []
+    run.move_imported_log = lambda taken: die() if count else count.append(put(taken))
+(inbox,) = run.list_inboxes(read_project("."))
 told = die if {when!r} == "told" else id
-for _ in run.import_all(inbox, list_logs(inbox.folder), told):
+for _ in run.import_inbox_logs(inbox, list_logs(inbox.folder), told):
     pass
 """
     died = subprocess.run(
