@@ -48,7 +48,7 @@ def main() -> int:
     parser.add_argument("--only", nargs="+", choices=PLAN, default=tuple(PLAN))
     args = parser.parse_args()
     codes, start = [], monotonic()
-    names = [name for name in PLAN if name in args.select_members]
+    names = [name for name in PLAN if name in args.only]
     for number, name in enumerate(names, start=1):
         label = f"[{number}/{len(names)}] {name}"
         if not args.quick and is_finished(name):
