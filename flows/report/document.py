@@ -37,7 +37,7 @@ class ReportTable:
         text_columns: Columns of words, from 0; all others are numbers, on the right.
         max_widths: Columns that wrap their words at a width [characters].
         sections: Rows, from 0, above which a line is drawn.
-        groups: Titles over neighboring columns, and how many columns each has.
+        groups: Titles over neighbouring columns, and how many columns each has.
         named: Column that names the row.
         filters: Columns that a reader may filter by.
         look: Its class in the style sheet.

@@ -211,7 +211,7 @@ def build_motion_parts(
     excitation = used.excitation
     count = f"{excitation.parameters} base parameters"
     excites = (
-        f"condition number {excitation.condition:.3g} (column-normalized regressor of "
+        f"condition number {excitation.condition:.3g} (column-normalised regressor of "
         f"{count}), log det {excitation.log_det:.4g}"
     )
     if np.isinf(excitation.condition):

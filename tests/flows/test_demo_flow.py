@@ -55,7 +55,7 @@ def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(
     monkeypatch.setattr(flows.tasks.calibration, "calibrate", fail)
     with pytest.raises(RunError, match="no tables"):
         flows.nightly("CAMPAIGN.toml", store="store")
-    assert [name for name, _ in order][-1] == "judge"
+    assert [name for name, _ in order][-1] == "judge_adoption"
 
 
 def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(

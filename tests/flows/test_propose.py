@@ -59,7 +59,7 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
     assert find_last_adoption(store, ROBOT)[0] == number
     fit = {"fit": list(arm_nights.second[0])}
-    model = in_a_flow(tasks.model_in_force, fit, str(store))
+    model = in_a_flow(tasks.find_adopted_model, fit, str(store))
     assert model == id
     again = arm_nights.again
     doubts = judge_adoption(store, again).doubts
