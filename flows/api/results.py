@@ -16,7 +16,7 @@ from flows.steps.calibrate import calibrate_logs
 from flows.steps.diagnose import apply_known_values, diagnose_logs
 from flows.steps.identify import identify_logs
 from flows.storage import calibration as calibrated
-from flows.storage import identification as identified
+from flows.storage import identification_record as identified
 from residual.calibration import calibrate as core
 from residual.calibration.calibration_rows import CalibrationRun
 from residual.calibration.validation_scores import (

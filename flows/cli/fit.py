@@ -28,7 +28,7 @@ from flows.steps import identify as identification
 from flows.steps.model_choice import choose_request_model
 from flows.storage.calibration import build_calibration_document as calibration_document
 from flows.storage.calibration import build_calibration_files
-from flows.storage.identification import (
+from flows.storage.identification_record import (
     build_identification_document as identification_document,
 )
 from residual.model.model_files import build_robot_folder

@@ -11,7 +11,7 @@ from functools import partial
 from prefect import flow, get_run_logger
 from prefect.runtime import flow_run
 
-from flows.pipelines import loop, tasks
+from flows.pipelines import adoption_flow, tasks
 from flows.pipelines import project as projects
 from flows.requests import Campaign
 from flows.settings import HEALTHY, count_cores, resolve_store_folder
@@ -68,10 +68,10 @@ def nightly(
         _calibrate.submit([*fit, *proof], place),
         _validate.submit(proof or fit, store=place),
     ]
-    ids = tasks.diagnose(runs, place, loop.find_adopted_model(runs, place))
+    ids = tasks.diagnose(runs, place, adoption_flow.find_adopted_model(runs, place))
     page = tasks.report(ids, place)
     projects.report_finding(ids[0], place, page)
-    loop.adopt_or_propose(ids[0], place, auto)
+    adoption_flow.adopt_or_propose(ids[0], place, auto)
     for future in beside:
         future.result()
     return page

@@ -20,7 +20,7 @@ from flows.inbox.import_logs import (
     list_inboxes,
     wait_for_unchanged_logs,
 )
-from flows.pipelines import loop, tasks
+from flows.pipelines import adoption_flow, tasks
 from flows.pipelines.tasks import task
 from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import build_robot_resource
@@ -142,7 +142,7 @@ def diagnose_new(
             return None
         page = tasks.report(ids, str(read.store))
         report_finding(ids[0], str(read.store), page)
-        loop.adopt_or_propose(ids[0], str(read.store), read.robot(robot).auto)
+        adoption_flow.adopt_or_propose(ids[0], str(read.store), read.robot(robot).auto)
         return page
     if not runs:
         raise InputError("diagnose-new needs a project with its robot, or runs.")

@@ -10,7 +10,7 @@ from flows.requests import Identify
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
 from flows.storage.diagnosis import read_adoptable_model
-from flows.storage.identification import store_identification
+from flows.storage.identification_record import store_identification
 from residual import one_blas_thread
 from residual.identification.estimate import Options
 from residual.identification.identify import (

@@ -5,7 +5,7 @@ from sim.engine import friction_laws
 
 
 def _law(state, p):
-    thin = friction_laws.shear_thinning_viscosity(state.qd, p["exponent"])
+    thin = friction_laws.shear_thinning_factor(state.qd, p["exponent"])
     return p["coefficient"] * state.qd * thin
 
 

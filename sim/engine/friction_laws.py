@@ -29,7 +29,7 @@ def smooth_absolute_speed(qd: Value) -> Value:
     return np.hypot(qd, _CHURN)
 
 
-def shear_thinning_viscosity(qd: Value, exponent: float) -> Value:
+def shear_thinning_factor(qd: Value, exponent: float) -> Value:
     """Return (qd^2 + 0.01^2)^((exponent - 1) / 2): shear thinning."""
     return np.hypot(qd, _THIN) ** (exponent - 1.0)
 
@@ -110,7 +110,7 @@ def mix_contact_warmth(oil: Value, housing: Value) -> Value:
     return 0.4 * oil + 0.6 * housing
 
 
-def warm_friction_factor(warmth: Value, growth: Value) -> Value:
+def grease_thinning_factor(warmth: Value, growth: Value) -> Value:
     """Return 1 / (1 + growth warm): grease thins, at first quickly."""
     return 1.0 / (1.0 + growth * warmth)
 

@@ -36,7 +36,7 @@ from sim.plant.step_tables import compile_lazily, unpack_constants
 
 _direction = njit(friction_laws.smooth_motion_direction)
 _quadratic = njit(friction_laws.smooth_absolute_speed)
-_power = njit(friction_laws.shear_thinning_viscosity)
+_power = njit(friction_laws.shear_thinning_factor)
 _stribeck = njit(friction_laws.stribeck_factor)
 _carried = njit(friction_laws.preloaded_torque)
 _eccentric = njit(friction_laws.eccentric_gear_wave)
@@ -49,7 +49,7 @@ _BRISTLE_DAMPING = 0.2
 AMBIENT, RISE = 20.0, 25.0  # degrees Celsius; rise at the usual power
 SLOW = 600.0  # s: joints whose friction does not depend on temperature
 _warmth = njit(friction_laws.mix_contact_warmth)
-_thinned = njit(friction_laws.warm_friction_factor)
+_thinned = njit(friction_laws.grease_thinning_factor)
 _leaning = njit(friction_laws.directional_friction_factor)
 _heated = njit(friction_laws.step_warmth)
 _LEAN, _GROWTH, _OIL, _HOUSING, _SLOT = range(5)

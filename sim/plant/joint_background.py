@@ -201,7 +201,7 @@ def compute_background_torque(
     times = np.array([b.oil, b.housing]) / (motion.t[1] - motion.t[0])
     share = np.ascontiguousarray(cold * motion.qd / power_scale)
     warm = friction_laws.mix_contact_warmth(*_warmths(start, share, times, b.growth))
-    factor = friction_laws.warm_friction_factor(warm, b.growth)
+    factor = friction_laws.grease_thinning_factor(warm, b.growth)
     return BackgroundTorque(
         factor * cold - plain + compute_cogging(b, motion.q), factor
     )

@@ -20,7 +20,7 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.pipelines import loop, nightly, tasks
+    from flows.pipelines import adoption_flow, nightly, tasks
     from flows.pipelines import project as projects
 
     page = tmp_path / "report.html"
@@ -44,13 +44,17 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
-        (loop, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
-        (loop, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
+        (
+            adoption_flow,
+            "resolve_adopted_model",
+            ModelChoice("11" * 10, "model: adoption 3"),
+        ),
+        (adoption_flow, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "read_run_robot", lambda runs, store: "irb140")
-    monkeypatch.setattr(loop, "read_verdict", lambda *_: typed({}))
+    monkeypatch.setattr(adoption_flow, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(tasks, "format_run_name", lambda *_: NAME)
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))

@@ -20,15 +20,15 @@ def night_store(arm_nights):
 
 @pytest.fixture
 def nights(server, night_store, monkeypatch):
-    from flows.pipelines import loop
+    from flows.pipelines import adoption_flow
 
     events = []
     monkeypatch.setattr(
-        loop.tasks,
+        adoption_flow.tasks,
         "send_event",
         lambda event, about: events.append(about["diagnosis"]),
     )
-    yield loop, night_store, events
+    yield adoption_flow, night_store, events
     store = night_store[0]
     while (last := find_last_adoption(store, ROBOT)) and last[1].model_id:
         roll_back(None, store=store)

@@ -12,21 +12,28 @@ def flow_run(server, monkeypatch, tmp_path):
     from prefect.exceptions import Pause
     from prefect.flow_engine import run_flow
 
-    from flows.pipelines import loop
+    from flows.pipelines import adoption_flow
 
     given = []
-    monkeypatch.setattr(loop, "render_proposal", lambda *about: "| now | then |")
-    monkeypatch.setattr(loop, "adopt", lambda *it: given.append(it) or "7")
+    monkeypatch.setattr(
+        adoption_flow, "render_proposal", lambda *about: "| now | then |"
+    )
+    monkeypatch.setattr(adoption_flow, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:
-        place = client.create_deployment(client.create_flow(loop.propose), "propose")
+        place = client.create_deployment(
+            client.create_flow(adoption_flow.propose), "propose"
+        )
         run = client.create_flow_run_from_deployment(place, parameters=words)
 
         def go():
             now = client.read_flow_run(run.id)
             try:
                 return run_flow(
-                    loop.propose, flow_run=now, parameters=words, return_type="state"
+                    adoption_flow.propose,
+                    flow_run=now,
+                    parameters=words,
+                    return_type="state",
                 )
             except Pause as suspended:  # so its process ends
                 return suspended.state
