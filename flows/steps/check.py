@@ -13,7 +13,7 @@ from flows.inputs.repair import (
 )
 from flows.requests import Check, Map
 from residual import one_blas_thread
-from residual.check.check import check_logs
+from residual.check.check import WRONG, check_logs
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
@@ -61,6 +61,8 @@ def check_log_sets(logs: LogSets) -> LogCheck:
         joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
         fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
         out.append(fault)
+    for group in ((*logs.fit, *logs.held_out), logs.baseline):
+        out += _faults_of_single_logs(logs, group, LogCheck(tuple(out)))
     return LogCheck(tuple(out))
 
 
@@ -100,11 +102,38 @@ def _refusal(report: LogCheck) -> str:
         line = " ".join(first.repair.split())
         mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line}"
     else:
-        mend = "Record the log again."
+        mend = "" if "Leave this log out." in evidence else "Record the log again."
     return (
         f"The logs have a fault ({first.where}): {evidence}{rest}\n"
         f"{mend} To continue anyway: --trust-log (trust_log=True)."
     )
+
+
+def _faults_of_single_logs(
+    logs: LogSets, group: Sequence[Recording], pooled: LogCheck
+) -> list[Fault]:
+    """Return the certain faults that one log has and the others do not.
+
+    In a sum over all logs the good ones outweigh a bad one, whose fault then looks like
+    an effect of the arm. A repair line is of all logs, so here it stands in the
+    evidence.
+    """
+    if len(group) < 2 or any(f.kind != WRONG for f in pooled.certain):
+        return []
+    out = []
+    for log in group:
+        for fault in check_logs(logs.robot, [log]).certain:
+            if fault.kind == WRONG:
+                continue
+            lines = format_repair_lines(fault.repairs, logs.robot, logs.columns)
+            fix = f" A map for this log alone has {lines}" if lines else ""
+            evidence = (
+                f"Log {log.id}, not the others: {fault.evidence.rstrip()} Leave this "
+                f"log out.{fix}"
+            )
+            joints = tuple(map(int, fault.joints))
+            out.append(Fault(fault.kind, joints, True, evidence))
+    return out
 
 
 def _faults(logs: LogSets, group: Sequence[Recording]) -> list[Fault]:
