@@ -80,6 +80,8 @@ BAD = {
     "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",
     "runs --store s3://r/cell": "BUCKET has 3 to 63",
     "runs --store nowhere": "There is no store at",
+    "runs --store .": "is no store: expected folders such as samples",
+    "verify --store .": "is no store: expected folders such as samples",
     "runs --limit 0": "expected 1 or more",
     "runs --format xml": "--format",
     "sql": "Give one of",

@@ -24,6 +24,7 @@ from warehouse.query.sql_guard import (
 from warehouse.query.sql_views import build_catalogue_views, build_signal_table
 from warehouse.record_ids import build_damage_error
 from warehouse.remote_store import (
+    check_store_folder,
     fetch_file,
     find_local_copy,
     find_store_bucket,
@@ -77,11 +78,7 @@ def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
     folder = find_local_copy(word) if is_bucket_address(word) else Path(path).resolve()
-    if not folder.is_dir():
-        raise InputError(
-            f"There is no store at {format_store_name(folder)}. Make one with modelgap "
-            "experiment or demo, or say where it is: --store FOLDER."
-        )
+    check_store_folder(folder)
     if set(str(folder)) & set("*?[]{}"):
         raise InputError(f"{path}: the path of a store must not contain * ? [ ] {{ }}.")
     return Store(folder)
