@@ -19,7 +19,7 @@ OF_ALL = {
     f"V A.csv {ROBOT} --declared coulom": "did you mean 'coulomb'",
     f"V A.csv {ROBOT} --map no.toml": "Cannot read no.toml",
     f"V A.csv {ROBOT} --json A.csv": "overwrite an input",
-    f"V D.csv {ROBOT}": "No log file 'D.csv'",
+    f"V D.csv {ROBOT}": "MCAP or ROS bag file, or",
     f"V abcdef12 {ROBOT} --store nowhere": "abcdef12",
 }
 VERBS = ("diagnose", "identify", "calibrate", "check")

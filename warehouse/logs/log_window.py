@@ -137,11 +137,14 @@ def _existing(path: Path) -> Path:
         )
     if not os.path.exists(path):
         raise InputError(
-            f"No log file '{shorten_value(path)}'. Give a CSV or Parquet file."
+            f"No log file '{shorten_value(path)}'. Give a CSV, Parquet, MCAP or ROS "
+            "bag file, or, where a command reads the store, the id of a run "
+            "(modelgap runs)."
         )
     if not os.path.isfile(path):
         raise InputError(
-            f"{path} is not a regular file, expected a CSV or Parquet file."
+            f"{path} is not a regular file, expected a CSV, Parquet, MCAP or ROS bag "
+            "file."
         )
     return path
 
