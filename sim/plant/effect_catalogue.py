@@ -42,6 +42,17 @@ def list_unnamed_effects() -> list[str]:
     ]
 
 
+def check_effect_name(name: str) -> str:
+    """Return the name if the plant has this effect; x_ marks effects of no vocabulary.
+
+    Raises:
+        InputError: If it has not; the message lists the effects of the same sort.
+    """
+    effects, unnamed = load_effects(), name.startswith("x_")
+    alike = [n for n in effects if n == name or n.startswith("x_") == unnamed]
+    return check_name(name, alike, "effect of the plant")
+
+
 def list_drive_effects() -> list[Effect]:
     """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
     found = [effect for effect in load_effects().values() if effect.of_drive]
@@ -129,7 +140,7 @@ def find_main_parameter(name: str, parameters: Mapping[str, float]) -> str | Non
 
 def check_effect(effect: PlantEffect, robot: Robot) -> None:
     """Check name, joints, parameters and onset of one effect."""
-    check_name(effect.name, list_plant_effects(), "effect of the plant")
+    check_effect_name(effect.name)
     kind, given = load_effects()[effect.name], dict(effect.parameters)
     check_keys(given, kind.parameters, f"effect '{effect.name}'")
     for key in kind.parameters:
