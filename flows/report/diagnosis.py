@@ -257,7 +257,10 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    brief = [tables.build_brief_error_table(result, rows)]
+    brief = [
+        tables.build_brief_error_table(result, rows),
+        *tables.describe_error_columns(rows),
+    ]
     return Section("proof", "Error on unseen motion", parts, note, brief=brief)
 
 

@@ -9,6 +9,7 @@ from flows.report.phrases import (
     count_noun,
     effect_joints_key,
     find_effect,
+    format_effect_noun,
     format_effect_place,
     format_equivalent_phrases,
     format_joints,
@@ -348,7 +349,7 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
         parts.append("These logs cannot separate the alternatives in brackets.")
     parts.append(describe_errors(verdict))
     if verdict.trusted:
-        parts.append(describe_wrong_values(verdict))
+        parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
     joints = format_joints(verdict.unexplained.joints, dof)
     if joints and verdict.effects:
         parts.append(f"No known effect explains the remaining error on {joints}.")
@@ -473,6 +474,23 @@ def describe_errors(verdict: Verdict) -> str:
     out = f"Error on unseen motion{weak}: {steps}."
     worse = describe_worse_joints(verdict)
     return f"{out} The findings raise it on {join_with_and(worse)}." if worse else out
+
+
+def _first_fitted(verdict: Verdict) -> str:
+    """Return which effects explain a better refit though the robot has no values."""
+    levels = summarize_errors(verdict.error)
+    nominal, refit = levels.get("nominal"), levels.get("identified")
+    # Every value of the robot is in `changes`; a verdict without any lists none.
+    given = {change.name for change in verdict.changes}
+    nouns = [format_effect_noun(n) for n in verdict.declared if n not in given]
+    if verdict.verdict != "none" or not (given and nouns and nominal and refit):
+        return ""
+    if nominal < _DIFFERS * refit:
+        return ""
+    return (
+        f"The refit also fitted {join_with_and(nouns)}, for which the robot file has "
+        "no values."
+    )
 
 
 def describe_worse_joints(verdict: Verdict) -> list[str]:

@@ -129,6 +129,16 @@ def build_error_table(
     )
 
 
+def describe_error_columns(rows: Sequence[ErrorRow]) -> list[str]:
+    """Return a line on each term of an error table that needs one."""
+    lines = []
+    if any(has_error(rows, metric, "plsr") for metric in METRICS):
+        lines.append("plsr: augmented, and tables fitted to the residual.")
+    if any(row.flagged and is_number(row.unexplained) for row in rows):
+        lines.append("flagged: the residual of this joint is larger than noise.")
+    return lines
+
+
 def build_brief_error_table(
     diagnosis: Diagnosis, rows: Sequence[ErrorRow]
 ) -> ReportTable | None:
