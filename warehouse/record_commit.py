@@ -217,9 +217,7 @@ def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
         parents: Ids, pairs of id and role, or lists of ids by role.
     """
     if isinstance(parents, Mapping):
-        pairs = [
-            (id, name) for name, ids_of_role in parents.items() for id in ids_of_role
-        ]
+        pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
         pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
     rows = [

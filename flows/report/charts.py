@@ -392,12 +392,8 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
     named, flagged = diagnosis.effects, diagnosis.unexplained.joints
 
     def gain(row: ErrorRow) -> tuple[bool, float]:
-        before, after = map(row.values["filtered"].get, ("identified", "augmented"))
-        value = (
-            before - after
-            if named and is_number(before) and is_number(after)
-            else before
-        )
+        old, new = map(row.values["filtered"].get, ("identified", "augmented"))
+        value = old - new if named and is_number(old) and is_number(new) else old
         return not named and row.joint in flagged, value if is_number(value) else 0.0
 
     rows = [row for row in build_error_rows(diagnosis) if row.joint]

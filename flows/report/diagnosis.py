@@ -167,12 +167,10 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
     return size, error, sure, remaining
 
 
-def _fold(
-    figures: Sequence[Chart], title: str, grid: bool = True
-) -> FoldedParts | None:
+def _fold(parts: Sequence[Chart], title: str, grid: bool = True) -> FoldedParts | None:
     """More figures, which open at a click; in a grid where they are small."""
-    shown = f"{title} ({count_noun(len(figures), 'figure')})"
-    return FoldedParts(shown, [figures] if grid else figures) if figures else None
+    shown = f"{title} ({count_noun(len(parts), 'figure')})"
+    return FoldedParts(shown, [parts] if grid else parts) if parts else None
 
 
 def build_truth_parts(demonstration: Demonstration) -> list[Part]:

@@ -525,15 +525,15 @@ def _background(verdict: Verdict) -> str:
 
 def _drift(verdict: Verdict) -> str:
     """Return by how much the friction of the joints moved together, or nothing."""
-    drift = verdict.drift
-    if drift is None:
+    d = verdict.drift
+    if d is None:
         return ""
     by, std = (
-        format_percent(100 * abs(drift.factor - 1)),
-        format_percent(100 * drift.std),
+        format_percent(100 * abs(d.factor - 1)),
+        format_percent(100 * d.std),
     )
-    side, arm = ("lower", "warmer") if drift.factor < 1 else ("higher", "colder")
-    joints = format_joints(drift.joints, verdict.dof)
+    side, arm = ("lower", "warmer") if d.factor < 1 else ("higher", "colder")
+    joints = format_joints(d.joints, verdict.dof)
     return (
         f"Friction on {joints} is {by} (± {std}) {side} than in the baseline, as on a "
         f"{arm} arm."

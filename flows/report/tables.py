@@ -143,14 +143,12 @@ def build_brief_error_table(
     diagnosis: Diagnosis, rows: Sequence[ErrorRow]
 ) -> ReportTable | None:
     """Return the errors of the first metric known; page and JSON have all."""
-    first = next(
-        (m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None
-    )
-    if first is None:
+    key = next((m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None)
+    if key is None:
         return None
     weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
-    about = f"Error on unseen motion ({METRICS[first]}{weak}), % of torque"
-    return build_error_table(rows, [first], about)
+    about = f"Error on unseen motion ({METRICS[key]}{weak}), % of torque"
+    return build_error_table(rows, [key], about)
 
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:

@@ -106,13 +106,9 @@ def compute_effect_amount(name: str, parameters: Mapping[str, float]) -> float |
     return convert_stated_size(name, size)
 
 
-def convert_stated_size(name: str, value: float) -> float:
+def convert_stated_size(name: str, x: float) -> float:
     """Return an amount as the size that people state, or the other way round."""
-    return (
-        1.0 / value
-        if PlantEffectTrait.INVERSE in load_effects()[name].traits
-        else value
-    )
+    return 1.0 / x if PlantEffectTrait.INVERSE in load_effects()[name].traits else x
 
 
 def scale_effect_parameters(

@@ -327,9 +327,7 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
             )
 
 
-def convert_to_link_side(
-    name: str, raw: Array, signal: SignalMap, robot: Robot
-) -> Array:
+def convert_to_link_side(name: str, raw: Array, signal: SignalMap, arm: Robot) -> Array:
     """Convert one signal of all joints.
 
     Positions, whole turns undone where that is asked for, and their derivatives:
@@ -354,9 +352,9 @@ def convert_to_link_side(
     if signal.scale:
         values = values * np.array(signal.scale)
     if name == "tau":
-        return _torque(values, signal, robot)
+        return _torque(values, signal, arm)
     if signal.side == "motor":
-        return np.linalg.solve(_transmission(name, robot), values.T).T
+        return np.linalg.solve(_transmission(name, arm), values.T).T
     return values
 
 

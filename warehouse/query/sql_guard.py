@@ -70,29 +70,25 @@ READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 WORKING, LARGEST = 0.5, 0.25
 
 
-def check_reads_only(
-    connection: duckdb.DuckDBPyConnection, query: str
-) -> frozenset[str]:
+def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
     """Return the tables and views that a query names, if all it can do is read."""
     if len(query) > LONGEST:
         raise InputError(
             f"The query has {len(query)} characters, at most {LONGEST} are taken."
         )
-    kind, text = _one_statement(connection, query)
+    kind, text = _one_statement(db, query)
     select = _explained(text) if kind == "EXPLAIN" else text
     if kind not in ("SELECT", "EXPLAIN"):
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
-    if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
+    if kind == "EXPLAIN" and _one_statement(db, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
-    return _tables(connection, select)
+    return _tables(db, select)
 
 
-def _one_statement(
-    connection: duckdb.DuckDBPyConnection, query: str
-) -> tuple[str, str]:
+def _one_statement(db: duckdb.DuckDBPyConnection, query: str) -> tuple[str, str]:
     try:
-        statements = connection.extract_statements(query)
+        statements = db.extract_statements(query)
         # A statement newer than the library's own list of types is no number of it.
         kinds = [statement.type.name for statement in statements]
     except duckdb.Error as error:

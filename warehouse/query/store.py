@@ -252,10 +252,8 @@ class Store:
         # The second lock: what slips past the guard cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
-            relation = self._connection.sql(
-                query, params=dict(values) if values else None
-            )
-            return collect_answer(relation.to_arrow_reader(_BATCH))
+            rows = self._connection.sql(query, params=dict(values) if values else None)
+            return collect_answer(rows.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")
