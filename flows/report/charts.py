@@ -285,13 +285,11 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
     charts = [_cloud_chart(c, len(usable), diagnosis) for c in usable]
     out = []
     for finding in diagnosis.effects:
-        own_charts = [chart for chart in charts if chart.name == finding.name]
+        drawn = [chart for chart in charts if chart.name == finding.name]
         # Two findings of one effect differ by their joints.
         if find_effect(finding.name).variable is not None and finding.joints:
-            own_charts = [
-                c for c in own_charts if c.joint in finding.joints
-            ] or own_charts
-        out.append(own_charts)
+            drawn = [c for c in drawn if c.joint in finding.joints] or drawn
+        out.append(drawn)
     return out
 
 

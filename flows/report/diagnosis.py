@@ -129,26 +129,20 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
     verdict, named, unexplained = result.verdict, result.effects, result.unexplained
     size = sure = remaining = None
     if len(named) == 1:
-        (finding,) = named
-        name, value = tables.format_first_size(finding, verdict)
-        of = f"of {tables.title_finding(finding, verdict)}"
+        (f,) = named
+        name, value = tables.format_first_size(f, verdict)
+        of = f"of {tables.title_finding(f, verdict)}"
         size = HeadlineFigure(capitalize_first(name), value, of) if name else None
         alternative = (
-            f" or {tables.format_equivalents(finding, result)}"
-            if finding.equivalent
-            else ""
+            f" or {tables.format_equivalents(f, result)}" if f.equivalent else ""
         )
-        note = f"that it is {format_effect_noun(finding.name)}{alternative}"
-        sure = HeadlineFigure(
-            "Probability", format_probability(finding.probability), note
-        )
+        note = f"that it is {format_effect_noun(f.name)}{alternative}"
+        sure = HeadlineFigure("Probability", format_probability(f.probability), note)
     elif named:
-        confirmed = sum(finding.evidence.held_out == "confirmed" for finding in named)
+        confirmed = sum(f.evidence.held_out == "confirmed" for f in named)
         note = f"{confirmed} of them confirmed on unseen motion"
         size = HeadlineFigure("Effects found", str(len(named)), note)
-        likely = [
-            finding.probability for finding in named if is_number(finding.probability)
-        ]
+        likely = [f.probability for f in named if is_number(f.probability)]
         weakest = format_probability(min(likely, default=None))
         sure = HeadlineFigure("Probability", weakest, "of the least certain name")
     stages = (

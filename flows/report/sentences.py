@@ -354,7 +354,10 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
     if joints and verdict.effects:
         parts.append(f"No known effect explains the remaining error on {joints}.")
     if verdict.trusted:
-        parts += [_background(verdict), _drift(verdict)]
+        usual = [format_effect_place(f, dof) for f in verdict.background]
+        if usual:
+            parts.append(f"Also present, as on any used arm: {join_with_and(usual)}.")
+        parts.append(_drift(verdict))
     names = [
         f"{format_effect_place(f, dof)} ({format_probability(f.probability)})"
         for f in verdict.suspected
@@ -370,9 +373,7 @@ def format_claim(verdict: Verdict) -> str:
     """Return the claim of a verdict in one sentence."""
     faults = verdict.log_check.faults if verdict.log_check else ()
     if not verdict.trusted:
-        words = join_with_and(
-            [title_fault(fault) for fault in verdict.log_check.certain]
-        )
+        words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
         return f"No effect is named, because the logs are faulty: {words}."
     if verdict.verdict == "effects":
         return _effects(verdict)
@@ -381,7 +382,7 @@ def format_claim(verdict: Verdict) -> str:
             return " ".join(capitalize_first(f"{c}.") for c in verdict.contradictions)
         where = format_joints(verdict.unexplained.joints, verdict.dof)
         return f"The model lacks something on {where} that no known effect explains."
-    words = join_with_and([title_fault(fault) for fault in faults if fault.repair])
+    words = join_with_and([title_fault(f) for f in faults if f.repair])
     if words:
         return (
             f"No missing effect found, but the logs may be faulty: {words}. First "
@@ -515,23 +516,12 @@ def _more_motion(report: LogCheck | None) -> list[str]:
     return []
 
 
-def _background(verdict: Verdict) -> str:
-    """Return the findings that any used arm has, in one sentence, or nothing."""
-    folded = join_with_and(
-        [format_effect_place(f, verdict.dof) for f in verdict.background]
-    )
-    return f"Also present, as on any used arm: {folded}." if folded else ""
-
-
 def _drift(verdict: Verdict) -> str:
     """Return by how much the friction of the joints moved together, or nothing."""
     d = verdict.drift
     if d is None:
         return ""
-    by, std = (
-        format_percent(100 * abs(d.factor - 1)),
-        format_percent(100 * d.std),
-    )
+    by, std = (format_percent(100 * x) for x in (abs(d.factor - 1), d.std))
     side, arm = ("lower", "warmer") if d.factor < 1 else ("higher", "colder")
     joints = format_joints(d.joints, verdict.dof)
     return (

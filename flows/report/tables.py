@@ -233,7 +233,7 @@ def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
     heads += ["Gain", *["Found again"] * again]
     rows = []
     for effect in diagnosis.effects:
-        evidence, name = (
+        proof, name = (
             effect.evidence,
             capitalize_first(title_finding(effect, diagnosis.verdict)),
         )
@@ -242,15 +242,11 @@ def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
                 "span", f"or {format_equivalents(effect, diagnosis)}", "soft"
             )
             name = Markup("{}<br>{}").format(name, other)
-        word = evidence.held_out
+        word = proof.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
-        row = [
-            name,
-            format_probability(effect.probability),
-            format_number(evidence.nats),
-        ]
-        row += [evidence.by or MISSING, html_tag("span", word or "not tested", look)]
-        row += [format_fraction(evidence.held_out_gain)]
+        row = [name, format_probability(effect.probability), format_number(proof.nats)]
+        row += [proof.by or MISSING, html_tag("span", word or "not tested", look)]
+        row += [format_fraction(proof.held_out_gain)]
         rows.append(row + [format_split_count(effect) or MISSING] * again)
     return ReportTable(heads, rows, text_columns=(0, 3, 4))
 

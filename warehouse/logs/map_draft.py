@@ -341,7 +341,8 @@ class _Drafter:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
         self.families = group_joint_columns(log.columns, joints)
-        formats = (n for n, p in PRESETS.items() if self._is_of(p))
+        timed = {n: p for n, p in PRESETS.items() if {*p.time} & {*log.columns}}
+        formats = (n for n, p in timed.items() if self._preset_columns(p, "q"))
         self.format = format or next(formats, None)
         self.preset = PRESETS.get(self.format or "", MakerLogFormat(""))
         self.values: dict[tuple[str, ...], Array | None] = {}
@@ -375,12 +376,6 @@ class _Drafter:
 
     def _doubt(self, line: str, words: str) -> None:
         self.doubts.setdefault(line, []).append(words)
-
-    def _is_of(self, preset: MakerLogFormat) -> bool:
-        """Whether time and angles of a preset are in the log."""
-        return bool(
-            {*preset.time} & {*self.log.columns} and self._preset_columns(preset, "q")
-        )
 
     def _preset_columns(
         self, preset: MakerLogFormat, signal: str

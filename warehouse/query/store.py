@@ -116,8 +116,7 @@ def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
     if not ids:
         raise InputError(
             f"No run in {format_store_name(path)} fulfills {clause}. List the runs: "
-            f"modelgap "
-            'sql "FROM runs".'
+            'modelgap sql "FROM runs".'
         )
     return ids
 
