@@ -465,9 +465,7 @@ def read_adoption(store: Path, id: str) -> ModelAdoption:
     """Return an adoption; what else is in its record is left out."""
     row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
     record = json.loads(read_row_text(row, "record"))
-    return ModelAdoption(
-        **{each.name: record[each.name] for each in fields(ModelAdoption)}
-    )
+    return ModelAdoption(**{f.name: record[f.name] for f in fields(ModelAdoption)})
 
 
 def find_last_adoption(

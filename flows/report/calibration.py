@@ -342,9 +342,8 @@ def chart_lookup_curves(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of components of each model (figure 8)."""
     out = []
     for model in (PLSR, PAPER_FORM):
-        scores = [
-            find_model_score(result.scores, scheme, model) for scheme in (RUN, RANDOM)
-        ]
+        schemes = (RUN, RANDOM)
+        scores = [find_model_score(result.scores, s, model) for s in schemes]
         scores = [s for s in scores if s is not None and s.curve is not None]
         if scores:
             curves = {SCHEMES[s.scheme]: s.curve for s in scores}

@@ -203,9 +203,8 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
         brief += tables.describe_finding(effect, result)
-    brief += (
-        sentences.describe_alternative_sets(result.verdict) if result.effects else ()
-    )
+    if result.effects:
+        brief += sentences.describe_alternative_sets(result.verdict)
     brief += describe_edit_tests(result.verdict)
     return Section("missing", "What is missing", parts, note, brief=brief)
 
@@ -300,9 +299,8 @@ def _nominal_values(verdict: Verdict) -> Section:
     heads = ("Value", "Nominal", "Identified", "Difference")
 
     def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        return build_text_table(
-            heads, sentences.build_value_rows(changes, verdict), title
-        )
+        rows = sentences.build_value_rows(changes, verdict)
+        return build_text_table(heads, rows, title)
 
     title = f"All {len(verdict.changes)} values, nominal and identified"
     folded = FoldedParts(title, [table(verdict.changes)])

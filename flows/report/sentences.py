@@ -67,9 +67,7 @@ def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]
         row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
     columns = sorted({column for row in sizes.values() for column in row})
     heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
-    rows = [
-        [name, *(row.get(c, MISSING) for c in columns)] for name, row in sizes.items()
-    ]
+    rows = [[n, *(row.get(c, MISSING) for c in columns)] for n, row in sizes.items()]
     return ["Effect", *heads], rows
 
 
@@ -171,9 +169,8 @@ _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
 def list_wrong_values(verdict: Verdict) -> list[Change]:
     """Return the nominal values that are off and in no finding, worst first."""
     changes = [c for c in verdict.changes if c.beyond and not c.explained]
-    return sorted(
-        changes, key=lambda c: (c.name not in verdict.declared, -abs(_share(c)))
-    )
+    given = verdict.declared
+    return sorted(changes, key=lambda c: (c.name not in given, -abs(_share(c))))
 
 
 def describe_wrong_values(verdict: Verdict) -> str:
