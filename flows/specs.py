@@ -192,13 +192,13 @@ def load_spec(path: str | Path) -> ExperimentSpec:
 
 def parse_spec(content: dict, path: str | Path) -> ExperimentSpec:
     """Check the content of a SPEC.toml; robot files are relative to its folder."""
-    for table in ("grid", "random"):
+    for table in _CHANGES:
         if table in content:
             raise InputError(
                 f"{Path(path).name} has [{table}], so it is a campaign. "
                 f"Run modelgap campaign {path}."
             )
-    spec = build_toml_record(ExperimentSpec, content, Path(path).name)
+    spec = build_toml_record(ExperimentSpec, content, Path(path).name, _CHANGES)
     beside = Path(path).parent / spec.robot
     if not Path(spec.robot).is_absolute() and _exists(beside):
         return spec.model_copy(update={"robot": str(beside)})
@@ -213,6 +213,7 @@ def _exists(path: Path) -> bool:
 
 
 MOST = 10_000  # runs
+_CHANGES = ("grid", "random")  # tables of a campaign
 _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
 

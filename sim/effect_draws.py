@@ -11,7 +11,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from residual.errors import InputError, check_name
+from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot, build_robot
 from sim.effects.base import Effect, Joints, PlantEffectTrait, Rng, TypicalJointSizes
@@ -22,6 +22,7 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant.effect_catalogue import (
+    check_effect_name,
     list_drive_effects,
     list_named_effects,
     list_plant_effects,
@@ -78,9 +79,7 @@ def draw_effect(
     Args:
         joint: Joint from 1 (the first of a pair), or None to draw it.
     """
-    kind = list_plant_effects()[
-        check_name(effect, list_plant_effects(), "effect of the plant")
-    ]
+    kind = list_plant_effects()[check_effect_name(effect)]
     typical = estimate_typical_sizes(robot)
     joints = _joints(kind, robot.dof, typical, rng, joint)
     if not all(1 <= j <= robot.dof for j in joints):

@@ -27,16 +27,7 @@ WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.l
 _NAMED = 20  # files that are named; the others are counted
 
 # Named in the manifest; all others are in the hash of the environment.
-_TOLD = (
-    "modelgap",
-    "numpy",
-    "scipy",
-    "numba",
-    "pin",
-    "pybullet",
-    "pyarrow",
-    "duckdb",
-)
+_TOLD = ("modelgap", "numpy", "scipy", "numba", "pin", "pybullet", "pyarrow", "duckdb")
 BUILT = Path(__file__).with_name("commit.txt")
 MADE_WITH = "made_with"
 

@@ -217,9 +217,7 @@ def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
         parents: Ids, pairs of id and role, or lists of ids by role.
     """
     if isinstance(parents, Mapping):
-        pairs = [
-            (id, name) for name, ids_of_role in parents.items() for id in ids_of_role
-        ]
+        pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
         pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
     rows = [
@@ -467,9 +465,7 @@ def read_adoption(store: Path, id: str) -> ModelAdoption:
     """Return an adoption; what else is in its record is left out."""
     row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
     record = json.loads(read_row_text(row, "record"))
-    return ModelAdoption(
-        **{each.name: record[each.name] for each in fields(ModelAdoption)}
-    )
+    return ModelAdoption(**{f.name: record[f.name] for f in fields(ModelAdoption)})
 
 
 def find_last_adoption(

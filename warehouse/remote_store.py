@@ -21,7 +21,7 @@ from contextlib import contextmanager, suppress
 from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
-from residual.errors import InputError
+from residual.errors import InputError, shorten_value
 from warehouse.bucket import (
     Bucket,
     open_bucket,
@@ -112,6 +112,29 @@ def format_store_name(store: Path) -> str:
     """Return the name of a store in messages: its address, or its folder."""
     bucket = find_store_bucket(store)
     return bucket.url if bucket else str(store)
+
+
+def check_store_folder(folder: Path) -> None:
+    """Check that a folder is a store; an empty folder is an empty store.
+
+    Raises:
+        InputError: If there is no such folder, or it holds other files only.
+    """
+    if not folder.is_dir():
+        raise InputError(
+            f"There is no store at {format_store_name(folder)}. Make one with modelgap "
+            "experiment or demo, or say where it is: --store FOLDER."
+        )
+    # Hidden files, such as .gitkeep, make no folder another thing.
+    names = {name for name in os.listdir(folder) if not name.startswith(".")}
+    if names and not names & FOLDERS and not find_store_bucket(folder):
+        example = min(names)
+        raise InputError(
+            f"{folder} is no store: expected folders such as samples or models, got "
+            f"'{shorten_value(example)}'"
+            f"{f' and {len(names) - 1} more' if len(names) > 1 else ''}. Give the "
+            "folder of a store, or a new one: --store FOLDER."
+        )
 
 
 def find_bucket_key(path: Path) -> tuple[Path, str] | None:

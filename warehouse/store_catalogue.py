@@ -200,20 +200,18 @@ class StoreCatalogue:
     damaged: Mapping[str, Sequence[str]]
 
 
-def read_catalogue(
-    store: Path, previous: StoreCatalogue | None = None
-) -> StoreCatalogue:
+def read_catalogue(store: Path, before: StoreCatalogue | None = None) -> StoreCatalogue:
     """List a store, and bring its index up to date where that pays.
 
     Args:
-        previous: What was read earlier; it is given back if nothing has changed.
+        before: What was read earlier; it is given back if nothing has changed.
     """
     folders = {kind: list_record_folders(store, kind) for kind in KINDS}
-    if previous is not None and previous.folders == folders:
-        return previous
+    if before is not None and before.folders == folders:
+        return before
     rows, damaged = {}, {}
     for kind in KINDS.values():
-        both = _rows(store, kind, folders[kind.name], previous)
+        both = _rows(store, kind, folders[kind.name], before)
         rows[kind.name], damaged[kind.name] = both
     return StoreCatalogue(folders, rows, damaged)
 

@@ -49,28 +49,30 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def build_toml_record(
-    record: type[Record], content: dict[str, Any], where: str
+    record: type[Record],
+    content: dict[str, Any],
+    where: str,
+    more_tables: Sequence[str] = (),
 ) -> Record:
-    """Check the content of a file."""
-    for words, _ in find_toml_faults(record, content):
-        raise InputError(f"{where}: {words}")
-    return TypeAdapter(record).validate_python(content)
+    """Check the content of a file.
 
-
-def find_toml_faults(record: type, content: dict[str, Any]) -> list[tuple[str, tuple]]:
-    """Return the faults of the content of a file: words, and the place of the key."""
+    Args:
+        where: Name of the file.
+        more_tables: Valid tables of such a file that are not in this content.
+    """
     try:
-        TypeAdapter(record).validate_python(content)
+        return TypeAdapter(record).validate_python(content)
     except ValidationError as error:
-        errors = error.errors(include_url=False)
-        return [(_words(record, fault), fault["loc"]) for fault in errors]
-    return []
+        fault = error.errors(include_url=False)[0]
+        words = _words(record, fault, more_tables)
+        raise InputError(f"{where}: {words}") from error
 
 
-def _words(record: Any, fault: dict[str, Any]) -> str:
+def _words(record: Any, fault: dict[str, Any], more_tables: Sequence[str]) -> str:
     *tables, key = fault["loc"] or ("",)
     if fault["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
-        return _unknown(key, _keys(record, tables), f"key in {_place(tables)}")
+        valid = _keys(record, tables) + ([] if tables else [*more_tables])
+        return _unknown(key, valid, f"key in {_place(tables)}")
     if fault["type"] == "missing":
         return f"{_place(tables)} needs the key '{key}'."
     if fault["type"] == "literal_error" and isinstance(fault["input"], str):
@@ -98,12 +100,18 @@ def _unknown(name: object, valid: list[str], noun: str) -> str:
 
 
 def _keys(record: Any, tables: list) -> list[str]:
-    """Return the valid keys of the table at a place."""
+    """Return the valid keys of the table at a place, with lists of its tables."""
     for table in tables:
         if isinstance(table, int):
             continue
         record = _inner(record.__pydantic_fields__[table].annotation)
-    return [field.alias or name for name, field in record.__pydantic_fields__.items()]
+    keys = []
+    for name, field in record.__pydantic_fields__.items():
+        keys.append(field.alias or name)
+        inner = getattr(field.annotation, "__pydantic_fields__", {})
+        lists = [k for k, f in inner.items() if _inner(f.annotation) != f.annotation]
+        keys += [f"{name}.{key}" for key in lists]
+    return keys
 
 
 def _inner(annotation: Any) -> Any:
@@ -118,7 +126,7 @@ def _place(tables: Sequence[str | int]) -> str:
     words = [shorten_value(t) for t in tables if not isinstance(t, int)]
     counts = [t + 1 for t in tables if isinstance(t, int)]
     if not words:
-        return "the file's head"
+        return "the file"
     name = f"[{'.'.join(words)}]"
     return f"[{name}] {counts[0]}" if counts else name
 

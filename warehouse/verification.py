@@ -108,37 +108,27 @@ def select_differing_channels(
     return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
 
 
-def compare_values(
-    before: object, after: object, key_path: str = ""
-) -> list[ChannelDifference]:
+def compare_values(a: object, b: object, path: str = "") -> list[ChannelDifference]:
     """Compare two records as JSON holds them: one entry for each value that differs."""
-    if isinstance(before, Mapping) and isinstance(after, Mapping):
-        keys = dict.fromkeys([*before, *after])
+    if isinstance(a, Mapping) and isinstance(b, Mapping):
+        keys = dict.fromkeys([*a, *b])
         parts = [
-            (
-                f"{key_path}.{key}".lstrip("."),
-                before.get(key, _GONE),
-                after.get(key, _GONE),
-            )
+            (f"{path}.{key}".lstrip("."), a.get(key, _GONE), b.get(key, _GONE))
             for key in keys
         ]
-    elif (
-        isinstance(before, list)
-        and isinstance(after, list)
-        and len(before) == len(after)
-    ):
-        pairs = zip(before, after, strict=True)
-        parts = [(f"{key_path}[{i}]", a, b) for i, (a, b) in enumerate(pairs)]
+    elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
+        pairs = enumerate(zip(a, b, strict=True))
+        parts = [(f"{path}[{i}]", *pair) for i, pair in pairs]
     # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
-    elif repr(before) == repr(after):
+    elif repr(a) == repr(b):
         return []
-    elif isinstance(before, int | float) and isinstance(after, int | float):
-        apart = abs(float(before) - float(after))
-        return [ChannelDifference(key_path, "", False, 1, 1, None, apart, apart)]
+    elif isinstance(a, int | float) and isinstance(b, int | float):
+        apart = abs(float(a) - float(b))
+        return [ChannelDifference(path, "", False, 1, 1, None, apart, apart)]
     else:
-        note = f"{_short(before)} and {_short(after)}"
-        return [ChannelDifference(key_path, "", False, 1, 1, note=note)]
-    return [each for name, a, b in parts for each in compare_values(a, b, name)]
+        note = f"{_short(a)} and {_short(b)}"
+        return [ChannelDifference(path, "", False, 1, 1, note=note)]
+    return [each for name, *pair in parts for each in compare_values(*pair, name)]
 
 
 def _short(value: object) -> str:
@@ -289,25 +279,21 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
         intact_runs = set()
         for kind in KINDS:
             for id, folder in list_record_folders(place, kind).items():
-                wrong = find_record_faults(StoredRecord(kind, id, Path(folder)))
-                yield IntegrityResult(kind, id, wrong)
+                bad = find_record_faults(StoredRecord(kind, id, Path(folder)))
+                yield IntegrityResult(kind, id, bad)
                 if place != store:
                     shutil.rmtree(folder, ignore_errors=True)
-                if kind == "runs" and not wrong:
+                if kind == "runs" and not bad:
                     intact_runs.add(id)
         for name in list_folder_names(place, SEALED):
             id, folder = name.removeprefix("run_id="), place / SEALED / name
             # Of a run that is damaged or gone only the bytes of its seal are verified.
-            opened = _complaint(open_seal, place, id) if id in intact_runs else ()
-            yield IntegrityResult(
-                SEALED, id, find_damaged_record_files(folder) or opened
-            )
+            seal = _complaint(open_seal, place, id) if id in intact_runs else ()
+            yield IntegrityResult(SEALED, id, find_damaged_record_files(folder) or seal)
         for name in list_folder_names(place, ROBOTS):
             folder = place / ROBOTS / name
-            wrong = find_damaged_record_files(folder) or _complaint(
-                _check_robot, folder
-            )
-            yield IntegrityResult(ROBOTS, name, wrong)
+            bad = find_damaged_record_files(folder) or _complaint(_check_robot, folder)
+            yield IntegrityResult(ROBOTS, name, bad)
         for top in (MADE_WITH, QUARANTINE):
             for name in list_folder_names(place, top):
                 yield IntegrityResult(

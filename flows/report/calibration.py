@@ -342,19 +342,16 @@ def chart_lookup_curves(result: Calibration) -> list[Chart]:
     """Return RMSEV over the number of components of each model (figure 8)."""
     out = []
     for model in (PLSR, PAPER_FORM):
-        scores = [
-            find_model_score(result.scores, scheme, model) for scheme in (RUN, RANDOM)
-        ]
-        scores = [
-            score for score in scores if score is not None and score.curve is not None
-        ]
+        schemes = (RUN, RANDOM)
+        scores = [find_model_score(result.scores, s, model) for s in schemes]
+        scores = [s for s in scores if s is not None and s.curve is not None]
         if scores:
-            curves = {SCHEMES[score.scheme]: score.curve for score in scores}
+            curves = {SCHEMES[s.scheme]: s.curve for s in scores}
             alt = "; ".join(
                 f"{SCHEMES[o.scheme]}: least at {o.components} components"
                 for o in scores
             )
-            at = list(range(max(len(score.curve) for score in scores)))
+            at = list(range(max(len(s.curve) for s in scores)))
             data = _by_joint(result, at, curves)
             out.append(_chart(MODELS[model], "components", _RMSEV, data, alt))
     return out

@@ -285,13 +285,11 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
     charts = [_cloud_chart(c, len(usable), diagnosis) for c in usable]
     out = []
     for finding in diagnosis.effects:
-        own_charts = [chart for chart in charts if chart.name == finding.name]
+        drawn = [chart for chart in charts if chart.name == finding.name]
         # Two findings of one effect differ by their joints.
         if find_effect(finding.name).variable is not None and finding.joints:
-            own_charts = [
-                c for c in own_charts if c.joint in finding.joints
-            ] or own_charts
-        out.append(own_charts)
+            drawn = [c for c in drawn if c.joint in finding.joints] or drawn
+        out.append(drawn)
     return out
 
 
@@ -392,12 +390,8 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
     named, flagged = diagnosis.effects, diagnosis.unexplained.joints
 
     def gain(row: ErrorRow) -> tuple[bool, float]:
-        before, after = map(row.values["filtered"].get, ("identified", "augmented"))
-        value = (
-            before - after
-            if named and is_number(before) and is_number(after)
-            else before
-        )
+        old, new = map(row.values["filtered"].get, ("identified", "augmented"))
+        value = old - new if named and is_number(old) and is_number(new) else old
         return not named and row.joint in flagged, value if is_number(value) else 0.0
 
     rows = [row for row in build_error_rows(diagnosis) if row.joint]

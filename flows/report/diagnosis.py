@@ -129,26 +129,20 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
     verdict, named, unexplained = result.verdict, result.effects, result.unexplained
     size = sure = remaining = None
     if len(named) == 1:
-        (finding,) = named
-        name, value = tables.format_first_size(finding, verdict)
-        of = f"of {tables.title_finding(finding, verdict)}"
+        (f,) = named
+        name, value = tables.format_first_size(f, verdict)
+        of = f"of {tables.title_finding(f, verdict)}"
         size = HeadlineFigure(capitalize_first(name), value, of) if name else None
         alternative = (
-            f" or {tables.format_equivalents(finding, result)}"
-            if finding.equivalent
-            else ""
+            f" or {tables.format_equivalents(f, result)}" if f.equivalent else ""
         )
-        note = f"that it is {format_effect_noun(finding.name)}{alternative}"
-        sure = HeadlineFigure(
-            "Probability", format_probability(finding.probability), note
-        )
+        note = f"that it is {format_effect_noun(f.name)}{alternative}"
+        sure = HeadlineFigure("Probability", format_probability(f.probability), note)
     elif named:
-        confirmed = sum(finding.evidence.held_out == "confirmed" for finding in named)
+        confirmed = sum(f.evidence.held_out == "confirmed" for f in named)
         note = f"{confirmed} of them confirmed on unseen motion"
         size = HeadlineFigure("Effects found", str(len(named)), note)
-        likely = [
-            finding.probability for finding in named if is_number(finding.probability)
-        ]
+        likely = [f.probability for f in named if is_number(f.probability)]
         weakest = format_probability(min(likely, default=None))
         sure = HeadlineFigure("Probability", weakest, "of the least certain name")
     stages = (
@@ -167,12 +161,10 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
     return size, error, sure, remaining
 
 
-def _fold(
-    figures: Sequence[Chart], title: str, grid: bool = True
-) -> FoldedParts | None:
+def _fold(parts: Sequence[Chart], title: str, grid: bool = True) -> FoldedParts | None:
     """More figures, which open at a click; in a grid where they are small."""
-    shown = f"{title} ({count_noun(len(figures), 'figure')})"
-    return FoldedParts(shown, [figures] if grid else figures) if figures else None
+    shown = f"{title} ({count_noun(len(parts), 'figure')})"
+    return FoldedParts(shown, [parts] if grid else parts) if parts else None
 
 
 def build_truth_parts(demonstration: Demonstration) -> list[Part]:
@@ -211,9 +203,8 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
         brief += tables.describe_finding(effect, result)
-    brief += (
-        sentences.describe_alternative_sets(result.verdict) if result.effects else ()
-    )
+    if result.effects:
+        brief += sentences.describe_alternative_sets(result.verdict)
     brief += describe_edit_tests(result.verdict)
     return Section("missing", "What is missing", parts, note, brief=brief)
 
@@ -257,7 +248,10 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    brief = [tables.build_brief_error_table(result, rows)]
+    brief = [
+        tables.build_brief_error_table(result, rows),
+        *tables.describe_error_columns(rows),
+    ]
     return Section("proof", "Error on unseen motion", parts, note, brief=brief)
 
 
@@ -305,9 +299,8 @@ def _nominal_values(verdict: Verdict) -> Section:
     heads = ("Value", "Nominal", "Identified", "Difference")
 
     def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        return build_text_table(
-            heads, sentences.build_value_rows(changes, verdict), title
-        )
+        rows = sentences.build_value_rows(changes, verdict)
+        return build_text_table(heads, rows, title)
 
     title = f"All {len(verdict.changes)} values, nominal and identified"
     folded = FoldedParts(title, [table(verdict.changes)])

@@ -140,9 +140,7 @@ def describe_edit_test(edit: Edit) -> str:
 
 def describe_edit_tests(verdict: Verdict) -> list[str]:
     """Return the edit test of each effect of a verdict on its baseline."""
-    return [
-        describe_edit_test(edit) for edit in verdict.edit or () if is_number(edit.error)
-    ]
+    return [describe_edit_test(e) for e in verdict.edit or () if is_number(e.error)]
 
 
 @dataclass(frozen=True, slots=True)

@@ -41,10 +41,8 @@ def print_query_result(rows: pa.Table, format: str) -> None:
     elif format == "json":
         columns = [[_plain(cell.as_py()) for cell in column] for column in rows.columns]
         names = rows.column_names
-        records = [
-            dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)
-        ]
-        print(json.dumps(records, indent=2, ensure_ascii=False, allow_nan=False))
+        out = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        print(json.dumps(out, indent=2, ensure_ascii=False, allow_nan=False))
     elif format == "csv":
         writer = csv.writer(sys.stdout, lineterminator="\n")
         writer.writerow(rows.column_names)

@@ -26,9 +26,8 @@ def build_diff_tables(difference) -> list[str | ReportTable]:
             parts.append(f"{heading}: the same")
             continue
         shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
-        parts.append(
-            build_text_table((heading, *(id[:8] for id in difference.ids)), shown)
-        )
+        heads = (heading, *(id[:8] for id in difference.ids))
+        parts.append(build_text_table(heads, shown))
         parts += _more(len(rows))
     if difference.kind != "runs":
         # Numbers of the record are in its table; files and tables are not.

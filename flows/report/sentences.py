@@ -9,6 +9,7 @@ from flows.report.phrases import (
     count_noun,
     effect_joints_key,
     find_effect,
+    format_effect_noun,
     format_effect_place,
     format_equivalent_phrases,
     format_joints,
@@ -66,9 +67,7 @@ def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]
         row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
     columns = sorted({column for row in sizes.values() for column in row})
     heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
-    rows = [
-        [name, *(row.get(c, MISSING) for c in columns)] for name, row in sizes.items()
-    ]
+    rows = [[n, *(row.get(c, MISSING) for c in columns)] for n, row in sizes.items()]
     return ["Effect", *heads], rows
 
 
@@ -170,9 +169,8 @@ _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
 def list_wrong_values(verdict: Verdict) -> list[Change]:
     """Return the nominal values that are off and in no finding, worst first."""
     changes = [c for c in verdict.changes if c.beyond and not c.explained]
-    return sorted(
-        changes, key=lambda c: (c.name not in verdict.declared, -abs(_share(c)))
-    )
+    given = verdict.declared
+    return sorted(changes, key=lambda c: (c.name not in given, -abs(_share(c))))
 
 
 def describe_wrong_values(verdict: Verdict) -> str:
@@ -348,12 +346,15 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
         parts.append("These logs cannot separate the alternatives in brackets.")
     parts.append(describe_errors(verdict))
     if verdict.trusted:
-        parts.append(describe_wrong_values(verdict))
+        parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
     joints = format_joints(verdict.unexplained.joints, dof)
     if joints and verdict.effects:
         parts.append(f"No known effect explains the remaining error on {joints}.")
     if verdict.trusted:
-        parts += [_background(verdict), _drift(verdict)]
+        usual = [format_effect_place(f, dof) for f in verdict.background]
+        if usual:
+            parts.append(f"Also present, as on any used arm: {join_with_and(usual)}.")
+        parts.append(_drift(verdict))
     names = [
         f"{format_effect_place(f, dof)} ({format_probability(f.probability)})"
         for f in verdict.suspected
@@ -369,9 +370,7 @@ def format_claim(verdict: Verdict) -> str:
     """Return the claim of a verdict in one sentence."""
     faults = verdict.log_check.faults if verdict.log_check else ()
     if not verdict.trusted:
-        words = join_with_and(
-            [title_fault(fault) for fault in verdict.log_check.certain]
-        )
+        words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
         return f"No effect is named, because the logs are faulty: {words}."
     if verdict.verdict == "effects":
         return _effects(verdict)
@@ -380,7 +379,7 @@ def format_claim(verdict: Verdict) -> str:
             return " ".join(capitalize_first(f"{c}.") for c in verdict.contradictions)
         where = format_joints(verdict.unexplained.joints, verdict.dof)
         return f"The model lacks something on {where} that no known effect explains."
-    words = join_with_and([title_fault(fault) for fault in faults if fault.repair])
+    words = join_with_and([title_fault(f) for f in faults if f.repair])
     if words:
         return (
             f"No missing effect found, but the logs may be faulty: {words}. First "
@@ -475,6 +474,23 @@ def describe_errors(verdict: Verdict) -> str:
     return f"{out} The findings raise it on {join_with_and(worse)}." if worse else out
 
 
+def _first_fitted(verdict: Verdict) -> str:
+    """Return which effects explain a better refit though the robot has no values."""
+    levels = summarize_errors(verdict.error)
+    nominal, refit = levels.get("nominal"), levels.get("identified")
+    # Every value of the robot is in `changes`; a verdict without any lists none.
+    given = {change.name for change in verdict.changes}
+    nouns = [format_effect_noun(n) for n in verdict.declared if n not in given]
+    if verdict.verdict != "none" or not (given and nouns and nominal and refit):
+        return ""
+    if nominal < _DIFFERS * refit:
+        return ""
+    return (
+        f"The refit also fitted {join_with_and(nouns)}, for which the robot file has "
+        "no values."
+    )
+
+
 def describe_worse_joints(verdict: Verdict) -> list[str]:
     """Return the joints that the findings make worse beyond chance, in words."""
     stages = verdict.error.moving
@@ -497,25 +513,14 @@ def _more_motion(report: LogCheck | None) -> list[str]:
     return []
 
 
-def _background(verdict: Verdict) -> str:
-    """Return the findings that any used arm has, in one sentence, or nothing."""
-    folded = join_with_and(
-        [format_effect_place(f, verdict.dof) for f in verdict.background]
-    )
-    return f"Also present, as on any used arm: {folded}." if folded else ""
-
-
 def _drift(verdict: Verdict) -> str:
     """Return by how much the friction of the joints moved together, or nothing."""
-    drift = verdict.drift
-    if drift is None:
+    d = verdict.drift
+    if d is None:
         return ""
-    by, std = (
-        format_percent(100 * abs(drift.factor - 1)),
-        format_percent(100 * drift.std),
-    )
-    side, arm = ("lower", "warmer") if drift.factor < 1 else ("higher", "colder")
-    joints = format_joints(drift.joints, verdict.dof)
+    by, std = (format_percent(100 * x) for x in (abs(d.factor - 1), d.std))
+    side, arm = ("lower", "warmer") if d.factor < 1 else ("higher", "colder")
+    joints = format_joints(d.joints, verdict.dof)
     return (
         f"Friction on {joints} is {by} (± {std}) {side} than in the baseline, as on a "
         f"{arm} arm."

@@ -129,18 +129,26 @@ def build_error_table(
     )
 
 
+def describe_error_columns(rows: Sequence[ErrorRow]) -> list[str]:
+    """Return a line on each term of an error table that needs one."""
+    lines = []
+    if any(has_error(rows, metric, "plsr") for metric in METRICS):
+        lines.append("plsr: augmented, and tables fitted to the residual.")
+    if any(row.flagged and is_number(row.unexplained) for row in rows):
+        lines.append("flagged: the residual of this joint is larger than noise.")
+    return lines
+
+
 def build_brief_error_table(
     diagnosis: Diagnosis, rows: Sequence[ErrorRow]
 ) -> ReportTable | None:
     """Return the errors of the first metric known; page and JSON have all."""
-    first = next(
-        (m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None
-    )
-    if first is None:
+    key = next((m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None)
+    if key is None:
         return None
     weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
-    about = f"Error on unseen motion ({METRICS[first]}{weak}), % of torque"
-    return build_error_table(rows, [first], about)
+    about = f"Error on unseen motion ({METRICS[key]}{weak}), % of torque"
+    return build_error_table(rows, [key], about)
 
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:
@@ -225,7 +233,7 @@ def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
     heads += ["Gain", *["Found again"] * again]
     rows = []
     for effect in diagnosis.effects:
-        evidence, name = (
+        proof, name = (
             effect.evidence,
             capitalize_first(title_finding(effect, diagnosis.verdict)),
         )
@@ -234,15 +242,11 @@ def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
                 "span", f"or {format_equivalents(effect, diagnosis)}", "soft"
             )
             name = Markup("{}<br>{}").format(name, other)
-        word = evidence.held_out
+        word = proof.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
-        row = [
-            name,
-            format_probability(effect.probability),
-            format_number(evidence.nats),
-        ]
-        row += [evidence.by or MISSING, html_tag("span", word or "not tested", look)]
-        row += [format_fraction(evidence.held_out_gain)]
+        row = [name, format_probability(effect.probability), format_number(proof.nats)]
+        row += [proof.by or MISSING, html_tag("span", word or "not tested", look)]
+        row += [format_fraction(proof.held_out_gain)]
         rows.append(row + [format_split_count(effect) or MISSING] * again)
     return ReportTable(heads, rows, text_columns=(0, 3, 4))
 

@@ -35,7 +35,7 @@ from sim.engine.plant_records import (
     BackgroundWord,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.effect_catalogue import check_effect_name
 from sim.trajectories.excitation import draw_slow_coefficients
 from warehouse import runs as stored
 
@@ -151,7 +151,7 @@ def _hidden_effect(request: Demo) -> list[dict]:
     if name == NOTHING:
         return []
     if name is not None:
-        check_name(name, list_plant_effects(), "effect of the plant")
+        check_effect_name(name)
     entry = list_visible_sizes().get(name or "")
     if entry and entry["larger"]:
         seed %= entry["seeds"]

@@ -8,7 +8,7 @@ from pathlib import Path
 
 from flows.steps.rerun import compare_records, list_package_changes
 from residual.errors import InputError, RunError
-from warehouse.remote_store import find_store_bucket, format_store_name
+from warehouse.remote_store import check_store_folder, find_store_bucket
 from warehouse.runs import read_channels, read_manifest
 from warehouse.store_catalogue import StoredRecord, find_record
 from warehouse.verification import (
@@ -127,11 +127,7 @@ def find_damaged_files(place: Path) -> Iterator[str]:
         InputError: If there is none.
         RunError: After the last line, if something is damaged or missing.
     """
-    if not place.is_dir():
-        raise InputError(
-            f"There is no store at {format_store_name(place)}. Say where: --store "
-            f"FOLDER."
-        )
+    check_store_folder(place)
     counts: Counter = Counter()
     damaged = 0
     for each in verify_store(place):

@@ -84,12 +84,17 @@ def plan_experiments(
     """Return what would run and what is there; the same experiment only once.
 
     Args:
+        specs: By the changes of a campaign, or by the path of their file.
         campaign: Name of the campaign that they are of.
     """
     planned: dict[str, PlannedExperiment] = {}
     for label, requested in specs:
-        spec = resolve_controller_model(requested, store)
-        id = compute_run_id(spec)
+        try:
+            spec = resolve_controller_model(requested, store)
+            id = compute_run_id(spec)
+        except InputError as error:
+            where = f"{campaign}: {label}" if campaign else Path(label).name
+            raise InputError(f"{where}: {error}") from error
         if id not in planned:
             stored = is_stored(store, spec, id)
             planned[id] = PlannedExperiment(label, spec, id, stored, campaign)

@@ -3,12 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from sim.effects.base import (
-    Effect,
-    PlantEffectTrait,
-    draw_angle,
-    split_into_components,
-)
+from sim.effects.base import Effect, PlantEffectTrait, draw_angle, split_into_components
 
 
 def _tilted(model, joints, p):

@@ -155,9 +155,8 @@ def build_tool_kinematics(robot: Robot, family: str) -> ToolKinematics:
     """Return the kinematics of a robot."""
     if robot.dof < POSE_JOINTS:
         raise InputError(
-            f"{family} leads the tool through poses in space and needs "
-            f"{POSE_JOINTS} joints, {robot.name} has {robot.dof}. Choose fourier or "
-            "move_stop_move."
+            f"{family} leads the tool through poses in space and needs {POSE_JOINTS} "
+            f"joints, {robot.name} has {robot.dof}. Choose fourier or move_stop_move."
         )
     model = robot.model
     steps = [model.jointPlacements[j].translation for j in range(1, model.njoints)]

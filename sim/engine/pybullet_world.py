@@ -301,13 +301,11 @@ _STICK = 0.7  # radius of links that have no shape, in radii of the capsules
 _COLOUR = "1 0.43 0.1 1"
 
 
-def animate_reference(
-    robot: Robot, reference: ReferenceMotion, frames: int = 60
-) -> bytes:
+def animate_reference(robot: Robot, motion: ReferenceMotion, frames: int = 60) -> bytes:
     """Return a GIF of the arm along a reference, one period of it where it repeats."""
-    shown = reference.period or _LONGEST
-    rows = reference.t <= shown + 1e-9
-    return animate_samples(robot, reference.t[rows], reference.q[rows], frames)
+    shown = motion.period or _LONGEST
+    rows = motion.t <= shown + 1e-9
+    return animate_samples(robot, motion.t[rows], motion.q[rows], frames)
 
 
 def animate_samples(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:

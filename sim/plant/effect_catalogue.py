@@ -42,6 +42,17 @@ def list_unnamed_effects() -> list[str]:
     ]
 
 
+def check_effect_name(name: str) -> str:
+    """Return the name if the plant has this effect; x_ marks effects of no vocabulary.
+
+    Raises:
+        InputError: If it has not; the message lists the effects of the same sort.
+    """
+    effects, unnamed = load_effects(), name.startswith("x_")
+    alike = [n for n in effects if n == name or n.startswith("x_") == unnamed]
+    return check_name(name, alike, "effect of the plant")
+
+
 def list_drive_effects() -> list[Effect]:
     """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
     found = [effect for effect in load_effects().values() if effect.of_drive]
@@ -95,13 +106,9 @@ def compute_effect_amount(name: str, parameters: Mapping[str, float]) -> float |
     return convert_stated_size(name, size)
 
 
-def convert_stated_size(name: str, value: float) -> float:
+def convert_stated_size(name: str, x: float) -> float:
     """Return an amount as the size that people state, or the other way round."""
-    return (
-        1.0 / value
-        if PlantEffectTrait.INVERSE in load_effects()[name].traits
-        else value
-    )
+    return 1.0 / x if PlantEffectTrait.INVERSE in load_effects()[name].traits else x
 
 
 def scale_effect_parameters(
@@ -129,7 +136,7 @@ def find_main_parameter(name: str, parameters: Mapping[str, float]) -> str | Non
 
 def check_effect(effect: PlantEffect, robot: Robot) -> None:
     """Check name, joints, parameters and onset of one effect."""
-    check_name(effect.name, list_plant_effects(), "effect of the plant")
+    check_effect_name(effect.name)
     kind, given = load_effects()[effect.name], dict(effect.parameters)
     check_keys(given, kind.parameters, f"effect '{effect.name}'")
     for key in kind.parameters:

@@ -58,15 +58,13 @@ def list_torque_channels(
     return (*names, COGGING) if background is not None else tuple(names)
 
 
-def build_contact_rows(
-    effects: Effects, active: Sequence[int], elastic: Array
-) -> Array:
+def build_contact_rows(effects: Effects, active: Sequence[int], soft: Array) -> Array:
     """Return the contacts (`Constants`). Shape (c, 6).
 
     A shared gear that does not act yet is there, without friction and inertia.
     """
-    dof = len(elastic)
-    motor = np.where(elastic > 0, dof + np.cumsum(elastic) - 1, np.arange(dof))
+    dof = len(soft)
+    motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
     rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
     for i, gear in find_shared_gears(effects):
         inertia, sign, *_ = gear.kind.gear(gear.values)

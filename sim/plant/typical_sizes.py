@@ -56,15 +56,13 @@ def compute_usual_motion_range(robot: Robot) -> UsualMotionRange:
     return UsualMotionRange(lower, upper, centre, amplitude, velocity, acceleration)
 
 
-def draw_motion_centre(
-    usual_range: UsualMotionRange, rng: np.random.Generator
-) -> Array:
+def draw_motion_centre(usual: UsualMotionRange, rng: np.random.Generator) -> Array:
     """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
-    centre = usual_range.centre + rng.uniform(-0.3, 0.3, len(usual_range.centre))
+    centre = usual.centre + rng.uniform(-0.3, 0.3, len(usual.centre))
     return np.clip(
         centre,
-        usual_range.lower + usual_range.amplitude,
-        usual_range.upper - usual_range.amplitude,
+        usual.lower + usual.amplitude,
+        usual.upper - usual.amplitude,
     )
 
 

@@ -540,14 +540,10 @@ def _stirred(place: MotionWorkspace, series: FourierSeries) -> FourierSeries | N
     )
 
 
-def compute_series_condition(
-    workspace: MotionWorkspace, series: FourierSeries
-) -> float:
+def compute_series_condition(space: MotionWorkspace, series: FourierSeries) -> float:
     """Return the condition number of one period of a motion."""
-    t = np.arange(100) / 100 * workspace.period
-    return measure_excitation(
-        workspace.robot.model, *sample_series(series, t)
-    ).condition
+    t = np.arange(100) / 100 * space.period
+    return measure_excitation(space.robot.model, *sample_series(series, t)).condition
 
 
 def _improved(search: ExcitationProblem, x: Array, steps: int) -> Array:

@@ -117,13 +117,11 @@ def evaluate_quintic_move(
     )
 
 
-def find_shortest_move_time(
-    distance: Array, velocity: Array, acceleration: Array
-) -> float:
+def find_shortest_move_time(way: Array, velocity: Array, acceleration: Array) -> float:
     """Return the shortest time in which all joints keep their limits [s]."""
-    distance = np.abs(distance)
-    by_speed = _SPEED * distance / velocity
-    by_acceleration = np.sqrt(_ACCELERATION * distance / acceleration)
+    way = np.abs(way)
+    by_speed = _SPEED * way / velocity
+    by_acceleration = np.sqrt(_ACCELERATION * way / acceleration)
     return max(0.4, float(by_speed.max()), float(by_acceleration.max()))
 
 
@@ -175,9 +173,7 @@ def interpolate_joint_path(q: Array) -> JointPath:
     return JointPath(chebyshev.chebfit(points, q, len(q) - 1))
 
 
-def build_path_stage(
-    route: JointPath, time: float, constant_speed: bool
-) -> MotionStage:
+def build_path_stage(path: JointPath, time: float, constant_speed: bool) -> MotionStage:
     """Return a stage that follows a path.
 
     Args:
@@ -194,9 +190,9 @@ def build_path_stage(
                 np.zeros(1), np.ones(1), time, t[:, None] / time
             )
             x, xd, xdd = (v[:, 0] for v in unit)
-        first, second = route.at(x, 1), route.at(x, 2)
+        first, second = path.at(x, 1), path.at(x, 2)
         xd, xdd = xd[:, None], xdd[:, None]
-        return route.at(x), first * xd, second * xd**2 + first * xdd
+        return path.at(x), first * xd, second * xd**2 + first * xdd
 
     return MotionStage(time, motion)
 

@@ -221,9 +221,8 @@ def check_motion_limits(robot: Robot, kind: str, t: Array, motion: Motion) -> No
     advice = f"Make a period about {longer:.1f} times as long, or try another seed."
     raise MotionLimitError(
         f"{kind}: joint {joint + 1} breaks its {name} limit at {t[row]:.2f} s: "
-        f"{needed:.4g} {_UNITS[name]}, allowed {allowed:.4g}, "
-        f"{excess:.3g} too much.{also} "
-        f"{'Try another seed.' if name == 'range' else advice}",
+        f"{needed:.4g} {_UNITS[name]}, allowed {allowed:.4g}, {excess:.3g} too "
+        f"much.{also} {'Try another seed.' if name == 'range' else advice}",
         joint + 1,
         float(t[row]),
         needed,

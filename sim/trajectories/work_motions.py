@@ -189,12 +189,10 @@ def _move_time(space: MotionWorkspace, start: Array, end: Array) -> float | None
     limits = space.limits
     time = find_shortest_move_time(end - start, limits.velocity, limits.acceleration)
     for _ in range(_TRIALS):
-        motion = build_joint_move(start, end, time).motion(
-            np.linspace(0, time, _SAMPLES)
-        )
-        if (compute_clearances(space.arm, motion[0]) < 2 * MARGIN).any():
+        move = build_joint_move(start, end, time).motion(np.linspace(0, time, _SAMPLES))
+        if (compute_clearances(space.arm, move[0]) < 2 * MARGIN).any():
             return None
-        if (bound_nominal_torque(space.robot, *motion) <= _SPARE * limits.torque).all():
+        if (bound_nominal_torque(space.robot, *move) <= _SPARE * limits.torque).all():
             return time
         time *= _LONGER
     return None
@@ -469,15 +467,13 @@ def _series(
     # An arm may end in another posture than it began in, or one turn farther.
     if q is None or not space.fits(q) or np.abs(q[-1] - q[0]).max() > 1e-6:
         return None
-    waves = np.fft.rfft(q[:-1], axis=0) / count
-    size = np.abs(waves).max(axis=1)
+    w = np.fft.rfft(q[:-1], axis=0) / count
+    size = np.abs(w).max(axis=1)
     last = int(np.flatnonzero(size > _SMALLEST)[-1])
     if last > count // 3:
         return None
-    waves = waves[: max(last, 1) + 1]
-    return FourierSeries(
-        waves[0].real, -2 * waves[1:].imag, 2 * waves[1:].real, space.period
-    )
+    w = w[: max(last, 1) + 1]
+    return FourierSeries(w[0].real, -2 * w[1:].imag, 2 * w[1:].real, space.period)
 
 
 def _gun(piece: WorkPiece, angle: float, strokes: int):

@@ -19,7 +19,7 @@ OF_ALL = {
     f"V A.csv {ROBOT} --declared coulom": "did you mean 'coulomb'",
     f"V A.csv {ROBOT} --map no.toml": "Cannot read no.toml",
     f"V A.csv {ROBOT} --json A.csv": "overwrite an input",
-    f"V D.csv {ROBOT}": "No log file 'D.csv'",
+    f"V D.csv {ROBOT}": "MCAP or ROS bag file, or",
     f"V abcdef12 {ROBOT} --store nowhere": "abcdef12",
 }
 VERBS = ("diagnose", "identify", "calibrate", "check")
@@ -80,6 +80,8 @@ BAD = {
     "runs --store s3:/robots/cell": "a folder, or s3://BUCKET/PREFIX",
     "runs --store s3://r/cell": "BUCKET has 3 to 63",
     "runs --store nowhere": "There is no store at",
+    "runs --store .": "is no store: expected folders such as samples",
+    "verify --store .": "is no store: expected folders such as samples",
     "runs --limit 0": "expected 1 or more",
     "runs --format xml": "--format",
     "sql": "Give one of",
@@ -89,7 +91,9 @@ BAD = {
     "sql FROM/**/runs --with a=1": "--with sets a value of",
     "sql FROM/**/runs --out nowhere/a.csv": "there is no folder",
     "sql --named finding": "did you mean 'findings'",
-    "sql FROM": "Parser Error",
+    "sql FROM": 'Parser Error: syntax error at or near "FROM". modelgap sql --schema',
+    "sql FROM/**/runz": 'Did you mean "runs"? modelgap sql --schema names the views',
+    "sql SELECT/**/no/**/FROM/**/runs": ". modelgap sql --schema names the views and",
     "sql COPY/**/runs/**/TO'x.csv'": "got COPY",
     "sql FROM'/etc/passwd'": "does not exist",
     "show": "See modelgap show --help",

@@ -180,6 +180,14 @@ def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     assert f"{size:.3g} at sample 700" in fault["evidence"]
 
 
+def test_a_missing_value_is_no_outlier(log, capsys):
+    log(spoil("q2", 7, np.nan))
+    run("check A.csv --robot irb140")
+    out = capsys.readouterr().out
+    assert "Single samples are outliers or missing (joint 2): spike, certain." in out
+    assert "q is NaN or infinite at sample 7" in out
+
+
 def test_every_kind_has_its_words():
     assert set(MEANING) == set(KINDS)
     fault = Fault("gear_ratio", (1, 2, 3), False, "")

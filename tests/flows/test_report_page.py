@@ -101,6 +101,17 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     assert "[bold]" in printed(nasty)
 
 
+def test_the_terms_of_the_error_table_stand_below_it() -> None:
+    outcome = outcomes.unknown()
+    lines = ("plsr: augmented, and tables", "flagged: the residual of this joint is")
+    assert [line in printed(outcome) for line in lines] == [False, True]
+    result = to_json(outcome.verdict)
+    result["error"]["moving"]["plsr"] = result["error"]["moving"]["identified"]
+    text = printed(replace(outcome, verdict=from_json(result)))
+    assert text.index("All ") < text.index(lines[0]) < text.index(lines[1])
+    assert "flagged:" not in printed(outcomes.nothing())
+
+
 MAY_BE_NULL = ("kind", "by", "held_out", "noise_model", "next_experiment")
 
 

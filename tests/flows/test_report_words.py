@@ -76,6 +76,20 @@ def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
     )
 
 
+def test_headline_of_nothing_says_which_values_only_the_refit_has() -> None:
+    part = outcomes.verdict("none", [])
+    fitted = "(refit). The refit also fitted viscous friction and rotor inertia, for "
+    part["changes"] = [given_value("coulomb", 1, beyond=False)]
+    assert f"{fitted}which the robot file has no values." in format_headline(
+        typed(part)
+    )
+    part["error"]["overall_moving"] = {"nominal": 2.0, "identified": 2.0}
+    assert "also fitted" not in format_headline(typed(part))
+    named = outcomes.verdict("effects", [effect("balancer", [2])])
+    named["changes"] = part["changes"]
+    assert "also fitted" not in format_headline(typed(named))
+
+
 @pytest.mark.parametrize(
     ("levels", "steps"),
     [

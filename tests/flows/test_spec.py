@@ -12,6 +12,7 @@ from flows.steps.experiment import (
     build_sealed_record,
     compute_run_id,
     load_spec_robot,
+    plan_experiments,
 )
 from residual.errors import InputError
 from sim.engine.plant_records import (
@@ -65,6 +66,8 @@ def test_the_documented_example_becomes_the_records_of_plant_and_motion():
     ("old", "new", "said"),
     [
         ("seed = 7", "sede = 7", "did you mean 'seed'"),
+        ("[rates]", "[gird]", "key in the file 'gird': did you mean 'grid'"),
+        ("plant.effect", "effect", "did you mean 'plant.effect'"),
         ("seed = 7", 'seed = "7"', "seed is '7', expected a whole number"),
         ("seed = 7", "seed = true", "seed is True, expected a whole number"),
         ("seed = 7", "seed = -1", "seed is -1, expected greater than or equal to 0"),
@@ -100,6 +103,15 @@ def test_a_slip_is_told_with_its_place_and_what_was_expected(old, new, said):
 def test_what_robot_or_plant_lack_is_told_before_anything_runs(old, new, said):
     with pytest.raises(InputError, match=said):
         compute_run_id(spec(old, new))
+
+
+def test_a_wrong_effect_is_told_with_its_file_and_names_alone(tmp_path):
+    with pytest.raises(InputError) as told:
+        plan_experiments([("a/S.toml", spec('"stribeck"', '"hose"'))], tmp_path)
+    assert str(told.value).startswith("S.toml: Unknown effect of the plant 'hose'")
+    assert "x_" not in str(told.value)
+    with pytest.raises(InputError, match=r"C: seed=1: .* 'x_wal': did you mean 'x_wal"):
+        plan_experiments([("seed=1", spec('"stribeck"', '"x_wal"'))], tmp_path, "C")
 
 
 def test_a_missing_or_broken_file_is_told(tmp_path):

@@ -156,12 +156,18 @@ def test_bad_maps_are_refused(tmp_path, text, message):
 def test_a_map_that_is_not_there_is_named(tmp_path):
     with pytest.raises(InputError, match=r"Cannot read .*none.toml: No such file"):
         read_column_map(tmp_path / "none.toml")
+    (tmp_path / "model.json").write_text("{}")
+    with pytest.raises(InputError, match=r"TOML.*\nA map is a TOML file; modelgap map"):
+        read_column_map(tmp_path / "model.json")
 
 
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        (BASE + Q + 'tau = {columns = ["I1"]}', "names 1 columns of tau"),
+        (
+            BASE + Q + 'tau = {columns = ["I1"]}',
+            r"names 1 columns of tau.*, .*\)\. Name one column per joint .* --chain",
+        ),
         (BASE + Q + 'tau = {columns = ["I1", "I3"]}', "missing column I3"),
         (BASE + Q + 'tau = {columns = ["J1", "I2"]}', "'J1' stands twice"),
         (MOTOR, "needs gear_ratio"),

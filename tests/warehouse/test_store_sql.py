@@ -367,6 +367,13 @@ def test_the_index_is_written_again(store, how):
 def test_a_path_that_is_no_store_is_told(tmp_path):
     with pytest.raises(InputError, match="There is no store at"):
         warehouse.open(tmp_path / "nothing")
+    other = tmp_path / "other"
+    other.mkdir()
+    (other / ".gitkeep").touch()
+    warehouse.open(other).close()
+    (other / "notes.txt").touch()
+    with pytest.raises(InputError, match=r"is no store: expected .* got 'notes.txt'"):
+        warehouse.open(other)
     (tmp_path / "a*b").mkdir()
     with pytest.raises(InputError, match="must not contain"):
         warehouse.open(tmp_path / "a*b")

@@ -175,7 +175,14 @@ def choose_column_map(robot: Robot, path: str | Path | None = None) -> ColumnMap
 
 def read_column_map(path: str | Path) -> ColumnMap:
     """Read a COLUMNS.toml."""
-    return _column_map(read_toml(path), Path(path).name)
+    try:
+        content = read_toml(path)
+    except InputError as error:
+        raise InputError(
+            f"{error}\nA map is a TOML file; modelgap map LOG --robot ROBOT "
+            "--out COLUMNS.toml drafts one."
+        ) from error
+    return _column_map(content, Path(path).name)
 
 
 def _column_map(content: Mapping, name: str) -> ColumnMap:
@@ -248,7 +255,8 @@ def select_columns(
         if signal is not None and len(signal.columns) != dof:
             raise InputError(
                 f"The map names {len(signal.columns)} columns of {name}, the robot has "
-                f"{dof} joints."
+                f"{dof} joints ({', '.join(robot.joints)}). Name one column per joint "
+                "in the map, or choose the joints of the log with --chain."
             )
         if signal is None:
             signal = build_default_signal(name, dof)
@@ -319,9 +327,7 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
             )
 
 
-def convert_to_link_side(
-    name: str, raw: Array, signal: SignalMap, robot: Robot
-) -> Array:
+def convert_to_link_side(name: str, raw: Array, signal: SignalMap, arm: Robot) -> Array:
     """Convert one signal of all joints.
 
     Positions, whole turns undone where that is asked for, and their derivatives:
@@ -346,9 +352,9 @@ def convert_to_link_side(
     if signal.scale:
         values = values * np.array(signal.scale)
     if name == "tau":
-        return _torque(values, signal, robot)
+        return _torque(values, signal, arm)
     if signal.side == "motor":
-        return np.linalg.solve(_transmission(name, robot), values.T).T
+        return np.linalg.solve(_transmission(name, arm), values.T).T
     return values
 
 

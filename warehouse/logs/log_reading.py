@@ -298,8 +298,7 @@ class MemoryLog(LogFile):
             except (TypeError, ValueError) as error:
                 raise InputError(
                     f"{self.name}: column '{shorten_value(name)}' holds {kind}, "
-                    f"expected "
-                    "numbers."
+                    "expected numbers."
                 ) from error
         return {name: self._columns[name] for name in columns}
 

@@ -297,14 +297,12 @@ def is_number(text: str) -> bool:
     return True
 
 
-def find_text_table(
-    lines: Sequence[str], csv_format: CsvFormat
-) -> TextTableLayout | None:
+def find_text_table(lines: Sequence[str], form: CsvFormat) -> TextTableLayout | None:
     """Find the table in the first lines of a file; None with nothing above it."""
-    rows = [i for i, line in enumerate(lines) if i >= csv_format.skip and line.strip()]
+    rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
     for place, row in enumerate(rows[: _ABOVE + 1]):
         # Of the line of names: in a line of numbers a comma may be the decimal one.
-        separator = csv_format.separator or guess_separator(
+        separator = form.separator or guess_separator(
             lines[rows[place - 1] if place else row]
         )
         fields = split_csv_line(lines[row], separator)

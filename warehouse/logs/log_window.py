@@ -53,8 +53,7 @@ class LogWindow:
         if start >= length - step / 2 or end > length + step / 2:
             raise InputError(
                 f"{where}: window @{shorten_value(self.text)} is outside the log, "
-                f"which "
-                f"lasts {length:.6g} s. Times count from its first sample."
+                f"which lasts {length:.6g} s. Times count from its first sample."
             )
         if end <= start:
             raise InputError(
@@ -82,9 +81,8 @@ def split_log_spec(spec: str) -> tuple[Path, LogWindow | None]:
     if match is None or not name:
         raise InputError(
             f"{shorten_value(path.name)}: window @{shorten_value(text)} is not "
-            f"understood, "
-            "expected @start:end in seconds or percent, such as @0:16.5, @60%: or "
-            "@:60%."
+            "understood, expected @start:end in seconds or percent, such as @0:16.5, "
+            "@60%: or @:60%."
         )
     start, start_percent, end, end_percent = match.groups()
     window = LogWindow(
@@ -98,8 +96,7 @@ def split_log_spec(spec: str) -> tuple[Path, LogWindow | None]:
         if percent and float(edge) > 100:
             raise InputError(
                 f"{shorten_value(path.name)}: {shorten_value(edge)}% is outside the "
-                f"log, "
-                "expected 0 to 100 %."
+                "log, expected 0 to 100 %."
             )
     return _existing(Path(name)), window
 
@@ -137,11 +134,14 @@ def _existing(path: Path) -> Path:
         )
     if not os.path.exists(path):
         raise InputError(
-            f"No log file '{shorten_value(path)}'. Give a CSV or Parquet file."
+            f"No log file '{shorten_value(path)}'. Give a CSV, Parquet, MCAP or ROS "
+            "bag file, or, where a command reads the store, the id of a run "
+            "(modelgap runs)."
         )
     if not os.path.isfile(path):
         raise InputError(
-            f"{path} is not a regular file, expected a CSV or Parquet file."
+            f"{path} is not a regular file, expected a CSV, Parquet, MCAP or ROS bag "
+            "file."
         )
     return path
 
@@ -249,19 +249,17 @@ def find_time_fault(t: Array, source: str) -> str | None:
     )
 
 
-def find_implausible_samples(
-    recording: Recording, robot: Robot
-) -> tuple[LogDoubt, ...]:
+def find_implausible_samples(log: Recording, robot: Robot) -> tuple[LogDoubt, ...]:
     """Check what a log says against what an arm can do.
 
     Returns:
         What no log of this arm can be: too short or too slow, without motion, or at
         positions and speeds that the arm does not have; empty for a usable log.
     """
-    robot = drop_placeholder_limits(robot, [recording])
+    robot = drop_placeholder_limits(robot, [log])
     # Of what is out of range the speed says no more.
-    checks = (_short(recording), _constant(recording))
-    where = _out_of_range(recording, robot) or _too_fast(recording, robot)
+    checks = (_short(log), _constant(log))
+    where = _out_of_range(log, robot) or _too_fast(log, robot)
     return tuple(doubt for doubt in (*checks, where) if doubt)
 
 
@@ -342,10 +340,8 @@ def _in_turn(q: Array) -> bool:
     long log evenly spread readings are looked at: every log that is read comes here.
     """
     at = np.arange(0, len(q) - 2, 1 + len(q) // BLOCK)
-    next_step, second_step = (
-        np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2)
-    )
-    nearer = np.flatnonzero(next_step > NEARER * second_step)
+    first, second = (np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2))
+    nearer = np.flatnonzero(first > NEARER * second)
     return sum(_moves(q[:, j]) for j in nearer) >= min(2, q.shape[1])
 
 

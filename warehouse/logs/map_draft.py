@@ -296,25 +296,23 @@ def _of_bag(
     """Draft the map of a bag: which topic, and which name is which joint."""
     full = {name: names for name, names in bag.items() if len(names) >= len(joints)}
     named = {t: _in_order(names, joints) for t, names in full.items()}
-    certain = [topic for topic, names_of_joints in named.items() if names_of_joints]
+    certain = [topic for topic, bag_joints in named.items() if bag_joints]
     doubts: list[str] = []
     topic = next(iter([*certain, *full, *bag]))
     if len(certain or full) > 1:
         doubts.append(
             f"joint states are also on {', '.join(t for t in bag if t != topic)}"
         )
-    names_of_joints = named.get(topic) or ()
-    if not names_of_joints and topic in full:
-        names_of_joints = full[topic][: len(joints)]
+    bag_joints = named.get(topic) or ()
+    if not bag_joints and topic in full:
+        bag_joints = full[topic][: len(joints)]
         doubts.append(
             "no name is one of the URDF's joints; these are in the order of the "
             f"messages, which have {', '.join(bag[topic])}"
         )
-    joint_names = (
-        () if tuple(names_of_joints) == tuple(joints) else tuple(names_of_joints)
-    )
+    joint_names = () if tuple(bag_joints) == tuple(joints) else tuple(bag_joints)
     form = BagFormat(topic=topic if len(bag) > 1 else None, joints=joint_names)
-    missing = () if names_of_joints else ("q", "tau")
+    missing = () if bag_joints else ("q", "tau")
     doubts_by_line = {"bag": tuple(doubts)} if doubts else {}
     try:
         open_log(path, ColumnMap(bag=form), joints)
@@ -326,14 +324,12 @@ def _of_bag(
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
     """Return those of some names that are the URDF's joints; () unless all are."""
     plain = {name.casefold(): name for name in names}
-    ordered = []
+    out = []
     for joint in joints:
         stem = strip_joint_prefix(joint)
         like = [name for low, name in plain.items() if stem and stem in low]
-        ordered.append(
-            plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None)
-        )
-    return tuple(ordered) if all(ordered) and len({*ordered}) == len(ordered) else ()
+        out.append(plain.get(joint.casefold()) or (like[0] if len(like) == 1 else None))
+    return tuple(out) if all(out) and len({*out}) == len(out) else ()
 
 
 class _Drafter:
@@ -345,7 +341,8 @@ class _Drafter:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
         self.families = group_joint_columns(log.columns, joints)
-        formats = (n for n, p in PRESETS.items() if self._is_of(p))
+        timed = {n: p for n, p in PRESETS.items() if {*p.time} & {*log.columns}}
+        formats = (n for n, p in timed.items() if self._preset_columns(p, "q"))
         self.format = format or next(formats, None)
         self.preset = PRESETS.get(self.format or "", MakerLogFormat(""))
         self.values: dict[tuple[str, ...], Array | None] = {}
@@ -379,12 +376,6 @@ class _Drafter:
 
     def _doubt(self, line: str, words: str) -> None:
         self.doubts.setdefault(line, []).append(words)
-
-    def _is_of(self, preset: MakerLogFormat) -> bool:
-        """Whether time and angles of a preset are in the log."""
-        return bool(
-            {*preset.time} & {*self.log.columns} and self._preset_columns(preset, "q")
-        )
 
     def _preset_columns(
         self, preset: MakerLogFormat, signal: str
@@ -502,18 +493,13 @@ class _Drafter:
         words, unit = {*family.words}, self._stated(family)
         of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
         if of_unit:
-            bad = any(
-                signal is None and signal_words & words
-                for signal, signal_words in WORDS
-            )
+            bad = any(signal is None and known & words for signal, known in WORDS)
             return None if bad else of_unit
         if len(family.words) == 1 and family.words[0] in LETTERS:
             return LETTERS[family.words[0]]
         if not words and family.named:
             return "q"
-        return next(
-            (signal for signal, signal_words in WORDS if signal_words & words), None
-        )
+        return next((signal for signal, known in WORDS if known & words), None)
 
     def _stated(self, family: ColumnFamily) -> str | None:
         """Unit that the file or the name states, as a map calls it."""

@@ -60,6 +60,8 @@ _FUNCTIONS = {
 LONGEST = 100_000  # characters of a query
 _LINE = 600  # characters of what is wrong with one
 _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
+_SCHEMA = "modelgap sql --schema"
+_WRONG_QUERY = (duckdb.ParserException, duckdb.CatalogException, duckdb.BinderException)
 _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
 # Folders that a query may read: not the sealed halves, nothing else on the machine.
@@ -68,33 +70,29 @@ READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
 WORKING, LARGEST = 0.5, 0.25
 
 
-def check_reads_only(
-    connection: duckdb.DuckDBPyConnection, query: str
-) -> frozenset[str]:
+def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
     """Return the tables and views that a query names, if all it can do is read."""
     if len(query) > LONGEST:
         raise InputError(
             f"The query has {len(query)} characters, at most {LONGEST} are taken."
         )
-    kind, text = _one_statement(connection, query)
+    kind, text = _one_statement(db, query)
     select = _explained(text) if kind == "EXPLAIN" else text
     if kind not in ("SELECT", "EXPLAIN"):
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
         raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
-    if kind == "EXPLAIN" and _one_statement(connection, select)[0] != "SELECT":
+    if kind == "EXPLAIN" and _one_statement(db, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
-    return _tables(connection, select)
+    return _tables(db, select)
 
 
-def _one_statement(
-    connection: duckdb.DuckDBPyConnection, query: str
-) -> tuple[str, str]:
+def _one_statement(db: duckdb.DuckDBPyConnection, query: str) -> tuple[str, str]:
     try:
-        statements = connection.extract_statements(query)
+        statements = db.extract_statements(query)
         # A statement newer than the library's own list of types is no number of it.
         kinds = [statement.type.name for statement in statements]
     except duckdb.Error as error:
-        raise InputError(format_duckdb_error(error)) from error
+        raise InputError(explain_error(error)) from error
     # A type error is of words that are no UTF-8.
     except (TypeError, ValueError) as error:
         raise InputError(f"{_ONLY}, got something else.") from error
@@ -145,8 +143,7 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
             name = str(node.get("function", {}).get("function_name", "")).lower()
             if name not in _FUNCTIONS:
                 raise InputError(
-                    f"SQL reads the views of the store, not '{name}()'. "
-                    "See modelgap sql --schema."
+                    f"SQL reads the views of the store, not '{name}()'. See {_SCHEMA}."
                 )
     return frozenset(named)
 
@@ -155,7 +152,8 @@ def format_duckdb_error(error: Exception) -> str:
     """Return what DuckDB says, in one line and without its picture of the query."""
     text = str(error).split("\n\nLINE ")[0]
     line = " ".join(text.split()).removesuffix(".")
-    return (line if len(line) <= _LINE else f"{line[: _LINE - 3]}...") + "."
+    line = line if len(line) <= _LINE else f"{line[: _LINE - 3]}..."
+    return line if line.endswith("?") else f"{line}."
 
 
 def open_read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
@@ -247,4 +245,6 @@ def explain_error(error: Exception) -> str:
         )
     # What Python said to DuckDB, which hands on how it came to that.
     text = str(error).rstrip().splitlines()[-1] if "Traceback" in str(error) else ""
-    return text or format_duckdb_error(error)
+    query_is_wrong = isinstance(error, _WRONG_QUERY)
+    hint = f" {_SCHEMA} names the views and columns." if query_is_wrong else ""
+    return text or format_duckdb_error(error) + hint

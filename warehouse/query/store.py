@@ -24,6 +24,7 @@ from warehouse.query.sql_guard import (
 from warehouse.query.sql_views import build_catalogue_views, build_signal_table
 from warehouse.record_ids import build_damage_error
 from warehouse.remote_store import (
+    check_store_folder,
     fetch_file,
     find_local_copy,
     find_store_bucket,
@@ -77,11 +78,7 @@ def open_store(path: Path | str) -> "Store":
     """Open a store for reading."""
     word = str(path)
     folder = find_local_copy(word) if is_bucket_address(word) else Path(path).resolve()
-    if not folder.is_dir():
-        raise InputError(
-            f"There is no store at {format_store_name(folder)}. Make one with modelgap "
-            "experiment or demo, or say where it is: --store FOLDER."
-        )
+    check_store_folder(folder)
     if set(str(folder)) & set("*?[]{}"):
         raise InputError(f"{path}: the path of a store must not contain * ? [ ] {{ }}.")
     return Store(folder)
@@ -119,8 +116,7 @@ def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
     if not ids:
         raise InputError(
             f"No run in {format_store_name(path)} fulfills {clause}. List the runs: "
-            f"modelgap "
-            'sql "FROM runs".'
+            'modelgap sql "FROM runs".'
         )
     return ids
 
@@ -255,10 +251,8 @@ class Store:
         # The second lock: what slips past the guard cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
-            relation = self._connection.sql(
-                query, params=dict(values) if values else None
-            )
-            return collect_answer(relation.to_arrow_reader(_BATCH))
+            rows = self._connection.sql(query, params=dict(values) if values else None)
+            return collect_answer(rows.to_arrow_reader(_BATCH))
         finally:
             with suppress(duckdb.Error):
                 self._connection.execute("ROLLBACK")

@@ -79,7 +79,7 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "modelgap.toml: the file's head needs the key 'schema'."),
+        ("", "modelgap.toml: the file needs the key 'schema'."),
         ("schema = 2\n", "modelgap.toml: schema is 2"),
         (HEAD + "serail = 'x'\n", ".*'serail'.*'serial'"),
         (HEAD + "tags = ['a', 'b c']\n", ".*expected a word or KEY=VALUE"),
