@@ -97,7 +97,10 @@ def compute_flange_jacobian(model: pin.Model, q: Array) -> Array:
 
 
 def find_flange_frame(model: pin.Model) -> int:
-    """Return the index of the last frame that the last joint moves."""
+    """Return the index of the flange: the last frame that the last joint moves.
+
+    `load_robot` appends one where links behind locked joints, or behind --tip, follow.
+    """
     frames = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
     return frames[-1]
 

@@ -280,6 +280,10 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
             f"{where}: {model.nq} positions for {dof} joints, expected as many. "
             "Report this URDF as a bug."
         )
+    if arm.flange:  # as the last frame, which `find_flange_frame` takes
+        body = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+        place = (body.name, body.parentJoint, body.placement, pin.FrameType.OP_FRAME)
+        model.addFrame(pin.Frame(*place), append_inertia=False)
     model.gravity.linear = extra.pop("gravity")
     limits = {"velocity_limit": speed, "torque_limit": effort}
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}

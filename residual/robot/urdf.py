@@ -42,6 +42,7 @@ class UrdfArm(NamedTuple):
     joints: tuple[str, ...]  # names of the chain, base to tip
     locked: Mapping[str, float]  # joints outside of the chain [rad or m]
     notes: tuple[str, ...]  # what of the file was not taken as it stands, in words
+    flange: str  # link of the flange, "" for the last one that the last joint moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,6 +144,14 @@ class _Tree:
                 stack += self.below.get(read_joint_link(joint, "child"), [])
         return joints
 
+    def last_link(self, link: str, stop: Iterable[str] = ()) -> str:
+        """The last one that Pinocchio reads of `carried`: children by joint name."""
+        names = {j.get("name", "?"): j for j in self.below.get(link, [])}
+        open_names = names.keys() - set(stop)
+        if not open_names:
+            return link
+        return self.last_link(read_joint_link(names[max(open_names)], "child"), stop)
+
     def path(self, link: str) -> list[str]:
         """Names of the joints from the base to a link that can move, in order."""
         names: list[str] = []
@@ -217,15 +226,17 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
             _fix(joint)
             stale = True
     _refuse(tree.faults, where)
+    flange, written = _flange(root, tree, chain, locked, choice.tip)
     table = np.array(limits, dtype=float).T
     table.setflags(write=False)
     lost = any(note.startswith("left out") for note in tree.notes)
-    if any(mended) or locked or stale or lost:
+    if any(mended) or locked or stale or lost or written:
         text = ET.tostring(root, encoding="unicode")
     if locked:
         tree.notes.insert(0, _locked_line(tree, chain, locked))
     notes = tuple(tree.notes)
-    return UrdfArm(root.get("name", ""), text, table, tuple(chain), locked, notes)
+    name = root.get("name", "")
+    return UrdfArm(name, text, table, tuple(chain), locked, notes, flange)
 
 
 def _parse(text: str, where: str) -> ET.Element:
@@ -448,6 +459,32 @@ def _fix(joint: ET.Element) -> None:
     for tag in ("mimic", "limit", "axis", "dynamics", "safety_controller"):
         for node in joint.findall(tag):
             joint.remove(node)
+
+
+def _flange(
+    root: ET.Element,
+    tree: _Tree,
+    chain: Sequence[str],
+    locked: Mapping[str, float],
+    tip: str | None,
+) -> tuple[str, bool]:
+    """The link of the flange, and whether this wrote it into the file.
+
+    It is the tip, else the last link that is not behind a locked joint. An element of
+    ours keeps it, since locked joints become fixed ones.
+    """
+    end = read_joint_link(tree.joints[chain[-1]], "child")
+    node = root.find("modelgap")
+    noted = "" if node is None else node.get("flange", "")
+    links = tree.carried(end)
+    chosen = [name for name in (tip, noted) if name in links]
+    flange = chosen[0] if chosen else tree.last_link(end, locked)
+    if flange == tree.last_link(end) and (node is None or not chosen):
+        return "", False
+    if flange != noted:
+        node = ET.SubElement(root, "modelgap") if node is None else node
+        node.set("flange", flange)
+    return flange, flange != noted
 
 
 def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
