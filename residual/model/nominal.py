@@ -126,7 +126,7 @@ def compute_known_value_information(
 
 def _read(word: str, value: float, robot: Robot) -> KnownValue:
     name, *middle, key = word.split(".") if "." in word else (word, "")
-    check_name(name, (*load_effects(), LINK), f"effect in the known value '{word}'")
+    check_name(name, (*load_effects(), LINK), "effect of a known value")
     if name == LINK:
         check_name(key, (MASS,), "parameter of a link that can be known")
         if not value > 0:
