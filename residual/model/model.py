@@ -424,28 +424,27 @@ class Model:
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Model":
-        """The model of a record: it predicts the very bits.
+        """The model of a sound record (`model_from_record`): it predicts the very bits.
 
         Raises:
-            InputError: If it is of another form, or damaged.
+            InputError: If it is of another form.
         """
         if record.get("form") != FORM:
             form = quote_value(record.get("form"))
-            raise InputError(f"A model of form {form}, expected {FORM}: make it anew.")
-        try:
-            floor = record["speed_floor"]
-            return cls(
-                robot=build_robot(**record["robot"]),
-                inertial=np.array(record["inertial"]),
-                terms=tuple(map(Term.from_record, record["terms"])),
-                speed_floor=None if floor is None else np.array(floor),
-                standstill=tuple(StandstillFriction(**s) for s in record["standstill"]),
-                clock=record["clock"],
-                filters=FilterSettings(**record["filters"]),
-                tables=tuple(map(Term.from_record, record["background"])),
+            raise InputError(
+                f"A model of form {form}, expected {FORM}: write it again."
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"The record of a model is damaged: {error}.") from error
+        floor = record["speed_floor"]
+        return cls(
+            robot=build_robot(**record["robot"]),
+            inertial=np.array(record["inertial"]),
+            terms=tuple(map(Term.from_record, record["terms"])),
+            speed_floor=None if floor is None else np.array(floor),
+            standstill=tuple(StandstillFriction(**s) for s in record["standstill"]),
+            clock=record["clock"],
+            filters=FilterSettings(**record["filters"]),
+            tables=tuple(map(Term.from_record, record["background"])),
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the model into a JSON file, which ``load_model`` reads."""
