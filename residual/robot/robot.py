@@ -20,7 +20,13 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError, RobotError, check_name, shorten_value
+from residual.errors import (
+    InputError,
+    RobotError,
+    UnknownNameError,
+    check_name,
+    shorten_value,
+)
 from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array, Recording, compute_speed_quantile
 from residual.robot.files import (
@@ -316,7 +322,11 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
                 "xacro or MJCF file, a folder with one, or a built-in name "
                 f"({', '.join(list_built_in_robots())})."
             )
-    name = check_name(str(spec), list_built_in_robots(), "robot")
+    try:
+        name = check_name(str(spec), list_built_in_robots(), "robot")
+    except UnknownNameError as error:
+        more = "Or give a URDF, xacro or MJCF file, or a folder with one."
+        raise UnknownNameError(f"{error} {more}") from None
     return _only_file(find_built_in_folder(name))
 
 
