@@ -197,7 +197,7 @@ def list_forbidden_effects(prior: NominalPrior, nominal: NominalModel) -> set[st
     return out
 
 
-def find_contradicted_slots(model: Model, group: CandidateColumns) -> Array:
+def list_contradicted_coefficients(model: Model, group: CandidateColumns) -> Array:
     """Coefficients of the nominal model that an effect says are wrong. Shape (k,).
 
     All inertial ones for a body; none where the model has no such value.

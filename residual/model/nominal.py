@@ -67,7 +67,7 @@ def list_known_values(robot: Robot) -> tuple[KnownValue, ...]:
     )
 
 
-def refuse_known_with_baseline(robot: Robot) -> None:
+def refuse_known_values_with_baseline(robot: Robot) -> None:
     """Refuse the baseline of an arm with values that are known for sure.
 
     Raises:
