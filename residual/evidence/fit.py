@@ -452,10 +452,9 @@ class PossibleModel:
         more = f"{cost:.2g} %" if cost >= LITTLE else f"under {LITTLE:g} %"
         return (
             "the unconstrained fit gives physically impossible inertias for "
-            f"{join_with_commas(self.correction.bodies)}: the model uses the "
-            f"nearest possible "
-            "ones (positive definite pseudo-inertia), which raise the torque error of "
-            f"a joint by {more} at most",
+            f"{join_with_commas(self.correction.bodies)}: the model uses the nearest "
+            "possible ones (positive definite pseudo-inertia), which raise the torque "
+            f"error of a joint by {more} at most",
         )
 
     @property
@@ -465,9 +464,8 @@ class PossibleModel:
             return ()
         return (
             "the logs give physically impossible inertias for "
-            f"{join_with_commas(self.correction.bodies)}: check gravity, signs, "
-            f"units, the order "
-            "of the joints and external forces on the arm",
+            f"{join_with_commas(self.correction.bodies)}: check gravity, signs, units, "
+            "the order of the joints and external forces on the arm",
         )
 
 

@@ -76,9 +76,8 @@ def refuse_known_values_with_baseline(robot: Robot) -> None:
     if robot.known_values:
         raise InputError(
             f"Known values ({join_with_commas(robot.known_values)}) belong to one "
-            f"state of the "
-            "arm; a baseline compares two. Leave out --known, and [known] of "
-            "robot.toml, or the baseline."
+            "state of the arm; a baseline compares two. Leave out --known, and [known] "
+            "of robot.toml, or the baseline."
         )
 
 
@@ -158,9 +157,8 @@ def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:
     if not text.isdigit() or not 1 <= int(text) <= robot.dof:
         first, *_, last = word.split(".") if "." in word else (word, "")
         raise InputError(
-            f"Known {word}: joint {quote_value(text)} expected from 1 to "
-            f"{robot.dof} or a "
-            f"joint of the URDF ({', '.join(names)}), as in {first}.2.{last}."
+            f"Known {word}: joint {quote_value(text)} expected from 1 to {robot.dof} "
+            f"or a joint of the URDF ({', '.join(names)}), as in {first}.2.{last}."
         )
     return (int(text) - 1,)
 

@@ -196,8 +196,7 @@ def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
         if not _is_number(value):
             raise RobotError(
                 f"{where}: {joint} in [locked] is {quote_value(value)}, expected a "
-                f"position "
-                "in rad or m."
+                "position in rad or m."
             )
     return ArmChoice(tuple(joints), None, (), dict(locked))
 

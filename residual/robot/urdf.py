@@ -358,8 +358,7 @@ def _only(
         return chains[0]
     listed = "; ".join(
         f"--tip {read_joint_link(tree.joints[chain[-1]], 'child')}: {len(chain)} "
-        f"joints, "
-        f"{chain[0]} to {chain[-1]}"
+        f"joints, {chain[0]} to {chain[-1]}"
         for chain in sorted(chains, key=len, reverse=True)[:_NAMED]
     )
     raise RobotError(
