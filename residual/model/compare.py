@@ -194,10 +194,8 @@ def compute_model_errors(
     and the mean kept. Filtered errors pass both sides through the identification
     filter; moving errors are filtered ones on rows where that joint moves.
     """
-    dof, kinds = (
-        held_out[0].recording.dof if held_out else 0,
-        ("raw", "filtered", "moving"),
-    )
+    dof = held_out[0].recording.dof if held_out else 0
+    kinds = ("raw", "filtered", "moving")
     sums = {
         name: {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
         for name in models

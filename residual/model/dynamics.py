@@ -23,9 +23,9 @@ from residual.errors import InputError
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
-from residual.robot import dynamics
 from residual.robot.dynamics import (
     compute_inverse_dynamics,
+    compute_mass_matrix,
     replace_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -61,10 +61,8 @@ def compute_acceleration_error(
     base: Model = getattr(model, "model", model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full, pieces = (
-        not exceed_split_length(recordings),
-        split_long_logs(recordings, base.filters.torque),
-    )
+    full = not exceed_split_length(recordings)
+    pieces = split_long_logs(recordings, base.filters.torque)
     tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
@@ -141,8 +139,8 @@ def _solved(
 
 def _bodies(model: Model, q: Array) -> Array:
     """M(q) of bodies, loads and rotors [kg m^2]. Shape (n, dof, dof)."""
-    body = dynamics.replace_inertial_parameters(model.robot.model, model.loaded())
-    out = dynamics.compute_mass_matrix(body, q)
+    body = replace_inertial_parameters(model.robot.model, model.loaded())
+    out = compute_mass_matrix(body, q)
     np.einsum("nii->ni", out)[:] += model.drive()[1]
     return out
 

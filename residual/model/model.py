@@ -79,10 +79,7 @@ class Term:
         return {"name": self.effect.name, "joints": joints, **self._values(), **before}
 
     def _values(self) -> dict:
-        return {
-            "shape": [float(x) for x in self.shape],
-            "theta": self.theta.tolist(),
-        }
+        return {"shape": [float(x) for x in self.shape], "theta": self.theta.tolist()}
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Term":

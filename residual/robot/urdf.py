@@ -15,10 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import (
-    RobotError,
-    check_name,
-)
+from residual.errors import RobotError, check_name
 from residual.recording import Array
 
 ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
@@ -82,10 +79,7 @@ class _Tree:
         kind = joint.get("type", "?")
         if kind not in (*MOVING, "fixed", "floating", "planar"):
             self.faults.append(f"joint '{name}' has the unknown type '{kind}'")
-        parent, child = (
-            read_joint_link(joint, "parent"),
-            read_joint_link(joint, "child"),
-        )
+        parent, child = (read_joint_link(joint, side) for side in ("parent", "child"))
         if not parent or not child:
             self.faults.append(f"joint '{name}' lacks a parent or a child link")
             return

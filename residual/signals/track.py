@@ -375,12 +375,6 @@ def interpolate_torque(torque: Array, track: Track, recording: Recording) -> Arr
     return interpolate_signals(recording.t, track.t, torque)
 
 
-def filter_positions(recording: Recording, filters: FilterSettings) -> Array:
-    """Positions through the filter of the kinematics, at the log's own times [rad]."""
-    t, _, (q, _, _) = filter_motion(recording, filters)
-    return interpolate_signals(recording.t, t, q)
-
-
 def add_angle_noise(
     recordings: Sequence[Recording], tracks: Sequence[Track], filters: FilterSettings
 ) -> tuple[Track, ...]:
