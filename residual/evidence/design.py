@@ -103,15 +103,12 @@ class Design:
     # -- building -----------------------------------------------------------------
 
     def _measure_torque(self) -> None:
-        every = range(len(self._tracks))
-        tau = [
-            self._stacked([t.tau for t in self._tracks], j, every)
-            for j in range(self.dof)
-        ]
-        labels = [self._rows_labels(j, every) for j in range(self.dof)]
-        self.fold_rows = sum_squares_per_fold(
-            [np.ones_like(x) for x in tau], labels, self.folds
-        )
+        every, joints = range(len(self._tracks)), range(self.dof)
+        logged = [t.tau for t in self._tracks]
+        tau = [self._stacked(logged, j, every) for j in joints]
+        labels = [self._rows_labels(j, every) for j in joints]
+        ones = [np.ones_like(x) for x in tau]
+        self.fold_rows = sum_squares_per_fold(ones, labels, self.folds)
         self.tau_power = sum_squares_per_fold(tau, labels, self.folds)
         count = self.fold_rows.sum(axis=0)
         self.rows = np.maximum(count, 1.0)
@@ -164,9 +161,8 @@ class Design:
         return self._states[i]
 
     def _show_target(self) -> None:
-        labels = [
-            self._rows_labels(j, range(len(self._tracks))) for j in range(self.dof)
-        ]
+        every = range(len(self._tracks))
+        labels = [self._rows_labels(j, every) for j in range(self.dof)]
         whole = [np.concatenate(own) for own in self._targets]
         self.power = sum_squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
@@ -256,12 +252,10 @@ class Design:
         if effect.prior_sd is not None:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
-            precision = (
-                self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
-            )
-        group = CandidateColumns(
-            effect, joints, shape, ids, *regularize_precision(precision)
-        )
+            flat = self.unit_information(ids, rows)
+            precision = flat / THRESHOLDS.prior_torque_share**2
+        prior = regularize_precision(precision)
+        group = CandidateColumns(effect, joints, shape, ids, *prior)
         known = select_effect_values(self.model.robot, effect, joints)
         if not known:
             return group
@@ -464,9 +458,8 @@ class Design:
         at, size = self._lines[j]
         out = np.zeros(size)
         if self._alone:
-            values = np.where(
-                np.isin(self.label_joint_folds(j), self._kept), values, 0.0
-            )
+            labels = self.label_joint_folds(j)
+            values = np.where(np.isin(labels, self._kept), values, 0.0)
         out[at] = values
         return out
 

@@ -44,9 +44,8 @@ def compute_error_rise(after: Array, before: Array, min_rise: float = WORSE) -> 
         before: The same of the other model. Shape (seconds,).
     """
     ratio = float(np.sqrt(after.sum() / max(before.sum(), 1e-300)))
-    return (
-        ratio - 1 if ratio > min_rise and is_error_significant(after, before) else 0.0
-    )
+    rose = ratio > min_rise and is_error_significant(after, before)
+    return ratio - 1 if rose else 0.0
 
 
 def is_error_significant(after: Array, before: Array, confidence: float = SURE) -> bool:
@@ -79,13 +78,10 @@ def compute_joint_error_rises(
         min_share: Share of that torque by which an error must rise to count.
     """
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
-    clear = (power > 1e-12 * power.max(initial=0.0)) & (
-        now - then > min_share * np.sqrt(power)
-    )
+    large = now - then > min_share * np.sqrt(power)
+    clear = (power > 1e-12 * power.max(initial=0.0)) & large
     pairs = zip(after.T, before.T, clear, strict=True)
-    return np.array(
-        [compute_error_rise(a, b) if counts else 0.0 for a, b, counts in pairs]
-    )
+    return np.array([compute_error_rise(a, b) if on else 0.0 for a, b, on in pairs])
 
 
 def _blocks(seconds: Array) -> Array:
@@ -132,15 +128,13 @@ class HeldOutLog:
     track: Track  # its signals at its own rate
 
 
-def prepare_held_out(
-    recordings: Sequence[Recording], model: Model
-) -> tuple[HeldOutLog, ...]:
+def prepare_held_out(logs: Sequence[Recording], model: Model) -> tuple[HeldOutLog, ...]:
     """Prepare held-out logs with the signal path of a model.
 
     Long ones are cut into pieces and looked at, at the rate of the features.
     """
-    pieces = split_long_logs(recordings, model.filters.torque)
-    long = exceed_split_length(recordings)
+    pieces = split_long_logs(logs, model.filters.torque)
+    long = exceed_split_length(logs)
     floor = model.speed_floor
     tracks, _ = build_tracks(pieces, model.filters, floor, full_rate=not long)
     return tuple(map(HeldOutLog, pieces, tracks))
@@ -273,9 +267,8 @@ def compute_moving_power(held_out: Sequence[HeldOutLog]) -> Array:
 
 
 def _sketch(held_out: Sequence[HeldOutLog]) -> list[HeldOutLog]:
-    return [
-        held_out[i] for i in choose_spread_pieces([w.track.seconds for w in held_out])
-    ]
+    seconds = [witness.track.seconds for witness in held_out]
+    return [held_out[i] for i in choose_spread_pieces(seconds)]
 
 
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
@@ -332,9 +325,7 @@ def predict_logs(
     base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
     errors, _ = compute_model_errors(models, ready, base.filters)
-    torque = [
-        {name: entry.predict(log) for name, entry in models.items()} for log in logs
-    ]
+    torque = [{name: m.predict(log) for name, m in models.items()} for log in logs]
     cutoff = min(entry.track.cutoff for entry in ready)
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 

@@ -189,9 +189,8 @@ class Model:
             [N m per SI unit of theta]. Shape (n, dof, p).
         """
         (track,), _ = build_tracks([recording], self.filters, self.speed_floor, True)
-        flat = compute_torque_columns(self, self.observe(track)).reshape(
-            len(track.t), -1
-        )
+        columns = compute_torque_columns(self, self.observe(track))
+        flat = columns.reshape(len(track.t), -1)
         n, dof = len(recording.t), self.robot.dof
         return interpolate_torque(flat, track, recording).reshape(n, dof, -1)
 
@@ -289,17 +288,15 @@ class Model:
             inertial=self.loaded(),
             drive=self.drive(),
         )
-        return self.replace_standstill(
-            state, self.standstill or (SMOOTH,) * self.robot.dof
-        )
+        standstill = self.standstill or (SMOOTH,) * self.robot.dof
+        return self.replace_standstill(state, standstill)
 
     def replace_standstill(
         self, state: State, standstill: Sequence[StandstillFriction]
     ) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
-        sign = compute_friction_directions(
-            state.q, state.qd, self._floor(), tuple(standstill)
-        )
+        motion = state.q, state.qd, self._floor()
+        sign = compute_friction_directions(*motion, tuple(standstill))
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 

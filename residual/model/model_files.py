@@ -48,10 +48,8 @@ def _wrong(model: Model) -> str | None:
 
 def _wrong_term(term: Term, model: Model) -> str | None:
     dof, name = model.robot.dof, term.effect.name
-    joints = set(range(dof))
-    if not all(type(j) is int for j in term.joints) or not joints.issuperset(
-        term.joints
-    ):
+    whole = all(type(j) is int for j in term.joints)
+    if not whole or not set(range(dof)).issuperset(term.joints):
         return f"{name} sits on a joint that the robot does not have"
     numbers = _is(term.theta, (len(term.theta),)) if term.theta.ndim else False
     if not numbers or not _is(np.array(term.shape), (len(term.shape),)):
@@ -122,12 +120,10 @@ def load_model(path: str | Path) -> Model | CorrectedModel:
         raise InputError(f"Cannot read {path}: {error.strerror}.") from error
     except ValueError as error:
         broken = isinstance(error, json.JSONDecodeError)
-        place = (
-            f"an error in line {error.lineno}, column {error.colno}" if broken else ""
-        )
+        at = f"an error in line {error.lineno}, column {error.colno}" if broken else ""
         raise InputError(
             f"{path} is not the file of a model: expected JSON, got "
-            f"{place or 'other data'}. {_AGAIN}"
+            f"{at or 'other data'}. {_AGAIN}"
         ) from error
     if not isinstance(content, dict):
         raise InputError(

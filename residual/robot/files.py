@@ -421,14 +421,12 @@ class _Writer:
             return pin.SE3(np.eye(3), np.array(away))
         return pin.SE3(pin.exp3(np.array(away)), np.zeros(3))
 
-    def _joint(
-        self, j: int, name: str, parent: str, link: str, origin: pin.SE3
-    ) -> None:
+    def _joint(self, j: int, name: str, parent: str, link: str, place: pin.SE3) -> None:
         m, kind = self.m, _KINDS[self.m.jnt_type[j]]
         if kind == "revolute" and not m.jnt_limited[j]:
             kind = "continuous"
         node = ET.SubElement(self.root, "joint", {"name": name, "type": kind})
-        _ends(node, parent, link, origin)
+        _ends(node, parent, link, place)
         ET.SubElement(node, "axis", {"xyz": _numbers_text(m.jnt_axis[j])})
         low, high = m.jnt_range[j] if m.jnt_limited[j] else (0.0, 0.0)
         limit = {"lower": repr(float(low)), "upper": repr(float(high))}

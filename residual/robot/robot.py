@@ -182,9 +182,8 @@ def load_robot(
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
     chain, locked = content.pop("chain", {}), content.pop("locked", {})
-    choice = replace(
-        parse_arm_choice(chain, locked, "robot.toml"), logged=tuple(logged)
-    )
+    choice = parse_arm_choice(chain, locked, "robot.toml")
+    choice = replace(choice, logged=tuple(logged))
     if "tip" in options or "chain" in options:
         names = ",".join(options.get("chain", [])).split(",")
         joints = tuple(name.strip() for name in names if name)
@@ -468,19 +467,17 @@ _WORDS = {
 }
 
 
-def find_placeholder_limits(
-    robot: Robot, recordings: Sequence[Recording]
-) -> dict[str, str]:
+def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
     speeds = []
-    for r in recordings:
+    for r in logs:
         stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
         speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
     speed = np.max(speeds, axis=0)
-    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
+    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
-    span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
-    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in recordings])
+    span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
+    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
     travel = robot.upper - robot.lower
     checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
@@ -516,10 +513,8 @@ def _is_placeholder(ratio: Array, limit: Array) -> bool:
 
 def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     """Return the robot without the limits that are placeholders."""
-    out = {
-        k: np.full(robot.dof, np.inf)
-        for k in find_placeholder_limits(robot, recordings)
-    }
+    limits = find_placeholder_limits(robot, recordings)
+    out = {key: np.full(robot.dof, np.inf) for key in limits}
     if "upper" in out:
         out["lower"] = -out["upper"]
     return replace(robot, **out) if out else robot

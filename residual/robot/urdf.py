@@ -121,10 +121,8 @@ class _Tree:
         """The link and all that hang on it, without what is beyond some joints."""
         links, stop = [link], set(stop)
         for part in links:
-            next_ = [j for j in self.below.get(part, []) if j.get("name") not in stop]
-            links += [
-                c for j in next_ if (c := read_joint_link(j, "child")) not in links
-            ]
+            on = [j for j in self.below.get(part, []) if j.get("name") not in stop]
+            links += [c for j in on if (c := read_joint_link(j, "child")) not in links]
         return links
 
     def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
@@ -484,11 +482,8 @@ def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float])
     """One line: what was locked, where, and what hangs on it."""
     holders: dict[str, list[str]] = {}
     for name in locked:
-        path = [
-            n
-            for n in tree.path(read_joint_link(tree.joints[name], "parent"))
-            if n in chain
-        ]
+        parent = read_joint_link(tree.joints[name], "parent")
+        path = [n for n in tree.path(parent) if n in chain]
         # Locked joints are fixed by now and no part of a path.
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []
