@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.splitting import (
@@ -178,7 +178,7 @@ class ErrorSums:
 
 
 def compute_model_errors(
-    models: Mapping[str, Model | CorrectedModel],
+    models: Mapping[str, AnyModel],
     held_out: Sequence[HeldOutLog],
     filters: FilterSettings,
 ) -> tuple[dict[str, ErrorSums], tuple[LogPrediction, ...]]:
@@ -249,7 +249,7 @@ def compute_moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
 
 
 def find_worse_joints(
-    models: Mapping[str, Model | CorrectedModel], held_out: Sequence[HeldOutLog]
+    models: Mapping[str, AnyModel], held_out: Sequence[HeldOutLog]
 ) -> tuple[int, ...]:
     """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
     after, before = (
@@ -297,7 +297,7 @@ class Prediction:
     """What a model says of logs."""
 
     # "model", and "edited" where something was taken out of it.
-    models: Mapping[str, Model | CorrectedModel]
+    models: Mapping[str, AnyModel]
     logs: tuple[Recording, ...]  # the logs
     # Of each log, the torque of each model at its samples, not filtered [N m], (n,
     # dof).
@@ -308,7 +308,7 @@ class Prediction:
 
 
 def predict_logs(
-    model: Model | CorrectedModel, logs: Sequence[Recording], without: Edits = ()
+    model: AnyModel, logs: Sequence[Recording], without: Edits = ()
 ) -> Prediction:
     """Compute the torque of a model on logs, and with effects taken out of it.
 
@@ -319,7 +319,7 @@ def predict_logs(
     Raises:
         InputError: If the model does not have such an effect there.
     """
-    models: dict[str, Model | CorrectedModel] = {WHOLE: model}
+    models: dict[str, AnyModel] = {WHOLE: model}
     if without:
         models[EDITED] = remove_effects(model, without)
     base = model.model if isinstance(model, CorrectedModel) else model
@@ -330,9 +330,7 @@ def predict_logs(
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 
-def remove_effects(
-    model: Model | CorrectedModel, without: Edits
-) -> Model | CorrectedModel:
+def remove_effects(model: AnyModel, without: Edits) -> AnyModel:
     """Return a model without some effects; tables on top of it stay as they are."""
     if isinstance(model, CorrectedModel):
         edited = remove_effects(model.model, without)

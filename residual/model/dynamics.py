@@ -20,7 +20,7 @@ from scipy.ndimage import uniform_filter1d
 
 from residual.effects.base import EffectTrait, State
 from residual.errors import InputError
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot.dynamics import (
@@ -48,7 +48,7 @@ class AccelerationError:
 
 
 def compute_acceleration_error(
-    model: Model | CorrectedModel, recordings: Sequence[Recording]
+    model: AnyModel, recordings: Sequence[Recording]
 ) -> AccelerationError:
     """Return the error of acceleration from torque (forward dynamics).
 
@@ -78,9 +78,7 @@ def compute_acceleration_error(
     return AccelerationError(share, overall)
 
 
-def compute_acceleration(
-    model: Model | CorrectedModel, track: Track, tau: Array
-) -> Array:
+def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
     """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
 
     What remembers, distorts a report, or is a table, is taken along the measured
@@ -236,7 +234,7 @@ AS_MEASURED = FrictionReversal()
 
 
 def compute_feed_forward(
-    model: Model | CorrectedModel,
+    model: AnyModel,
     t: Array,
     motion: Sequence[Array],
     reversal: FrictionReversal = AS_MEASURED,
@@ -285,7 +283,7 @@ def _turned(base: Model, state: State, sign: Array | float) -> State:
 
 
 def build_computed_torque_law(
-    model: Model | CorrectedModel,
+    model: AnyModel,
     t: Array,
     motion: Sequence[Array],
     reversal: FrictionReversal = AS_MEASURED,
@@ -314,7 +312,7 @@ def build_computed_torque_law(
     return law
 
 
-def _used(model: Model | CorrectedModel, width: float) -> Model | CorrectedModel:
+def _used(model: AnyModel, width: float) -> AnyModel:
     """The model as a controller has it: friction turns over a width, logs are not late.
 
     Args:

@@ -318,6 +318,9 @@ class CorrectedModel:
         return cls(Model.from_record(record), tuple(tables))
 
 
+AnyModel = Model | CorrectedModel
+
+
 def compute_table_variables(
     state: State, columns: Sequence[TableVariable]
 ) -> list[Array]:

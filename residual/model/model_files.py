@@ -10,7 +10,7 @@ import tomli_w
 
 from residual.effects.base import EffectTrait
 from residual.errors import InputError, check_nesting
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import write_urdf_with_inertias
@@ -81,12 +81,12 @@ def _is(values: Array, shape: tuple[int, ...]) -> bool:
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def format_model(model: Model | CorrectedModel) -> str:
+def format_model(model: AnyModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
     return json.dumps(model.to_record(), allow_nan=False) + "\n"
 
 
-def model_from_record(record: Mapping) -> Model | CorrectedModel:
+def model_from_record(record: Mapping) -> AnyModel:
     """Return the model of a record.
 
     Raises:
@@ -106,7 +106,7 @@ def model_from_record(record: Mapping) -> Model | CorrectedModel:
     return model
 
 
-def load_model(path: str | Path) -> Model | CorrectedModel:
+def load_model(path: str | Path) -> AnyModel:
     """Return the model that was saved into a file.
 
     Raises:
@@ -119,11 +119,11 @@ def load_model(path: str | Path) -> Model | CorrectedModel:
     except OSError as error:
         raise InputError(f"Cannot read {path}: {error.strerror}.") from error
     except ValueError as error:
-        broken = isinstance(error, json.JSONDecodeError)
-        at = f"an error in line {error.lineno}, column {error.colno}" if broken else ""
+        got = "other data"
+        if isinstance(error, json.JSONDecodeError):
+            got = f"an error in line {error.lineno}, column {error.colno}"
         raise InputError(
-            f"{path} is not the file of a model: expected JSON, got "
-            f"{at or 'other data'}. {_AGAIN}"
+            f"{path} is not the file of a model: expected JSON, got {got}. {_AGAIN}"
         ) from error
     if not isinstance(content, dict):
         raise InputError(
