@@ -17,7 +17,7 @@ from residual.robot.robot import write_urdf_with_inertias
 from residual.signals.track import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
-TABLES = "tables of a calibration"
+TABLES = "the tables of a calibration"
 LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 

@@ -159,7 +159,10 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
             '{"form": 1, "speed_floor": 1, "robot": 3}',
             f"a value has another kind or size. {AGAIN}",
         ),
-        (None, "holds tables of a calibration, expected a model: that is corrected"),
+        (
+            None,
+            "holds the tables of a calibration, expected a model: that is corrected",
+        ),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path, text, message):
