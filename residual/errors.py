@@ -56,7 +56,7 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     """Return the name if it is known.
 
     Args:
-        what: What the name stands for, as the message begins: "effect".
+        kind: What the name stands for, as the message begins: "effect".
 
     Raises:
         UnknownNameError: If it is not one of them; the message has the nearest.

@@ -21,7 +21,7 @@ from flows.storage import diagnosis as records
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.errors import InputError
-from residual.model.nominal import list_known_values, refuse_known_with_baseline
+from residual.model.nominal import list_known_values, refuse_known_values_with_baseline
 from residual.recording import Recording
 from residual.robot.robot import Robot, add_known_values
 from residual.verdict.result import Diagnosis
@@ -55,7 +55,7 @@ def apply_known_values(
     robot = add_known_values(robot, known)
     list_known_values(robot)
     if baseline:
-        refuse_known_with_baseline(robot)
+        refuse_known_values_with_baseline(robot)
     return robot
 
 

@@ -31,7 +31,7 @@ from residual.model.nominal import (
     NominalModel,
     choose_declared_effects,
     prepare_fit_logs,
-    refuse_known_with_baseline,
+    refuse_known_values_with_baseline,
     start_model,
 )
 from residual.recording import Recording
@@ -82,7 +82,7 @@ def diagnose(
             "give its logs as the baseline."
         )
     if baseline and not ignore_baseline:
-        refuse_known_with_baseline(robot)
+        refuse_known_values_with_baseline(robot)
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 

@@ -28,8 +28,8 @@ from residual.evidence.fit import (
 from residual.evidence.priors import (
     SCALES,
     build_relative_prior,
-    find_contradicted_slots,
     hold_coefficients,
+    list_contradicted_coefficients,
 )
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
@@ -219,7 +219,7 @@ def _at_nominal(
     Of a body all bodies are held: its neighbours would say what it may not. None where
     the name is no value that the model has.
     """
-    slots = find_contradicted_slots(outcome.nominal.model, member.group)
+    slots = list_contradicted_coefficients(outcome.nominal.model, member.group)
     if not len(slots):
         return None
     task = outcome.task

@@ -72,7 +72,7 @@ def prior_sd(robot):
     return np.array([mass] + 3 * [0.2 * mass] + 6 * [0.03 * mass])
 
 
-def reports(key, values, stds):
+def is_parameter_reportable(key, values, stds):
     """Inertia only where the motion shows it: positive, and known within a third."""
     if not key.startswith("i"):
         return True

@@ -38,15 +38,12 @@ def _columns(state, joints, shape):
     gap = max(abs(shape[0]), TINY)
     if len(shape) > 1:
         side = gaussian_filter1d(np.sign(state.rigid[:, j]), shape[1] * state.rate)
-        return compute_shift_torque(
-            state, j, side, compute_time_derivatives(state, side)
-        )[:, :, None]
-    inertia = np.maximum(compute_torque_derivatives(state)[2][:, j, j], 1e-9)
-    push = -state.rigid[:, j] / inertia
-    side = _flight(push, gap, 1 / state.rate) / gap
-    return compute_shift_torque(state, j, side, compute_time_derivatives(state, side))[
-        :, :, None
-    ]
+    else:
+        inertia = np.maximum(compute_torque_derivatives(state)[2][:, j, j], 1e-9)
+        push = -state.rigid[:, j] / inertia
+        side = _flight(push, gap, 1 / state.rate) / gap
+    rates = compute_time_derivatives(state, side)
+    return compute_shift_torque(state, j, side, rates)[:, :, None]
 
 
 def _flight(push: Array, gap: float, dt: float) -> Array:

@@ -31,7 +31,7 @@ class JointLimits:
         speed: Speed that it was seen at, a 95 % quantile [rad/s].
         weight: Mass of the arm [kg].
         reach: Length of the arm when it is stretched [m].
-        had: Coefficients of the same effect that the model has, as refitted; zero where
+        nominal_coefficients: Of the same effect in the model, as refitted; zero where
             it has none. Shape (k,).
     """
 
@@ -57,20 +57,16 @@ def stays_positive(theta: Array, shape: Shape, limits: JointLimits) -> bool:
 
     A change may overshoot what the model has by a little, since both have an error.
     """
-    had = (
-        limits.nominal_coefficients
-        if len(limits.nominal_coefficients) == len(theta)
-        else np.zeros(len(theta))
-    )
+    had = limits.nominal_coefficients
+    had = had if len(had) == len(theta) else np.zeros(len(theta))
     total = had + theta
     return bool(np.all(np.where(had > 0, total > -SLACK * had, total > 0)))
 
 
 def dissipates(theta: Array, shape: Shape, limits: JointLimits) -> bool:
     """Friction takes power; and no joint moves against more than its torque."""
-    return stays_positive(theta, shape, limits) and stays_within_torque(
-        theta, shape, limits
-    )
+    positive = stays_positive(theta, shape, limits)
+    return positive and stays_within_torque(theta, shape, limits)
 
 
 def dissipates_with_speed(theta: Array, shape: Shape, limits: JointLimits) -> bool:
@@ -109,7 +105,7 @@ class ExportedLaw:
         gravity: (theta, robot) -> acceleration that it adds to gravity [m/s^2] (3,).
         force: (theta,) -> force on the flange, in the base frame [N] (3,).
         possible: (theta, shape) -> whether the formula holds for these numbers.
-        why_not: Why no formula can say it; empty where there is one.
+        obstacle: Why no formula can say it; empty where there is one.
     """
 
     formula: tuple[str, ...] = ()
@@ -271,7 +267,7 @@ class Effect:
         variable: (state, joint) -> what the report plots it against, with label; None
             where no one variable explains it, as with all that has inertia.
         portable: The same for other programs.
-        traits: See `Trait`.
+        traits: See `EffectTrait`.
         scope: Which joints it belongs to.
         sliding: Units on a prismatic joint that
             `residual.quantity.convert_to_sliding_unit` does not give.
@@ -430,11 +426,8 @@ def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
 
     def display(values: Array) -> Mapping[str, tuple[float, str]]:
         s, c = values[sin], values[cos]
-        largest = float(np.rad2deg(np.arctan2(s, c)))
-        return {
-            "amplitude": (float(np.hypot(s, c)), unit),
-            "largest at": (largest, "°"),
-        }
+        angle = float(np.rad2deg(np.arctan2(s, c)))
+        return {"amplitude": (float(np.hypot(s, c)), unit), "largest at": (angle, "°")}
 
     return display
 

@@ -22,7 +22,7 @@ EFFECT = Effect(
     traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
     prior_sd=_body.prior_sd,
     unit_directions=lambda states, joints: _body.usual_in(_JOINT),
-    reports=_body.reports,
+    reports=_body.is_parameter_reportable,
     variable=None,
     # Also lighter than nothing: a body that the model has and the link has lost.
     possible=lambda theta, shape, limits: _body.possible(theta, limits, -limits.weight),

@@ -37,7 +37,7 @@ EFFECT = Effect(
     unit_directions=lambda states, joints: _body.usual_in(
         find_flange_placement(states[0].robot.model)
     ),
-    reports=_body.reports,
+    reports=_body.is_parameter_reportable,
     variable=None,
     # No heavier than the arm, no lighter than the load the model has, within reach.
     possible=lambda theta, shape, limits: _body.possible(

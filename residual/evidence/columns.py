@@ -201,9 +201,8 @@ class CandidateColumns:
     def prior(self) -> "KnownPrior":
         """What its prior has beside the precision."""
         k = len(self.ids)
-        return self.known_prior or KnownPrior(
-            np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
-        )
+        nothing = np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
+        return self.known_prior or KnownPrior(*nothing)
 
     @property
     def placed(self) -> PlacedEffect:

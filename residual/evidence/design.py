@@ -83,12 +83,10 @@ class Design:
         self._tracks = list(tracks)
         self._seen_with = seen_with or model
         self._states: list = list(states) or [None] * len(tracks)
-        every, long = (
-            range(len(tracks)),
-            exceeds_memory_length([t.seconds for t in tracks]),
-        )
+        seconds, every = [t.seconds for t in tracks], range(len(tracks))
+        long = exceeds_memory_length(seconds)
         self._chunks = [[i] for i in every] if long else [list(every)]
-        self._shown = choose_spread_pieces([t.seconds for t in tracks])
+        self._shown = choose_spread_pieces(seconds)
         self._use = select_moving_rows(tracks)
         self._labels = list(labels) or label_folds(tracks)
         self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
@@ -105,12 +103,12 @@ class Design:
     # -- building -----------------------------------------------------------------
 
     def _measure_torque(self) -> None:
-        every = range(len(self._tracks))
-        tau = [self._stacked([t.tau for t in self._tracks], j, every) for j in self._js]
-        labels = [self._rows_labels(j, every) for j in self._js]
-        self.fold_rows = sum_squares_per_fold(
-            [np.ones_like(x) for x in tau], labels, self.folds
-        )
+        every, joints = range(len(self._tracks)), range(self.dof)
+        logged = [t.tau for t in self._tracks]
+        tau = [self._stacked(logged, j, every) for j in joints]
+        labels = [self._rows_labels(j, every) for j in joints]
+        ones = [np.ones_like(x) for x in tau]
+        self.fold_rows = sum_squares_per_fold(ones, labels, self.folds)
         self.tau_power = sum_squares_per_fold(tau, labels, self.folds)
         count = self.fold_rows.sum(axis=0)
         self.rows = np.maximum(count, 1.0)
@@ -118,10 +116,6 @@ class Design:
         self.rms = np.maximum(np.where(count > 0, rms, 1.0), 1e-9)
         self.peak = np.array([np.abs(x).max(initial=0.0) for x in tau])
         self.tau = self.stacked([self._tracks[i].tau for i in self._shown])
-
-    @property
-    def _js(self) -> range:
-        return range(self.dof)
 
     def _stacked(self, per_log: Sequence[Array], j: int, numbers) -> Array:
         """A joint's values on its rows of some logs. Shape (rows,)."""
@@ -155,12 +149,10 @@ class Design:
             return
         gaps = []
         for i in chunk:
-            track, torque = (
-                self._tracks[i],
-                self.model.torque_of_state(self._state_of(i)),
-            )
+            track = self._tracks[i]
+            torque = self.model.torque_of_state(self._state_of(i))
             gaps.append(track.tau - track.filter(torque))
-        for j in self._js:
+        for j in range(self.dof):
             self._targets[j].append(self._stacked(gaps, j, chunk))
 
     def _state_of(self, i: int) -> State:
@@ -169,7 +161,8 @@ class Design:
         return self._states[i]
 
     def _show_target(self) -> None:
-        labels = [self._rows_labels(j, range(len(self._tracks))) for j in self._js]
+        every = range(len(self._tracks))
+        labels = [self._rows_labels(j, every) for j in range(self.dof)]
         whole = [np.concatenate(own) for own in self._targets]
         self.power = sum_squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
@@ -179,7 +172,7 @@ class Design:
         """Append columns of all logs, and return their numbers part by part."""
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
-            fresh: list[list[Array]] = [[] for _ in self._js]
+            fresh: list[list[Array]] = [[] for _ in range(self.dof)]
             self._take_target(c, chunk)
             for i in chunk:
                 state = self._state_of(i)
@@ -190,7 +183,7 @@ class Design:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
                     fresh[j].append(columns)
-            for j in (j for j in self._js if fresh[j]):
+            for j in (j for j in range(self.dof) if fresh[j]):
                 columns = np.concatenate(fresh[j], axis=1)
                 fresh[j].clear()  # they are as much again
                 self._extend(c, j, columns)
@@ -200,7 +193,7 @@ class Design:
         """Filtered columns of one log on the rows of each joint. Shapes (k, rows)."""
         track = self._tracks[i]
         rows = [np.flatnonzero(use) for use in self._use[i].T]
-        by_joint: list[list[Array]] = [[] for _ in self._js]
+        by_joint: list[list[Array]] = [[] for _ in range(self.dof)]
         for on, columns in parts:
             filtered = track.filter(columns).transpose(1, 2, 0)
             for own, j in zip(filtered, on, strict=True):
@@ -259,12 +252,10 @@ class Design:
         if effect.prior_sd is not None:
             precision = np.diag(1 / effect.prior_sd(self.model.robot) ** 2)
         else:
-            precision = (
-                self.unit_information(ids, rows) / THRESHOLDS.prior_torque_share**2
-            )
-        group = CandidateColumns(
-            effect, joints, shape, ids, *regularize_precision(precision)
-        )
+            flat = self.unit_information(ids, rows)
+            precision = flat / THRESHOLDS.prior_torque_share**2
+        prior = regularize_precision(precision)
+        group = CandidateColumns(effect, joints, shape, ids, *prior)
         known = select_effect_values(self.model.robot, effect, joints)
         if not known:
             return group
@@ -438,7 +429,7 @@ class Design:
 
     def stacked(self, per_log: Sequence[Array]) -> list[Array]:
         """Signals of the logs of the sketch on the rows of each joint."""
-        return [self._stacked(per_log, j, self._shown) for j in self._js]
+        return [self._stacked(per_log, j, self._shown) for j in range(self.dof)]
 
     def series(self, j: int, values: Array) -> list[Array]:
         """Row values of joint j put back on each log's time line, 0 where masked."""
@@ -467,9 +458,8 @@ class Design:
         at, size = self._lines[j]
         out = np.zeros(size)
         if self._alone:
-            values = np.where(
-                np.isin(self.label_joint_folds(j), self._kept), values, 0.0
-            )
+            labels = self.label_joint_folds(j)
+            values = np.where(np.isin(labels, self._kept), values, 0.0)
         out[at] = values
         return out
 

@@ -184,10 +184,8 @@ class FitEquations:
         m, dof = len(self.ids), design.dof
         gram = np.zeros((design.folds, dof, m, m))
         cross = np.zeros((design.folds, dof, m))
-        for j, (place, have) in enumerate(self.present):
-            gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(
-                j, place
-            )
+        for j, (at, have) in enumerate(self.present):
+            gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(j, at)
         parts = zip(gram, cross, design.power, strict=True)
         return [replace(self, gram=g, cross=c, power=p) for g, c, p in parts]
 
@@ -270,22 +268,19 @@ def invert_scaled(matrix: Array) -> Array:
     return np.linalg.inv(matrix / np.outer(size, size)) / np.outer(size, size)
 
 
-def compute_zero_chance(
-    coefficients: Array, covariance: Array, error_floor: float
-) -> float:
+def compute_zero_chance(coefficients: Array, covariance: Array, least: float) -> float:
     """Chance of coefficients at least so far from zero, were they zero.
 
     Args:
         coefficients: The coefficients. Shape (k,).
         covariance: Of them. Shape (k, k).
-        error_floor: Least variance, of a correlation matrix, that a direction is given.
+        least: Least variance, of a correlation matrix, that a direction is given.
     """
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
     along = vectors.T @ (coefficients / size)
-    return float(
-        chdtrc(len(coefficients), np.sum(along**2 / np.maximum(values, error_floor)))
-    )
+    squares = np.sum(along**2 / np.maximum(values, least))
+    return float(chdtrc(len(coefficients), squares))
 
 
 def count_effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
@@ -366,22 +361,19 @@ def is_fit_possible(design: Design, fitted: Fit, group: CandidateColumns) -> boo
     return group.effect.possible(fitted.of(group), group.shape, limits)
 
 
-def find_group_limits(
-    design: Design, fitted: Fit, group: CandidateColumns
-) -> JointLimits:
+def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> JointLimits:
     """Return what the arm can do at the joints of a group.
 
     Args:
-        fitted: The fit that the group is, or would be, a member of.
+        fit: The fit that the group is, or would be, a member of.
     """
     robot = design.model.robot
     on = list(group.joints) or list(range(design.dof))
     # What was logged shows a limit wrong.
     seen, limit = design.peak, robot.torque_limit
     known = np.isfinite(limit) & (limit > 0)
-    torque = np.where(
-        known, np.maximum(limit, seen), THRESHOLDS.unknown_limit_factor * seen
-    )
+    unknown = THRESHOLDS.unknown_limit_factor * seen
+    torque = np.where(known, np.maximum(limit, seen), unknown)
     return JointLimits(
         torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),
@@ -389,7 +381,7 @@ def find_group_limits(
         speed=float(design.speed[on].max()),
         weight=float(sum(body.mass for body in robot.model.inertias)),
         reach=compute_reach(robot.model),
-        nominal_coefficients=_model_coefficients(design, fitted, group),
+        nominal_coefficients=_model_coefficients(design, fit, group),
     )
 
 
@@ -423,10 +415,8 @@ def build_fitted_model(nominal: NominalModel, fitted: Fit) -> Model:
     base = nominal.model
     count = len(base.coefficients())
     moved = base.with_coefficients(base.coefficients() + fitted.theta[:count])
-    found = tuple(
-        Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members
-    )
-    return replace(moved, terms=(*moved.terms, *found))
+    new = tuple(Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members)
+    return replace(moved, terms=(*moved.terms, *new))
 
 
 LITTLE = 0.01  # per cent of torque: less is not told
@@ -452,10 +442,9 @@ class PossibleModel:
         more = f"{cost:.2g} %" if cost >= LITTLE else f"under {LITTLE:g} %"
         return (
             "the unconstrained fit gives physically impossible inertias for "
-            f"{join_with_commas(self.correction.bodies)}: the model uses the "
-            f"nearest possible "
-            "ones (positive definite pseudo-inertia), which raise the torque error of "
-            f"a joint by {more} at most",
+            f"{join_with_commas(self.correction.bodies)}: the model uses the nearest "
+            "possible ones (positive definite pseudo-inertia), which raise the torque "
+            f"error of a joint by {more} at most",
         )
 
     @property
@@ -465,9 +454,8 @@ class PossibleModel:
             return ()
         return (
             "the logs give physically impossible inertias for "
-            f"{join_with_commas(self.correction.bodies)}: check gravity, signs, "
-            f"units, the order "
-            "of the joints and external forces on the arm",
+            f"{join_with_commas(self.correction.bodies)}: check gravity, signs, units, "
+            "the order of the joints and external forces on the arm",
         )
 
 
@@ -498,12 +486,10 @@ def fit_possible_bodies(
     if not impossible:
         return PossibleModel(model, None)
     apart = [np.linalg.cholesky(invert_scaled(b.covariance)).T for b in separate_terms]
-    nearest_theta = find_nearest_possible(
-        bodies, best, block_diag(fitted.cholesky.T, *apart)
-    )
+    nearest = find_nearest_possible(bodies, best, block_diag(fitted.cholesky.T, *apart))
     before, after = (
         _mean_squares(design, fitted, separate_terms, gap)
-        for gap in (np.zeros(len(best)), nearest_theta - best)
+        for gap in (np.zeros(len(best)), nearest - best)
     )
     price = (np.sqrt(after) - np.sqrt(before)) / design.rms
     # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
@@ -511,13 +497,12 @@ def fit_possible_bodies(
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
     correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
-    large = THRESHOLDS.lower(
-        price, 1 - np.sqrt(before / np.maximum(after, 1e-300))
-    ).any()
+    share = 1 - np.sqrt(before / np.maximum(after, 1e-300))
+    large = THRESHOLDS.lower(price, share).any()
     # Of so many bodies one is always the worst, as of links.
     sure = chance < THRESHOLDS.link_zero_chance
     return PossibleModel(
-        model.with_coefficients(nearest_theta), correction, bool(large and sure)
+        model.with_coefficients(nearest), correction, bool(large and sure)
     )
 
 

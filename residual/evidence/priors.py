@@ -197,7 +197,7 @@ def list_forbidden_effects(prior: NominalPrior, nominal: NominalModel) -> set[st
     return out
 
 
-def find_contradicted_slots(model: Model, group: CandidateColumns) -> Array:
+def list_contradicted_coefficients(model: Model, group: CandidateColumns) -> Array:
     """Coefficients of the nominal model that an effect says are wrong. Shape (k,).
 
     All inertial ones for a body; none where the model has no such value.
@@ -319,9 +319,8 @@ def weight_column_products(
         rows, have = system.present[j]
         every = np.flatnonzero(design.place[j] >= 0)
         columns = design.place[j][every]
-        out[np.ix_(have, every)] += (
-            weight[j] * design.total(j)[0][np.ix_(rows, columns)]
-        )
+        block = design.total(j)[0][np.ix_(rows, columns)]
+        out[np.ix_(have, every)] += weight[j] * block
     return out
 
 
@@ -391,14 +390,10 @@ def _stack(
         block = design.total(j)[0][place[some][:, :, None], place[some][:, None, :]]
         grams[j, some] = block * (have[some][:, :, None] & have[some][:, None, :])
     priors = [g.prior for g in own]
-    precision = np.stack(
-        [g.precision + p.information for g, p in zip(own, priors, strict=True)]
-    )
-    pull, level = np.stack([p.pull for p in priors]), [p.level for p in priors]
-    log_det = np.array([p.log_det for p in priors])
-    return GroupStack(
-        members, ids, grams, acts, precision, pull, np.array(level), log_det
-    )
+    precision = np.stack([g.precision + g.prior.information for g in own])
+    pull = np.stack([p.pull for p in priors])
+    level, log_det = np.array([(p.level, p.log_det) for p in priors]).T
+    return GroupStack(members, ids, grams, acts, precision, pull, level, log_det)
 
 
 def _quadratic(c: Array, u: Array) -> tuple[Array, Array]:

@@ -18,21 +18,18 @@ class EvidenceThresholds:
     min_plausible_nats: float = 30.0
     min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
     min_fall_share: float = 0.08  # least share of what was left unexplained
-    clear_fall_share: float = (
-        0.15  # the share from which half of the tolerance is enough
-    )
-    min_plausible_torque: float = (
-        0.02  # least torque of a name won by plausibility, as a share of rms
-    )
+    # the share from which half of the tolerance is enough
+    clear_fall_share: float = 0.15
+    # least torque of a name won by plausibility, as a share of rms
+    min_plausible_torque: float = 0.02
     # Least part of such a win that the nominal parameters' prior saves.
     min_prior_share: float = 0.2
     max_effects: int = 30  # most effects to add
     max_exact_looks: int = 15  # candidates that get an exact look per step
 
     # What the evidence counts with.
-    prior_torque_share: float = (
-        0.3  # prior size of an effect's torque, as a share of torque rms
-    )
+    # prior size of an effect's torque, as a share of torque rms
+    prior_torque_share: float = 0.3
     noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner
     min_rows: float = 5.0  # that a joint counts for at least
     # times the largest logged torque, where no limit is given
@@ -41,15 +38,13 @@ class EvidenceThresholds:
     rough_scale: float = 0.1
     # prior of the first fit, which only feeds model-based features
     first_scale: float = 0.1
-    far_deviations: float = (
-        3.0  # deviations of the usual prior, on average over the coefficients
-    )
+    # deviations of the usual prior, on average over the coefficients
+    far_deviations: float = 3.0
 
     # The search.
     ripple_order_ratio: float = 1.5  # ratio of orders from which two ripples are two
-    clear_best_nats: float = (
-        20.0  # nats of the best, from which on the faint are left out
-    )
+    # nats of the best, from which on the faint are left out
+    clear_best_nats: float = 20.0
     # Shares of quick evidence under which no exact look is taken: of a member, whose
     # place nothing may take with less; and of the best, to be the best.
     rival_share: float = 0.5
@@ -63,9 +58,8 @@ class EvidenceThresholds:
     nats_per_link: float = 10.0
     width_rounds: int = 3  # looks at the widths of single kinds
     hill_nats: float = 50.0  # nats that given values may yet make up for
-    hopeless_nats: float = (
-        60.0  # nats that a prior may be behind and still be turned to
-    )
+    # nats that a prior may be behind and still be turned to
+    hopeless_nats: float = 60.0
     refit_rounds: int = 4  # at what was named, before the second search
     steady_nats: float = 0.1  # nats by which one more look at it changes nothing
     # share of torque rms from which an effect shifts model-based features
@@ -74,9 +68,8 @@ class EvidenceThresholds:
     better_set_nats: float = 1.0  # nats that a move must win
     # of what the logs hold of a body: less is left of it beside another
     absorbed_share: float = 0.3
-    body_change_share: float = (
-        0.2  # of a body: what logs should tell from a change of another
-    )
+    # of a body: what logs should tell from a change of another
+    body_change_share: float = 0.2
 
     # The gate, and what is alike.
     # nats within which an alternative cannot be told from the name
@@ -106,13 +99,11 @@ class EvidenceThresholds:
 
     # Doubts of a name.
     own_curve_share: float = 0.35  # of its own torque that a name may leave as a curve
-    own_curve_torque_share: float = (
-        0.005  # of the joint's torque: what a model of any arm leaves
-    )
+    # of the joint's torque: what a model of any arm leaves
+    own_curve_torque_share: float = 0.005
     noise_chance: float = 1e-3  # under which a difference is no chance
-    noise_zero_chance: float = (
-        0.05  # above which what is left of an effect may be nothing
-    )
+    # above which what is left of an effect may be nothing
+    noise_zero_chance: float = 0.05
     noise_shift_share: float = 0.25  # of an effect that noise may move
     # of the information in one direction that is taken for noise at most
     max_noise_information: float = 0.9
@@ -122,14 +113,12 @@ class EvidenceThresholds:
     # times the error of the fit logs: the held-out motion is another
     held_out_error_ratio: float = 4.0
     held_out_error_share: float = 0.03  # of torque, where it counts
-    spared_deviations: float = (
-        2.0  # standard errors of a gain that only spares parameters
-    )
+    # standard errors of a gain that only spares parameters
+    spared_deviations: float = 2.0
     # share of an effect's power under which a part hardly shows it
     part_power_share: float = 0.2
-    late_deviations: float = (
-        3.0  # standard errors, of a name in the place of a fallen one
-    )
+    # standard errors, of a name in the place of a fallen one
+    late_deviations: float = 3.0
     # searches at most; after the last, names fall and none takes their place
     doubt_rounds: int = 6
     min_probability: float = 0.5  # probability under which a name is not the likeliest
@@ -138,27 +127,23 @@ class EvidenceThresholds:
     link_zero_chance: float = 6.3e-5
     link_deviations: float = 4.0  # deviations, as of a name
     impossible_deviations: float = 5.0  # standard deviations from what a body can be
-    refit_error_ratio: float = (
-        1.3  # times: an error that casts doubt on finding nothing
-    )
+    # times: an error that casts doubt on finding nothing
+    refit_error_ratio: float = 1.3
     # of the power that the joint moves: friction that may be zero
     min_driving_power: float = 0.02
     min_shown_share: float = 0.7  # of an effect: what held-out motion must show of it
     max_shown_share: float = 1.4  # of it: what that may show at most
-    silent_torque_share: float = (
-        1e-3  # of a joint's torque: what held-out motion can say nothing of
-    )
+    # of a joint's torque: what held-out motion can say nothing of
+    silent_torque_share: float = 1e-3
 
     # What is said.
-    confusable_size_factor: float = (
-        3.0  # times the smallest size: where a name should be sure
-    )
+    # times the smallest size: where a name should be sure
+    confusable_size_factor: float = 3.0
     determined_share: float = 0.5  # of the standard deviation before the logs
     # of the torque of a joint: less of an effect is not worth a picture
     plotted_torque_share: float = 0.005
-    usual_torque_share: float = (
-        0.03  # of the joint's torque rms: what gears and drives have anyway
-    )
+    # of the joint's torque rms: what gears and drives have anyway
+    usual_torque_share: float = 0.03
     usual_joint_share: float = 0.5  # of the joints that must have it
     usual_min_joints: int = 3  # joints at least
     # of a level: what must yield of it to be said first; one contact makes both alike

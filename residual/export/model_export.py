@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -21,8 +21,6 @@ SECONDS, RATE = 10.0, 250.0
 TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
 LOWEST = 0.1  # Hz
-
-AnyModel = Model | CorrectedModel
 
 
 @dataclass(frozen=True, eq=False, slots=True)

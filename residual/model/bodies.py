@@ -93,9 +93,8 @@ def build_body_sums(model: Model, friction: bool = False) -> BodySums:
             placed.append(own)
         elif add := term.effect.portable.bodies:
             ways = np.eye(len(term.theta))
-            links[:, own] += np.transpose(
-                [add(way, term.joints, model.robot) for way in ways]
-            )
+            added = [add(way, term.joints, model.robot) for way in ways]
+            links[:, own] += np.transpose(added)
         if friction and EffectTrait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)
     robot = model.robot
@@ -104,9 +103,8 @@ def build_body_sums(model: Model, friction: bool = False) -> BodySums:
     sums = links.reshape(robot.dof, PER_LINK, -1)
     nominal = [body.toDynamicParameters() for body in list(robot.model.inertias)[1:]]
     for i, body in enumerate(nominal):
-        least = np.linalg.eigvalsh(build_pseudo_inertias(body)[0] / _squares(scale[i]))[
-            0
-        ]
+        unit = build_pseudo_inertias(body)[0] / _squares(scale[i])
+        least = np.linalg.eigvalsh(unit)[0]
         own = slice(PER_LINK * i, PER_LINK * (i + 1))
         start[own] = body if least > 2 * LEAST else _ball(scale[i])
     if placed:
@@ -158,24 +156,22 @@ def _squares(scale: Array) -> Array:
     return scale[..., :, None] * scale[..., None, :]
 
 
-def find_nearest_possible(
-    bodies: BodySums, fitted: Array, precision_root: Array
-) -> Array:
+def find_nearest_possible(bodies: BodySums, fitted: Array, root: Array) -> Array:
     """Return the coefficients nearest to the best with which every body can exist.
 
     Args:
         fitted: x_0, which stays as it is where its bodies can exist. Shape (s,).
-        precision_root: U, upper triangular: |U (x - x_0)|^2 is a distance in squared
-            standard deviations. Shape (s, s).
+        root: U, upper triangular root of the precision: |U (x - x_0)|^2 is a distance
+            in squared standard deviations. Shape (s, s).
 
     Raises:
         InputError: If the method does not get there.
     """
-    across = solve_triangular(precision_root, np.eye(len(fitted)))
+    across = solve_triangular(root, np.eye(len(fitted)))
     cones = _Cones.of(bodies, fitted, across)
     if cones.inside(np.zeros(len(fitted))):
         return fitted
-    e = precision_root @ (bodies.start - fitted)
+    e = root @ (bodies.start - fitted)
     weight, count = cones.count / (1 + e @ e), cones.count
     while True:
         e = cones.centre(e, weight)
@@ -208,11 +204,9 @@ class _Cones:
         flat = (len(bodies.names), ORDER**2)
         units = build_pseudo_inertias(np.eye(PER_LINK)).reshape(PER_LINK, -1).T
         sums = units @ bodies.sums / _squares(bodies.scale).reshape(*flat, 1)
-        at = (bodies.compute_pseudo_inertias(best) - LEAST * np.eye(ORDER)).reshape(
-            flat
-        )
+        at = bodies.compute_pseudo_inertias(best) - LEAST * np.eye(ORDER)
         k = bodies.not_negative
-        return cls(sums @ across, at, across[k], best[k])
+        return cls(sums @ across, at.reshape(flat), across[k], best[k])
 
     @property
     def count(self) -> float:

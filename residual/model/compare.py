@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.splitting import (
@@ -44,9 +44,8 @@ def compute_error_rise(after: Array, before: Array, min_rise: float = WORSE) -> 
         before: The same of the other model. Shape (seconds,).
     """
     ratio = float(np.sqrt(after.sum() / max(before.sum(), 1e-300)))
-    return (
-        ratio - 1 if ratio > min_rise and is_error_significant(after, before) else 0.0
-    )
+    rose = ratio > min_rise and is_error_significant(after, before)
+    return ratio - 1 if rose else 0.0
 
 
 def is_error_significant(after: Array, before: Array, confidence: float = SURE) -> bool:
@@ -79,13 +78,10 @@ def compute_joint_error_rises(
         min_share: Share of that torque by which an error must rise to count.
     """
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
-    clear = (power > 1e-12 * power.max(initial=0.0)) & (
-        now - then > min_share * np.sqrt(power)
-    )
+    large = now - then > min_share * np.sqrt(power)
+    clear = (power > 1e-12 * power.max(initial=0.0)) & large
     pairs = zip(after.T, before.T, clear, strict=True)
-    return np.array(
-        [compute_error_rise(a, b) if counts else 0.0 for a, b, counts in pairs]
-    )
+    return np.array([compute_error_rise(a, b) if on else 0.0 for a, b, on in pairs])
 
 
 def _blocks(seconds: Array) -> Array:
@@ -132,15 +128,13 @@ class HeldOutLog:
     track: Track  # its signals at its own rate
 
 
-def prepare_held_out(
-    recordings: Sequence[Recording], model: Model
-) -> tuple[HeldOutLog, ...]:
+def prepare_held_out(logs: Sequence[Recording], model: Model) -> tuple[HeldOutLog, ...]:
     """Prepare held-out logs with the signal path of a model.
 
     Long ones are cut into pieces and looked at, at the rate of the features.
     """
-    pieces = split_long_logs(recordings, model.filters.torque)
-    long = exceed_split_length(recordings)
+    pieces = split_long_logs(logs, model.filters.torque)
+    long = exceed_split_length(logs)
     floor = model.speed_floor
     tracks, _ = build_tracks(pieces, model.filters, floor, full_rate=not long)
     return tuple(map(HeldOutLog, pieces, tracks))
@@ -184,7 +178,7 @@ class ErrorSums:
 
 
 def compute_model_errors(
-    models: Mapping[str, Model | CorrectedModel],
+    models: Mapping[str, AnyModel],
     held_out: Sequence[HeldOutLog],
     filters: FilterSettings,
 ) -> tuple[dict[str, ErrorSums], tuple[LogPrediction, ...]]:
@@ -194,10 +188,8 @@ def compute_model_errors(
     and the mean kept. Filtered errors pass both sides through the identification
     filter; moving errors are filtered ones on rows where that joint moves.
     """
-    dof, kinds = (
-        held_out[0].recording.dof if held_out else 0,
-        ("raw", "filtered", "moving"),
-    )
+    dof = held_out[0].recording.dof if held_out else 0
+    kinds = ("raw", "filtered", "moving")
     sums = {
         name: {part: {k: np.zeros(dof) for k in kinds} for part in ("miss", "power")}
         for name in models
@@ -257,7 +249,7 @@ def compute_moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
 
 
 def find_worse_joints(
-    models: Mapping[str, Model | CorrectedModel], held_out: Sequence[HeldOutLog]
+    models: Mapping[str, AnyModel], held_out: Sequence[HeldOutLog]
 ) -> tuple[int, ...]:
     """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
     after, before = (
@@ -275,9 +267,8 @@ def compute_moving_power(held_out: Sequence[HeldOutLog]) -> Array:
 
 
 def _sketch(held_out: Sequence[HeldOutLog]) -> list[HeldOutLog]:
-    return [
-        held_out[i] for i in choose_spread_pieces([w.track.seconds for w in held_out])
-    ]
+    seconds = [witness.track.seconds for witness in held_out]
+    return [held_out[i] for i in choose_spread_pieces(seconds)]
 
 
 def _accumulate(sums: dict, witness: HeldOutLog, torque, filtered, edge: float) -> None:
@@ -306,7 +297,7 @@ class Prediction:
     """What a model says of logs."""
 
     # "model", and "edited" where something was taken out of it.
-    models: Mapping[str, Model | CorrectedModel]
+    models: Mapping[str, AnyModel]
     logs: tuple[Recording, ...]  # the logs
     # Of each log, the torque of each model at its samples, not filtered [N m], (n,
     # dof).
@@ -317,7 +308,7 @@ class Prediction:
 
 
 def predict_logs(
-    model: Model | CorrectedModel, logs: Sequence[Recording], without: Edits = ()
+    model: AnyModel, logs: Sequence[Recording], without: Edits = ()
 ) -> Prediction:
     """Compute the torque of a model on logs, and with effects taken out of it.
 
@@ -328,22 +319,18 @@ def predict_logs(
     Raises:
         InputError: If the model does not have such an effect there.
     """
-    models: dict[str, Model | CorrectedModel] = {WHOLE: model}
+    models: dict[str, AnyModel] = {WHOLE: model}
     if without:
         models[EDITED] = remove_effects(model, without)
     base = model.model if isinstance(model, CorrectedModel) else model
     ready = prepare_held_out(logs, base)
     errors, _ = compute_model_errors(models, ready, base.filters)
-    torque = [
-        {name: entry.predict(log) for name, entry in models.items()} for log in logs
-    ]
+    torque = [{name: m.predict(log) for name, m in models.items()} for log in logs]
     cutoff = min(entry.track.cutoff for entry in ready)
     return Prediction(models, tuple(logs), tuple(torque), errors, cutoff)
 
 
-def remove_effects(
-    model: Model | CorrectedModel, without: Edits
-) -> Model | CorrectedModel:
+def remove_effects(model: AnyModel, without: Edits) -> AnyModel:
     """Return a model without some effects; tables on top of it stay as they are."""
     if isinstance(model, CorrectedModel):
         edited = remove_effects(model.model, without)

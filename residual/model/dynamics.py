@@ -20,12 +20,12 @@ from scipy.ndimage import uniform_filter1d
 
 from residual.effects.base import EffectTrait, State
 from residual.errors import InputError
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
-from residual.robot import dynamics
 from residual.robot.dynamics import (
     compute_inverse_dynamics,
+    compute_mass_matrix,
     replace_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -48,7 +48,7 @@ class AccelerationError:
 
 
 def compute_acceleration_error(
-    model: Model | CorrectedModel, recordings: Sequence[Recording]
+    model: AnyModel, recordings: Sequence[Recording]
 ) -> AccelerationError:
     """Return the error of acceleration from torque (forward dynamics).
 
@@ -61,10 +61,8 @@ def compute_acceleration_error(
     base: Model = getattr(model, "model", model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full, pieces = (
-        not exceed_split_length(recordings),
-        split_long_logs(recordings, base.filters.torque),
-    )
+    full = not exceed_split_length(recordings)
+    pieces = split_long_logs(recordings, base.filters.torque)
     tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
         measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
@@ -80,9 +78,7 @@ def compute_acceleration_error(
     return AccelerationError(share, overall)
 
 
-def compute_acceleration(
-    model: Model | CorrectedModel, track: Track, tau: Array
-) -> Array:
+def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
     """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
 
     What remembers, distorts a report, or is a table, is taken along the measured
@@ -141,8 +137,8 @@ def _solved(
 
 def _bodies(model: Model, q: Array) -> Array:
     """M(q) of bodies, loads and rotors [kg m^2]. Shape (n, dof, dof)."""
-    body = dynamics.replace_inertial_parameters(model.robot.model, model.loaded())
-    out = dynamics.compute_mass_matrix(body, q)
+    body = replace_inertial_parameters(model.robot.model, model.loaded())
+    out = compute_mass_matrix(body, q)
     np.einsum("nii->ni", out)[:] += model.drive()[1]
     return out
 
@@ -238,7 +234,7 @@ AS_MEASURED = FrictionReversal()
 
 
 def compute_feed_forward(
-    model: Model | CorrectedModel,
+    model: AnyModel,
     t: Array,
     motion: Sequence[Array],
     reversal: FrictionReversal = AS_MEASURED,
@@ -287,7 +283,7 @@ def _turned(base: Model, state: State, sign: Array | float) -> State:
 
 
 def build_computed_torque_law(
-    model: Model | CorrectedModel,
+    model: AnyModel,
     t: Array,
     motion: Sequence[Array],
     reversal: FrictionReversal = AS_MEASURED,
@@ -316,7 +312,7 @@ def build_computed_torque_law(
     return law
 
 
-def _used(model: Model | CorrectedModel, width: float) -> Model | CorrectedModel:
+def _used(model: AnyModel, width: float) -> AnyModel:
     """The model as a controller has it: friction turns over a width, logs are not late.
 
     Args:

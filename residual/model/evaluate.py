@@ -2,12 +2,12 @@
 
     python evaluate.py model.npz rows.csv > corrections.csv
 
-    correction = by_row(dict(np.load("model.npz")))
+    correction = build_row_evaluator(dict(np.load("model.npz")))
     correction(x)                        # of one row, for a loop: some microseconds
 
 A row holds the variables in the order of `names`, in rad, rad/s and rad/s^2; tau is the
 torque of the model in N m. A value outside the calibrated range takes the nearest
-level; `outside` tells which.
+level; `flag_outside_range` tells which.
 """
 
 import sys

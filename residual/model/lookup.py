@@ -85,10 +85,8 @@ class Lookup:
     def from_record(cls, record: Mapping) -> "Lookup":
         """The way back."""
         axes = (LevelAxis(a["variable"], np.array(a["edges"])) for a in record["axes"])
-        tables = (
-            LookupTable(tuple(t["axes"]), np.array(t["values"]))
-            for t in record["tables"]
-        )
+        parts = record["tables"]
+        tables = (LookupTable(tuple(t["axes"]), np.array(t["values"])) for t in parts)
         names, joints = tuple(record["names"]), tuple(record["joints"])
         arrays = (np.array(record[name]) for name in ("offset", "slope", "low", "high"))
         return cls(names, joints, tuple(axes), tuple(tables), *arrays)
@@ -318,6 +316,9 @@ class CorrectedModel:
             for t in record["tables"]
         ]
         return cls(Model.from_record(record), tuple(tables))
+
+
+AnyModel = Model | CorrectedModel
 
 
 def compute_table_variables(

@@ -79,10 +79,7 @@ class Term:
         return {"name": self.effect.name, "joints": joints, **self._values(), **before}
 
     def _values(self) -> dict:
-        return {
-            "shape": [float(x) for x in self.shape],
-            "theta": self.theta.tolist(),
-        }
+        return {"shape": [float(x) for x in self.shape], "theta": self.theta.tolist()}
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Term":
@@ -192,9 +189,8 @@ class Model:
             [N m per SI unit of theta]. Shape (n, dof, p).
         """
         (track,), _ = build_tracks([recording], self.filters, self.speed_floor, True)
-        flat = compute_torque_columns(self, self.observe(track)).reshape(
-            len(track.t), -1
-        )
+        columns = compute_torque_columns(self, self.observe(track))
+        flat = columns.reshape(len(track.t), -1)
         n, dof = len(recording.t), self.robot.dof
         return interpolate_torque(flat, track, recording).reshape(n, dof, -1)
 
@@ -292,17 +288,15 @@ class Model:
             inertial=self.loaded(),
             drive=self.drive(),
         )
-        return self.replace_standstill(
-            state, self.standstill or (SMOOTH,) * self.robot.dof
-        )
+        standstill = self.standstill or (SMOOTH,) * self.robot.dof
+        return self.replace_standstill(state, standstill)
 
     def replace_standstill(
         self, state: State, standstill: Sequence[StandstillFriction]
     ) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
-        sign = compute_friction_directions(
-            state.q, state.qd, self._floor(), tuple(standstill)
-        )
+        motion = state.q, state.qd, self._floor()
+        sign = compute_friction_directions(*motion, tuple(standstill))
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 
@@ -424,28 +418,27 @@ class Model:
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Model":
-        """The model of a record: it predicts the very bits.
+        """The model of a sound record (`model_from_record`): it predicts the very bits.
 
         Raises:
-            InputError: If it is of another form, or damaged.
+            InputError: If it is of another form.
         """
         if record.get("form") != FORM:
             form = quote_value(record.get("form"))
-            raise InputError(f"A model of form {form}, expected {FORM}: make it anew.")
-        try:
-            floor = record["speed_floor"]
-            return cls(
-                robot=build_robot(**record["robot"]),
-                inertial=np.array(record["inertial"]),
-                terms=tuple(map(Term.from_record, record["terms"])),
-                speed_floor=None if floor is None else np.array(floor),
-                standstill=tuple(StandstillFriction(**s) for s in record["standstill"]),
-                clock=record["clock"],
-                filters=FilterSettings(**record["filters"]),
-                tables=tuple(map(Term.from_record, record["background"])),
+            raise InputError(
+                f"A model of form {form}, expected {FORM}: write it again."
             )
-        except (KeyError, TypeError, ValueError) as error:
-            raise InputError(f"The record of a model is damaged: {error}.") from error
+        floor = record["speed_floor"]
+        return cls(
+            robot=build_robot(**record["robot"]),
+            inertial=np.array(record["inertial"]),
+            terms=tuple(map(Term.from_record, record["terms"])),
+            speed_floor=None if floor is None else np.array(floor),
+            standstill=tuple(StandstillFriction(**s) for s in record["standstill"]),
+            clock=record["clock"],
+            filters=FilterSettings(**record["filters"]),
+            tables=tuple(map(Term.from_record, record["background"])),
+        )
 
     def save(self, path: str | Path) -> None:
         """Write the model into a JSON file, which ``load_model`` reads."""

@@ -10,15 +10,19 @@ import tomli_w
 
 from residual.effects.base import EffectTrait
 from residual.errors import InputError, check_nesting
-from residual.model.lookup import CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import write_urdf_with_inertias
 from residual.signals.track import CHOICES
 
 SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
+TABLES = "the tables of a calibration"
 LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
+
+
+_AGAIN = "Write it again: modelgap diagnose LOG... --save-model FILE."
 
 
 def _wrong(model: Model) -> str | None:
@@ -44,10 +48,8 @@ def _wrong(model: Model) -> str | None:
 
 def _wrong_term(term: Term, model: Model) -> str | None:
     dof, name = model.robot.dof, term.effect.name
-    joints = set(range(dof))
-    if not all(type(j) is int for j in term.joints) or not joints.issuperset(
-        term.joints
-    ):
+    whole = all(type(j) is int for j in term.joints)
+    if not whole or not set(range(dof)).issuperset(term.joints):
         return f"{name} sits on a joint that the robot does not have"
     numbers = _is(term.theta, (len(term.theta),)) if term.theta.ndim else False
     if not numbers or not _is(np.array(term.shape), (len(term.shape),)):
@@ -79,12 +81,12 @@ def _is(values: Array, shape: tuple[int, ...]) -> bool:
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
-def format_model(model: Model | CorrectedModel) -> str:
+def format_model(model: AnyModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
     return json.dumps(model.to_record(), allow_nan=False) + "\n"
 
 
-def model_from_record(record: Mapping) -> Model | CorrectedModel:
+def model_from_record(record: Mapping) -> AnyModel:
     """Return the model of a record.
 
     Raises:
@@ -94,13 +96,17 @@ def model_from_record(record: Mapping) -> Model | CorrectedModel:
         model = (CorrectedModel if "tables" in record else Model).from_record(record)
         wrong = _wrong(getattr(model, "model", model))
     except _DAMAGED as error:
-        raise InputError(f"The record of a model is damaged: {error}.") from error
+        lacks, size = f"it lacks the key {error}", "a value has another kind or size"
+        wrong = lacks if isinstance(error, KeyError) else size
+        raise InputError(
+            f"The record of a model is damaged: {wrong}. {_AGAIN}"
+        ) from error
     if wrong:
-        raise InputError(f"The record of a model is damaged: {wrong}.")
+        raise InputError(f"The record of a model is damaged: {wrong}. {_AGAIN}")
     return model
 
 
-def load_model(path: str | Path) -> Model | CorrectedModel:
+def load_model(path: str | Path) -> AnyModel:
     """Return the model that was saved into a file.
 
     Raises:
@@ -110,14 +116,26 @@ def load_model(path: str | Path) -> Model | CorrectedModel:
         content = json.loads(Path(path).read_text(encoding="utf-8"))
     except RecursionError as error:
         raise InputError(f"{path} is no model: it is nested too deep.") from error
-    except (OSError, ValueError) as error:
-        raise InputError(f"{path} is not the file of a model: {error}.") from error
+    except OSError as error:
+        raise InputError(f"Cannot read {path}: {error.strerror}.") from error
+    except ValueError as error:
+        got = "other data"
+        if isinstance(error, json.JSONDecodeError):
+            got = f"an error in line {error.lineno}, column {error.colno}"
+        raise InputError(
+            f"{path} is not the file of a model: expected JSON, got {got}. {_AGAIN}"
+        ) from error
     if not isinstance(content, dict):
         raise InputError(
-            f"{path} is not the file of a model. Expected what Model.save wrote."
+            f"{path} is not the file of a model: expected a JSON object. {_AGAIN}"
         )
     check_nesting(content, str(path))
     kind = _kind(content)
+    if kind == TABLES:
+        raise InputError(
+            f"{path} holds {kind}, expected a model: that is corrected.json beside it, "
+            "which modelgap calibrate --export writes without --paper."
+        )
     if kind != "a model":
         raise InputError(
             f"{path} holds {kind}, expected a model: modelgap diagnose --save-model "
@@ -127,7 +145,7 @@ def load_model(path: str | Path) -> Model | CorrectedModel:
 
 
 def identify_file_content(path: str | Path) -> str:
-    """Return what a file of ours holds: "a model", "a verdict" or "something else".
+    """Return what a file of ours holds: "a model", "a verdict", `TABLES`, or other.
 
     Raises:
         OSError: If there is no such file, or it cannot be read.
@@ -142,6 +160,8 @@ def identify_file_content(path: str | Path) -> str:
 
 
 def _kind(content: Mapping) -> str:
+    if {"variables", "tables"} <= set(content):
+        return TABLES
     if "tables" in content or "form" in content:
         return "a model"
     return "a verdict" if {"verdict", "effects"} <= set(content) else "something else"

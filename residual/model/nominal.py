@@ -62,12 +62,10 @@ def list_known_values(robot: Robot) -> tuple[KnownValue, ...]:
         InputError: If a value cannot be known so, with what can be.
         UnknownNameError: If there is no such effect or parameter.
     """
-    return tuple(
-        _read(word, value, robot) for word, value in robot.known_values.items()
-    )
+    return tuple(_read(k, v, robot) for k, v in robot.known_values.items())
 
 
-def refuse_known_with_baseline(robot: Robot) -> None:
+def refuse_known_values_with_baseline(robot: Robot) -> None:
     """Refuse the baseline of an arm with values that are known for sure.
 
     Raises:
@@ -76,9 +74,8 @@ def refuse_known_with_baseline(robot: Robot) -> None:
     if robot.known_values:
         raise InputError(
             f"Known values ({join_with_commas(robot.known_values)}) belong to one "
-            f"state of the "
-            "arm; a baseline compares two. Leave out --known, and [known] of "
-            "robot.toml, or the baseline."
+            "state of the arm; a baseline compares two. Leave out --known, and [known] "
+            "of robot.toml, or the baseline."
         )
 
 
@@ -126,7 +123,7 @@ def compute_known_value_information(
 
 def _read(word: str, value: float, robot: Robot) -> KnownValue:
     name, *middle, key = word.split(".") if "." in word else (word, "")
-    check_name(name, (*load_effects(), LINK), f"effect in the known value '{word}'")
+    check_name(name, (*load_effects(), LINK), "effect of a known value")
     if name == LINK:
         check_name(key, (MASS,), "parameter of a link that can be known")
         if not value > 0:
@@ -158,9 +155,8 @@ def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:
     if not text.isdigit() or not 1 <= int(text) <= robot.dof:
         first, *_, last = word.split(".") if "." in word else (word, "")
         raise InputError(
-            f"Known {word}: joint {quote_value(text)} expected from 1 to "
-            f"{robot.dof} or a "
-            f"joint of the URDF ({', '.join(names)}), as in {first}.2.{last}."
+            f"Known {word}: joint {quote_value(text)} expected from 1 to {robot.dof} "
+            f"or a joint of the URDF ({', '.join(names)}), as in {first}.2.{last}."
         )
     return (int(text) - 1,)
 
@@ -346,15 +342,13 @@ def prepare_fit_logs(
     filters: FilterSettings,
     split_long: bool = True,
 ) -> FitLogs:
-    """Prepare the signals of the fit logs; long ones in pieces where split is true."""
-    recordings = (
-        split_long_logs(recordings, filters.torque) if split_long else recordings
-    )
+    """Prepare the signals of the fit logs; cut long ones if ``split_long``."""
+    if split_long:
+        recordings = split_long_logs(recordings, filters.torque)
     tracks, floor = build_tracks(recordings, filters)
     shown = choose_spread_pieces([t.seconds for t in tracks])
-    small = find_unresolved_torques(
-        [recordings[i] for i in shown], [tracks[i] for i in shown]
-    )
+    some = [recordings[i] for i in shown]
+    small = find_unresolved_torques(some, [tracks[i] for i in shown])
     # Rows of joints that log no torque, or too little, do not count.
     alive = np.any([np.any(t.tau != 0, axis=0) for t in tracks], axis=0) & ~small
     if not alive.all():
@@ -371,8 +365,7 @@ def prepare_fit_logs(
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
         prismatic=robot.prismatic,
     )
-    some = [recordings[i] for i in shown], [tracks[i] for i in shown]
-    noisier = add_angle_noise(*some, filters)
+    noisier = add_angle_noise(some, [tracks[i] for i in shown], filters)
     places = tuple(np.flatnonzero(small).tolist())
     return FitLogs(robot, tracks, clock, span, floor, filters, noisier, places)
 
@@ -391,10 +384,8 @@ def start_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> Model:
 
 def build_free_nominal(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     """The user's model, on the clock and thresholds of these logs."""
-    nominal = build_nominal(
-        logs.robot, names, logs.span, logs.speed_floor, logs.filters
-    )
-    return replace(nominal, model=replace(nominal.model, clock=logs.clock))
+    base = build_nominal(logs.robot, names, logs.span, logs.speed_floor, logs.filters)
+    return replace(base, model=replace(base.model, clock=logs.clock))
 
 
 WORTH = 0.98  # share of the usual choice's squared error that another must get under

@@ -32,14 +32,12 @@ LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
 KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
 
 
-def _over(
-    shape: tuple[int, ...], algorithm: Callable, model: pin.Model, *motion
-) -> Array:
-    """Return what Pinocchio's algorithm of one sample gives on each. (n, *shape)."""
+def _over(shape: tuple[int, ...], solve: Callable, model: pin.Model, *motion) -> Array:
+    """Return Pinocchio's result for each sample. (n, *shape)."""
     rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
     data, out = model.createData(), np.empty((len(rows[0]), *shape))
     for i, sample in enumerate(zip(*rows, strict=True)):
-        out[i] = algorithm(model, data, *sample)
+        out[i] = solve(model, data, *sample)
     return out
 
 
@@ -97,7 +95,10 @@ def compute_flange_jacobian(model: pin.Model, q: Array) -> Array:
 
 
 def find_flange_frame(model: pin.Model) -> int:
-    """Return the index of the last frame that the last joint moves."""
+    """Return the index of the flange: the last frame that the last joint moves.
+
+    `load_robot` appends one where links behind locked joints, or behind --tip, follow.
+    """
     frames = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
     return frames[-1]
 
@@ -135,14 +136,10 @@ def compute_last_joint_distance(model: pin.Model) -> float:
 
     A joint that slides adds the way that it can go.
     """
-    ends = np.maximum(
-        np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit)
-    )
-    slides = np.array(find_prismatic_joints(model), dtype=bool) & (
-        ends < float(ENDLESS)
-    )
+    end = np.maximum(np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit))
+    slides = np.array(find_prismatic_joints(model), dtype=bool) & (end < float(ENDLESS))
     way = sum(np.linalg.norm(p.translation) for p in model.jointPlacements)
-    return float(way + ends[slides].sum())
+    return float(way + end[slides].sum())
 
 
 def compute_reach(model: pin.Model) -> float:
@@ -246,9 +243,8 @@ class LazyRegressor:
     def __getitem__(self, key) -> Array:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
-            return compute_inertial_regressor(
-                self.robot.model, *(x[key] for x in self.motion)
-            )
+            motion = (x[key] for x in self.motion)
+            return compute_inertial_regressor(self.robot.model, *motion)
         dof = self.motion[0].shape[1]
         if isinstance(key[2], slice):
             first, stop, step = key[2].indices(PER_LINK * dof)
@@ -406,9 +402,8 @@ class BaseParameters:
         inner = across @ self.mapping.T
         size = np.sqrt(np.diag(inner))
         gap = (theta - self.mapping @ nominal) / size
-        return nominal + (across.T / size) @ np.linalg.solve(
-            inner / np.outer(size, size), gap
-        )
+        weight = np.linalg.solve(inner / np.outer(size, size), gap)
+        return nominal + (across.T / size) @ weight
 
 
 def find_independent_columns(model: pin.Model) -> Array:

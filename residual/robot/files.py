@@ -196,8 +196,7 @@ def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
         if not _is_number(value):
             raise RobotError(
                 f"{where}: {joint} in [locked] is {quote_value(value)}, expected a "
-                f"position "
-                "in rad or m."
+                "position in rad or m."
             )
     return ArmChoice(tuple(joints), None, (), dict(locked))
 
@@ -422,14 +421,12 @@ class _Writer:
             return pin.SE3(np.eye(3), np.array(away))
         return pin.SE3(pin.exp3(np.array(away)), np.zeros(3))
 
-    def _joint(
-        self, j: int, name: str, parent: str, link: str, origin: pin.SE3
-    ) -> None:
+    def _joint(self, j: int, name: str, parent: str, link: str, place: pin.SE3) -> None:
         m, kind = self.m, _KINDS[self.m.jnt_type[j]]
         if kind == "revolute" and not m.jnt_limited[j]:
             kind = "continuous"
         node = ET.SubElement(self.root, "joint", {"name": name, "type": kind})
-        _ends(node, parent, link, origin)
+        _ends(node, parent, link, place)
         ET.SubElement(node, "axis", {"xyz": _numbers_text(m.jnt_axis[j])})
         low, high = m.jnt_range[j] if m.jnt_limited[j] else (0.0, 0.0)
         limit = {"lower": repr(float(low)), "upper": repr(float(high))}

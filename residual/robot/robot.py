@@ -20,7 +20,13 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError, RobotError, check_name, shorten_value
+from residual.errors import (
+    InputError,
+    RobotError,
+    UnknownNameError,
+    check_name,
+    shorten_value,
+)
 from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array, Recording, compute_speed_quantile
 from residual.robot.files import (
@@ -176,9 +182,8 @@ def load_robot(
     if not isinstance(columns, dict):
         raise RobotError("robot.toml: 'columns' must be a table: [columns].")
     chain, locked = content.pop("chain", {}), content.pop("locked", {})
-    choice = replace(
-        parse_arm_choice(chain, locked, "robot.toml"), logged=tuple(logged)
-    )
+    choice = parse_arm_choice(chain, locked, "robot.toml")
+    choice = replace(choice, logged=tuple(logged))
     if "tip" in options or "chain" in options:
         names = ",".join(options.get("chain", [])).split(",")
         joints = tuple(name.strip() for name in names if name)
@@ -280,6 +285,10 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
             f"{where}: {model.nq} positions for {dof} joints, expected as many. "
             "Report this URDF as a bug."
         )
+    if arm.flange:  # as the last frame, which `find_flange_frame` takes
+        body = model.frames[model.getFrameId(arm.flange, pin.FrameType.BODY)]
+        place = (body.name, body.parentJoint, body.placement, pin.FrameType.OP_FRAME)
+        model.addFrame(pin.Frame(*place), append_inertia=False)
     model.gravity.linear = extra.pop("gravity")
     limits = {"velocity_limit": speed, "torque_limit": effort}
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
@@ -312,7 +321,11 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
                 "xacro or MJCF file, a folder with one, or a built-in name "
                 f"({', '.join(list_built_in_robots())})."
             )
-    name = check_name(str(spec), list_built_in_robots(), "robot")
+    try:
+        name = check_name(str(spec), list_built_in_robots(), "robot")
+    except UnknownNameError as error:
+        more = "Or give a URDF, xacro or MJCF file, or a folder with one."
+        raise UnknownNameError(f"{error} {more}") from None
     return _only_file(find_built_in_folder(name))
 
 
@@ -454,19 +467,17 @@ _WORDS = {
 }
 
 
-def find_placeholder_limits(
-    robot: Robot, recordings: Sequence[Recording]
-) -> dict[str, str]:
+def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
     speeds = []
-    for r in recordings:
+    for r in logs:
         stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
         speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
     speed = np.max(speeds, axis=0)
-    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in recordings], 0)
+    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
-    span = np.max([np.ptp(r.q, axis=0) for r in recordings], axis=0)
-    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in recordings])
+    span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
+    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
     travel = robot.upper - robot.lower
     checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
@@ -502,10 +513,8 @@ def _is_placeholder(ratio: Array, limit: Array) -> bool:
 
 def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
     """Return the robot without the limits that are placeholders."""
-    out = {
-        k: np.full(robot.dof, np.inf)
-        for k in find_placeholder_limits(robot, recordings)
-    }
+    limits = find_placeholder_limits(robot, recordings)
+    out = {key: np.full(robot.dof, np.inf) for key in limits}
     if "upper" in out:
         out["lower"] = -out["upper"]
     return replace(robot, **out) if out else robot

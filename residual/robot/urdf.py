@@ -15,10 +15,7 @@ from typing import NamedTuple
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import (
-    RobotError,
-    check_name,
-)
+from residual.errors import RobotError, check_name
 from residual.recording import Array
 
 ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
@@ -42,6 +39,7 @@ class UrdfArm(NamedTuple):
     joints: tuple[str, ...]  # names of the chain, base to tip
     locked: Mapping[str, float]  # joints outside of the chain [rad or m]
     notes: tuple[str, ...]  # what of the file was not taken as it stands, in words
+    flange: str  # link of the flange, "" for the last one that the last joint moves
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,10 +79,7 @@ class _Tree:
         kind = joint.get("type", "?")
         if kind not in (*MOVING, "fixed", "floating", "planar"):
             self.faults.append(f"joint '{name}' has the unknown type '{kind}'")
-        parent, child = (
-            read_joint_link(joint, "parent"),
-            read_joint_link(joint, "child"),
-        )
+        parent, child = (read_joint_link(joint, side) for side in ("parent", "child"))
         if not parent or not child:
             self.faults.append(f"joint '{name}' lacks a parent or a child link")
             return
@@ -126,10 +121,8 @@ class _Tree:
         """The link and all that hang on it, without what is beyond some joints."""
         links, stop = [link], set(stop)
         for part in links:
-            next_ = [j for j in self.below.get(part, []) if j.get("name") not in stop]
-            links += [
-                c for j in next_ if (c := read_joint_link(j, "child")) not in links
-            ]
+            on = [j for j in self.below.get(part, []) if j.get("name") not in stop]
+            links += [c for j in on if (c := read_joint_link(j, "child")) not in links]
         return links
 
     def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
@@ -142,6 +135,14 @@ class _Tree:
             else:
                 stack += self.below.get(read_joint_link(joint, "child"), [])
         return joints
+
+    def last_link(self, link: str, stop: Iterable[str] = ()) -> str:
+        """The last one that Pinocchio reads of `carried`: children by joint name."""
+        names = {j.get("name", "?"): j for j in self.below.get(link, [])}
+        open_names = names.keys() - set(stop)
+        if not open_names:
+            return link
+        return self.last_link(read_joint_link(names[max(open_names)], "child"), stop)
 
     def path(self, link: str) -> list[str]:
         """Names of the joints from the base to a link that can move, in order."""
@@ -217,15 +218,17 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
             _fix(joint)
             stale = True
     _refuse(tree.faults, where)
+    flange, written = _flange(root, tree, chain, locked, choice.tip)
     table = np.array(limits, dtype=float).T
     table.setflags(write=False)
     lost = any(note.startswith("left out") for note in tree.notes)
-    if any(mended) or locked or stale or lost:
+    if any(mended) or locked or stale or lost or written:
         text = ET.tostring(root, encoding="unicode")
     if locked:
         tree.notes.insert(0, _locked_line(tree, chain, locked))
     notes = tuple(tree.notes)
-    return UrdfArm(root.get("name", ""), text, table, tuple(chain), locked, notes)
+    name = root.get("name", "")
+    return UrdfArm(name, text, table, tuple(chain), locked, notes, flange)
 
 
 def _parse(text: str, where: str) -> ET.Element:
@@ -347,8 +350,7 @@ def _only(
         return chains[0]
     listed = "; ".join(
         f"--tip {read_joint_link(tree.joints[chain[-1]], 'child')}: {len(chain)} "
-        f"joints, "
-        f"{chain[0]} to {chain[-1]}"
+        f"joints, {chain[0]} to {chain[-1]}"
         for chain in sorted(chains, key=len, reverse=True)[:_NAMED]
     )
     raise RobotError(
@@ -450,15 +452,38 @@ def _fix(joint: ET.Element) -> None:
             joint.remove(node)
 
 
+def _flange(
+    root: ET.Element,
+    tree: _Tree,
+    chain: Sequence[str],
+    locked: Mapping[str, float],
+    tip: str | None,
+) -> tuple[str, bool]:
+    """The link of the flange, and whether this wrote it into the file.
+
+    It is the tip, else the last link that is not behind a locked joint. An element of
+    ours keeps it, since locked joints become fixed ones.
+    """
+    end = read_joint_link(tree.joints[chain[-1]], "child")
+    node = root.find("modelgap")
+    noted = "" if node is None else node.get("flange", "")
+    links = tree.carried(end)
+    chosen = [name for name in (tip, noted) if name in links]
+    flange = chosen[0] if chosen else tree.last_link(end, locked)
+    if flange == tree.last_link(end) and (node is None or not chosen):
+        return "", False
+    if flange != noted:
+        node = ET.SubElement(root, "modelgap") if node is None else node
+        node.set("flange", flange)
+    return flange, flange != noted
+
+
 def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
     """One line: what was locked, where, and what hangs on it."""
     holders: dict[str, list[str]] = {}
     for name in locked:
-        path = [
-            n
-            for n in tree.path(read_joint_link(tree.joints[name], "parent"))
-            if n in chain
-        ]
+        parent = read_joint_link(tree.joints[name], "parent")
+        path = [n for n in tree.path(parent) if n in chain]
         # Locked joints are fixed by now and no part of a path.
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []

@@ -17,11 +17,7 @@ BLOCK = 16  # rows that are made at once
 
 
 def filter_low_pass(
-    x: Array,
-    cutoff: float,
-    rate: float,
-    step: int = 1,
-    order: int = 0,
+    x: Array, cutoff: float, rate: float, step: int = 1, order: int = 0
 ) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 

@@ -84,18 +84,12 @@ def pick_spread_pieces(
         kept_seconds: Seconds that are kept of them; seven minutes where None.
     """
     max_seconds = LONG if max_seconds is None else max_seconds
-    if (
-        not exceed_split_length(recordings)
-        and sum(r.duration for r in recordings) <= max_seconds
-    ):
+    total = sum(r.duration for r in recordings)
+    if not exceed_split_length(recordings) and total <= max_seconds:
         return recordings
     pieces = [piece for r in recordings for piece in _pieces(r, CUTOFF)]
-    return [
-        pieces[i]
-        for i in choose_spread_pieces(
-            [r.duration for r in pieces], max_seconds, kept_seconds
-        )
-    ]
+    seconds = [r.duration for r in pieces]
+    return [pieces[i] for i in choose_spread_pieces(seconds, max_seconds, kept_seconds)]
 
 
 def release_mapped_memory(recording: Recording) -> None:
@@ -140,9 +134,8 @@ def choose_spread_pieces(
     if total <= (LONG if max_seconds is None else max_seconds):
         return list(range(len(seconds)))
     middle = np.cumsum(seconds) - 0.5 * np.asarray(seconds)
-    count = max(
-        int((SKETCH if kept_seconds is None else kept_seconds) / max(seconds)), 1
-    )
+    kept_seconds = SKETCH if kept_seconds is None else kept_seconds
+    count = max(int(kept_seconds / max(seconds)), 1)
     times = (np.arange(count) + 0.5) / count * total
     return sorted({int(np.argmin(np.abs(middle - at))) for at in times})
 
@@ -161,9 +154,7 @@ def split_off_last_quarter(
     longest = max(fit, key=lambda r: r.duration)
     cut = longest.t[0] + 0.75 * longest.duration
     row = int(np.searchsorted(longest.t, cut))
-    head, tail = (
-        slice_recording(longest, 0, row),
-        slice_recording(longest, row, len(longest.t)),
-    )
+    head = slice_recording(longest, 0, row)
+    tail = slice_recording(longest, row, len(longest.t))
     tail = replace(tail, id=f"{longest.id} (last quarter)")
     return [head if r is longest else r for r in fit], [tail]

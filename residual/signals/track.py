@@ -263,15 +263,13 @@ def resample_recording(recording: Recording, filters: FilterSettings) -> Recordi
     return Recording(recording.id, recording.robot, t, q, tau)
 
 
-def _resample(recording: Recording) -> _Uniform:
-    rate = estimate_sample_rate(recording.t)
-    t = np.arange(recording.t[0], recording.t[-1] + 0.5 / rate, 1 / rate)
-    t = t[t <= recording.t[-1] + 1e-9]
-    late = (np.diff(recording.t) > 6 / rate).astype(float)
-    gap = np.interp(t, recording.t[1:], late) > 0
-    q, tau = (
-        interpolate_signals(t, recording.t, x) for x in (recording.q, recording.tau)
-    )
+def _resample(log: Recording) -> _Uniform:
+    rate = estimate_sample_rate(log.t)
+    t = np.arange(log.t[0], log.t[-1] + 0.5 / rate, 1 / rate)
+    t = t[t <= log.t[-1] + 1e-9]
+    late = (np.diff(log.t) > 6 / rate).astype(float)
+    gap = np.interp(t, log.t[1:], late) > 0
+    q, tau = (interpolate_signals(t, log.t, x) for x in (log.q, log.tau))
     return _Uniform(rate, t, q, tau, gap)
 
 
@@ -373,12 +371,6 @@ def interpolate_torque(torque: Array, track: Track, recording: Recording) -> Arr
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
     return interpolate_signals(recording.t, track.t, torque)
-
-
-def filter_positions(recording: Recording, filters: FilterSettings) -> Array:
-    """Positions through the filter of the kinematics, at the log's own times [rad]."""
-    t, _, (q, _, _) = filter_motion(recording, filters)
-    return interpolate_signals(recording.t, t, q)
 
 
 def add_angle_noise(

@@ -179,7 +179,8 @@ class Frames:
 
     Attributes:
         joints: Joint 1 first.
-        flange: The last frame behind the last joint: vectors of a load are in its axes.
+        flange: --tip, else the last link before locked joints: vectors of a load are in
+            its axes.
     """
 
     joints: tuple[str, ...]

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter1d
 
@@ -132,6 +132,7 @@ def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint(rate):
 
 
 @given(rise=st.floats(0.01, 0.5), speed=st.floats(0.1, 5.0), turns=st.floats(0.5, 3))
+@example(rise=0.5, speed=3.0, turns=2.75)
 @settings(max_examples=20, deadline=None)
 def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, turns):
     t = np.arange(2000) / 1000.0
@@ -146,7 +147,8 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
     level = read_nominal_drives(ROBOT)[0]
     half = np.ceil(2 * level / most).astype(int) // 2 + 1
     for j in range(6):
-        near = np.abs(qd[:, j]) < 0.02
+        step = np.abs(np.diff(qd[:, j])).max()  # a quick reversal lies between samples
+        near = np.abs(qd[:, j]) < max(0.02, step)
         near = maximum_filter1d(near.astype(int), 2 * half[j] + 1) > 0
         np.testing.assert_allclose(held[~near, j], free[~near, j], atol=1e-6)
 

@@ -33,6 +33,7 @@ MASS = 1.5  # kg
     ("word", "value", "told"),
     [
         ("payloud.mass", 2.0, "did you mean 'payload'"),
+        ("foo", 3.0, "^Unknown effect of a known value 'foo': Valid: back"),
         ("payload.mas", 2.0, "did you mean 'mass'"),
         ("payload.com_x", 0.1, "parameter of payload that can be known"),
         ("payload.2.mass", 2.0, "payload has no joint; write payload.mass"),

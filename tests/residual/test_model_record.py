@@ -17,6 +17,7 @@ from residual.model.lookup import (
     LevelAxis,
     Lookup,
     LookupTable,
+    build_lookup_files,
 )
 from residual.model.model import Model, Term
 from residual.model.model_files import load_model, model_from_record
@@ -26,6 +27,7 @@ from residual.signals.track import CHOICES, FilterSettings, build_tracks
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion, urdf_text
 
 NAMES = sorted(load_effects())
+AGAIN = r"Write it again: modelgap diagnose LOG\.\.\. --save-model FILE"
 SPEEDS = (0.01, 0.02)
 
 
@@ -148,14 +150,25 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("no json", "not the file of a model"),
-        ("[1]", "not the file of a model"),
+        ('{"form": 1, "t', f"JSON, got an error in line 1, column 13. {AGAIN}"),
+        ("\xff", f"expected JSON, got other data. {AGAIN}"),
+        ("[1]", f"not the file of a model: expected a JSON object. {AGAIN}"),
         ('{"form": 9}', "form 9, expected 1"),
-        ('{"form": 1}', "damaged"),
+        ('{"form": 1}', f"damaged: it lacks the key 'speed_floor'. {AGAIN}"),
+        (
+            '{"form": 1, "speed_floor": 1, "robot": 3}',
+            f"a value has another kind or size. {AGAIN}",
+        ),
+        (
+            None,
+            "holds the tables of a calibration, expected a model: that is corrected",
+        ),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path, text, message):
-    (tmp_path / "model.json").write_text(text)
+    tables = build_lookup_files(lookup(np.random.default_rng(0)))["model.json"]
+    content = tables if text is None else text.encode("latin-1")
+    (tmp_path / "model.json").write_bytes(content)
     with pytest.raises(InputError, match=message):
         load_model(tmp_path / "model.json")
 

@@ -203,7 +203,10 @@ def test_effects_are_checked_by_who_knows_them(folder):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        ("irb14", "did you mean 'irb140'"),
+        (
+            "irb14",
+            "did you mean 'irb140'.* Or give a URDF, xacro or MJCF file, or a fold",
+        ),
         ("nothing/like/it", "No file or folder"),
         ("arm.urdf", "No file or folder 'arm.urdf'"),
         ("/dev/null", "No file or folder"),

@@ -11,7 +11,11 @@ from hypothesis import strategies as st
 from flows.cli import main
 from flows.inputs.read import load_command_robot, load_run_robot
 from residual.errors import RobotError, UnknownNameError
-from residual.robot.dynamics import compute_inertial_regressor, compute_inverse_dynamics
+from residual.robot.dynamics import (
+    compute_inertial_regressor,
+    compute_inverse_dynamics,
+    find_flange_frame,
+)
 from residual.robot.robot import build_robot, load_robot
 from residual.robot.urdf import ArmChoice, read_urdf
 from tests.plain_arm import logs
@@ -180,6 +184,44 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
     notes = " / ".join(robot.notes)
     for part in ("no joint: alone", "next: j1, j2", "'j2' has no range"):
         assert part in notes
+
+
+@pytest.mark.parametrize(
+    ("parts", "choice", "flange"),
+    [
+        ((*ARM, *HAND), {}, "hand"),  # no finger
+        ((*ARM, *HAND), {"tip": "l4"}, "l4"),
+        ((*ARM, *HAND), {"chain": ("j1", "j2")}, "l2"),
+        ((*ARM, *HAND[:2]), {}, "hand"),
+        ((*ARM, *HAND[:2]), {"tip": "l4"}, "l4"),
+        ((*ARM, *HAND, '<modelgap flange="l4"/>'), {}, "l4"),
+        ((*ARM, *HAND, '<modelgap flange="l4"/>'), {"tip": "hand"}, "hand"),
+        ((*ARM, *HAND, '<modelgap flange="gone"/>'), {}, "hand"),
+    ],
+)
+def test_the_flange_is_the_tip_else_the_last_link_before_fingers(
+    tmp_path, parts, choice, flange
+):
+    robot = load_command_robot(write(tmp_path, robot_of(*parts)), **choice)
+    place = pin.buildModelFromXML(robot.urdf).frames
+    (expected,) = (f.placement for f in place if f.name == flange)
+    again = build_robot(robot.name, robot.urdf, robot.toml)
+    assert again.content_hash == robot.content_hash
+    for arm in (robot, again):
+        frame = arm.model.frames[find_flange_frame(arm.model)]
+        assert (frame.name, frame.placement) == (flange, expected)
+
+
+def test_the_last_link_is_pinocchios(tmp_path):
+    names = ["zz", "b", "Z", "a1", "j10", "j9"]
+    fixed = [joint(n, "l4", f"end_{n}", "fixed") for n in names]
+    fixed += [link(f"end_{n}") for n in names]
+    text = robot_of(*ARM, *fixed, joint("c", "end_zz", "last", "fixed"), link("last"))
+    model = pin.buildModelFromXML(text)
+    flange = model.frames[find_flange_frame(model)].name
+    robot = load_command_robot(write(tmp_path, text), tip=flange)
+    assert flange == "last"
+    assert "modelgap" not in robot.urdf
 
 
 BAD = {
