@@ -9,9 +9,11 @@ from typing import Annotated, Literal
 
 import pyarrow as pa
 from cyclopts import Parameter
+from rich.console import Console
 
 from flows.cli.app import STDOUT
-from flows.outputs import check_outside, check_writable, write_files
+from flows.outputs import check_outside, check_writable, print_plain, write_files
+from flows.report.document import print_parts, widen_piped_console
 from flows.report.query_results import (
     describe_query_values,
     encode_query_result,
@@ -128,7 +130,11 @@ def show(
 
     ```
     modelgap show 3f2a
+    modelgap show 3f2a --format json
     ```
+
+    Of a diagnosis: verdict, findings, errors, sources, and whether its model is
+    adopted; json has the whole record.
 
     Args:
         id: Id of the record, or its beginning.
@@ -147,10 +153,31 @@ def show(
         print_damaged_files(opened)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
+    elif place.kind == "diagnoses":
+        _summarize_diagnosis(record, opened.path)
     else:
         from flows.report.records import format_record_lines
 
         print("\n".join(format_record_lines(record)))
+
+
+def _summarize_diagnosis(record: Mapping, store: Path) -> None:
+    from flows.report.diagnosis import build_summary_parts
+    from flows.steps.adopt import describe_diagnosis_adoption
+    from flows.storage.diagnosis import parse_verdict
+
+    id, content = record["id"], record["content"]
+    try:
+        verdict = parse_verdict(content.get("document"))
+    except InputError as error:
+        raise InputError(f"{error} See the record with --format json.") from error
+    console = widen_piped_console(Console(), 1000)
+    print_plain(console, f"diagnosis {id} of {verdict.robot}")
+    adoption = describe_diagnosis_adoption(store, id)
+    print_parts(console, *build_summary_parts(verdict, record["parents"], adoption))
+    if record["quarantined"]:
+        print_plain(console, f"in quarantine: {record['quarantined']}")
+    print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
 
 
 def _relatives(store: opening.Store, id: str) -> dict:

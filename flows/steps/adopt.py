@@ -232,6 +232,18 @@ def list_adoptions(
     return out
 
 
+def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
+    """Return whether the model of a diagnosis is adopted, in one line."""
+    entries = list_adoptions(store)
+    last = {(record.robot, record.serial): id for id, record, _ in entries}
+    for id, record, since in reversed(entries):
+        if record.diagnosis_id == diagnosis:
+            current = last[record.robot, record.serial] == id
+            now = "the current model" if current else "replaced since"
+            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
+    return f"not adopted: modelgap adopt {diagnosis[:8]}"
+
+
 def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
     """Name and serial number of what a word may stand for: a name, or a robot.
 
