@@ -13,7 +13,8 @@ from flows.inputs.repair import (
 )
 from flows.requests import Check, Map
 from residual import one_blas_thread
-from residual.check.check import WRONG, check_logs
+from residual.check.check import WRONG, check_logs, confirm_repairs
+from residual.check.mounting import REMOVED
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
@@ -122,9 +123,17 @@ def _faults_of_single_logs(
         return []
     out = []
     for log in group:
-        for fault in check_logs(logs.robot, [log]).certain:
-            if fault.kind == WRONG:
-                continue
+        # Of one log alone gravity, or another arm, is no more than a guess.
+        certain = [
+            fault
+            for fault in check_logs(logs.robot, [log]).certain
+            if fault.kind not in (WRONG, MOUNTING, REMOVED)
+        ]
+        others = [other for other in group if other is not log]
+        repairs = [repair for fault in certain for repair in fault.repairs]
+        if repairs and not confirm_repairs(logs.robot, log, others, repairs):
+            continue
+        for fault in certain:
             lines = format_repair_lines(fault.repairs, logs.robot, logs.columns)
             fix = f" A map for this log alone has {lines}" if lines else ""
             evidence = (
