@@ -1,5 +1,6 @@
 """Check logs before any modeling: their faults, each with the line that fixes it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -21,6 +22,8 @@ from residual.recording import Recording
 from residual.robot.robot import replace_gravity
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.map_draft import draft_column_map
+
+_REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 
 def read_logs(request: Check) -> LogSets:
@@ -101,12 +104,12 @@ def _refusal(report: LogCheck) -> str:
     evidence = " ".join(first.evidence.split())
     if first.repair:
         line = " ".join(first.repair.split())
-        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line}"
+        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line} "
     else:
-        mend = "" if "Leave this log out." in evidence else "Record the log again."
+        mend = "" if _REMEDY.search(evidence) else "Record the log again. "
     return (
         f"The logs have a fault ({first.where}): {evidence}{rest}\n"
-        f"{mend} To continue anyway: --trust-log (trust_log=True)."
+        f"{mend}To continue anyway: --trust-log (trust_log=True)."
     )
 
 

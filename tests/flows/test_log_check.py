@@ -211,7 +211,7 @@ def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden
     order = [0, 2, 1, 3, 4, 5]
     second = replace(second, q=second.q[:, order], tau=second.tau[:, order])
     mixed = replace(hidden_logs, fit=(first, second, third))
-    with pytest.raises(InputError, match="joint order, joints 2, 3.*Log fit_2, not"):
+    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2, not"):
         steps.refuse_faulty_logs(mixed, False)
 
 
@@ -226,3 +226,14 @@ def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(
 
     monkeypatch.setattr(steps, "check_logs", check_logs)
     assert not steps.refuse_faulty_logs(hidden_logs, False).certain
+
+
+def test_a_log_with_nan_is_to_be_cut_and_not_to_be_recorded_again(place, capsys):
+    lines = Path("A.csv").read_text().splitlines()
+    lines[300] = ",".join([*lines[300].split(",")[:-1], "nan"])
+    Path("A.csv").write_text("\n".join(lines))
+    assert run("diagnose A.csv B.csv --robot arm.urdf") == 2
+    err = capsys.readouterr().err
+    assert "Cut the log there with a window" in err
+    assert "Record the log again" not in err
+    assert "\nTo continue anyway: --trust-log" in err
