@@ -119,9 +119,19 @@ def resolve_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
 def choose_monitor_model(
     word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
 ) -> ModelChoice:
-    """Return the model to watch by; no choice where a word names it by an id."""
+    """Return the model to watch by; no choice where a word names it by an id.
+
+    Raises:
+        InputError: If the word is neither an id nor a robot.
+    """
     if is_run_id(word):
         return ModelChoice()
+    if word.endswith(".json"):
+        raise InputError(
+            f"{word} is a JSON file. MODEL is the id of a stored diagnosis (modelgap "
+            "sql 'SELECT diagnosis_id FROM diagnoses'), or a robot: built-in name, "
+            "robot file or folder."
+        )
     robot = load_run_robot(word, runs, store)
     return choose_model(robot, NOMINAL if nominal else None, store, runs)
 
