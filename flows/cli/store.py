@@ -5,7 +5,7 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import pyarrow as pa
 from cyclopts import Parameter
@@ -34,6 +34,7 @@ from flows.requests import (
     Store,
     Tags,
     Text,
+    TextFormat,
 )
 from flows.settings import resolve_store_folder
 from residual.errors import InputError, check_name
@@ -51,7 +52,7 @@ _COLUMNS = (
 )
 
 
-def runs(limit: Number = 50, format: Format = "table", store: Store = None) -> None:
+def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -> None:
     """List the runs of the store, the latest last.
 
     ```
@@ -123,9 +124,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
     print(f"{run_id} {text}")
 
 
-def show(
-    id: str, /, *, format: Literal["text", "json"] = "text", store: Store = None
-) -> None:
+def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> None:
     """Show one run, model, diagnosis, validation or report.
 
     ```
