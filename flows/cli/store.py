@@ -264,7 +264,6 @@ def sql(
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
-    """Return the SQL and the values of its parameters."""
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
         if not query.strip():

@@ -215,11 +215,7 @@ class AdoptionEntry(NamedTuple):
 def list_adoptions(
     store: str | Path | None = None, word: str | None = None
 ) -> list[AdoptionEntry]:
-    """Return all adoptions, the first one first.
-
-    Args:
-        word: A robot, or its name, to list alone; None for all.
-    """
+    """Return all adoptions, the first one first."""
     place = resolve_store_folder(store)
     keys = None if word is None else _robots(place, word)
     out = []

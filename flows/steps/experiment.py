@@ -81,11 +81,7 @@ def plan_experiments(
     store: Path,
     campaign: str | None = None,
 ) -> list[PlannedExperiment]:
-    """Return what would run and what is there; the same experiment only once.
-
-    Args:
-        campaign: Name of the campaign that they are of.
-    """
+    """Return what would run and what is there; the same experiment only once."""
     planned: dict[str, PlannedExperiment] = {}
     for label, requested in specs:
         spec = resolve_controller_model(requested, store)

@@ -239,10 +239,8 @@ def read_controller_model(
     else:
         diagnosis = found.kind == "diagnoses"
         model = (read_adoptable_model if diagnosis else read_model)(store, found.id)
-        own, hash = (
-            remove_tables(model).robot.name,
-            remove_tables(model).robot.content_hash,
-        )
+        of = remove_tables(model).robot
+        own, hash = of.name, of.content_hash
     if hash != robot.content_hash:
         raise InputError(
             f"The model of {word} is of {own} as it was described then, the robot is "
@@ -273,10 +271,8 @@ def check_description(
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
-    own, about = (
-        read_adoptable_model(store, diagnosis).robot,
-        f"of diagnosis {diagnosis[:8]}",
-    )
+    own = read_adoptable_model(store, diagnosis).robot
+    about = f"of diagnosis {diagnosis[:8]}"
     if own.name != robot.name:
         raise InputError(
             f"The model {about} is of {own.name}, the robot is {robot.name}. Give a "
