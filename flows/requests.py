@@ -45,6 +45,8 @@ Count = Annotated[int | None, Parameter(metavar="COUNT")]
 Format = Annotated[
     Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")
 ]
+TextFormat = Annotated[Literal["text", "json"], Parameter(metavar="NAME")]
+TableFormat = Annotated[Literal["table", "json"], Parameter(metavar="NAME")]
 # Set by the command, no option.
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]

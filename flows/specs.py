@@ -249,7 +249,6 @@ Change = list[tuple[tuple[str, ...], Any]]
 
 
 def _grid_changes(grid: Any) -> list[Change]:
-    """Return every combination; the last key runs fastest."""
     axes = list(_leaves(grid, "grid"))
     for keys, values in axes:
         if not isinstance(values, list) or not values:

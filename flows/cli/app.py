@@ -12,7 +12,8 @@ import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 
-from cyclopts import App, CycloptsError, Group
+from cyclopts import App, CycloptsError, Group, MissingArgumentError
+from cyclopts.exceptions import UnknownOptionError
 from rich.console import Console
 
 from flows.outputs import check_writable, json_text, print_plain, write_files
@@ -199,6 +200,12 @@ _INSTEAD = {
     "word.",
     None: "modelgap import gives a log an id.",
 }
+# Options of other commands: what this one does instead.
+_NO_OPTION = {
+    ("calibrate", "--holdout"): "calibrate leaves each log (or blocks of one) out by "
+    "itself to validate: give all logs as LOG.",
+    ("monitor", "--robot"): "MODEL is the robot, or the id of a diagnosis.",
+}
 TRACEBACK = "MODELGAP_TRACEBACK"
 
 
@@ -234,8 +241,9 @@ def _explain(error: Exception) -> int:
     if isinstance(error, RunError):
         return _print_error(str(error), 1)
     if isinstance(error, CycloptsError):
-        command = " ".join(("modelgap", *(error.command_chain or ())))
-        return _print_error(f"{' '.join(str(error).split())} See {command} --help.", 2)
+        command = " ".join(error.command_chain or ())
+        text = _describe_usage_error(error, command)
+        return _print_error(f"{text} See {f'modelgap {command}'.strip()} --help.", 2)
     number = error.errno if isinstance(error, OSError) else None
     message = " ".join(f"{type(error).__name__}: {error}".split())
     if number in _BAD_NAME or _LOOP in message:
@@ -254,6 +262,19 @@ def _explain(error: Exception) -> int:
     return _print_error(
         f"unexpected failure: {message}\nSet {TRACEBACK}=1 to see where.", 1
     )
+
+
+def _describe_usage_error(error: CycloptsError, command: str) -> str:
+    # Cyclopts calls an option that was left out one without its value.
+    if isinstance(error, MissingArgumentError) and error.keyword is None:
+        argument = error.argument
+        metavar = argument.parameter.metavar if argument.name.startswith("-") else None
+        return f"{command} needs {' '.join(filter(None, (argument.name, metavar)))}."
+    if isinstance(error, UnknownOptionError):
+        option = (error.token.keyword or error.token.value).partition("=")[0]
+        if instead := _NO_OPTION.get((command.split()[-1], option)):
+            return f"Unknown option: {option}. {instead}"
+    return " ".join(str(error).split())
 
 
 def _file_hint(error: ModelgapError) -> str:

@@ -2,7 +2,6 @@
 
 import json
 from dataclasses import asdict
-from typing import Literal
 
 from rich.console import Console
 
@@ -14,18 +13,16 @@ from flows.report.records import (
     describe_rerun,
     print_tree,
 )
-from flows.requests import Flag, Store
+from flows.requests import Flag, Store, TableFormat, TextFormat
 from flows.settings import resolve_store_folder
 from flows.steps import diff as steps
 from flows.steps import rerun as reruns
 from residual.errors import RunError
 from warehouse.query.store import build_lineage_tree, open_store
 
-Shown = Literal["table", "json"]
-
 
 def diff(
-    one: str, two: str, /, *, format: Shown = "table", store: Store = None
+    one: str, two: str, /, *, format: TableFormat = "table", store: Store = None
 ) -> None:
     """Compare two runs, models, diagnoses or validations.
 
@@ -57,7 +54,7 @@ def lineage(
     *,
     up: Flag = False,
     down: Flag = False,
-    format: Shown = "table",
+    format: TableFormat = "table",
     store: Store = None,
 ) -> None:
     """Show the sources of a record, and the records made from it.
@@ -93,7 +90,7 @@ def rerun(
     /,
     *,
     verify: Flag = False,
-    format: Literal["text", "json"] = "text",
+    format: TextFormat = "text",
     store: Store = None,
 ) -> None:
     """Repeat a run, model, diagnosis or validation, and compare bit for bit.

@@ -46,7 +46,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     out.finish()
 
 
-def map_(log: Log, *, request: Map, out: File = None) -> None:
+def map_(log: Log, /, *, request: Map, out: File = None) -> None:
     """Draft the column map of a log.
 
     Uses the column names, the stated units, the joint names of the URDF and the

@@ -21,7 +21,6 @@ from flows.settings import resolve_store_folder
 from flows.steps import adopt as steps
 from flows.steps import export as exporting
 from flows.steps import predict as predicting
-from residual.model.compare import WHOLE
 from warehouse.remote_store import format_store_name
 
 _DEFAULT = steps.Adopt()
@@ -161,11 +160,10 @@ def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -
     model, read = predicting.read_model_and_logs(request)
     outputs.say(f"model: {model!r}", *read.lines[1:])
     made = predicting.predict(request, model, read)
-    edited = [f"edited: {one!r}" for name, one in made.models.items() if name != WHOLE]
+    edited = predicting.describe_edited_model(made, request.without)
     outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
-    print_parts(
-        outputs.console, build_prediction_table(predicting.build_error_tables(made))
-    )
+    errors = predicting.build_error_tables(made)
+    print_parts(outputs.console, build_prediction_table(errors, request.without))
     outputs.write(
         {"--out": lambda: predicting.encode_samples(made, outputs.files["--out"])},
         lambda: predicting.build_prediction_document(made, request),

@@ -96,7 +96,6 @@ def inbox(
 
 
 def _import_round(project: Project, of: Sequence[Inbox], import_only: bool) -> Counter:
-    """Import the logs that do not change; monitor and diagnose the new runs."""
     counts: Counter = Counter()
 
     def monitor(robot: str, runs: Sequence[str]) -> None:

@@ -153,7 +153,6 @@ def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
 
 
 def _prepare(home: Path) -> None:
-    """Set what Prefect takes when it is imported."""
     os.environ.update(build_prefect_environment(home))
 
 

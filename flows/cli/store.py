@@ -5,13 +5,15 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 import pyarrow as pa
 from cyclopts import Parameter
+from rich.console import Console
 
 from flows.cli.app import STDOUT
-from flows.outputs import check_outside, check_writable, write_files
+from flows.outputs import check_outside, check_writable, print_plain, write_files
+from flows.report.document import print_parts, widen_piped_console
 from flows.report.query_results import (
     describe_query_values,
     encode_query_result,
@@ -32,6 +34,7 @@ from flows.requests import (
     Store,
     Tags,
     Text,
+    TextFormat,
 )
 from flows.settings import resolve_store_folder
 from residual.errors import InputError, check_name
@@ -49,7 +52,7 @@ _COLUMNS = (
 )
 
 
-def runs(limit: Number = 50, format: Format = "table", store: Store = None) -> None:
+def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -> None:
     """List the runs of the store, the latest last.
 
     ```
@@ -121,14 +124,16 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
     print(f"{run_id} {text}")
 
 
-def show(
-    id: str, /, *, format: Literal["text", "json"] = "text", store: Store = None
-) -> None:
+def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> None:
     """Show one run, model, diagnosis, validation or report.
 
     ```
     modelgap show 3f2a
+    modelgap show 3f2a --format json
     ```
+
+    Of a diagnosis: verdict, findings, errors, sources, and whether its model is
+    adopted; json has the whole record.
 
     Args:
         id: Id of the record, or its beginning.
@@ -147,10 +152,31 @@ def show(
         print_damaged_files(opened)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
+    elif place.kind == "diagnoses":
+        _summarize_diagnosis(record, opened.path)
     else:
         from flows.report.records import format_record_lines
 
         print("\n".join(format_record_lines(record)))
+
+
+def _summarize_diagnosis(record: Mapping, store: Path) -> None:
+    from flows.report.diagnosis import build_summary_parts
+    from flows.steps.adopt import describe_diagnosis_adoption
+    from flows.storage.diagnosis import parse_verdict
+
+    id, content = record["id"], record["content"]
+    try:
+        verdict = parse_verdict(content.get("document"))
+    except InputError as error:
+        raise InputError(f"{error} See the record with --format json.") from error
+    console = widen_piped_console(Console(), 1000)
+    print_plain(console, f"diagnosis {id} of {verdict.robot}")
+    adoption = describe_diagnosis_adoption(store, id)
+    print_parts(console, *build_summary_parts(verdict, record["parents"], adoption))
+    if record["quarantined"]:
+        print_plain(console, f"in quarantine: {record['quarantined']}")
+    print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
 
 
 def _relatives(store: opening.Store, id: str) -> dict:
@@ -238,7 +264,6 @@ def sql(
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
-    """Return the SQL and the values of its parameters."""
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
         if not query.strip():

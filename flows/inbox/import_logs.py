@@ -136,29 +136,17 @@ def import_log(job: LogImport) -> ImportOutcome:
     except InputError as error:
         if read_log_state(job.path) != job.state:
             return ImportOutcome(job.path, WAITING, why="it changed while it was read")
-        return ImportOutcome(
-            job.path, REFUSED, why=strip_option_hints(_final_paths(str(error), job))
-        )
+        final = job.path.parent / REJECTED / job.path.name
+        why = str(error).replace(str(job.path), str(final))
+        return ImportOutcome(job.path, REFUSED, why=strip_option_hints(why))
     except (OSError, MemoryError) as error:
-        return ImportOutcome(
-            job.path,
-            WAITING,
-            why=strip_control_characters(" ".join(str(error).split())),
-        )
+        why = strip_control_characters(" ".join(str(error).split()))
+        return ImportOutcome(job.path, WAITING, why=why)
     except Exception as error:  # of a parser, for a damaged file
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        return ImportOutcome(
-            job.path,
-            REFUSED,
-            why=strip_control_characters(f"unexpected failure: {reason}"),
-        )
+        why = strip_control_characters(f"unexpected failure: {reason}")
+        return ImportOutcome(job.path, REFUSED, why=why)
     return ImportOutcome(job.path, KNOWN if log.stored else STORED, run)
-
-
-def _final_paths(why: str, job: LogImport) -> str:
-    """Return a reason with the final path of the log."""
-    then = job.path.parent / REJECTED / job.path.name
-    return why.replace(str(job.path), str(then))
 
 
 def strip_option_hints(reason: str) -> str:
@@ -319,7 +307,6 @@ def _import_chunks(jobs: Sequence[LogImport]) -> Iterator[list[ImportOutcome]]:
 
 
 def _archive_or_wait(inbox: Inbox, taken: ImportOutcome) -> ImportOutcome:
-    """Move a log; one that cannot be moved waits."""
     try:
         if taken.status == REFUSED:
             inbox.save_outcome(taken)

@@ -252,7 +252,6 @@ def load_command_robot(
 
 
 def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
-    """Load a robot whose chain the names of joints, log by log, may say."""
     effects, properties = list_effect_parameters(), map_joint_properties()
     word = _INSTEAD.get().get(word, word)
     robots = [load_robot(word, effects, properties, names) for names in (named or [()])]

@@ -98,7 +98,10 @@ def format_time_line(scale: float, columns: ColumnMap) -> str:
     words = [f"column = {_quoted(columns.time)}"]
     if columns.nanoseconds:
         words.append(f"nanoseconds = {_quoted(columns.nanoseconds)}")
-    unit = next((u for u, f in TIME_UNITS.items() if _near(whole, f)), None)
+    unit = next(
+        (u for u, f in TIME_UNITS.items() if math.isclose(whole, f, rel_tol=_SAME)),
+        None,
+    )
     if unit is None:
         words.append(f"scale = {_number(whole)}")
     elif unit != "s":
@@ -136,7 +139,6 @@ def _mended(
 
 
 def _order(repair: Repair, dof: int) -> Sequence[int]:
-    """Return the channel of every joint, from 1."""
     own = list(range(1, dof + 1))
     if repair.order is None or len(repair.order) == dof:
         return own if repair.order is None else repair.order
@@ -238,10 +240,6 @@ def _bag_line(columns: ColumnMap) -> str:
     if bag.joints:
         words.append(f"joints = [{', '.join(map(_quoted, bag.joints))}]")
     return f"bag = {{{', '.join(words)}}}" if words else "# This bag needs no map."
-
-
-def _near(a: float, b: float) -> bool:
-    return math.isclose(a, b, rel_tol=_SAME)
 
 
 def _number(value: float) -> str:

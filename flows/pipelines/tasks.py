@@ -78,11 +78,7 @@ def _markdown(part: str | ReportTable) -> str:
 
 
 def publish_verdict(name: str, page: Path, words: str) -> None:
-    """Show a verdict, its page, and where all others are.
-
-    Args:
-        name: Robot, number and verdict in half a line.
-    """
+    """Show a verdict, its page, and where all others are."""
     at = build_page_link(page)
     create_link_artifact(at, "report", key="report", description=name)
     lines = [f"**{name}**", words, f"[Report]({at})"]

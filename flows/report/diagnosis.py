@@ -4,7 +4,7 @@ Each section is a function; its ``brief`` is the terminal's form.
 """
 
 import base64
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
 from rich.console import Console
@@ -51,6 +51,7 @@ from residual.verdict.result import Change, Diagnosis, Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
+_LISTED = 8  # findings, and parents of one role, in a summary
 _OPEN = 3  # figures of the first finding that are not
 
 
@@ -80,6 +81,33 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     first = ("missing", "given", "proof", "left", "sizes")
     print_document(console, report, first, ("else",))
     print_line(console, "")
+
+
+def build_summary_parts(
+    verdict: Verdict, parents: Sequence[Mapping], adoption: str
+) -> list[Part]:
+    """Return a stored diagnosis in at most 40 lines of a wide terminal.
+
+    Args:
+        parents: Records that it is made from, each with `parent` and `role`.
+        adoption: Whether its model is adopted, in words.
+    """
+    result = Diagnosis(verdict)
+    parts: list[Part] = [*sentences.list_headline_sentences(verdict)]
+    named = list(result.effects)
+    parts += [Heading("What is missing")] if named else []
+    parts += [tables.summarize_finding(each, verdict) for each in named[:_LISTED]]
+    if len(named) > _LISTED:
+        parts.append(f"   and {len(named) - _LISTED} more")
+    if errors := tables.build_stage_error_table(result):
+        parts.append(errors)
+    by_role: dict[str, list[str]] = {}
+    for parent in parents:
+        by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
+    for role, ids in by_role.items():
+        more = f" and {len(ids) - _LISTED} more" if len(ids) > _LISTED else ""
+        parts.append(f"{role}: {', '.join(ids[:_LISTED])}{more}")
+    return [*parts, adoption]
 
 
 def build_diagnosis_document(

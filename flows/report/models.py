@@ -23,7 +23,6 @@ from residual.verdict.result import ErrorTables
 _TEXT = read_page_texts()["proposal"]
 
 METRICS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
-_WHICH = {WHOLE: "", EDITED: "\nedited"}
 ADOPTED_KEY = "* the current model of its robot"
 
 
@@ -116,16 +115,21 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
     ]
 
 
-def build_prediction_table(errors: ErrorTables) -> ReportTable | str:
+def build_prediction_table(
+    errors: ErrorTables, without: Sequence[str] = ()
+) -> ReportTable | str:
     """Return errors per joint, of the model and of the edited model.
 
     Args:
         errors: Errors against the measured torque [%].
+        without: Effects that were removed, as NAME or NAME@JOINT.
     """
-    names = [name for name in _WHICH if name in errors.overall]
+    few = without if len(without) <= 3 else (f"{len(without)} effects",)
+    heads = {WHOLE: "", EDITED: "\n".join(("", "without", *few))}
+    names = [name for name in heads if name in errors.overall]
     kinds = {"as logged": errors.held_out, "filtered": errors.filtered}
     kinds["moving"] = errors.moving
-    columns = {f"{k}{_WHICH[n]}": v[n] for k, v in kinds.items() for n in names}
+    columns = {f"{k}{heads[n]}": v[n] for k, v in kinds.items() for n in names}
     dof = max((len(values) for values in columns.values() if values), default=0)
     if not dof:
         return "The logs have no measured torque to compare with."

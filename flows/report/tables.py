@@ -37,6 +37,7 @@ from residual.verdict.result import (
     Verdict,
 )
 
+_WIDEST = 11  # columns of joints and their sum that a terminal shows
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
 
 
@@ -151,6 +152,24 @@ def build_brief_error_table(
     return build_error_table(rows, [key], about)
 
 
+def build_stage_error_table(diagnosis: Diagnosis) -> ReportTable | None:
+    """Return the errors of the first metric known, a row per model."""
+    rows = build_error_rows(diagnosis)
+    brief = build_brief_error_table(diagnosis, rows)
+    if brief is None:
+        return None
+    metric = next(m for m in METRICS if any(has_error(rows, m, s) for s in STAGES))
+    if len(rows) > _WIDEST:
+        rows = rows[-1:]
+    heads = ("model", *(f"J{row.joint}" if row.joint else "all" for row in rows))
+    lines = [
+        (stage, *(format_percent_number(r.values[metric].get(stage)) for r in rows))
+        for stage in STAGES
+        if has_error(rows, metric, stage)
+    ]
+    return ReportTable(heads, lines, brief.title)
+
+
 def title_finding(effect: Finding, verdict: Verdict) -> str:
     """Return a finding with its place and the names of its joints in the URDF."""
     names = format_urdf_joint_names(effect.joints, verdict.frames)
@@ -198,15 +217,21 @@ def _parameter_texts(
     return texts | combined
 
 
+def _size_lines(effect: Finding, verdict: Verdict) -> list[str]:
+    lines = []
+    for name, by_joint in _parameter_texts(effect, verdict).items():
+        texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
+        lines.append(f"{name} {', '.join(texts)}")
+    return lines
+
+
 def describe_finding(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     """Return a finding as a terminal has it: name, sizes, evidence, a line each."""
     verdict, evidence = diagnosis.verdict, effect.evidence
     lines = [BoldText(f"{effect.order}. {title_finding(effect, verdict)}")]
     if effect.equivalent:
         lines.append(f"   or {format_equivalents(effect, diagnosis)}")
-    for name, by_joint in _parameter_texts(effect, verdict).items():
-        texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
-        lines.append(f"   {name} {', '.join(texts)}")
+    lines += [f"   {line}" for line in _size_lines(effect, verdict)]
     frame = describe_frame(effect, verdict.frames)
     lines += [f"   ({frame})"] if frame else []
     words = [f"evidence {format_number(evidence.nats)} nats"]
@@ -218,6 +243,15 @@ def describe_finding(effect: Finding, diagnosis: Diagnosis) -> list[str]:
     again = format_split_count(effect)
     words += [f"found again in {again} splits"] if again else []
     return [*lines, f"   {', '.join(words)}"]
+
+
+def summarize_finding(effect: Finding, verdict: Verdict) -> str:
+    """Return a finding in one line: name, sizes, probability, held-out motion."""
+    sizes = _size_lines(effect, verdict)
+    title = f"{effect.order}. {title_finding(effect, verdict)}"
+    sure = f"probability {format_probability(effect.probability)}"
+    motion = f"held-out motion: {effect.evidence.held_out or 'not tested'}"
+    return f"{title}: {'; '.join([*sizes, sure, motion])}"
 
 
 def format_split_count(effect: Finding) -> str:

@@ -226,10 +226,8 @@ def read_status(home: Path, most: int = 10) -> Status:
                 worker = "online"
             elif worker == "starting":
                 wrong = (*wrong, "the worker has not reported yet")
-            due, runs = (
-                tuple(list_deployments(client)),
-                tuple(list_last_runs(client, most)),
-            )
+            due = tuple(list_deployments(client))
+            runs = tuple(list_last_runs(client, most))
     except RunError as error:
         return Status(running, (*wrong, str(error)), worker=worker)
     if not due:

@@ -215,11 +215,7 @@ class AdoptionEntry(NamedTuple):
 def list_adoptions(
     store: str | Path | None = None, word: str | None = None
 ) -> list[AdoptionEntry]:
-    """Return all adoptions, the first one first.
-
-    Args:
-        word: A robot, or its name, to list alone; None for all.
-    """
+    """Return all adoptions, the first one first."""
     place = resolve_store_folder(store)
     keys = None if word is None else _robots(place, word)
     out = []
@@ -230,6 +226,18 @@ def list_adoptions(
             created = read_parquet(path, ["created"]).column("created")[0].as_py()
             out.append(AdoptionEntry(id, adoption, f"{created:%Y-%m-%d %H:%M}"))
     return out
+
+
+def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
+    """Return whether the model of a diagnosis is adopted, in one line."""
+    entries = list_adoptions(store)
+    last = {(record.robot, record.serial): id for id, record, _ in entries}
+    for id, record, since in reversed(entries):
+        if record.diagnosis_id == diagnosis:
+            current = last[record.robot, record.serial] == id
+            now = "the current model" if current else "replaced since"
+            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
+    return f"not adopted: modelgap adopt {diagnosis[:8]}"
 
 
 def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:

@@ -127,7 +127,6 @@ def _settings(request: Calibrate) -> CalibrationSettings:
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:
-    """Family of a stored run, and its errors against the twin."""
     row = read_parquet(find_run(store, id).row, ["trajectory"])
     channels = read_channels(store, id)
     twin = {name: c for name, c in channels.items() if name.startswith("e_")}

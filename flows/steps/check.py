@@ -1,5 +1,6 @@
 """Check logs before any modeling: their faults, each with the line that fixes it."""
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 
@@ -13,13 +14,16 @@ from flows.inputs.repair import (
 )
 from flows.requests import Check, Map
 from residual import one_blas_thread
-from residual.check.check import WRONG, check_logs
+from residual.check.check import WRONG, check_logs, confirm_repairs
+from residual.check.mounting import REMOVED
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import replace_gravity
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.map_draft import draft_column_map
+
+_REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 
 def read_logs(request: Check) -> LogSets:
@@ -100,12 +104,12 @@ def _refusal(report: LogCheck) -> str:
     evidence = " ".join(first.evidence.split())
     if first.repair:
         line = " ".join(first.repair.split())
-        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line}"
+        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line} "
     else:
-        mend = "" if "Leave this log out." in evidence else "Record the log again."
+        mend = "" if _REMEDY.search(evidence) else "Record the log again. "
     return (
         f"The logs have a fault ({first.where}): {evidence}{rest}\n"
-        f"{mend} To continue anyway: --trust-log (trust_log=True)."
+        f"{mend}To continue anyway: --trust-log (trust_log=True)."
     )
 
 
@@ -122,9 +126,17 @@ def _faults_of_single_logs(
         return []
     out = []
     for log in group:
-        for fault in check_logs(logs.robot, [log]).certain:
-            if fault.kind == WRONG:
-                continue
+        # Of one log alone gravity, or another arm, is no more than a guess.
+        certain = [
+            fault
+            for fault in check_logs(logs.robot, [log]).certain
+            if fault.kind not in (WRONG, MOUNTING, REMOVED)
+        ]
+        others = [other for other in group if other is not log]
+        repairs = [repair for fault in certain for repair in fault.repairs]
+        if repairs and not confirm_repairs(logs.robot, log, others, repairs):
+            continue
+        for fault in certain:
             lines = format_repair_lines(fault.repairs, logs.robot, logs.columns)
             fix = f" A map for this log alone has {lines}" if lines else ""
             evidence = (

@@ -65,7 +65,7 @@ class Demo(Request):
     seed: Number = 7
     effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None
     store: Store = None
-    background: BackgroundWord = CLEAN
+    background: Annotated[BackgroundWord, Parameter(metavar="NAME")] = CLEAN
 
 
 def build_demo_specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:

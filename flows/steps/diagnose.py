@@ -78,11 +78,7 @@ def diagnose(
     progress: Progress | None = None,
     ignore_baseline: bool = False,
 ) -> Diagnosis:
-    """Find what the model lacks, by a store: its models, its runs.
-
-    Args:
-        ignore_baseline: Look at the logs by themselves although there is a baseline.
-    """
+    """Find what the model lacks, by a store: its models, its runs."""
     store, model = resolve_store_folder(request.store), None
     if request.model:
         model = records.read_adoptable_model(store, request.model)
@@ -109,7 +105,7 @@ def diagnose_logs(
     Args:
         declared: Effects that the model has; None for the robot's own list.
         model: The adopted model; None for the nominal one.
-        ignore_baseline: As of `diagnose`.
+        ignore_baseline: Look at the logs by themselves although there is a baseline.
     """
     report = refuse_faulty_logs(logs, trust_log)
     logs = correct_mounting(logs, report)

@@ -104,7 +104,6 @@ def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
 
 
 def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object], ...]:
-    """Return the values that differ, by their place, both as they are."""
     names = [channel.name for channel in compare_values(dict(first), dict(second))]
     return tuple((name, _at(first, name), _at(second, name)) for name in names)
 

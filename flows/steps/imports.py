@@ -5,7 +5,6 @@ import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from datetime import datetime
 from pathlib import Path
 
 from flows.inputs.read import (
@@ -126,6 +125,9 @@ def _read_one(
     with suggest_column_map(spec, request.robot):
         recording, summary = read_log_despite_doubts(spec, robot, columns, label)
     run_id = compute_imported_run_id(recording, robot.content_hash)
+    recorded_at = summary.recorded_at
+    if request.recorded_at is not None:
+        recorded_at = parse_timestamp(request.recorded_at, "--recorded-at")
     return ImportedLog(
         recording=recording,
         summary=summary,
@@ -137,17 +139,11 @@ def _read_one(
             "trajectory": request.trajectory,
             "robot_hash": robot.content_hash,
             "serial": robot.serial,
-            "recorded_at": format_timestamp(_moment(request, summary)),
+            "recorded_at": format_timestamp(recorded_at),
             "tags": check_tags(request.tags),
             "log": _printable(plain_json(_about(summary, columns))),
         },
     )
-
-
-def _moment(request: Import, summary: LogSummary) -> datetime | None:
-    if request.recorded_at is None:
-        return summary.recorded_at
-    return parse_timestamp(request.recorded_at, "--recorded-at")
 
 
 def check_tags(tags: Sequence[str]) -> list[str]:

@@ -119,9 +119,19 @@ def resolve_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
 def choose_monitor_model(
     word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
 ) -> ModelChoice:
-    """Return the model to watch by; no choice where a word names it by an id."""
+    """Return the model to watch by; no choice where a word names it by an id.
+
+    Raises:
+        InputError: If the word is neither an id nor a robot.
+    """
     if is_run_id(word):
         return ModelChoice()
+    if word.endswith(".json"):
+        raise InputError(
+            f"{word} is a JSON file. MODEL is the id of a stored diagnosis (modelgap "
+            "sql 'SELECT diagnosis_id FROM diagnoses'), or a robot: built-in name, "
+            "robot file or folder."
+        )
     robot = load_run_robot(word, runs, store)
     return choose_model(robot, NOMINAL if nominal else None, store, runs)
 
@@ -229,10 +239,8 @@ def read_controller_model(
     else:
         diagnosis = found.kind == "diagnoses"
         model = (read_adoptable_model if diagnosis else read_model)(store, found.id)
-        own, hash = (
-            remove_tables(model).robot.name,
-            remove_tables(model).robot.content_hash,
-        )
+        of = remove_tables(model).robot
+        own, hash = of.name, of.content_hash
     if hash != robot.content_hash:
         raise InputError(
             f"The model of {word} is of {own} as it was described then, the robot is "
@@ -263,10 +271,8 @@ def check_description(
 
 
 def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
-    own, about = (
-        read_adoptable_model(store, diagnosis).robot,
-        f"of diagnosis {diagnosis[:8]}",
-    )
+    own = read_adoptable_model(store, diagnosis).robot
+    about = f"of diagnosis {diagnosis[:8]}"
     if own.name != robot.name:
         raise InputError(
             f"The model {about} is of {own.name}, the robot is {robot.name}. Give a "

@@ -97,7 +97,6 @@ def check_duration(seconds: float) -> None:
 
 
 def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
-    """The verdict, request and runs of a diagnosis in the store."""
     given = {"logs": request.logs, "--robot": request.robot, "--map": request.columns}
     given |= {"--holdout": request.held_out, "--baseline": request.baseline}
     if extra := [name for name, value in given.items() if value]:
@@ -117,7 +116,6 @@ def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
 
 
 def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
-    """The verdict of a JSON file, and the logs that were named with it."""
     verdict = read_verdict_file(Path(request.verdict))
     if request.robot is None or not request.logs:
         raise InputError(
@@ -252,7 +250,6 @@ def rank_motions(
 
 
 def _specs(robot: Robot, seconds: float, seed: int) -> Iterator[TrajectorySpec]:
-    """Motions of both families: of several periods, each drawn some times."""
     rng = create_random_stream(seed, "next/fourier")
     for periods in sorted({max(1, round(seconds / p)) for p in PERIODS}):
         place = build_workspace(robot, seconds / periods)

@@ -58,6 +58,23 @@ def parse_edits(words: Sequence[str]) -> Edits:
     return out
 
 
+def describe_edited_model(prediction: Prediction, without: Sequence[str]) -> list[str]:
+    """Return the edited model and what was removed, in one line; none without edits."""
+    if EDITED not in prediction.models:
+        return []
+    edited, words = prediction.models[EDITED], []
+    terms = remove_tables(edited).terms
+    for word, (name, joints) in zip(without, parse_edits(without), strict=True):
+        # An effect of the nominal model goes back to its value there.
+        nominal = any(
+            term.effect.name == name
+            and (not joints or {j + 1 for j in term.joints} & set(joints))
+            for term in terms
+        )
+        words.append(f"{word} (at its nominal value)" if nominal else word)
+    return [f"edited: {edited!r}, without {', '.join(words)}"]
+
+
 def build_error_tables(prediction: Prediction) -> ErrorTables:
     """Return the errors against what was measured, by model [%]."""
     ids = [log.id for log in prediction.logs]

@@ -183,13 +183,10 @@ def _outcome(
     then: Mapping,
     differences: tuple[ChannelDifference, ...],
 ) -> Rerun:
-    """Return what a rerun shows, before anything of it is kept."""
     key = "code_hash" if record.kind == "runs" else "program_hash"
     now = asdict(read_code_provenance())
-    differences, wrong = (
-        select_differing_channels(differences),
-        find_record_faults(record),
-    )
+    differences = select_differing_channels(differences)
+    wrong = find_record_faults(record)
     cause = None
     if differences or wrong:
         cause = find_cause(then, now, key, wrong, store)
@@ -445,7 +442,6 @@ def commit_rerun(
 
 
 def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]:
-    """Return the tables and the other files of a record, by name."""
     tables, files = dict(read_nested_tables(record)), {}
     for path in list_extra_files(record).values():
         if path.suffix == ".parquet":
@@ -475,7 +471,6 @@ def compare_records(
 
 
 def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) -> list:
-    """Return where two tables differ, column by column."""
     if (
         first is None
         or second is None

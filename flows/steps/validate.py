@@ -287,7 +287,6 @@ def _rms(error: Array) -> Array:
 
 
 def _reference(robot: Robot, manifest: Mapping) -> ReferenceMotion:
-    """Return the reference of a run once more, at the rate of its controller."""
     spec = manifest["spec"]
     try:
         motion = TrajectorySpec.from_record(spec["trajectory"])

@@ -369,11 +369,7 @@ def store_report(
     diagnosis_id: str,
     files: Mapping[str, bytes],
 ) -> Path:
-    """Put the files of a report into the store.
-
-    Args:
-        about: `robot`, and `kind`: what it reports, such as "demo".
-    """
+    """Put the files of a report into the store."""
     parents = {"diagnosis": [diagnosis_id]}
     id = commit_record(store, "reports", header, None, parents, files)
     return build_record_path(store, "reports", id)

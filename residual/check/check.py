@@ -1,6 +1,6 @@
 """The check of logs: from a robot and recordings to their faults."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -240,6 +240,42 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
         own = [replace(r, signal="q_ref") for r in fault.repairs if r.signal == "q"]
         out.append(replace(fault, repairs=(*fault.repairs, *own)))
     return out
+
+
+def confirm_repairs(
+    robot: Robot, log: Recording, others: Sequence[Recording], repairs: Iterable[Repair]
+) -> bool:
+    """Whether one log, read as repairs say, is of the same arm as the other logs.
+
+    A short log alone may fit a wrong reading better; with the others it must, too. Both
+    evidences are of one body and of the torques in the unit of the file.
+    """
+    mended, units = log, 0.0
+    for repair in sorted(repairs, key=lambda r: r.order is None):
+        values = getattr(mended, repair.signal, None)
+        if values is None or (repair.sign, repair.scale, repair.order) == (None,) * 3:
+            continue
+        if repair.signal == "t":
+            mended = scale_signal(mended, "t", repair.scale)
+            continue
+        factor = np.ones(log.dof)
+        at = [j - 1 for j in repair.joints] or slice(None)
+        factor[at] = np.multiply(repair.sign or 1, repair.scale or 1)
+        order = [j - 1 for j in repair.order or range(1, log.dof + 1)]
+        mended = replace(mended, **{repair.signal: values[:, order] * factor})
+        if repair.signal == "tau":
+            units += np.log(np.abs(factor))
+    with np.errstate(all="ignore"):
+        motions = [
+            filter_check_motion(pick_spread_pieces([one, *others]))
+            for one in (log, mended)
+        ]
+        if None in motions:
+            return False
+        before, after = (compute_body_evidence(robot, motion) for motion in motions)
+        own = filter_check_motion([log])
+    rows = 0.0 if own is None else own.spread * own.moving.sum(axis=0)
+    return after + float(np.sum(rows * units)) > before + CHECK.suspect_nats
 
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:

@@ -430,7 +430,7 @@ class Model:
             )
         floor = record["speed_floor"]
         return cls(
-            robot=build_robot(**record["robot"]),
+            robot=_robot_of(record["robot"]),
             inertial=np.array(record["inertial"]),
             terms=tuple(map(Term.from_record, record["terms"])),
             speed_floor=None if floor is None else np.array(floor),
@@ -442,7 +442,21 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write the model into a JSON file, which ``load_model`` reads."""
-        Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
+        Path(path).write_text(format_model_file(self.to_record(), self.robot))
+
+
+def format_model_file(record: Mapping, robot: Robot) -> str:
+    """Return the record of a model as the text of a file, with the locked joints."""
+    if robot.locked:
+        record = {**record, "robot": record["robot"] | {"locked": dict(robot.locked)}}
+    return json.dumps(record, allow_nan=False) + "\n"
+
+
+def _robot_of(record: Mapping) -> Robot:
+    parts = dict(record)
+    locked = {name: float(at) for name, at in dict(parts.pop("locked", {})).items()}
+    robot = build_robot(**parts)
+    return replace(robot, locked=locked) if locked else robot
 
 
 def compute_torque_columns(model: Model, state: State) -> Array:

@@ -9,7 +9,13 @@ import pytest
 from flows.cli import main
 from flows.inputs.read import load_command_robot
 from flows.steps import rerun as reruns
-from flows.steps.adopt import Adopt, adopt, list_adoptions, roll_back
+from flows.steps.adopt import (
+    Adopt,
+    adopt,
+    describe_diagnosis_adoption,
+    list_adoptions,
+    roll_back,
+)
 from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
 from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
@@ -118,7 +124,9 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     store, _, _, id = fresh
     before = list_adoptions(store)
     number, _ = adopt(Adopt(id, store=store))
+    assert describe_diagnosis_adoption(store, id).endswith("the current model")
     back, now = roll_back(None, "too many alarms", store)
+    assert describe_diagnosis_adoption(store, id).endswith("replaced since")
     assert (now.parent, now.model_id, now.note) == (number, None, "too many alarms")
     listed = [n for n, *_ in list_adoptions(store)]
     assert listed == [*(n for n, *_ in before), number, back]

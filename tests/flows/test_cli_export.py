@@ -19,9 +19,11 @@ from residual.errors import InputError, UnknownNameError
 from residual.export.model_export import NoiselessMotion, build_reference_motion
 from residual.export.urdf_mjcf import to_mujoco
 from residual.model.lookup import CorrectedModel, JointCorrection
+from residual.robot.robot import load_robot
 from residual.signals.track import CHOICES
 from tests.exports.back import BACK, CREEP, inverse, passive
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
+from tests.residual.arms import urdf_text
 from tests.residual.test_model_record import lookup
 from warehouse.record_commit import commit_record
 
@@ -222,3 +224,29 @@ def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch)
     assert read_model(tmp_path, id, "nominal") is both["nominal"]
     with pytest.raises(UnknownNameError, match="'augmented'"):
         read_model(tmp_path, id, "augmentd")
+
+
+FINGER = """<link name="jaw"><inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0"
+ixz="0" iyy="1e-4" iyz="0" izz="1e-4"/></inertial></link><joint name="finger"
+type="prismatic"><parent link="flange"/><child link="jaw"/><axis xyz="0 1 0"/>
+<limit lower="0" upper="0.04" effort="9" velocity="1"/></joint>"""
+
+
+@pytest.mark.parametrize(("to", "told"), [("urdf", 1), ("mjcf", 1), ("c99", 0)])
+def test_fingers_that_become_fixed_joints_are_named(tmp_path, capsys, to, told):
+    arm = tmp_path / "arm"
+    arm.mkdir()
+    (arm / "arm.urdf").write_text(urdf_text(extra=FINGER))
+    (arm / "robot.toml").write_text("[locked]\nfinger = 0.01\n")
+    model = model_with(load_robot(arm), "viscous")
+    model.save(tmp_path / "m.json")
+    request = {"request": {"robot": str(arm)}}
+    record = {"robot": "arm", "stage": "identified", "model": model.to_record()}
+    store = tmp_path / "store"
+    id = commit_record(store, "models", record | request)
+    for number, word in enumerate((str(tmp_path / "m.json"), id)):
+        words = ["export", word, "--to", to, "--out", str(tmp_path / f"o{number}")]
+        assert main([*words, "--store", str(store)]) == 0
+        out = capsys.readouterr().out
+        line = "locked joints, exported as fixed: finger = 0.01\n"
+        assert out.count(line) == told

@@ -1,6 +1,7 @@
 """modelgap predict: the torque of a model on logs, whole and edited."""
 
 import json
+from dataclasses import replace
 
 import numpy as np
 import pyarrow.csv as pc
@@ -19,6 +20,9 @@ def place(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     robot = robot_of("irb140")
     model = model_with(robot, "payload", "viscous", "spring")
+    first, second, *rest = model.terms
+    second = replace(second, nominal=replace(second, theta=second.theta / 2))
+    model = replace(model, terms=(first, second, *rest))
     t = np.arange(1500) / 250
     q, qd, qdd = smooth_motion(robot, t)
     tau = model.along(t, (q, qd, qdd))
@@ -42,6 +46,12 @@ def test_the_error_of_a_model_and_of_the_edited_one(place, tmp_path, capsys):
     output = capsys.readouterr().out
     assert "Error in % of torque (log)" in output
     assert "edited: Model(irb140: rigid body, viscous" in output
+    assert "), without payload, spring\n" in output
+    heads = output[output.rindex("Error in %") :].split("───")[0]
+    assert [heads.count(word) for word in ("without", "payload", "spring")] == [3] * 3
+    assert main(["predict", *words, "--without", "viscous@4"]) == 0
+    shown = capsys.readouterr().out
+    assert "viscous J4, spring J4), without viscous@4 (at its nominal value)\n" in shown
     # All joints together have each of the six errors that a joint has.
     (last,) = (row.split() for row in output.splitlines()[-12:] if row[:3] == "all")
     moving = both["error"]["overall_moving"]

@@ -145,8 +145,15 @@ def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
     assert {(c["role"]) for c in record["children"]} == {"fit"}
     code, out, _ = run("show", ids["diagnosis"][:10])
     assert code == 0
-    assert f"id: {ids['diagnosis']}\n" in out
-    assert "\n        name: payload\n        joints: 2\n" in out
+    lines = out.splitlines()
+    assert len(lines) <= 40
+    assert lines[0] == f"diagnosis {ids['diagnosis']} of two_link"
+    assert lines[1].startswith("The model lacks a payload at the flange")
+    assert "a payload at the flange: mass 2.90 ± 0.10 kg; probability 97 %" in out
+    assert re.search(r"^augmented +6\.0 +5\.0 +", out, re.MULTILINE)
+    assert f"\nfit: {ids['runs'][0][:8]}" in out
+    assert f"\nnot adopted: modelgap adopt {ids['diagnosis'][:8]}\n" in out
+    assert lines[-1].endswith("--format json")
 
 
 def test_what_is_shown_of_a_run_does_not_tell_what_is_hidden(run, ids):

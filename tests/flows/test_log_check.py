@@ -1,6 +1,7 @@
 """A certain fault of logs stops every command; trusted, it lets nothing be named."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -8,12 +9,13 @@ import pytest
 import modelgap as mg
 from flows.cli import main
 from flows.report.sentences import format_headline
-from flows.requests import Diagnose
+from flows.requests import Check, Diagnose
 from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_stored_runs
 from residual.check.result import Fault, LogCheck, Repair
 from residual.errors import InputError
 from residual.verdict.result import Diagnosis
+from tests.checkout import ROOT
 from tests.residual.identified import workplace
 from tests.verdict_documents import typed
 from warehouse.store_catalogue import read_record
@@ -114,7 +116,7 @@ def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
 def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0
-    assert fake_check["asked"] == [["A", "C"], ["B"]]
+    assert fake_check["asked"] == [["A", "C"], ["B"], ["A"], ["C"]]
     fake_check["of"] = "B"
     fake_check["faults"] = [SIGN]
     assert run(words) == 2
@@ -191,3 +193,47 @@ def test_the_door_checks_and_refuses_likewise(place, fake_check):
             verb(robot, fit)
     identification = mg.identify(robot, fit, trust_log=True)
     assert any("torque sign" in warning for warning in identification.warnings)
+
+
+@pytest.fixture(scope="module")
+def hidden_logs():
+    folder = ROOT / "examples" / "hidden"
+    files = tuple(str(folder / f"fit_{number}.csv") for number in (1, 2, 3))
+    return steps.read_logs(Check(files, robot="irb140"))
+
+
+def test_sound_logs_are_not_refused_one_by_one(hidden_logs):
+    assert not steps.refuse_faulty_logs(hidden_logs, False).certain
+
+
+def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden_logs):
+    first, second, third = hidden_logs.fit
+    order = [0, 2, 1, 3, 4, 5]
+    second = replace(second, q=second.q[:, order], tau=second.tau[:, order])
+    mixed = replace(hidden_logs, fit=(first, second, third))
+    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2, not"):
+        steps.refuse_faulty_logs(mixed, False)
+
+
+def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(
+    hidden_logs, monkeypatch
+):
+    wrong = Fault("torque_sign", (3,), True, "-", (Repair("tau", (3,), sign=(-1,)),))
+    mounted = Fault("mounting", (), True, "-", (Repair("robot", gravity=(0, 0, 9.8)),))
+
+    def check_logs(robot, recordings):
+        return LogCheck((mounted, wrong) if len(recordings) == 1 else ())
+
+    monkeypatch.setattr(steps, "check_logs", check_logs)
+    assert not steps.refuse_faulty_logs(hidden_logs, False).certain
+
+
+def test_a_log_with_nan_is_to_be_cut_and_not_to_be_recorded_again(place, capsys):
+    lines = Path("A.csv").read_text().splitlines()
+    lines[300] = ",".join([*lines[300].split(",")[:-1], "nan"])
+    Path("A.csv").write_text("\n".join(lines))
+    assert run("diagnose A.csv B.csv --robot arm.urdf") == 2
+    err = capsys.readouterr().err
+    assert "Cut the log there with a window" in err
+    assert "Record the log again" not in err
+    assert "\nTo continue anyway: --trust-log" in err

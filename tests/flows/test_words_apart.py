@@ -25,6 +25,7 @@ CASES = {
     **{f"diff {name} {name}": said for name, said in FILE.items()},
     **{f"identify A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
     **{f"diagnose A.csv --robot irb140 --model {n}": s for n, s in FILE.items()},
+    "monitor m.json 3f2a": "m.json is a JSON file. MODEL is the id of a stored diag",
     "show A.csv --store store": "modelgap import gives a log an id",
 }
 
