@@ -11,7 +11,7 @@ from residual.diagnosis.errors_in_variables import AngleNoiseCheck
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import refine_last_shape
-from residual.diagnosis.select import find_member_alternatives
+from residual.diagnosis.select import find_load_alternatives, find_member_alternatives
 from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
 from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
@@ -361,7 +361,13 @@ def merge_into_findings(
                 tuple(members),
                 tuple(j for t in members for j in joint_numbers(t.group)),
                 values,
-                _equivalents(members, [o[0] for o in options]),
+                _equivalents(
+                    members,
+                    [
+                        [*o[0], *find_load_alternatives(outcome.task, fitted, t.group)]
+                        for o, t in zip(options, members, strict=True)
+                    ],
+                ),
                 tuple(sure),
                 _combined(outcome, members[0], sizes, sure[0], values),
                 np.array([_torque(outcome, fitted, t.group) for t in members]),
@@ -452,7 +458,7 @@ def _equivalents(members, near) -> tuple:
     A constant may as well be a spring on one joint and a gas spring on the next.
     """
     if len(members) == 1:
-        return tuple((g.effect.name, joint_numbers(g)) for g in near[0])
+        return tuple(dict.fromkeys((g.effect.name, joint_numbers(g)) for g in near[0]))
     name, on = members[0].group.effect.name, {}
     for member, groups in zip(members, near, strict=True):
         joints = member.group.joints
