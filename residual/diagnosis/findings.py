@@ -29,9 +29,6 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import EXPLAINED
 
-# Standard deviations of what is reported: noise, logs that disagree, other forms.
-
-
 FLAT = 1e-9  # of the largest correlation: a direction that moves nothing
 USUAL = 0.975  # quantile at two standard deviations
 STEP = 1e-3  # relative step of the numerical derivatives
@@ -267,9 +264,8 @@ class MemberConfidence:
 class NamedEffect:
     """One named effect on one or several joints."""
 
-    tested: tuple[
-        GateResult, ...
-    ]  # its members, one per joint where the effect is local
+    # Its members, one per joint where the effect is local.
+    tested: tuple[GateResult, ...]
     joints: tuple[int, ...]  # joints from 1 in the vocabulary's convention
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
@@ -582,9 +578,3 @@ def _variable(
             values.append(x[:: track.step][rows])
         labels.append(np.full(int(rows.sum()), track.id))
     return np.concatenate(values) if values else None, label, np.concatenate(labels)
-
-
-# What of the findings is no more than any used arm has: said in one line, not listed.
-#
-# A diagnosis finds small true things beside the large one: a ripple of the gear,
-# friction that is another when the arm is cold. They are no reason to look.
