@@ -31,6 +31,7 @@ from flows.report.document import (
 from flows.report.page import Pairs
 from flows.report.page import render_html as render_page
 from flows.report.phrases import (
+    WEIGH_LOAD,
     Demonstration,
     build_truth_rows,
     capitalize_first,
@@ -38,6 +39,7 @@ from flows.report.phrases import (
     count_noun,
     describe_edit_tests,
     format_effect_noun,
+    is_link_or_load,
     read_page_texts,
 )
 from residual.quantity import (
@@ -244,12 +246,14 @@ def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part 
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
     text: list[Part | None] = [sentence, tables.describe_impact(result, effect)]
     if effect.equivalent:
+        motion = "another motion may separate them"
         alike = Markup(
             "<b>These logs cannot separate {} from {}.</b> The probability is that of "
-            "all of them together; another motion may separate them."
+            "all of them together; {}."
         ).format(
             format_effect_noun(effect.name),
             tables.format_equivalents(effect, result, " or from "),
+            WEIGH_LOAD if is_link_or_load(effect) else motion,
         )
         text.append(Note(alike, "callout"))
     if effect.parameters or effect.combinations:

@@ -117,6 +117,15 @@ def format_equivalent_phrases(effect: Finding, dof: int | None = None) -> list[s
     return words
 
 
+WEIGH_LOAD = "no motion separates them: weigh the load, or log the arm without it"
+
+
+def is_link_or_load(finding: Finding) -> bool:
+    """Whether a finding is a changed last link that a load explains as well."""
+    others = [find_effect(other.name).carries for other in finding.equivalent]
+    return find_effect(finding.name).replaces_link and {*others} == {"body"}
+
+
 # The hidden effect of a simulated experiment, and the edit test.
 
 

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 from flows.inputs.repair import describe_repair_file
 from flows.report.phrases import (
+    WEIGH_LOAD,
     At,
     capitalize_first,
     count_noun,
@@ -13,6 +14,7 @@ from flows.report.phrases import (
     format_effect_place,
     format_equivalent_phrases,
     format_joints,
+    is_link_or_load,
     join_with_and,
     read_page_texts,
     spell_number,
@@ -237,7 +239,9 @@ def describe_next_experiment(verdict: Verdict) -> list[str]:
     """Return the proposed experiment, a sentence each; none where nothing is open."""
     plan = verdict.next_experiment
     if not plan:
-        alike = any(finding.equivalent for finding in verdict.effects)
+        alike = {is_link_or_load(f) for f in verdict.effects if f.equivalent}
+        if alike == {True}:
+            return [f"{capitalize_first(WEIGH_LOAD)}."]
         text = "modelgap next looks for a motion that separates the alternatives."
         return [text] if alike else []
     rivals = [Place(p["name"], tuple(p["joints"])) for p in plan["rivals"]]

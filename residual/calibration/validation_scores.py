@@ -85,8 +85,8 @@ def build_label_folds(labels: Array) -> Folds:
     return Folds(make_read_only(of_row.reshape(-1)), tuple(map(str, names)))
 
 
-def build_sequential_folds(rows: int, blocks: int = BLOCKS) -> Folds:
-    """Hold out sequential blocks of rows (paper, section 2.5.2)."""
+def build_contiguous_folds(rows: int, blocks: int = BLOCKS) -> Folds:
+    """Hold out one block of consecutive rows at a time (paper, section 2.5.2)."""
     return _in_blocks(np.arange(rows) * blocks // max(rows, 1), blocks)
 
 
@@ -175,7 +175,7 @@ def build_validation_schemes(
         notes.append(
             f"no family left out: {'all runs are of one' if only else unknown}"
         )
-    by_rows = (build_sequential_folds(len(rows.X)), draw_random_folds(len(rows.X), rng))
+    by_rows = (build_contiguous_folds(len(rows.X)), draw_random_folds(len(rows.X), rng))
     for name, folds in zip((SYSTEMATIC, RANDOM), by_rows, strict=True):
         # A few dozen parameters from thousands of rows do not know one block of them.
         out.append(ValidationScheme(name, folds, (frozenset(),) * folds.count))

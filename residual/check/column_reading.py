@@ -38,7 +38,7 @@ class JointScores:
     """Sums from which the evidence of each channel for one joint follows."""
 
     values: Array  # eigenvalues of the joint's whitened Gram matrix, (p,)
-    channel: Array  # channels in its basis, (p, dof)
+    channel: Array  # channels in its basis, (dof, p)
     model: Array  # the nominal torque in it, (p,)
     brake: Array  # power that friction takes, of coefficients of one, in it, (p,)
     power: Array  # squares of the channels, summed, (dof,)
@@ -61,41 +61,42 @@ class JointScores:
         lost by a remainder of more than a rough model leaves of the torque [nats].
         """
         given = np.array([factor])
-        best = int(np.argmax(self._table(channel, given)[:, 0]))
-        sigma, var = _SIGMAS[best], self._variance(channel, given)[best, 0]
-        c = factor * self.channel[:, channel] - self.model
+        best = int(np.argmax(self._table([channel], given)[:, 0, 0]))
+        sigma, var = _SIGMAS[best], self._variance([channel], given)[best, 0, 0]
+        c = factor * self.channel[channel] - self.model
         bend = 0.5 * float(np.sum((c / (self.values + var)) ** 2))
         missed = self.rows * max(0.0, float(np.log(sigma / _ROUGH)))
         return bend + missed if self.power[channel] else 0.0
 
     def of(self, channel: int, factor: float) -> float:
         """Return the evidence of one factor."""
-        return float(self.evidence(channel, np.array([factor]))[0])
+        return float(self._table([channel], np.array([factor])).max(axis=0)[0, 0])
 
-    def evidence(self, channel: int, factor: Array) -> Array:
-        """Return log evidence that factor * channel is the torque of the joint. (k,).
+    def evidence(self, factor: Array) -> Array:
+        """Return log evidence that factor * channel is the torque of the joint.
 
-        Nats, up to a constant of the channel; factors are signs times units. (k,).
+        Nats, up to a constant of the channel; factors are signs times units, (k,).
+        Shape (dof, k).
         """
-        return self._table(channel, np.asarray(factor, dtype=float)).max(axis=0)
+        return self._table(range(len(self.power)), factor).max(axis=0)
 
-    def _variance(self, channel: int, factor: Array) -> Array:
-        """Square of noise and of all that the model lacks. Shape (sigmas, k)."""
-        n = max(self.rows, 1)
-        var = (_SIGMAS[:, None] * factor) ** 2 * self.power[channel] / n
+    def _variance(self, channels: Sequence[int], factor: Array) -> Array:
+        """Square of noise and of all that the model lacks. (sigmas, channels, k)."""
+        n, power = max(self.rows, 1), self.power[list(channels), None]
+        var = (_SIGMAS[:, None, None] * factor) ** 2 * power / n
         var += (_COUPLED * factor) ** 2 * self.strongest
         return var + _EXACT * self.model_power / n + 1e-300
 
-    def _table(self, channel: int, factor: Array) -> Array:
-        """Evidence for each size of what the model lacks. Shape (sigmas, k)."""
-        n, d, brake = self.rows, self.values, self.brake
-        square = factor**2 * self.power[channel] - 2 * factor * self.cross[channel]
-        square = square + self.model_power
-        c = factor[:, None] * self.channel[:, channel] - self.model
-        var = self._variance(channel, factor)
-        wide = d + var[:, :, None]
+    def _table(self, channels: Sequence[int], factor: Array) -> Array:
+        """Evidence for each size of what the model lacks. (sigmas, channels, k)."""
+        n, d, brake, own = self.rows, self.values, self.brake, list(channels)
+        square = factor**2 * self.power[own, None]
+        square = square - 2 * factor * self.cross[own, None] + self.model_power
+        c = factor[:, None] * self.channel[own, None] - self.model
+        var = self._variance(channels, factor)
+        wide = d + var[..., None]
         quad = (square - (c**2 / wide).sum(-1)) / var
-        size = n * np.log(var) + np.log1p(d / var[:, :, None]).sum(-1)
+        size = n * np.log(var) + np.log1p(d / var[..., None]).sum(-1)
         # The odds that friction takes power rather than gives it.
         power, spread = (brake * c / wide).sum(-1), var * (brake**2 / wide).sum(-1)
         brakes = log_ndtr(power / np.sqrt(np.maximum(spread, 1e-300))) + np.log(2)
@@ -124,7 +125,7 @@ def compute_joint_scores(robot: Robot, motion: CheckMotion) -> list[JointScores]
         out.append(
             JointScores(
                 values=np.maximum(values, 0.0),
-                channel=turned @ tau,
+                channel=np.ascontiguousarray((turned @ tau).T),
                 model=turned @ mean,
                 brake=vectors.T @ own.brake,
                 power=weight * np.sum(tau**2, axis=0),
@@ -275,7 +276,7 @@ def _with_torques(
     rows = []
     for own, gear in zip(scores, gears, strict=True):
         tried = np.where(motors, np.sign(factors) * gear, factors).ravel()
-        rows.append([own.evidence(i, tried) for i in range(dof)])
+        rows.append(own.evidence(tried))
     table = np.array(rows).reshape(dof, dof, len(units), 2)
     scored = []
     for k, unit in enumerate(units):

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
+from cachetools import LRUCache, cached
 from scipy.linalg import cho_factor, cho_solve
 
 from residual.check.column_reading import ROUNDS
@@ -30,7 +31,7 @@ from residual.check.thresholds import CHECK
 from residual.check.torque_shares import fit_nominal_shares, select_loaded_joints
 from residual.errors import join_with_commas
 from residual.recording import Array
-from residual.robot.dynamics import PER_LINK
+from residual.robot.dynamics import PER_LINK, build_motion_key
 from residual.robot.robot import Robot
 
 REMOVED = "gravity_removed"
@@ -181,6 +182,7 @@ def compute_body_evidence(robot: Robot, motion: CheckMotion) -> float:
     return _gravity_fit(robot, motion, np.asarray(robot.model.gravity.linear)).nats
 
 
+@cached(LRUCache(32), key=lambda robot, g: build_motion_key(robot, np.array(g, float)))
 def copy_with_gravity(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
     """Return the arm under another gravity [m/s^2]. (3,)."""
     model = pin.Model(robot.model)
@@ -241,7 +243,7 @@ def _weightless(robot: Robot, motion: CheckMotion) -> GravityFit:
 
     They know the weight to some share; it takes the place of a tilt.
     """
-    _, inertia = compute_nominal_torque(copy_with_gravity(robot, np.zeros(3)), motion)
+    inertia = compute_nominal_torque(copy_with_gravity(robot, np.zeros(3)), motion)
     joints = []
     for j, own in enumerate(build_prior_columns(robot, motion)):
         nominal, values = inertia[own.rows, j], own.values.copy()
@@ -253,9 +255,9 @@ def _weightless(robot: Robot, motion: CheckMotion) -> GravityFit:
 
 
 def _gravity_fit(robot: Robot, motion: CheckMotion, gravity: Array) -> GravityFit:
-    robot = copy_with_gravity(robot, gravity)
-    parts = sum_joint_rows(motion, build_prior_columns(robot, motion))
-    _, across = compute_gravity_axes(robot)
+    turned = copy_with_gravity(robot, gravity)
+    parts = sum_joint_rows(motion, build_prior_columns(turned, motion, robot))
+    _, across = compute_gravity_axes(turned)
     stand = _fitted(parts, gravity, ())
     first = len(parts[0].gram) - OUTER - PER_LINK * robot.dof
     steps = []

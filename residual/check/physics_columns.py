@@ -10,12 +10,15 @@ from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
+from cachetools import LRUCache, cached
 from scipy.linalg import cholesky
 
 from residual.evidence.priors import compute_inertial_precision
+from residual.quantity import make_read_only
 from residual.recording import Array, Recording
 from residual.robot.dynamics import (
     PER_LINK,
+    build_motion_key,
     compute_flange_jacobian,
     compute_gravity_torque,
     compute_inertial_regressor,
@@ -98,10 +101,23 @@ class PriorColumns:
     rows: Array  # rows that are used. Shape of all rows, bool
 
 
-def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
+# Many readings of a log, and directions of gravity, look at the same motion.
+_TORQUES: LRUCache = LRUCache(128)
+
+
+def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> Array:
+    """Return the torque of the robot file [N m]. Shape (n, dof)."""
+    known = _TORQUES.get(build_motion_key(robot, motion.q, motion.qd, motion.qdd))
+    return _inertial_columns(robot, motion)[1] if known is None else known
+
+
+def _inertial_columns(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
     """Return the inertial regressor, and the torque of the robot file. (n, dof)."""
-    y = compute_inertial_regressor(robot.model, motion.q, motion.qd, motion.qdd)
-    return y, y @ read_inertial_parameters(robot.model)
+    parts = motion.q, motion.qd, motion.qdd
+    y = compute_inertial_regressor(robot.model, *parts)
+    torque = make_read_only(y @ read_inertial_parameters(robot.model))
+    _TORQUES[build_motion_key(robot, *parts)] = torque
+    return y, torque
 
 
 def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
@@ -111,12 +127,25 @@ def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
     return down, float(np.linalg.norm(down)) * across
 
 
-def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]:
-    """Return the columns of every joint."""
-    y, nominal = compute_nominal_torque(robot, motion)
+def build_prior_columns(
+    robot: Robot, motion: CheckMotion, upright: Robot | None = None
+) -> list[PriorColumns]:
+    """Return the columns of every joint.
+
+    Args:
+        upright: The same arm under another gravity: what gravity does not change is
+            remembered by it.
+    """
+    y, nominal = _inertial_columns(robot, motion)
     size = compute_row_rms(nominal)
     size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
-    root, outer, out = _inertial_root(robot), _outer(robot, motion), []
+    arm = robot if upright is None else upright
+    down, across = compute_gravity_axes(robot)
+    tilts = [_tilt_torque(arm, motion.q, TILT * x) for x in across]
+    force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
+    pulls = force * _pull_torques(arm, motion.q)
+    outer = np.concatenate([np.stack(tilts, axis=2), pulls], axis=2)
+    root, out = _inertial_root(arm), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
         local = size[j] * _local(motion, j, use)
@@ -148,13 +177,16 @@ def _mass(robot: Robot) -> float:
     return sum(body.mass for body in list(robot.model.inertias)[1:])
 
 
-def _outer(robot: Robot, motion: CheckMotion) -> Array:
-    """Torques of a tilted base and of a force on the flange. Shape (n, dof, 5)."""
-    down, across = compute_gravity_axes(robot)
-    tilts = [compute_gravity_torque(robot.model, motion.q, TILT * x) for x in across]
-    force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
-    pulls = force * compute_flange_jacobian(robot.model, motion.q)[:, :3]
-    return np.concatenate([np.stack(tilts, axis=2), pulls.transpose(0, 2, 1)], axis=2)
+@cached(LRUCache(64), key=build_motion_key)
+def _tilt_torque(robot: Robot, q: Array, direction: Array) -> Array:
+    """Torques that hold the arm in a field of gravity. Shape (n, dof)."""
+    return compute_gravity_torque(robot.model, q, direction)
+
+
+@cached(LRUCache(64), key=build_motion_key)
+def _pull_torques(robot: Robot, q: Array) -> Array:
+    """Torques of a force of 1 N on the flange along each axis. Shape (n, dof, 3)."""
+    return compute_flange_jacobian(robot.model, q)[:, :3].transpose(0, 2, 1)
 
 
 def _local(motion: CheckMotion, j: int, use: Array) -> Array:

@@ -16,6 +16,7 @@ from dataclasses import dataclass, replace
 from itertools import combinations
 
 import numpy as np
+from cachetools import LRUCache, cached
 
 from residual.check.column_reading import GEAR
 from residual.check.physics_columns import (
@@ -74,11 +75,14 @@ def fit_nominal_shares(
         weight_removed: Whether a driver took the weight out, but for what it knows it
             by.
     """
-    _, nominal = compute_nominal_torque(robot, motion)
-    weight = compute_gravity_torque(robot.model, motion.q, robot.model.gravity.linear)
-    strong = compute_row_rms(weight)
-    weight[:, strong <= 1e-6 * strong.max()] = 0.0
-    nominal = nominal - weight if weight_removed else nominal
+    nominal = compute_nominal_torque(robot, motion)
+    weight = np.zeros_like(nominal)
+    if weight_removed:
+        down = robot.model.gravity.linear
+        weight = compute_gravity_torque(robot.model, motion.q, down)
+        strong = compute_row_rms(weight)
+        weight[:, strong <= 1e-6 * strong.max()] = 0.0
+        nominal = nominal - weight
     rows = [
         _joint(motion, j, nominal[:, j], weight[:, j], weight_removed)
         for j in range(robot.dof)
@@ -99,9 +103,7 @@ def _joint(
     if use.sum() < 20:
         return _SILENT
     tau, qd, qdd = (x[use, j] for x in (motion.tau, motion.qd, motion.qdd))
-    slow = max(0.05 * float(compute_row_rms(qd)), _NOTHING)
-    rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
-    _, _, without = _fit(rest, tau, motion.spread)
+    rest, without = _fit_friction(motion.spread, tau, qd, qdd)
     columns = [nominal[use], *([weight[use]] if removed else []), rest]
     ratio, sure, left = _fit(np.column_stack(columns), tau, motion.spread)
     there = removed and bool(weight.any())
@@ -113,6 +115,17 @@ def _joint(
         1 - left / max(without, _NOTHING),
         compute_row_rms(nominal[use]),
     )
+
+
+# Changes of the arm, and of the columns of other joints, leave these rows as they are.
+@cached(LRUCache(256), key=lambda spread, *rows: (spread, *(x.tobytes() for x in rows)))
+def _fit_friction(
+    spread: float, tau: Array, qd: Array, qdd: Array
+) -> tuple[Array, float]:
+    """Columns of friction, offset and rotor, and the mean square that they leave."""
+    slow = max(0.05 * float(compute_row_rms(qd)), _NOTHING)
+    rest = np.column_stack([qd, np.tanh(qd / slow), np.ones_like(qd), qdd])
+    return rest, _fit(rest, tau, spread)[2]
 
 
 def _fit(columns: Array, tau: Array, spread: float) -> tuple[Array, Array, float]:

@@ -268,7 +268,7 @@ def _clocks(robot: Robot, motion: CheckMotion) -> Iterator[_Change]:
 
 def _light(robot: Robot, motion: CheckMotion) -> bool:
     """Whether inertia is more than weight on the joint with the most weight."""
-    _, nominal = compute_nominal_torque(robot, motion)
+    nominal = compute_nominal_torque(robot, motion)
     weight = compute_gravity_torque(robot.model, motion.q, robot.model.gravity.linear)
     most = np.argmax(compute_row_rms(weight))
     return bool(

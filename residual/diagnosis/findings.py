@@ -11,7 +11,7 @@ from residual.diagnosis.errors_in_variables import AngleNoiseCheck
 from residual.diagnosis.gate import GateResult
 from residual.diagnosis.outcome import SearchOutcome
 from residual.diagnosis.search import refine_last_shape
-from residual.diagnosis.select import find_member_alternatives
+from residual.diagnosis.select import find_load_alternatives, find_member_alternatives
 from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
 from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
@@ -28,9 +28,6 @@ from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import EXPLAINED
-
-# Standard deviations of what is reported: noise, logs that disagree, other forms.
-
 
 FLAT = 1e-9  # of the largest correlation: a direction that moves nothing
 USUAL = 0.975  # quantile at two standard deviations
@@ -267,9 +264,8 @@ class MemberConfidence:
 class NamedEffect:
     """One named effect on one or several joints."""
 
-    tested: tuple[
-        GateResult, ...
-    ]  # its members, one per joint where the effect is local
+    # Its members, one per joint where the effect is local.
+    tested: tuple[GateResult, ...]
     joints: tuple[int, ...]  # joints from 1 in the vocabulary's convention
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
@@ -361,7 +357,13 @@ def merge_into_findings(
                 tuple(members),
                 tuple(j for t in members for j in joint_numbers(t.group)),
                 values,
-                _equivalents(members, [o[0] for o in options]),
+                _equivalents(
+                    members,
+                    [
+                        [*o[0], *find_load_alternatives(outcome.task, fitted, t.group)]
+                        for o, t in zip(options, members, strict=True)
+                    ],
+                ),
                 tuple(sure),
                 _combined(outcome, members[0], sizes, sure[0], values),
                 np.array([_torque(outcome, fitted, t.group) for t in members]),
@@ -452,7 +454,7 @@ def _equivalents(members, near) -> tuple:
     A constant may as well be a spring on one joint and a gas spring on the next.
     """
     if len(members) == 1:
-        return tuple((g.effect.name, joint_numbers(g)) for g in near[0])
+        return tuple(dict.fromkeys((g.effect.name, joint_numbers(g)) for g in near[0]))
     name, on = members[0].group.effect.name, {}
     for member, groups in zip(members, near, strict=True):
         joints = member.group.joints
@@ -576,9 +578,3 @@ def _variable(
             values.append(x[:: track.step][rows])
         labels.append(np.full(int(rows.sum()), track.id))
     return np.concatenate(values) if values else None, label, np.concatenate(labels)
-
-
-# What of the findings is no more than any used arm has: said in one line, not listed.
-#
-# A diagnosis finds small true things beside the large one: a ripple of the gear,
-# friction that is another when the arm is cold. They are no reason to look.

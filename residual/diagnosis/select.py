@@ -33,6 +33,7 @@ from residual.evidence.fit import (
     Fit,
     FitEquations,
     NominalPrior,
+    find_group_limits,
     fit_jointly,
     is_fit_possible,
 )
@@ -44,13 +45,8 @@ from residual.evidence.priors import (
 )
 from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
 from residual.recording import Array
+from residual.robot.dynamics import PER_LINK
 from residual.verdict.result import Detectable
-
-# Choose the set of effects, the scale of the rigid prior and that of given values.
-#
-# They are chosen together, after the search: a scale chosen before it widens until the
-# parameters swallow the effect. So with the values that a model is given, kind by kind:
-# of twenty that are right the twenty-first stands out, of twenty rough ones none does.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -293,6 +289,31 @@ def _alternatives(
     ).sum()
     outside = np.exp([min(v - member_nats, 50) for v in [0.0, *far]]).sum()
     return near, float(inside / (inside + outside))
+
+
+def find_load_alternatives(
+    task: SearchTask, fitted: Fit, group: CandidateColumns
+) -> list[CandidateColumns]:
+    """Loads that add the very body that a heavier last link adds.
+
+    Evidence prefers the name with one coefficient, but the torques are the same.
+    """
+    robot, add = task.design.model.robot, group.effect.portable.bodies
+    if add is None:
+        return []
+    body, out = add(fitted.of(group), group.joints, robot), []
+    taken = {g.key for g in fitted.members}
+    for g in task.candidates.groups:
+        add = g.effect.portable.bodies
+        if g.effect.scope != "flange" or add is None or g.key in taken:
+            continue
+        unit = np.stack([add(x, g.joints, robot) for x in np.eye(len(g.ids))], axis=1)
+        theta = unit.T @ body  # a coefficient is an inertial parameter of its link
+        limits = find_group_limits(task.design, fitted, g)
+        same = np.allclose(unit @ theta, body) and body[::PER_LINK].sum() > 0
+        if same and g.effect.possible(theta, g.shape, limits):
+            out.append(g)
+    return out
 
 
 def swap_for_simpler_names(task: SearchTask, fitted: Fit) -> Fit:

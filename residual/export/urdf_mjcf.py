@@ -60,7 +60,8 @@ def split_joint_properties(
     gravity: bool = False,
 ) -> ModelExport:
     """Separate what the joints and bodies of a target can represent from the rest."""
-    total = sum_joint_properties(remove_tables(source))
+    model = remove_tables(source)
+    total = sum_joint_properties(model)
 
     def refuse(term: Term) -> str:
         said = term.effect.portable
@@ -69,9 +70,15 @@ def split_joint_properties(
         if not said.joint or not set(said.joint) <= set(supported_properties):
             return f"{target} cannot represent it"
         (joint,) = term.joints
-        for name in said.joint:
+        units = term.effect.units(term.joints, model.robot).values()
+        for name, unit in zip(said.joint, units, strict=False):
             if name in NOT_NEGATIVE and total[name][joint] < 0:
-                return f"{target} allows no negative {name}"
+                return (
+                    f"{target} allows no negative {name}, got "
+                    f"{total[name][joint]:.3g} {unit}: `modelgap identify` gives its "
+                    "standard deviation, and with --essential sets a value to 0 that "
+                    "the logs do not distinguish from 0"
+                )
         # A constant torque is a spring that is at rest elsewhere.
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0
         return f"{target} has no constant torque on a joint" if lone else ""

@@ -8,6 +8,7 @@ from flows.report.phrases import format_effect_noun, format_effect_place, format
 from flows.report.sentences import (
     build_value_rows,
     describe_alternative_sets,
+    describe_next_experiment,
     describe_unexplained,
     describe_wrong_values,
     format_brief_claim,
@@ -330,3 +331,16 @@ def test_a_set_that_an_equivalent_says_already_is_not_said_again() -> None:
     assert (
         describe_alternative_sets(record(several, balancer, alternatives=[swap])) == []
     )
+
+
+@pytest.mark.parametrize(
+    ("finding", "other", "words"),
+    [
+        ("link_inertia", "payload", "No motion separates them: weigh the load"),
+        ("balancer", "spring", "modelgap next looks for a motion"),
+    ],
+)
+def test_a_load_and_its_link_are_told_apart_by_scales(finding, other, words) -> None:
+    named = effect(finding, [6], equivalent=[{"name": other, "joints": [6]}])
+    (sentence,) = describe_next_experiment(verdict(named))
+    assert sentence.startswith(words)

@@ -5,7 +5,10 @@ URDF, its friction is anything. One clear case per effect, of short logs: how of
 goes right over many draws is the matter of benchmarks/diagnosis.py.
 """
 
+from dataclasses import replace
+
 import numpy as np
+import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.logs import CHANGES
@@ -166,6 +169,18 @@ def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     heavier = SyntheticEffect("link_inertia", (2,), {"scale": 0.5})
     one_of_two = short_case(arm(), heavier, seed=51, duration=8.0)
     assert doubts(one_of_two)[1] == []
+
+
+@pytest.mark.parametrize(("scale", "others"), [(0.7, [("payload", (6,))]), (-0.5, [])])
+def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
+    """No load is lighter than nothing."""
+    model = pin.Model(bare_irb140().model)
+    model.inertias[6] = pin.Inertia(2.0, 0.08 * np.eye(3)[2], 8e-3 * np.eye(3))
+    robot = replace(bare_irb140(), model=model)
+    changed = SyntheticEffect("link_inertia", (6,), {"scale": scale})
+    (finding,) = doubts(short_case(robot, changed, seed=51, duration=8.0))[1]
+    assert (finding.effect.name, finding.joints) == ("link_inertia", (6,))
+    assert [*finding.equivalent] == others
 
 
 def test_a_change_against_a_baseline_is_found_and_proved():
