@@ -21,7 +21,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.plant.typical_sizes import compute_usual_motion_range
+from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
 from warehouse.logs import read_log
 
 Array = np.ndarray
@@ -69,9 +69,7 @@ def synthetic(name: str, seed: int) -> Host:
     logs = []
     for i, family in enumerate(FAMILIES):
         rng = create_random_stream(seed, f"motion/{name}/{family}")
-        motion = make_motion(
-            family, compute_usual_motion_range(robot), DURATION, RATE, rng
-        )
+        motion = make_motion(family, usual_range(robot), DURATION, RATE, rng)
         start = i * (DURATION + PAUSE)
         logs.append(recorded(plant, motion, f"{name}_{family}", start))
     return Host(name, robot, tuple(logs), plant)

@@ -26,7 +26,7 @@ from sim.engine.plant_records import (
 )
 from sim.experiment import run_experiment
 from sim.plant.plant_arm import build_plant_arm
-from sim.plant.typical_sizes import compute_usual_motion_range
+from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
 
 Array = np.ndarray
 
@@ -59,9 +59,7 @@ def _plant(seed: int, noise: float) -> PlantSpec:
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
     rng = create_random_stream(1000 * seed + number, f"motion/{family}")
-    motion = make_motion(
-        family, compute_usual_motion_range(ROBOT), _DURATION, 1000.0, rng
-    )
+    motion = make_motion(family, usual_range(ROBOT), _DURATION, 1000.0, rng)
     start = 2 * _DURATION * number
     log = run_experiment(ROBOT, motion, _plant(seed, noise), SampleRates(), start).log
     return Recording(f"{family}{number}", log.robot, log.t, log.q, log.tau)

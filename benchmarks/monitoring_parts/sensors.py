@@ -27,7 +27,7 @@ from sim.engine.plant_records import (
 from sim.experiment import record_plant_log
 from sim.plant.closed_loop import build_and_simulate
 from sim.plant.typical_sizes import estimate_typical_sizes
-from sim.trajectories import plan_reference_motion
+from sim.trajectories import plan_reference_motion as plan_motion
 
 ROBOT = load_robot("irb140")
 # Effect, its parameters on a joint of a torque range, and when an alarm is in time [s].
@@ -112,9 +112,7 @@ def record(case: Case) -> tuple[int, float, Recording]:
     while True:  # some draws break a limit of the arm
         spec = TrajectorySpec(case.family, _DURATION, 3, int(rng.integers(2**31)))
         try:
-            motion = plan_reference_motion(
-                ROBOT, spec, SampleRates().control, optimised=False
-            )
+            motion = plan_motion(ROBOT, spec, SampleRates().control, optimised=False)
             break
         except InputError:
             continue

@@ -75,13 +75,11 @@ def _simulated(number: int) -> tuple[CalibrationRun, CalibrationRun]:
     robot, family = _irb140(), _FAMILIES[number]
     rates = SampleRates()
     spec = TrajectorySpec(family, 20.0, 2, _SEED + number)
-    reference = plan_reference_motion(robot, spec, rates.control)
-    made = run_experiment(robot, reference, _plant(robot), rates, 30.0 * number)
+    ref = plan_reference_motion(robot, spec, rates.control)
+    made = run_experiment(robot, ref, _plant(robot), rates, 30.0 * number)
     log = replace(made.log, id=f"{family} {number + 1}")
     every = round(rates.control / rates.log)
-    drive = simulate_nominal_twin(_without_friction(robot), reference).rows[
-        ::every, at.DRIVE
-    ]
+    drive = simulate_nominal_twin(_without_friction(robot), ref).rows[::every, at.DRIVE]
     bare = CalibrationRun(log, family, {"e_tau": log.tau - drive[: len(log.t)]})
     return bare, CalibrationRun(log, family, made.twin)
 

@@ -173,8 +173,7 @@ def test_what_other_commands_refuse_to_read_is_a_fault_here(
 def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     log(spoil(column, 700, size))
     assert run("check A.csv --robot irb140 --json -") == 0
-    document = json.loads(capsys.readouterr().out)
-    (fault,) = document["faults"]
+    (fault,) = json.loads(capsys.readouterr().out)["faults"]
     assert (fault["kind"], fault["joints"]) == ("spike", [int(column[-1])])
     assert fault["certain"]
     assert f"{size:.3g} at sample 700" in fault["evidence"]

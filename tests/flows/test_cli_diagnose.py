@@ -63,8 +63,7 @@ def test_files_are_written_and_named(folder, calls, capsys):
     assert page.startswith("<html>irb140")
     assert "fit: A | baseline" in page
     assert "modelgap diagnose A.csv --robot irb140 --report o.html" in page
-    shown = capsys.readouterr().out
-    assert "wrote o.html\nwrote o.json" in shown
+    assert "wrote o.html\nwrote o.json" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("json_words", ["--json -", "--json=-"])

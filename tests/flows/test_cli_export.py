@@ -108,8 +108,7 @@ def _all(motion):
 
 def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
     pytest.importorskip("mujoco")
-    robot = robot_of("irb140")
-    source = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
+    source = model_with(robot_of("irb140"), "coulomb", speed_floor=np.full(6, 1e-5))
     export = export_model(source, "mjcf")
     zero = np.zeros((2, 6))
     qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
@@ -204,8 +203,7 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
         for more in ({"model": source.to_record()}, {"nominal": source.to_record()}, {})
     ]
     for id in ids[:2]:
-        model = read_model(tmp_path, id[:8])
-        assert model.to_record() == source.to_record()
+        assert read_model(tmp_path, id[:8]).to_record() == source.to_record()
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
 

@@ -109,8 +109,7 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
 def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):
     # The order of its declared effects is in the sums.
     log = Path(__file__).parents[2] / "examples/hidden/fit_1.csv"
-    words = f"import {log}@0:8 --robot irb140 --serial B-18 --store s"
-    assert run(words) == 0
+    assert run(f"import {log}@0:8 --robot irb140 --serial B-18 --store s") == 0
     assert run("identify --where true --robot irb140 --store s") == 0
     (model,) = query_store_rows(Path("s"), "FROM models")
     assert model["serial"] == "B-18"

@@ -146,8 +146,7 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
     # Away from reversals, by half the time that a whole turn takes, it is what it was.
     # A reversal may fall between two samples: neither is then slower than their step.
     slow = np.abs(qd) < 0.02 + speed * 2 * np.pi * turns / 1000.0
-    level = read_nominal_drives(ROBOT)[0]
-    half = np.ceil(2 * level / most).astype(int) // 2 + 1
+    half = np.ceil(2 * read_nominal_drives(ROBOT)[0] / most).astype(int) // 2 + 1
     for j in range(6):
         near = maximum_filter1d(slow[:, j].astype(int), 2 * half[j] + 1) > 0
         np.testing.assert_allclose(held[~near, j], free[~near, j], atol=1e-6)

@@ -81,9 +81,7 @@ def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
     assert not Path("store").exists()
 
 
-def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(
-    place, fake_check, named
-):
+def test_trusted_logs_with_certain_fault_let_nothing_be_named(place, fake_check, named):
     fake_check["faults"] = [SIGN, DOUBT]
     words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
     assert run(words) == 0
@@ -131,8 +129,7 @@ def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, name
 def test_trusted_the_other_commands_go_on_with_a_warning(place, fake_check, verb):
     fake_check["faults"] = [SIGN]
     logs = "A.csv B.csv C.csv D.csv"  # of fewer runs blocks are left out: more fits
-    words = f"{verb} {logs} --robot arm.urdf --trust-log --json o.json"
-    assert run(words) == 0
+    assert run(f"{verb} {logs} --robot arm.urdf --trust-log --json o.json") == 0
     (warning,) = (
         w for w in json.loads(Path("o.json").read_text())["warnings"] if "fault" in w
     )

@@ -153,8 +153,7 @@ def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
 
 
 def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path):
-    toml = "[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]"
-    robot = arm(toml)
+    robot = arm("[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]")
     columns = columns_of(MAPS["motor side"][0], tmp_path)
     assert format_repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
     line = format_repair_lines([Repair("q", scale=0.5)], robot, columns)

@@ -7,11 +7,15 @@ import pytest
 from flows.report.phrases import format_effect_noun, format_effect_place, format_joints
 from flows.report.sentences import (
     build_value_rows,
-    describe_alternative_sets,
     describe_unexplained,
     describe_wrong_values,
     format_brief_claim,
-    format_headline,
+)
+from flows.report.sentences import (
+    describe_alternative_sets as alternative_sets,
+)
+from flows.report.sentences import (
+    format_headline as headline,
 )
 from residual import quantity
 from residual.check.result import Fault, LogCheck
@@ -71,9 +75,7 @@ def effect(name: str, joints: list[int], **more: object) -> dict:
     ],
 )
 def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
-    assert format_headline(verdict(*effects)).startswith(
-        f"{start} Error on unseen motion: "
-    )
+    assert headline(verdict(*effects)).startswith(f"{start} Error on unseen motion: ")
 
 
 @pytest.mark.parametrize(
@@ -89,26 +91,23 @@ def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
     ],
 )
 def test_headline_gives_the_error_from_the_nominal_model_on(levels, steps) -> None:
-    text = format_headline(verdict(effect("payload", [6]), overall_moving=levels))
+    text = headline(verdict(effect("payload", [6]), overall_moving=levels))
     assert f"Error on unseen motion: {steps}." in text
 
 
 def test_headline_admits_a_weak_test_what_is_left_and_what_got_worse() -> None:
-    text = format_headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
+    text = headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
     assert "Error on unseen motion (end of the fitted run, a weak test): " in text
     assert text.endswith("The findings raise it on joint 4 (11.3 % → 11.4 %).")
     left = "No known effect explains the remaining error on joints 1, 4 and 6."
-    assert format_headline(outcomes.one_effect().verdict).endswith(left)
+    assert headline(outcomes.one_effect().verdict).endswith(left)
 
 
 def test_headline_of_nothing_and_of_unknown() -> None:
     level = "Error on unseen motion: 66.3 % (nominal) → 12.4 % (refit)."
-    assert (
-        format_headline(outcomes.nothing().verdict)
-        == f"No missing effect found. {level}"
-    )
+    assert headline(outcomes.nothing().verdict) == f"No missing effect found. {level}"
     unknown = "The model lacks something on joints 1 and 4 that no known effect"
-    assert format_headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
+    assert headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
 
 
 @pytest.mark.parametrize(
@@ -140,13 +139,13 @@ def test_a_verdict_in_half_a_line(words, part) -> None:
 def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
     nothing = replace(outcomes.nothing().verdict, log_check=None)
     error = replace(nothing.error, overall_moving=levels)
-    assert words in format_headline(replace(nothing, error=error))
+    assert words in headline(replace(nothing, error=error))
 
 
 def test_a_suspected_fault_comes_before_the_effects() -> None:
     fault = Fault("torque_sign", (2,), False, "it drives", repair="sign = -1")
     report = LogCheck((fault,))
-    text = format_headline(replace(outcomes.nothing().verdict, log_check=report))
+    text = headline(replace(outcomes.nothing().verdict, log_check=report))
     assert text.startswith("No missing effect found, but the logs may be faulty: ")
 
 
@@ -191,9 +190,7 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
         (None, [1], "an effect without a name on joint 1"),
     ],
 )
-def test_an_effect_stands_where_its_file_puts_it(
-    name: str | None, joints: list[int], words: str
-) -> None:
+def test_an_effect_stands_where_its_file_puts_it(name, joints, words):
     assert format_effect_place(Place(name, tuple(joints)), dof=3) == words
 
 
@@ -209,9 +206,7 @@ def test_an_effect_stands_where_its_file_puts_it(
         (True, None, "kg", "–"),
     ],
 )
-def test_values_are_cut_at_what_is_known(
-    value: object, std: object, unit: object, text: str
-) -> None:
+def test_values_are_cut_at_what_is_known(value, std, unit, text):
     assert quantity.format_uncertain_value(value, std, unit) == text
 
 
@@ -287,17 +282,13 @@ def another(*places: dict, by: str = "motion") -> dict:
 
 def test_other_sets_are_said_one_by_one() -> None:
     spring, pair = effect("spring", [2]), "a balancer on joint 2 and Stribeck friction"
-    sentences = describe_alternative_sets(
-        record(spring, alternatives=[another(BALANCER, STRIBECK)])
-    )
-    assert sentences == [
+    lines = alternative_sets(record(spring, alternatives=[another(BALANCER, STRIBECK)]))
+    assert lines == [
         f"Equally well supported: {pair} on joint 3.",
         "Another motion would separate them.",
     ]
-    sentences = describe_alternative_sets(
-        record(spring, alternatives=[another(by="nothing")])
-    )
-    assert sentences == [
+    lines = alternative_sets(record(spring, alternatives=[another(by="nothing")]))
+    assert lines == [
         "Equally well supported: no effect at all.",
         "No motion would separate them.",
     ]
@@ -305,14 +296,9 @@ def test_other_sets_are_said_one_by_one() -> None:
 
 def test_a_set_that_an_equivalent_says_already_is_not_said_again() -> None:
     finding = effect("spring", [2], equivalent=[BALANCER])
-    assert (
-        describe_alternative_sets(record(finding, alternatives=[another(BALANCER)]))
-        == []
-    )
+    assert alternative_sets(record(finding, alternatives=[another(BALANCER)])) == []
     level = {"level": parameter([1, 2], [0, 0], "N m")}
     several = outcomes.effect("coulomb", [1, 2], level)
     swap = another(*({"name": "coulomb", "joints": [j]} for j in (1, 2)), SPRING)
     balancer = effect("balancer", [2], equivalent=[SPRING])
-    assert (
-        describe_alternative_sets(record(several, balancer, alternatives=[swap])) == []
-    )
+    assert alternative_sets(record(several, balancer, alternatives=[swap])) == []

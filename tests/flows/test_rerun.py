@@ -182,8 +182,7 @@ def test_libraries_and_machine_are_causes_by_name(tmp_path):
 
 
 def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
-    log = store_samples.recording()
-    id = commit_run(tmp_path, log, {"robot_hash": "a" * 64})
+    id = commit_run(tmp_path, store_samples.recording(), {"robot_hash": "a" * 64})
     words = ["rerun", id, "--store", str(tmp_path)]
     assert main(words) == 2
     assert "measured, not simulated" in capsys.readouterr().err
@@ -227,12 +226,10 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     from residual.verdict.result import Diagnosis
 
     def diagnose(robot, fit, **options):
-        document = store_samples.verdict([log.id for log in options["held_out"]])
-        document["robot"] = robot.name
-        document["nominal_scale"] = (
-            float(sum(log.tau.sum() for log in fit)) + plant["tau"]
-        )
-        return Diagnosis(typed(document, 2))
+        doc = store_samples.verdict([log.id for log in options["held_out"]])
+        doc["robot"] = robot.name
+        doc["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
+        return Diagnosis(typed(doc, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr(
@@ -244,8 +241,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     request = Diagnose(
         tuple(runs[:2]), robot="irb140", held_out=(runs[2],), store=tmp_path
     )
-    ids = diagnose_stored_runs(request)
-    return tmp_path, runs, ids
+    return tmp_path, runs, diagnose_stored_runs(request)
 
 
 def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
@@ -307,13 +303,13 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     two = experiment.simulate_and_store(spec(start=0.0), tmp_path)
     store = ["--store", str(tmp_path)]
     assert main(["diff", one, two, "--format", "json", *store]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert {"name": "start", "one": 30.0, "two": 0.0} in document["spec"]
-    assert document["code"] == document["environment"] == []
-    equal = {c["name"]: c["equal"] for c in document["data"]}
+    doc = json.loads(capsys.readouterr().out)
+    assert {"name": "start", "one": 30.0, "two": 0.0} in doc["spec"]
+    assert doc["code"] == doc["environment"] == []
+    equal = {c["name"]: c["equal"] for c in doc["data"]}
     assert equal["tau1"]
     assert not equal["t"]
-    assert document["same"] is False
+    assert doc["same"] is False
     assert main(["diff", one, two, *store]) == 0
     assert "code: the same" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0

@@ -22,8 +22,7 @@ def verdict(name, joints, changes=(), declared=(), **parameters):
 
 
 def tile(said):
-    diagnosis = Diagnosis(said)
-    return build_tiles(diagnosis)[0]
+    return build_tiles(Diagnosis(said))[0]
 
 
 def test_a_balancer_is_an_amplitude_and_where_it_is_largest():

@@ -124,8 +124,7 @@ def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
 def smooth_motion(robot: Robot, t):
     """Slow sines with exact derivatives, different for every joint."""
     w = 2 * np.pi * (0.2 + 0.07 * np.arange(robot.dof))
-    phase = np.arange(robot.dof)
-    angle = t[:, None] * w + phase
+    angle = t[:, None] * w + np.arange(robot.dof)
     q = 0.6 * np.sin(angle)
     return q, 0.6 * w * np.cos(angle), -0.6 * w**2 * np.sin(angle)
 

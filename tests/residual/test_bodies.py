@@ -108,8 +108,7 @@ def test_what_moves_no_torque_moves_first(rng):
     best = true + 0.5 * silent.T @ rng.normal(size=len(silent))
     assert build_body_sums(model).list_impossible(best)
     seen = 1e4 * base.mapping
-    information = seen.T @ seen + np.eye(len(true))
-    root = np.linalg.cholesky(information).T
+    root = np.linalg.cholesky(seen.T @ seen + np.eye(len(true))).T
     solution = find_nearest_possible(build_body_sums(model), best, root)
     size = np.abs(base.mapping @ true).max()
     assert np.abs(base.mapping @ (solution - true)).max() < 1e-5 * size

@@ -50,8 +50,7 @@ def posterior(problem, members, sigma2):
     """Bayesian linear regression in closed form: mean and covariance."""
     x, y, joint = problem.stacked(members)
     noise = sigma2[joint]
-    information = problem.precision(members) + (x.T / noise) @ x
-    covariance = np.linalg.inv(information)
+    covariance = np.linalg.inv(problem.precision(members) + (x.T / noise) @ x)
     return covariance @ ((x.T / noise) @ y), covariance
 
 

@@ -98,8 +98,7 @@ def _corrected(robot) -> CorrectedModel:
 
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])
 def test_tables_that_a_target_has_no_place_for_are_listed(target):
-    source = _corrected(robot_of("seven"))
-    export = WRITERS[target](source)
+    export = WRITERS[target](_corrected(robot_of("seven")))
     (tables,) = (each for each in export.omissions if each.name == "tables")
     assert tables.joints == (2, 3)
     assert tables.largest > 0

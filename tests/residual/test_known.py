@@ -72,15 +72,13 @@ def test_the_model_has_what_is_known_and_holds_it():
     assert model.inertial[11] == pytest.approx(
         2.0 / 3.0 * read_inertial_parameters(robot.model)[11]
     )
-    logs = prepared(robot, 0.0)
-    design = Design(logs.tracks, model)
+    design = Design(prepared(robot, 0.0).tracks, model)
     own = fit_jointly(
         design, build_relative_prior(design, nominal_model, 1.0), (), design.rows / 5
     )
     coulomb = next(t for t in model.terms if t.effect.name == "coulomb")
     assert (coulomb.joints, coulomb.theta) == ((0,), pytest.approx(3.5))
-    own_place = 20 + model.terms.index(coulomb)
-    assert np.abs(own.theta[[10, own_place]]).max() < 0.02
+    assert np.abs(own.theta[[10, (20 + model.terms.index(coulomb))]]).max() < 0.02
     assert np.abs(own.theta).max() > 0.1
 
 
@@ -88,8 +86,7 @@ def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
     scores = {}
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}
-        robot = add_known_values(arm(TWO), words)
-        logs = prepared(robot, MASS)
+        logs = prepared(add_known_values(arm(TWO), words), MASS)
         nominal_model = build_free_nominal(logs, FRICTION)
         design = Design(logs.tracks, nominal_model.model)
         (group,) = design.add([(load_effects()["payload"], (1,), ())])

@@ -90,11 +90,9 @@ def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
 
 @pytest.mark.long  # two diagnoses
 def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
-    fit, held_out = smooth_log(60.0, 7), smooth_log(20.0, 8)
-    spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held_out.q[:, :1] * [1.0, 0.0]
-    logs = [
-        replace(r, tau=r.tau + s) for r, s in zip((fit, held_out), spring, strict=True)
-    ]
+    fit, held = smooth_log(60.0, 7), smooth_log(20.0, 8)
+    spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held.q[:, :1] * [1.0, 0.0]
+    logs = [replace(r, tau=r.tau + s) for r, s in zip((fit, held), spring, strict=True)]
     cut = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
     monkeypatch.setattr(pieces, "LONG", np.inf)
     diagnosis = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)

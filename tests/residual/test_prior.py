@@ -15,7 +15,7 @@ from residual.evidence.priors import (
 )
 from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, NominalModel
-from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from tests.residual.arms import arm
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 
@@ -26,9 +26,7 @@ def term(name, joint, theta):
 
 def nominal(terms=(), given=(), **options):
     robot = arm()
-    model = Model(
-        robot, read_inertial_parameters(robot.model), tuple(terms), np.ones(2)
-    )
+    model = Model(robot, read_inertias(robot.model), tuple(terms), np.ones(2))
     return NominalModel(model, tuple(given), **options)
 
 
@@ -49,7 +47,7 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, scale)
     expected = np.zeros((NOMINAL, NOMINAL))
     sizes = compute_inertial_sd(arm()).reshape(2, 10)
-    parameters = read_inertial_parameters(arm().model).reshape(2, 10)
+    parameters = read_inertias(arm().model).reshape(2, 10)
     for i in range(2):
         own = slice(10 * i, 10 * i + 10)
         shared = np.outer(parameters[i], parameters[i])

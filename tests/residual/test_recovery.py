@@ -164,15 +164,13 @@ def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
     assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
     heavier = SyntheticEffect("link_inertia", (2,), {"scale": 0.5})
-    one_of_two = short_case(arm(), heavier, seed=51, duration=8.0)
-    assert doubts(one_of_two)[1] == []
+    assert doubts(short_case(arm(), heavier, seed=51, duration=8.0))[1] == []
 
 
 def test_a_change_against_a_baseline_is_found_and_proved():
     """Coulomb friction that was there already grew by a known amount on joint 2."""
     grown = SyntheticEffect("coulomb", (2,), {"level": 3.0})
-    case = short_case(arm(), grown, seed=43)
-    verdict = diagnose_case(case).verdict
+    verdict = diagnose_case(short_case(arm(), grown, seed=43)).verdict
     assert names(verdict) == [("coulomb", (2,))]
     (effect,) = verdict.effects
     level = effect.parameters["level"]

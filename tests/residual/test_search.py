@@ -31,7 +31,7 @@ from residual.effects.base import (
     ShapeRefinement,
     build_joint_columns,
 )
-from residual.evidence.thresholds import EvidenceThresholds
+from residual.evidence.thresholds import EvidenceThresholds as Thresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,
@@ -88,11 +88,11 @@ def test_where_nothing_is_missing_nothing_is_found():
         task, fitted = searched(problem)
         assert fitted.members == ()
         value = rank_additions(
-            replace(task, rules=EvidenceThresholds(min_nats=-99, min_fall_share=0)),
+            replace(task, rules=Thresholds(min_nats=-99, min_fall_share=0)),
             fitted,
         )
         loudest += [v for v, _, _ in value[:1]]
-    assert max(loudest) < EvidenceThresholds().min_nats / 2
+    assert max(loudest) < Thresholds().min_nats / 2
 
 
 TRUTHS = {
@@ -107,8 +107,7 @@ TRUTHS = {
 @pytest.mark.parametrize("which", TRUTHS)
 def test_what_is_there_is_found_and_nothing_else(rng, which):
     truth = TRUTHS[which]
-    problem = Problem.draw(rng, truth, rows=200, masked=0.2)
-    _, fitted = searched(problem)
+    _, fitted = searched(Problem.draw(rng, truth, rows=200, masked=0.2))
     assert keys(fitted) == sorted((e.name, js) for e, js, _ in truth)
     for effect, joints, theta in truth:
         (own,) = (g for g in fitted.members if (g.effect, g.joints) == (effect, joints))
@@ -124,15 +123,14 @@ def _wave(state, order):
 @pytest.fixture
 def imitated(rng):
     """A missing effect that the nominal can take over, if it bends by 30 sigma."""
-    problem = Problem.draw(rng, rows=200, noise=1.0)
-    size = 30 / np.sqrt(problem.prior.precision[10, 10])
+    task = Problem.draw(rng, rows=200, noise=1.0)
+    size = 30 / np.sqrt(task.prior.precision[10, 10])
     logs = [
-        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s)
-        for t, s in problem.logs
+        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s) for t, s in task.logs
     ]
-    problem = Problem(logs, build(logs), problem.prior)
-    groups = [*problem.design.add([(TWIN, (1,), ())]), *every_group(problem.design)]
-    return problem, problem.task(groups), size
+    task = Problem(logs, build(logs), task.prior)
+    groups = [*task.design.add([(TWIN, (1,), ())]), *every_group(task.design)]
+    return task, task.task(groups), size
 
 
 def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
@@ -240,9 +238,7 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
         )
     space = prior_space(problem.design, choices)
     assert (
-        select_set_and_prior(
-            space, task.candidates, EvidenceThresholds()
-        ).task.prior.scale
+        select_set_and_prior(space, task.candidates, Thresholds()).task.prior.scale
         == bend
     )
 
@@ -257,7 +253,7 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         scale=0.9,
     )
     space = prior_space(problem.design, {0.9: wide, 0.03: problem.prior})
-    chosen = select_set_and_prior(space, task.candidates, EvidenceThresholds())
+    chosen = select_set_and_prior(space, task.candidates, Thresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 
@@ -304,8 +300,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
     """cos, sin and order of a wave: two sigma in 85 to 100 % of 30 draws."""
     inside = []
     for seed in range(30):
-        rng = np.random.default_rng(seed)
-        problem = Problem.draw(rng, logs=2)
+        problem = Problem.draw(np.random.default_rng(seed), logs=2)
         logs = [(replace(t, tau=t.tau + _wave(s, 7.37)), s) for t, s in problem.logs]
         problem = Problem(logs, build(logs), problem.prior)
         group = problem.design.add([(WAVE, (0,), (7.2,))])
@@ -322,8 +317,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
 
 def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     truth = [(LINE, (0,), [2.0]), (LINE, (1,), [2.0]), (PLANE, (0,), [4.0, 4.0])]
-    problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = searched(problem)
+    task, fitted = searched(Problem.draw(rng, truth, rows=200))
     diagnosis = judged_by(task)
     first, second = merge_into_findings(
         diagnosis, fitted, judge_members_by_gate(task, fitted)
@@ -339,8 +333,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
 @pytest.mark.parametrize(("yields", "first"), [(1.0, "plane"), (0.2, "line")])
 def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
     truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
-    problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = searched(problem)
+    task, fitted = searched(Problem.draw(rng, truth, rows=200))
     diagnosis = judged_by(task)
     riding = replace(PLANE, rides_on=LINE.name)
     tested = [

@@ -36,10 +36,8 @@ def arm(name):
 @pytest.mark.parametrize("name", SLIDING)
 def test_an_identified_model_is_pinocchios_regressor_times_its_parameters(name):
     robot = arm(name)
-    fit = logs(robot, robot.model, ["a", "b"], 3)
-    model = mg.identify(robot, fit).best
-    rng = np.random.default_rng(1)
-    q, qd, qdd = rng.normal(size=(3, 50, robot.dof))
+    model = mg.identify(robot, logs(robot, robot.model, ["a", "b"], 3)).best
+    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 50, robot.dof))
     rigid = replace(model, terms=()).torque(q, qd, qdd)
     data = robot.model.createData()
     for i in range(len(q)):
@@ -109,8 +107,7 @@ def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     ]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
     assert load_effects()["balancer"].candidates(4, slides) == ((0,), (2,))
-    pairs = load_effects()["coupled_friction"].candidates(4, slides)
-    assert pairs == ((1, 3),)
+    assert load_effects()["coupled_friction"].candidates(4, slides) == ((1, 3),)
 
 
 def test_the_engine_moves_them_by_the_same_dynamics():

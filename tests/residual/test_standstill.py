@@ -6,11 +6,12 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import choose_standstill_behaviour
-from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from residual.signals.track import (
     CHOICES,
     SMOOTH,
@@ -39,16 +40,14 @@ def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed)
     out = compute_friction_direction(q, qd, FLOOR, shape)
     assert out.shape == q.shape
     assert np.abs(out).max() <= 1
-    np.testing.assert_allclose(
-        compute_friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12
-    )
+    assert_allclose(compute_friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
 def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
     t = np.arange(300) / 100
     out = compute_friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
-    np.testing.assert_allclose(out[100:], -1, atol=1e-3)
+    assert_allclose(out[100:], -1, atol=1e-3)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
@@ -60,7 +59,7 @@ def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     stands = np.abs(qd) < shape.reach * FLOOR
     assert stands.any()
     assert not stands.all()
-    np.testing.assert_allclose(held[stands], hold * full[stands])
+    assert_allclose(held[stands], hold * full[stands])
     np.testing.assert_array_equal(held[~stands], full[~stands])
 
 
@@ -77,9 +76,7 @@ def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(h
     robot = arm()
     t, q = stop_and_go()
     friction = Term(load_effects()["coulomb"], (0,), (), np.array([5.0]))
-    model = Model(
-        robot, read_inertial_parameters(robot.model), (friction,), np.full(2, FLOOR)
-    )
+    model = Model(robot, read_inertias(robot.model), (friction,), np.full(2, FLOOR))
     truth = replace(
         model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),)
     )

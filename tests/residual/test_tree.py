@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flows.cli import main
-from flows.inputs.read import load_command_robot, load_run_robot
+from flows.inputs.read import load_command_robot as load_arm
+from flows.inputs.read import load_run_robot
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.dynamics import compute_inertial_regressor, compute_inverse_dynamics
 from residual.robot.robot import build_robot, load_robot
@@ -97,8 +98,7 @@ def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, 
         full_model, [full_model.getJointId(n) for n in at], q0
     )
     assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
-    rng = np.random.default_rng(seed)
-    motion = rng.normal(size=(3, 1, 4))
+    motion = np.random.default_rng(seed).normal(size=(3, 1, 4))
     np.testing.assert_allclose(
         compute_inverse_dynamics(ours, *motion),
         compute_inverse_dynamics(reduced, *motion),
@@ -130,9 +130,7 @@ def test_the_chain_is_what_the_log_names_else_the_only_one(parts, logged, chain)
 
 
 def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
-    robot = load_command_robot(
-        write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4")
-    )
+    robot = load_arm(write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4"))
     assert robot.joints == ("lift", "j1", "j2", "j3", "j4")
     assert robot.prismatic == (True, False, False, False, False)
     (line,) = robot.notes
@@ -143,23 +141,23 @@ def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
 
 
 def test_zero_or_the_middle_of_a_range_without_it(tmp_path):
-    robot = load_command_robot(write(tmp_path, MANY), tip="l4")
+    robot = load_arm(write(tmp_path, MANY), tip="l4")
     assert robot.joints[0] == "lift"
-    robot = load_command_robot(write(tmp_path, MANY), chain=("j1", "j2"))
+    robot = load_arm(write(tmp_path, MANY), chain=("j1", "j2"))
     assert robot.locked["lift"] == pytest.approx(0.4)
     assert robot.locked["j4"] == 0
 
 
 def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_path):
-    plain = load_command_robot(write(tmp_path, robot_of(*ARM, *HAND)))
+    plain = load_arm(write(tmp_path, robot_of(*ARM, *HAND)))
     toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'
-    same = load_command_robot(write(tmp_path, robot_of(*ARM, *HAND), toml))
+    same = load_arm(write(tmp_path, robot_of(*ARM, *HAND), toml))
     assert same.content_hash == plain.content_hash
-    other = load_command_robot(
+    other = load_arm(
         write(tmp_path, robot_of(*ARM, *HAND), "[locked]\nfinger1 = 0.02\n")
     )
     assert other.locked == {"finger1": 0.02, "finger2": pytest.approx(-0.01)}
-    fewer = load_command_robot(tmp_path, chain=("j1", "j2", "j3"))
+    fewer = load_arm(tmp_path, chain=("j1", "j2", "j3"))
     assert len({plain.content_hash, other.content_hash, fewer.content_hash}) == 3
     again = build_robot(fewer.name, fewer.urdf, fewer.toml)
     assert again.joints == fewer.joints
@@ -173,7 +171,7 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
         joint("j2", "l1", "l2").replace('lower="-2" upper="2"', ""),
         *(joint("j3", "l2", "l3"), fixed, link("tip"), link("alone")),
     ).replace('velocity="2" effort="90"', 'velocity="inf"')
-    robot = load_command_robot(write(tmp_path, text))
+    robot = load_arm(write(tmp_path, text))
     assert robot.joints == ("j1", "j2", "j3")
     assert np.isinf([robot.velocity_limit, robot.torque_limit]).all()
     assert (robot.lower[0], robot.upper[1]) == (-2, np.inf)
@@ -197,7 +195,7 @@ BAD = {
 @pytest.mark.parametrize(("choice", "message"), BAD.values(), ids=BAD)
 def test_a_choice_that_is_none_is_refused(tmp_path, choice, message):
     with pytest.raises((RobotError, UnknownNameError), match=message):
-        load_command_robot(write(tmp_path, MANY), **choice)
+        load_arm(write(tmp_path, MANY), **choice)
 
 
 @pytest.mark.parametrize(
@@ -221,7 +219,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
         *(link("x", -2.0), link("x")),
     )
     with pytest.raises(RobotError) as caught:
-        load_command_robot(write(tmp_path, text))
+        load_arm(write(tmp_path, text))
     for part in (
         *("'x' is not unique", "unknown type 'ball'", "'y', which is not found"),
         *("link 'x' has mass -2", "joint 'b' has an axis of length zero"),
@@ -231,7 +229,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
 
 def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path):
     file, store = write(tmp_path, MANY), tmp_path / "store"
-    arm = load_command_robot(file, chain=("j1", "j2", "j3", "j4"))
+    arm = load_arm(file, chain=("j1", "j2", "j3", "j4"))
     for n, log in enumerate(logs(arm, arm.model, "abc", 3)):
         names = ["t", *(f"{s}{j}" for s in ("q", "tau") for j in range(1, 5))]
         table = np.column_stack([log.t, log.q, log.tau])
@@ -241,10 +239,7 @@ def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path)
         assert main([*words, "--chain", "j4,j1,j2,j3"]) == 0
     runs = [p.name[7:] for p in (store / "samples/robot=made").iterdir()]
     assert load_run_robot(str(file), runs, store).content_hash == arm.content_hash
-    assert (
-        load_command_robot(find_robot_by_hash(store, arm.content_hash)).joints
-        == arm.joints
-    )
+    assert load_arm(find_robot_by_hash(store, arm.content_hash)).joints == arm.joints
     out = ["diagnose", *runs, "--robot", str(file), "--store", str(store)]
     assert main([*out, "--json", str(tmp_path / "out.json")]) == 0
     verdict = json.loads((tmp_path / "out.json").read_text())

@@ -165,8 +165,8 @@ def checked(check, baseline=()):
 @pytest.mark.parametrize("compared", [False, True])
 def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compared):
     baseline = plain_logs(arm(), [0, 1], 0.0) if compared else ()
-    diagnosis = checked(LogCheck((FAULT, DOUBT)), baseline)
-    verdict = to_json(diagnosis.verdict)
+    result = checked(LogCheck((FAULT, DOUBT)), baseline)
+    verdict = to_json(result.verdict)
     assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
     assert verdict["minimum_detectable"] == verdict["suspected"] == []
     assert (verdict["next_experiment"], verdict["edit"]) == (None, None)
@@ -177,17 +177,15 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compar
         error = verdict["error"][table]
         assert error["augmented"] == error["identified"]
         assert error["plsr"] is None
-    assert diagnosis.models["augmented"] is diagnosis.models["identified"]
-    assert set(diagnosis.models) == {"nominal", "identified", "augmented"}
-    assert not diagnosis.clouds + diagnosis.sentences
-    assert diagnosis.warnings[0] == (
+    assert result.models["augmented"] is result.models["identified"]
+    assert set(result.models) == {"nominal", "identified", "augmented"}
+    assert not result.clouds + result.sentences
+    assert result.warnings[0] == (
         "fault of the logs (torque sign, joint 2, certain): Friction gives. "
         "Fix: tau = {}"
     )
-    assert "nothing named, the logs are at fault" in repr(diagnosis)
-    assert (
-        from_json(json.loads(json.dumps(verdict, allow_nan=False))) == diagnosis.verdict
-    )
+    assert "nothing named, the logs are at fault" in repr(result)
+    assert from_json(json.loads(json.dumps(verdict, allow_nan=False))) == result.verdict
 
 
 def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():
@@ -289,8 +287,7 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown():
 
 def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
     progress = []
-    case = two_effects()
-    again = diagnose_case(case, progress=lambda *x: progress.append(x))
+    again = diagnose_case(two_effects(), progress=lambda *x: progress.append(x))
     assert json.dumps(to_json(again.verdict)) == json.dumps(document("effects"))
     assert list(dict(progress)) == ["features", "search", "gate", "proof"]
     assert all(0 <= share <= 1 for _, share in progress)

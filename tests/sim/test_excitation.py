@@ -1,5 +1,6 @@
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.robot.robot import load_robot
 from sim.trajectories.excitation import (
@@ -42,6 +43,4 @@ def test_slopes_of_the_search_are_derivatives(size):
     slope = (search.cost(ahead)[0] - search.cost(back)[0]) / (2 * step)
     assert search.cost(x)[1] @ way == pytest.approx(slope, rel=1e-4)
     change = (search.compute_margins(ahead) - search.compute_margins(back)) / (2 * step)
-    np.testing.assert_allclose(
-        search.compute_margin_gradients(x) @ way, change, atol=1e-6
-    )
+    assert_allclose(search.compute_margin_gradients(x) @ way, change, atol=1e-6)

@@ -27,8 +27,7 @@ def test_a_log_gives_the_twin_that_ran_beside_it():
     for name, limit in (("e_q", 2e-5), ("e_tau", 0.5)):
         gap = errors[name][settled] - run.twin[name][settled]
         assert np.sqrt(np.mean(gap**2)) < limit
-    size = np.sqrt(np.mean(run.twin["e_tau"][settled, 1] ** 2))
-    assert size > 5
+    assert np.sqrt(np.mean(run.twin["e_tau"][settled, 1] ** 2)) > 5
 
 
 def test_the_reference_passes_through_what_was_logged():

@@ -10,19 +10,17 @@ from benchmarks.synthetic.quasi_static import (
     true_torque,
 )
 from residual.errors import InputError
-from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.effects.base import compute_bristle_states
 from sim.engine.plant_records import create_random_stream
-from sim.plant.effect_catalogue import list_unnamed_effects
+from sim.plant.effect_catalogue import list_unnamed_effects as unnamed_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
-LOCAL = sorted(
-    {*list_drawable_effects(), *list_unnamed_effects()} - {"payload", *IN_ENGINE}
-)
+LOCAL = sorted({*list_drawable_effects(), *unnamed_effects()} - {"payload", *IN_ENGINE})
 
 
 def motion(family="fourier", seed=1):
@@ -88,9 +86,7 @@ def test_scattered_bodies_are_possible_ones(seed):
         pseudo = pin.PseudoInertia.FromInertia(body).toMatrix()
         assert np.linalg.eigvalsh(pseudo).min() > 0
         assert body.mass != nominal.mass
-    masses, nominal = (
-        read_inertial_parameters(model)[::10] for model in (true, ROBOT.model)
-    )
+    masses, nominal = (read_inertias(model)[::10] for model in (true, ROBOT.model))
     assert 0.002 < np.abs(masses / nominal - 1).mean() < 0.05
 
 

@@ -18,8 +18,7 @@ DOF = 2
 
 
 def recording(seed=0, rows=50, robot="two_link", **channels):
-    rng = np.random.default_rng(seed)
-    q, tau = rng.normal(size=(2, rows, DOF))
+    q, tau = np.random.default_rng(seed).normal(size=(2, rows, DOF))
     return Recording("", robot, np.arange(rows) / 100, q, tau, **channels)
 
 

@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.inputs.repair import format_drafted_map
+from flows.inputs.repair import format_drafted_map as drafted_map
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
@@ -104,7 +104,7 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(
 ):
     robot = two(tmp_path)
     path = write(tmp_path / "log.csv", header, table, decimal)
-    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
+    text = drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text, encoding="utf-8")
     log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t, table[:, 0] / 1000, atol=1e-9)
@@ -112,9 +112,7 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(
     np.testing.assert_allclose(log.tau, table[:, 3:], atol=1e-4)
 
 
-def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
-    tmp_path, table
-):
+def test_what_file_states_is_certain_and_what_the_numbers_say_is_not(tmp_path, table):
     robot = two(tmp_path)
     stated, *_ = URDF_NAMES
     bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
@@ -138,9 +136,7 @@ def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit
     assert columns.time_unit_seconds == pytest.approx(seconds)
 
 
-def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
-    tmp_path, table
-):
+def test_names_of_strangers_are_in_order_of_header_and_that_is_said(tmp_path, table):
     header = "t_ms;up_pos;down_pos;up_torque;down_torque"
     proposed = draft_column_map(write(tmp_path / "a.csv", header, table), two(tmp_path))
     assert proposed.columns.signals["q"].columns == ("up_pos", "down_pos")
@@ -159,7 +155,7 @@ def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
     header = "stamp.sec;stamp.nanosec;q1;q2;tau1;tau2"
     rows = np.column_stack([stamp, np.deg2rad(table[:, 1:3]), table[:, 3:]])
     path = write(tmp_path / "a.csv", header, rows)
-    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
+    text = drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text)
     log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
@@ -193,7 +189,7 @@ def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
     proposed = draft_column_map(path, robot)
     assert proposed.missing == ("tau",)
-    text = format_drafted_map(proposed, "a.csv", robot)
+    text = drafted_map(proposed, "a.csv", robot)
     assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
     assert "# not read: left right" in text
     assert set(tomllib.loads(text)) == {"time", "q"}
@@ -211,7 +207,7 @@ def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    text = format_drafted_map(
+    text = drafted_map(
         draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot
     )
     assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
@@ -226,9 +222,7 @@ def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
         "/arm": messages(samples, ("arm_shoulder_pan", "arm_elbow")),
     }
     path = write_bag(tmp_path / "log.bag", topics, version=1)
-    text = format_drafted_map(
-        draft_column_map(tmp_path / "log.bag", robot), path, robot
-    )
+    text = drafted_map(draft_column_map(tmp_path / "log.bag", robot), path, robot)
     line = 'bag = {topic = "/arm", joints = ["arm_shoulder_pan", "arm_elbow"]}'
     assert line in text
     (tmp_path / "C.toml").write_text(text)

@@ -59,9 +59,7 @@ def test_a_csv_of_another_form_has_the_same_samples(
     assert understood.ignored == ignored
 
 
-def test_decimal_comma_and_skipped_lines_only_by_the_map(
-    robot, samples, write, tmp_path
-):
+def test_decimal_comma_and_skipped_lines_only_by_map(robot, samples, write, tmp_path):
     text = Path(write(samples, separator=";")).read_text().replace(".", ",")
     path = tmp_path / "german.csv"
     path.write_text("Regler 7\n\nAchsen 2\n" + text)

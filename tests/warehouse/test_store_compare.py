@@ -42,15 +42,13 @@ def test_other_lengths_and_missing_channels_are_told():
         ("q_ref1", "only the second has it"),
         ("q_ref2", "only the second has it"),
     ]
-    short = {"t": T[:90]}
-    (bad,) = compare_channels({"t": T}, short)
+    (bad,) = compare_channels({"t": T}, {"t": T[:90]})
     assert (bad.equal, bad.rows, bad.note) == (False, 90, "100 and 90 samples")
 
 
 def test_records_are_compared_value_by_value():
     one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
-    two = {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]}
-    changes = compare_values(one, two)
+    changes = compare_values(one, {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]})
     assert [(c.name, c.largest) for c in changes] == [("a.b[1]", 0.5), ("c", None)]
     assert compare_values(json.loads("[0.1]"), [0.1]) == []
     assert len(compare_values({"x": 0.0}, {"x": -0.0})) == 1
@@ -76,14 +74,12 @@ def test_a_record_comes_after_what_it_was_made_from(store):
         )
     assert {each.id for each in up.relatives} >= set(runs)
     assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
-    again = [each for each in down.relatives if each.again]
-    assert len(again) <= 1
+    assert len([each for each in down.relatives if each.again]) <= 1
 
 
 def test_a_lost_parent_is_named(store, tmp_path):
     folder, runs, id = store
-    place = find_record(folder, runs[0]).folder
-    place.rename(tmp_path / "gone")
+    find_record(folder, runs[0]).folder.rename(tmp_path / "gone")
     with pytest.raises(InputError, match=f"made from {runs[0]}, which is not in"):
         list_record_ancestry(folder, id)
     with open_store(folder) as opened:

@@ -129,8 +129,7 @@ def identified(store, serial, day, value):
         for view, each in (("parameters", row), ("errors", error))
     }
     record = {"robot": "two_link", "stage": "identified", "day": day}
-    roles = {"fit": [run]}
-    return run, commit_record(store, "models", record, tables, roles)
+    return run, commit_record(store, "models", record, tables, {"fit": [run]})
 
 
 @pytest.fixture(scope="module")

@@ -90,8 +90,7 @@ def test_an_id_of_digits_alone_stays_a_text(store):
         shutil.copytree(folder, folder.with_name(f"run_id={digits}"))
         path = folder.with_name(f"run_id={digits}") / "_run.parquet"
         row = pq.read_table(path)
-        changed = row.set_column(0, row.field(0), [[digits]])
-        pq.write_table(changed, path)
+        pq.write_table(row.set_column(0, row.field(0), [[digits]]), path)
         write_check_sums(path.parent)
     ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]
     assert {"00000000000000000012", "1" * 20, "1e10".zfill(20)} < set(ids)
@@ -118,8 +117,7 @@ def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
         assert opened.sql(count).to_pylist() == [{"n": 3}]
         id = samples.commit(store, 8)
         assert opened.sql(count).to_pylist() == [{"n": 4}]
-        rows = opened.sql(f"FROM samples WHERE run_id = '{id}'")
-        assert rows.num_rows == 50
+        assert opened.sql(f"FROM samples WHERE run_id = '{id}'").num_rows == 50
         path = quarantine_run(store, id[:10], "gripper was loose")
         assert path == store / "quarantine" / f"run_id={id}.json"
         assert quarantine_run(store, id, "another reason") == path

@@ -113,7 +113,5 @@ def test_a_reader_narrows_the_index_and_the_address_keeps_it(tmp_path, tab, widt
 def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
     tab.log_in(served.running.ui, served.key)
     opened(tab, f"{served.running.pages}/report_id={served.nights.report}/report.html")
-    document = json.loads(
-        tab.wait("document.title[0] === '{' && document.title", "tried")
-    )
-    assert document == {"key": "refused", "asked": "refused"}
+    doc = json.loads(tab.wait("document.title[0] === '{' && document.title", "tried"))
+    assert doc == {"key": "refused", "asked": "refused"}

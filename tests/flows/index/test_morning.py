@@ -89,8 +89,7 @@ def morning(project):
     (inbox, _) = list_inboxes(project)
     (taken,) = import_inbox_logs(inbox, list_logs(folder), lambda runs: None)
     assert taken.status == "refused"
-    verdict = samples.verdict(robot=arm.name)
-    id = diagnose(store, loads, verdict)
+    id = diagnose(store, loads, samples.verdict(robot=arm.name))
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
     commit_record(
         store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)}

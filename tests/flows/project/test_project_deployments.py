@@ -82,8 +82,7 @@ def test_the_night_of_the_built_in_arm_is_not_that_of_a_project(project):
 def test_every_entrypoint_of_a_project_is_a_flow(project):
     for each in build_deployments(project)["deployments"]:
         module, _, name = each["entrypoint"].rpartition(".")
-        text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
-        body = ast.parse(text).body
+        body = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text()).body
         defined = {n.name for n in body if isinstance(n, ast.FunctionDef)}
         targets = (t for n in body if isinstance(n, ast.Assign) for t in n.targets)
         defined |= {target.id for target in targets if isinstance(target, ast.Name)}

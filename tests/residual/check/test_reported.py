@@ -46,8 +46,7 @@ def test_currents_are_told_with_the_factor_of_each_joint(example, loaded):
 def test_currents_are_mended_by_the_constants_of_the_robot_file():
     robot, logs = clean_logs("irb140")
     amperes = edited(logs, tau=times(1 / CONSTANTS))
-    known = replace(robot, torque_per_unit=CONSTANTS)
-    (fault,) = check_logs(known, amperes).faults
+    (fault,) = check_logs(replace(robot, torque_per_unit=CONSTANTS), amperes).faults
     assert fault.repairs == (
         Repair("tau", (1, 2, 3, 4, 5, 6), scale=tuple(CONSTANTS.tolist())),
     )

@@ -37,10 +37,8 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
     logs = plain_logs(arm(), [0, 1], 0.0, count=2)
     tau = np.array(logs[1].tau)
     tau[400, 1] = size
-    report = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
-    assert [(f.kind, f.joints, f.log) for f in report.faults] == [
-        ("spike", (2,), "log1")
-    ]
+    page = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
+    assert [(f.kind, f.joints, f.log) for f in page.faults] == [("spike", (2,), "log1")]
 
 
 def test_noise_and_friction_are_no_fault_and_no_log_is_an_error():
@@ -92,16 +90,14 @@ def test_what_stands_is_said_with_its_joint(signal, change, said):
 
 def test_an_encoder_that_wraps_is_not_taken_for_degrees():
     robot, logs = clean_logs("small")
-    damaged = edited(
-        logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)])
-    )
-    faults = check_logs(robot, damaged).faults
+    bad = edited(logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)]))
+    faults = check_logs(robot, bad).faults
     assert {(f.kind, f.certain) for f in faults} == {("out_of_range", True)}
     assert set(faults[0].joints) <= {2, 3}
     (repair,) = faults[0].repairs
     assert (repair.signal, repair.unwrap) == ("q", True)
     signal = replace(build_default_signal("q", 3), unwrap=True)
-    for own, log in zip(logs, damaged, strict=True):
+    for own, log in zip(logs, bad, strict=True):
         mended = convert_to_link_side("q", log.q, signal, robot)
         turns = (mended - own.q) / (2 * np.pi)  # the first sample may be a turn off
         assert np.ptp(turns, axis=0).max() < 1e-9
@@ -204,8 +200,7 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
         )
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
-        still = replace(motion, q=q, qd=qd, qdd=qdd)
-        tau = true_torque(plant, still, family).tau
+        tau = true_torque(plant, replace(motion, q=q, qd=qd, qdd=qdd), family).tau
         noise = draw_torque_noise(
             len(tau),
             estimate_typical_sizes(robot).torque,

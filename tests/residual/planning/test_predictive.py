@@ -115,8 +115,7 @@ def test_the_same_columns_on_every_motion_are_twins_and_a_part_of_them_is_a_case
     x = rng.normal(size=(round(10 * TRAVEL), COLUMNS))
     x[:, 3] = -2 * x[:, 2]  # one column twice
     a, b = rival(rng, [0, 2], [2]), rival(rng, [0, 3], [3], "b")
-    wide = rival(rng, [0, 3, 4], [3, 4], "wide")
-    open_question = question(contest(a, b, wide))
+    open_question = question(contest(a, b, rival(rng, [0, 3, 4], [3, 4], "wide")))
     twins = twins_of(open_question, x)
     assert twins == {(0, 0, 1), (0, 1, 0), (0, 0, 2), (0, 1, 2)}
     seen = expect_separation(open_question, x.T @ x, twins)

@@ -42,8 +42,7 @@ def began(store):
 
 def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
     more = fill(store, 2, 3)
-    other = folder_for(memory, tmp_path / "cache" / "other")
-    assert listed(other) == began | more
+    assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began | more
 
 
 def test_of_two_that_join_at_once_no_record_is_lost(
