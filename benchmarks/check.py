@@ -7,8 +7,6 @@
 Every kind of fault is put at three sizes into logs of simulated and measured arms.
 Sound logs include arms with every effect, and logs in which a joint is held. Seeds
 154401:154401 decide and are used for nothing else; 1 to 99 are for development.
-Finished jobs are kept in store/benchmarks by a hash of the code: an interrupted run
-continues. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import sys

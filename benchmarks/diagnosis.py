@@ -7,8 +7,6 @@
 Seeds 154101:154103 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis states them for an arm with
 nothing hidden in the same motions.
-Finished cases are kept in store/benchmarks by a hash of the code: an interrupted run
-continues. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -49,7 +47,6 @@ _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
     args = read_options(__doc__, _SEEDS, (*_CASES, "cost"))
     figures: Figures = _cost(args.quick) if "cost" in args.groups else {}
     groups = [group for group in _CASES if group in args.groups]

@@ -7,8 +7,7 @@
 `splits`: measured arms, fitted and held out; beside ours plain least squares of all
 inertial parameters, friction and constants, and the paper's PLSR. `added`: the same
 logs with a known effect added, beside a greedy selection. `files`: robot files of
-installed packages. Finished cases are kept in store/benchmarks by a hash of the code.
-The last line is one JSON object; exit code 1 for a missed bar.
+installed packages.
 """
 
 import sys
@@ -54,16 +53,14 @@ def main() -> int:
     if "splits" in args.groups:
         names = [n for n in (QUICK if args.quick else arms.SPLITS) if not _absent(n)]
         done = run_kept(path, _summary, arms.measure, {n: n for n in names})
-        rows["splits"] = _without_crashes(done)
+        rows["splits"] = _finished(done)
         figures |= split_figures(rows["splits"])
         tables.append(table(rows["splits"]))
     if "added" in args.groups and not args.quick:
         seed = int(args.seeds.split(":")[0])
         cases = [c for c in added.cases(seed) if not _absent(c.split)]
         jobs = {case.name: case for case in cases}
-        rows["added"] = _without_crashes(
-            run_kept(path, added.summary, added.measure, jobs)
-        )
+        rows["added"] = _finished(run_kept(path, added.summary, added.measure, jobs))
         figures |= added.figures(rows["added"]) if rows["added"] else {}
     if "files" in args.groups:
         figures |= files.figures(args.quick)
@@ -81,7 +78,7 @@ def _absent(split: str) -> bool:
     return arms.absent(arms.SPLITS[split].arm)
 
 
-def _without_crashes(done: Mapping[str, dict]) -> list[dict]:
+def _finished(done: Mapping[str, dict]) -> list[dict]:
     failed = [f"{k}: {row['error']}" for k, row in done.items() if "error" in row]
     if failed:
         raise SystemExit("; ".join(failed))
@@ -114,7 +111,6 @@ def _over(row: Mapping, peer: str) -> np.ndarray:
 
 
 def _mean(ratios: np.ndarray) -> dict:
-    """Return the geometric mean."""
     good = ratios[np.isfinite(ratios)]
     value = float(np.exp(np.log(good).mean())) if len(good) else None
     return figure(value, None, len(good), why=NO_BAR)

@@ -7,9 +7,7 @@
 Each seed is ten cases in the physics engine, of the built-in arm for odd seeds, of a
 drawn one for even ones. The programs are ours, plain least squares, and a sparse
 selection written from the description of SAPC, not that program. Seeds 154501:154502
-decide and are used for nothing else; 1 to 99 are for development. Finished cases are
-kept in store/benchmarks by a hash of the code: an interrupted run continues. The last
-line is one JSON object.
+decide and are used for nothing else; 1 to 99 are for development.
 """
 
 import sys

@@ -163,7 +163,6 @@ def ask_peer(logs: Logs) -> Answer:
 
 
 def compare(truth: tuple[Name, Mapping] | None, answer: Answer) -> dict:
-    """Return what an answer is worth, as part of a row."""
     # What has no name cannot be named rightly.
     named = [truth[0]] if truth and not truth[0].effect.startswith("x_") else []
     hits, _, extra = matched(named, answer.claims)

@@ -68,7 +68,6 @@ def read(arm: str, part: Part) -> Recording:
 
 @lru_cache(maxsize=4)
 def plain_body(arm: str) -> Body:
-    """Fit plain least squares to all logs of an arm without a load."""
     robot = robot_of(arm)
     dof, model = robot.dof, robot.model
     columns, torque, moves = [], [], []

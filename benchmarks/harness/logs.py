@@ -54,7 +54,6 @@ def in_engine(
     start: float,
     name: str | None = None,
 ) -> Recording:
-    """Return the log of one motion of an arm in the physics engine."""
     rates = SampleRates(CONTROL, RATE)
     made = run_experiment(robot, reference(spec, robot.name), plant, rates, start)
     return made.log if name is None else replace(made.log, id=name)
@@ -62,12 +61,10 @@ def in_engine(
 
 @lru_cache(maxsize=32)
 def reference(spec: TrajectorySpec, robot: str = "irb140") -> ReferenceMotion:
-    """Return a motion of a built-in arm at the rate of its controller."""
     return plan_reference_motion(load_robot(robot), spec, CONTROL)
 
 
 def write_csv(path: Path, log: Recording) -> Path:
-    """Write a log as a CSV that the program reads."""
     names = [f"{signal}{j}" for signal in ("q", "tau") for j in range(1, log.dof + 1)]
     rows, head = np.column_stack([log.t, log.q, log.tau]), ",".join(["t", *names])
     np.savetxt(path, rows, "%.6f", delimiter=",", header=head, comments="")

@@ -6,7 +6,8 @@ from functools import cache
 
 import numpy as np
 
-from residual.effects import load_effects, number_reported_joints
+from residual.effects import load_effects
+from residual.effects import number_reported_joints as number_joints
 from residual.robot.robot import Robot
 from residual.verdict.result import Detectable
 from sim.effect_draws import draw_plant_effect
@@ -83,9 +84,7 @@ def draw_sized(
     drawn = draw_plant_effect(robot, rng, name)
     values = dict(drawn.parameters)
     usual = compute_effect_amount(name, values)
-    least = smallest(
-        minimum, name, number_reported_joints(name, drawn.joints, robot.dof)
-    )
+    least = smallest(minimum, name, number_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
     wanted = min(multiple * convert_stated_size(name, float(least.value)), MOST * usual)
@@ -95,7 +94,7 @@ def draw_sized(
 
 def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
-    joints = number_reported_joints(effect.name, effect.joints, robot.dof)
+    joints = number_joints(effect.name, effect.joints, robot.dof)
     there = compute_effect_amount(effect.name, dict(effect.parameters))
     if not there:
         return Hidden(effect, joints, None, None)
@@ -126,11 +125,9 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
 
 
 def is_clear(row: Mapping) -> bool:
-    """Whether a hidden effect is so large that it ought to be seen."""
     return row["multiple"] is not None and row["multiple"] >= CLEAR - ROUNDING
 
 
 def both_clear(row: Mapping) -> bool:
-    """Whether neither of a pair is known to be too small to be seen."""
     sizes = (row["multiple"], row["second_multiple"])
     return all(size is None or size >= CLEAR - ROUNDING for size in sizes)

@@ -189,7 +189,6 @@ def _motions(ranking: Ranking, seed: int) -> dict[str, TrajectorySpec]:
 
 
 def _kept(spec: TrajectorySpec) -> bool:
-    """Whether a motion keeps the arm's own limits, looked at closely."""
     robot = _robot()
     made = plan_reference_motion(robot, spec, _FINE)
     torque = compute_inverse_dynamics(robot.model, made.q, made.qd, made.qdd)

@@ -133,7 +133,6 @@ def _times(values: Values, factor: float) -> dict[str, float]:
 def _sized(
     split: str, effect: str, joint: int, values: Values, target: float
 ) -> tuple[float, float] | None:
-    """Return what times the parameters have a size, and that size."""
     body = plain_body(arms.SPLITS[split].arm)
     fit, _ = logs_of(split)
     states = [sizes.state(log, body) for log in fit]
@@ -154,7 +153,6 @@ def _added(at: sizes.State, effect: str, joint: int, values: Values) -> Recordin
 
 @lru_cache(maxsize=16)
 def logs_of(split: str) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Return the fit and the held-out logs of a split."""
     _, logs = arms.read_split(arms.SPLITS[split])
     return tuple(logs["fit"]), tuple(logs["held_out"])
 

@@ -73,22 +73,19 @@ ERRORS = """
 
 
 def many_figures(quick: bool) -> Figures:
-    """Fill a store through the real commit, then open and ask it."""
     count, rounds = (600, 5) if quick else (FULL, 15)
     with folder() as place:
         start = perf_counter()
         _fill(place, count)
         filled = perf_counter() - start
         first = wall(lambda: warehouse.open(place).close())
-        figures = {"first_open_s": figure(first, None, 1)} | _query_figures(
-            place, rounds
-        )
+        figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
     why = f"with {count} runs instead of {FULL}" if quick else ""
     return all_partial(figures, why)
 
 
-def _query_figures(place: Path, rounds: int) -> Figures:
+def _figures(place: Path, rounds: int) -> Figures:
     opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
     figures = {"open_s": _median(opening, 1.0)}
     with warehouse.open(place) as store:

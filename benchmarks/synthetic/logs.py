@@ -111,7 +111,7 @@ def standard_case(
     """
     robot = replace(load_robot("irb140"), declared={}) if robot is None else robot
     if undeclared:
-        return _undeclared_case(robot, effect, seed, baseline)
+        return _undeclared(robot, effect, seed, baseline)
     hidden = ()
     if effect is not None:
         hidden = (draw_effect(robot, effect, make_rng(seed, f"draw/{effect}"), joint),)
@@ -120,9 +120,7 @@ def standard_case(
     return _case(plant, plan, None, hidden[0] if hidden else None)
 
 
-def _undeclared_case(
-    robot: Robot, effect: str | None, seed: int, baseline: bool
-) -> Case:
+def _undeclared(robot: Robot, effect: str | None, seed: int, baseline: bool) -> Case:
     if effect not in CHANGES:
         raise ValueError(f"Only {CHANGES} can be left undeclared, not {effect!r}.")
     plant = Plant(robot, (), seed)

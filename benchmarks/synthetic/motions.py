@@ -9,7 +9,8 @@ import numpy as np
 
 from residual.recording import Array
 from sim.engine.plant_records import ReferenceMotion
-from sim.plant.typical_sizes import UsualMotionRange, draw_motion_centre
+from sim.plant.typical_sizes import UsualMotionRange as Space
+from sim.plant.typical_sizes import draw_motion_centre
 from sim.trajectories.motion_curves import (
     RAMP,
     FourierSeries,
@@ -27,7 +28,7 @@ _DWELL = (0.3, 0.9)  # s
 
 def make_motion(
     family: str,
-    space: UsualMotionRange,
+    space: Space,
     duration: float,
     rate: float,
     rng: np.random.Generator,
@@ -54,7 +55,7 @@ def make_motion(
 
 
 def draw_fourier(
-    space: UsualMotionRange, duration: float, rng: np.random.Generator
+    space: Space, duration: float, rng: np.random.Generator
 ) -> FourierSeries:
     """Draw five harmonics; two periods fit into the duration."""
     dof = len(space.centre)
@@ -67,7 +68,7 @@ def draw_fourier(
 
 
 def draw_cyclic(
-    space: UsualMotionRange, period: float, share: float, rng: np.random.Generator
+    space: Space, period: float, share: float, rng: np.random.Generator
 ) -> FourierSeries:
     """Draw strokes back and forth: 1 to 3 per period and joint, nearly triangular."""
     dof = len(space.centre)
@@ -85,7 +86,7 @@ def draw_cyclic(
 
 
 def move_stop_move(
-    space: UsualMotionRange, t: Array, duration: float, rng: np.random.Generator
+    space: Space, t: Array, duration: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw a program of moves and repeat it; return q, qd and qdd at times from 0.
 
@@ -115,9 +116,7 @@ def move_stop_move(
     return q, qd, qdd
 
 
-def _within(
-    space: UsualMotionRange, series: FourierSeries, share: float
-) -> FourierSeries:
+def _within(space: Space, series: FourierSeries, share: float) -> FourierSeries:
     """Scale each joint as large as its range (times share), speed and acceleration."""
     position, velocity, acceleration = bound_series_peaks(series)
     scale = np.min(

@@ -205,7 +205,6 @@ def larger(name: str, seed: int, stages: Sequence[Stage]) -> list | None:
 
 
 def main() -> None:
-    """Write the table, a line for each draw."""
     table: dict[str, dict] = {
         name: {"seeds": OF_A_NAME if name else SEEDS, "larger": {}}
         for name in ("", *sorted(list_plant_effects()))

@@ -17,7 +17,7 @@ from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 FRICTION = [*VISCOUS, *COULOMB, *ROTOR]
 
 
-def true_theta(found):
+def true(found):
     return found.base.mapping @ np.concatenate([truth().parameters, FRICTION])
 
 
@@ -33,12 +33,12 @@ def noisy():
 
 def test_without_noise_the_truth_is_found(clean):
     size = np.sqrt(np.diag(clean.base.mapping @ clean.spread @ clean.base.mapping.T))
-    assert np.abs((clean.estimate.theta - true_theta(clean)) / size).max() < 2e-3
+    assert np.abs((clean.estimate.theta - true(clean)) / size).max() < 2e-3
     assert set(clean.status) == {"fitted"}
 
 
 def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
-    z = (noisy.estimate.theta - true_theta(noisy)) / noisy.estimate.sd
+    z = (noisy.estimate.theta - true(noisy)) / noisy.estimate.sd
     assert 0.5 < np.sqrt(np.mean(z**2)) < 2.0
 
 
@@ -76,8 +76,7 @@ def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
     robust = identify(truth().robot, spoiled, options=Options("irls", loss))
     size = np.sqrt(np.diag(plain.base.mapping @ plain.spread @ plain.base.mapping.T))
     miss = [
-        np.linalg.norm((f.estimate.theta - true_theta(f)) / size)
-        for f in (plain, robust)
+        np.linalg.norm((f.estimate.theta - true(f)) / size) for f in (plain, robust)
     ]
     assert miss[1] < 0.5 * miss[0]
     assert robust.estimate.outliers.min() > 0.02

@@ -85,18 +85,16 @@ def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, 
     names = tuple(f"j{i}" for i in range(1, 5))
     arm = read_urdf(MANY, "made.urdf", ArmChoice(names, locked=locks))
     ours = pin.buildModelFromXML(arm.urdf)
-    full_model = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
+    model = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
     at = locks | {"finger2": 0.01 - finger}
-    q0 = pin.neutral(full_model)
+    q0 = pin.neutral(model)
     for name, value in at.items():
-        one = full_model.joints[full_model.getJointId(name)]
+        one = model.joints[model.getJointId(name)]
         turns = one.nq == 2  # a wheel, by cosine and sine
         q0[one.idx_q : one.idx_q + one.nq] = (
             [np.cos(value), np.sin(value)] if turns else value
         )
-    reduced = pin.buildReducedModel(
-        full_model, [full_model.getJointId(n) for n in at], q0
-    )
+    reduced = pin.buildReducedModel(model, [model.getJointId(n) for n in at], q0)
     assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
     motion = np.random.default_rng(seed).normal(size=(3, 1, 4))
     np.testing.assert_allclose(

@@ -147,13 +147,11 @@ def negative(model):
     model.inertias[2] = pin.Inertia.FromDynamicParameters(parameters)
 
 
-def in_millimetres_per_second_squared(model):
+def in_mm_per_s2(model):
     model.gravity.linear = np.array([0, 0, -9810.0])
 
 
-@pytest.mark.parametrize(
-    "change", [grams, millimetres, negative, in_millimetres_per_second_squared]
-)
+@pytest.mark.parametrize("change", [grams, millimetres, negative, in_mm_per_s2])
 def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     robot, logs = clean_logs("irb140")
     model = pin.Model(robot.model)

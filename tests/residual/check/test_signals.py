@@ -152,12 +152,10 @@ def test_gaps_and_uneven_steps_are_said():
     rng = np.random.default_rng(2)
     step = np.median(np.diff(log.t))
     late = log.t + np.where(np.arange(len(log.t)) > 700, 0.5, 0.0)
-    uneven_steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
+    steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
     assert find_uneven_time_steps(log) == []
     assert [f.kind for f in find_uneven_time_steps(replace(log, t=late))] == ["clock"]
-    assert [f.kind for f in find_uneven_time_steps(replace(log, t=uneven_steps))] == [
-        "clock"
-    ]
+    assert [f.kind for f in find_uneven_time_steps(replace(log, t=steps))] == ["clock"]
 
 
 def dead(log, joint):
