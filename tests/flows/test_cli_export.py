@@ -35,9 +35,7 @@ TOLERANCES = {
     "rrd": 1e-12,
 }
 OTHERS = sorted(set(ARMS) - {"seven"})
-needs_compiler = pytest.mark.skipif(
-    find_compiler() is None, reason="no C compiler here"
-)
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
 REASON["mujoco"] = (needs_compiler, pytest.mark.long)
@@ -209,9 +207,9 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
 
 
 def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch):
-    both = {
-        n: model_with(robot_of("irb140"), "viscous") for n in ("nominal", "augmented")
-    }
+    both = dict.fromkeys(
+        ("nominal", "augmented"), model_with(robot_of("irb140"), "viscous")
+    )
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )

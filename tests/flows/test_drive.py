@@ -62,9 +62,7 @@ def nominal():
             strict=True,
         )
     )
-    terms = [
-        term(k, j + 1, v) for k, values in known.items() for j, v in enumerate(values)
-    ]
+    terms = [term(k, j + 1, v) for k, vs in known.items() for j, v in enumerate(vs)]
     return Model(ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms))
 
 
@@ -233,11 +231,9 @@ def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs)
     half = read_manifest(store, by_model)["spec"]["controller"]
     assert half == {"kind": "computed_torque", "model": model}
     assert "controller" not in read_manifest(store, by_nominal)["spec"]
-    with open_store(store) as opened:
+    with open_store(store) as db:
         query = f"SELECT parent, role FROM lineage WHERE child = '{by_model}'"
-        assert opened.sql(query).to_pylist() == [
-            {"parent": model, "role": "controller"}
-        ]
+        assert db.sql(query).to_pylist() == [{"parent": model, "role": "controller"}]
     # The same spec is the same run, however the model is named.
     assert experiment.simulate_and_store(spec(model=model), store) == by_model
     other = experiment.simulate_and_store(spec(model=model, kind="feed_forward"), store)
@@ -265,12 +261,12 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
     assert better.torque[1] < 0.1 * nominal.torque[1]
     assert better.acceleration[1] < 0.1 * nominal.acceleration[1]
     assert better.tracking[1] < 0.2 * nominal.tracking[1]
-    with open_store(store) as opened:
-        rows = opened.sql(
+    with open_store(store) as db:
+        rows = db.sql(
             f"SELECT stage, value FROM errors WHERE source_id = '{id}' AND "
             "metric = 'rms_tracking_q' ORDER BY stage DESC, joint"
         )
-        lineage = opened.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
+        lineage = db.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
     assert rows["value"].to_pylist() == [*nominal.tracking, *better.tracking]
     assert {tuple(r.values()) for r in lineage.to_pylist()} == {
         (run, "run"),
@@ -280,9 +276,7 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
         assert list(compare_records(find_record(store, id), other)) == []
 
 
-def test_the_command_prints_before_and_after_by_joint(
-    runs, validated, tmp_path, capsys
-):
+def test_a_command_prints_before_and_after_by_joint(runs, validated, tmp_path, capsys):
     store, model, run, _ = runs
     page = tmp_path / "page.html"
     words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]

@@ -130,9 +130,8 @@ def test_trusted_the_other_commands_go_on_with_a_warning(place, fake_check, verb
     fake_check["faults"] = [SIGN]
     logs = "A.csv B.csv C.csv D.csv"  # of fewer runs blocks are left out: more fits
     assert run(f"{verb} {logs} --robot arm.urdf --trust-log --json o.json") == 0
-    (warning,) = (
-        w for w in json.loads(Path("o.json").read_text())["warnings"] if "fault" in w
-    )
+    warnings = json.loads(Path("o.json").read_text())["warnings"]
+    (warning,) = (w for w in warnings if "fault" in w)
     assert "torque sign, joint 2, certain" in warning
     assert LINE in warning
 

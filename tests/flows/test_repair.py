@@ -178,6 +178,5 @@ def test_what_no_line_can_mend_has_none(arm):
 def test_gravity_is_mended_in_the_robot_file(arm, gravity, line):
     assert format_gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
     # Grams and millimetres stand in the URDF.
-    assert (
-        format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap()) is None
-    )
+    lines = format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap())
+    assert lines is None

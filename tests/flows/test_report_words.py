@@ -122,10 +122,8 @@ def test_headline_of_nothing_and_of_unknown() -> None:
     ],
 )
 def test_a_verdict_in_half_a_line(words, part) -> None:
-    assert (
-        format_brief_claim(typed({"error": {"overall_filtered": LEVELS}, **part}))
-        == words
-    )
+    brief = typed({"error": {"overall_filtered": LEVELS}, **part})
+    assert format_brief_claim(brief) == words
 
 
 @pytest.mark.parametrize(
@@ -172,9 +170,7 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
         assert "_" not in words
         assert not words.startswith("The")
         assert not words.endswith(".")
-    others = [
-        format_effect_noun(other) for other in list_effect_parameters() if other != name
-    ]
+    others = [format_effect_noun(n) for n in list_effect_parameters() if n != name]
     assert format_effect_noun(name) not in others
     assert format_effect_place(Place(name, (2,))).startswith(format_effect_noun(name))
 

@@ -140,11 +140,8 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
     assert len(runs_of(service, "campaign")) >= known
     well = modelgap("status", "--json", *service.words)
     document = json.loads(well.stdout)
-    assert (well.returncode, document["healthy"], document["worker"]) == (
-        0,
-        True,
-        "online",
-    )
+    state = (document["healthy"], document["worker"])
+    assert (well.returncode, *state) == (0, True, "online")
     names = [d["name"] for d in document["deployments"]]
     assert {"nightly/nightly", "monitor/monitor", "diagnose-new/alarm"} <= set(names)
 

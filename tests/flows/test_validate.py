@@ -89,9 +89,7 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(run_store, loaded):
     assert (record["robot"], record["kind"]) == ("irb140", validation.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
     errors = [r for r in rows(store, id) if r["metric"].startswith("rms")]
-    assert {(row["run_id"], row["trajectory"]) for row in errors} == {
-        (run_id, "cyclic")
-    }
+    assert {(r["run_id"], r["trajectory"]) for r in errors} == {(run_id, "cyclic")}
     assert [(r["metric"], r["stage"], r["joint"]) for r in errors] == [
         (metric, stage, joint)
         for metric, stage in (

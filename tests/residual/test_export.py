@@ -44,9 +44,7 @@ CARRIED = {
     "mjcf": JOINTS | BODIES | MUJOCO,
     "c99": set(NAMES) - AHEAD,
 }
-needs_compiler = pytest.mark.skipif(
-    find_compiler() is None, reason="no C compiler here"
-)
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))

@@ -65,8 +65,7 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     assert len(long.tracks) < len(uncut.tracks)
     wanted = [(load_effects()[n], (1,), ()) for n in ("spring", "offset")]
     wanted += [
-        (load_effects()["payload"], (1,), ()),
-        (load_effects()["spring"], (0,), ()),
+        (load_effects()[n], (j,), ()) for n, j in (("payload", 1), ("spring", 0))
     ]
     groups = [design.add(wanted) for design in (long, uncut)]
     assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]

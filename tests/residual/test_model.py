@@ -149,11 +149,8 @@ def test_a_declared_effect_without_values_is_free_in_every_shape():
     assert nominal_model.sd == (None,) * 6
     assert nominal_model.names == DEFAULT_DECLARED
     nominal_model = nominal(arm(), ("power_viscous",))
-    assert [t.shape for t in nominal_model.model.terms] == 2 * [
-        (0.25,),
-        (0.5,),
-        (0.75,),
-    ]
+    shapes = [t.shape for t in nominal_model.model.terms]
+    assert shapes == 2 * [(0.25,), (0.5,), (0.75,)]
     assert nominal_model.names == ("power_viscous",)
     (term,) = nominal(arm(), ("payload",)).model.terms
     assert (term.joints, term.theta.shape) == ((1,), (10,))

@@ -116,9 +116,8 @@ def test_two_effects_at_once_are_both_found(first, second, seed):
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     case = short_case(bare_irb140(), seed=40, duration=8.0)
     _, findings = doubts(case, ("viscous", "rotor_inertia"))
-    assert [(f.effect.name, f.joints) for f in findings] == [
-        ("coulomb", (1, 2, 3, 4, 5, 6))
-    ]
+    (finding,) = findings
+    assert (finding.effect.name, finding.joints) == ("coulomb", (1, 2, 3, 4, 5, 6))
     levels, sds, unit, _ = findings[0].parameters["level"]
     assert unit == "N m"
     assert levels.shape == sds.shape == (6,)

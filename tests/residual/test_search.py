@@ -18,7 +18,9 @@ from residual.diagnosis.search import (
     lowers_error,
     rank_additions,
     refine_last_shape,
-    search_effect_set,
+)
+from residual.diagnosis.search import (
+    search_effect_set as effect_set,
 )
 from residual.diagnosis.select import (
     find_member_alternatives,
@@ -76,7 +78,7 @@ def keys(fitted):
 
 def searched(problem, **rules):
     task = problem.task(every_group(problem.design), **rules)
-    return task, search_effect_set(task)
+    return task, effect_set(task)
 
 
 def test_where_nothing_is_missing_nothing_is_found():
@@ -135,7 +137,7 @@ def imitated(rng):
 
 def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     _, task, size = imitated
-    fitted = search_effect_set(task)
+    fitted = effect_set(task)
     assert keys(fitted) == [("twin", (1,))]
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
     (tested,) = judge_members_by_gate(task, fitted)
@@ -279,11 +281,7 @@ def detection_rate(share, draws=24):
         there = Problem.draw(np.random.default_rng(seed), truth, **SLOW)
         group = there.design.add([(LINE, (0,), ())])
         hits.append(
-            bool(
-                search_effect_set(
-                    there.task(group, min_fall=0, min_fall_share=0)
-                ).members
-            )
+            bool(effect_set(there.task(group, min_fall=0, min_fall_share=0)).members)
         )
     return np.mean(hits)
 

@@ -23,11 +23,8 @@ def recording(seed=0, rows=50, robot="two_link", **channels):
 
 
 def spec(seed=0, kind="fourier"):
-    return {
-        "robot": "two_link",
-        "seed": seed,
-        "trajectory": {"kind": kind, "duration": 0.5},
-    }
+    motion = {"kind": kind, "duration": 0.5}
+    return {"robot": "two_link", "seed": seed, "trajectory": motion}
 
 
 def manifest(seed=0, kind="fourier", **more):

@@ -51,27 +51,18 @@ def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
 
 
 PAN = ("shoulder_pan_joint", "elbow_joint")
-URDF_NAMES = {
+URDF_NAMES = (
     "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];"
-    "shoulder_pan_eff [Nm];elbow_eff [Nm]": ("ms", "deg"),
-    "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow": (
-        "ms",
-        "deg",
-    ),
+    "shoulder_pan_eff [Nm];elbow_eff [Nm]",
+    "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow",
     "t;Shoulder_Pan_Joint.position;Elbow_Joint.position;"
-    "Shoulder_Pan_Joint.effort;Elbow_Joint.effort": ("ms", "deg"),
-    "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment": ("ms", "deg"),
-    "time_ms;base_pos [deg];arm_pos [deg];base_effort [Nm];arm_effort [Nm]": (
-        "ms",
-        "deg",
-    ),
-    "time [ms];qpos[0] [deg];qpos[1] [deg];qfrc_actuator[0];qfrc_actuator[1]": (
-        "ms",
-        "deg",
-    ),
+    "Shoulder_Pan_Joint.effort;Elbow_Joint.effort",
+    "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment",
+    "time_ms;base_pos [deg];arm_pos [deg];base_effort [Nm];arm_effort [Nm]",
+    "time [ms];qpos[0] [deg];qpos[1] [deg];qfrc_actuator[0];qfrc_actuator[1]",
     "__time [ms];/joint_states/j_1/position;/joint_states/j_2/position;"
-    "/joint_states/j_1/effort;/joint_states/j_2/effort": ("ms", "deg"),
-}
+    "/joint_states/j_1/effort;/joint_states/j_2/effort",
+)
 
 
 def two(tmp_path):
@@ -167,12 +158,8 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
     lists = {"observation.state": q.tolist(), "action": q.tolist()}
     if effort:
         lists["observation.effort"] = pa.array(tau.tolist(), pa.list_(pa.float32(), 2))
-    table_columns = {
-        **lists,
-        "timestamp": table[:, 0] / 1000,
-        "episode_index": [0] * len(q),
-    }
-    pq.write_table(pa.table(table_columns), tmp_path / "a.parquet")
+    lists |= {"timestamp": table[:, 0] / 1000, "episode_index": [0] * len(q)}
+    pq.write_table(pa.table(lists), tmp_path / "a.parquet")
     robot = two(tmp_path)
     proposed = draft_column_map(tmp_path / "a.parquet", robot)
     assert proposed.format == "lerobot"
@@ -196,14 +183,8 @@ def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
 
 
 def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
-    names = [
-        "t",
-        "q1",
-        "q2",
-        "tau1",
-        "tau2",
-        "x\nq = {columns = ['evil']}\x1b[2J\u202e",
-    ]
+    names = ["t", "q1", "q2", "tau1", "tau2"]
+    names += ["x\nq = {columns = ['evil']}\x1b[2J\u202e"]
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)

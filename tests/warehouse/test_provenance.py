@@ -117,10 +117,8 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
         uncommitted = captured(root)
         hashes.add(uncommitted["sha256"])
     assert len(hashes) == 3
-    assert (uncommitted["count"], uncommitted["files"]) == (
-        2,
-        ["sim/plant.py", "sim/new.py"],
-    )
+    assert uncommitted["count"] == 2
+    assert uncommitted["files"] == ["sim/plant.py", "sim/new.py"]
     assert "sim/plant.py, sim/new.py, on" in format_uncommitted_change(
         {"uncommitted": uncommitted}
     )

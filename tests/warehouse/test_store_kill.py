@@ -52,9 +52,7 @@ def content(store):
         return {name: table.to_pylist() for name, table in tables.items()}
 
 
-def test_killed_at_any_moment_it_is_consistent_and_can_be_completed(
-    tmp_path, processes
-):
+def test_killed_at_any_moment_it_is_consistent_and_completable(tmp_path, processes):
     rng = random.Random(7)
     calm, killed = tmp_path / "calm", tmp_path / "killed"
     last = campaign(calm)

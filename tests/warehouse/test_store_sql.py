@@ -264,10 +264,10 @@ def test_what_does_not_is_refused_in_one_line(opened, monkeypatch, query):
     store, folder = opened.path, str(opened.path).replace("'", "''")
     monkeypatch.chdir(store.parent)
     copying = f"WITH x AS (COPY (SELECT 1) TO '{folder}/samples/x.parquet') FROM x"
-    serialized = duckdb.execute("SELECT json_serialize_sql(?)", [copying]).fetchall()[
-        0
-    ][0]
-    serialized = serialized.replace("'", "'" * (4 if "query(" in query else 2))
+    answer = duckdb.execute("SELECT json_serialize_sql(?)", [copying])
+    serialized = answer.fetchall()[0][0].replace(
+        "'", "'" * (4 if "query(" in query else 2)
+    )
     before = listing(store.parent)
     with pytest.raises(InputError) as refused:
         opened.sql(query.replace("STORE", folder).replace("SERIALISED", serialized))
@@ -336,9 +336,8 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
 
 
 def test_a_path_in_a_text_blames_no_file(store):
-    path = (
-        find_run(store, ask(store, "FROM runs")[0]["run_id"]).folder / "part-0.parquet"
-    )
+    run = find_run(store, ask(store, "FROM runs")[0]["run_id"])
+    path = run.folder / "part-0.parquet"
     told = str(path).replace("'", "''")
     with warehouse.open(store) as opened:
         with pytest.raises(InputError, match="Conversion Error"):

@@ -86,9 +86,7 @@ def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
     hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
     assert hosts == {f"127.0.0.1:{served.running.port}"}
     # The one thing that is said is what was refused to the page of the stranger.
-    ours = [
-        said for said in tab.said if "sandbox" not in said and "connect" not in said
-    ]
+    ours = [x for x in tab.said if "sandbox" not in x and "connect" not in x]
     assert ours == []
 
 

@@ -47,9 +47,8 @@ def test_currents_are_mended_by_the_constants_of_the_robot_file():
     robot, logs = clean_logs("irb140")
     amperes = edited(logs, tau=times(1 / CONSTANTS))
     (fault,) = check_logs(replace(robot, torque_per_unit=CONSTANTS), amperes).faults
-    assert fault.repairs == (
-        Repair("tau", (1, 2, 3, 4, 5, 6), scale=tuple(CONSTANTS.tolist())),
-    )
+    scale = tuple(CONSTANTS.tolist())
+    assert fault.repairs == (Repair("tau", (1, 2, 3, 4, 5, 6), scale=scale),)
 
 
 @pytest.mark.parametrize("factor", [10.1972, 1 / 12])

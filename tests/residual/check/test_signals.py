@@ -129,9 +129,7 @@ def with_velocity(logs):
         ({"t": times(2)}, "time_unit", (), Repair("t", scale=0.5)),
     ],
 )
-def test_another_velocity_is_certain_and_comes_with_its_repair(
-    changes, kind, joints, repair
-):
+def test_another_velocity_is_certain_and_has_its_repair(changes, kind, joints, repair):
     _, logs = clean_logs("small")
     (fault,) = find_velocity_faults(edited(with_velocity(logs), **changes))
     assert (fault.kind, fault.joints, fault.certain) == (kind, joints, True)
@@ -168,9 +166,8 @@ def dead(log, joint):
 def test_an_angle_that_never_changes_while_its_torque_moves_is_told(joint):
     robot, logs = clean_logs("irb140")
     faults = check_logs(robot, [dead(logs[0], joint), *logs[1:]]).faults
-    assert [(f.kind, f.joints, f.log) for f in faults] == [
-        ("constant", (joint,), logs[0].id)
-    ]
+    (fault,) = faults
+    assert (fault.kind, fault.joints, fault.log) == ("constant", (joint,), logs[0].id)
     assert "columns of q in --map" in faults[0].evidence
 
 
