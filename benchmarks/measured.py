@@ -22,14 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.harness.cases import kept_file, read_options, run_kept, save_rows
-from benchmarks.harness.figures import (
-    NO_BAR,
-    NO_LOGS,
-    Figures,
-    figure,
-    finish,
-    missing,
-)
+from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, finish, missing
 from benchmarks.harness.rates import at_least, at_most, share
 from benchmarks.measured_parts import added, arms, files
 

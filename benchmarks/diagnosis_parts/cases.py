@@ -23,13 +23,7 @@ from benchmarks.hidden.draw import (
     vocabulary,
 )
 from benchmarks.hidden.oracle import oracle
-from benchmarks.hidden.score import (
-    NOTHING,
-    PAIR,
-    SINGLE,
-    UNKNOWN,
-    case_row,
-)
+from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque

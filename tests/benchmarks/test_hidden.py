@@ -5,12 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.hidden.draw import draw_sized, measured, vocabulary
-from benchmarks.hidden.score import (
-    Name,
-    estimate,
-    members,
-    score,
-)
+from benchmarks.hidden.score import Name, estimate, members, score
 from residual.effects import load_effects
 from residual.robot.robot import load_robot
 from residual.verdict.result import Detectable

@@ -11,12 +11,8 @@ from flows.report.sentences import (
     describe_wrong_values,
     format_brief_claim,
 )
-from flows.report.sentences import (
-    describe_alternative_sets as alternative_sets,
-)
-from flows.report.sentences import (
-    format_headline as headline,
-)
+from flows.report.sentences import describe_alternative_sets as alternative_sets
+from flows.report.sentences import format_headline as headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.effects import list_effect_parameters, load_effects

@@ -11,9 +11,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot.dynamics import (
-    compute_inverse_dynamics as inverse_dynamics,
-)
+from residual.robot.dynamics import compute_inverse_dynamics as inverse_dynamics
 from residual.robot.dynamics import (
     read_inertial_parameters,
     replace_inertial_parameters,

@@ -46,9 +46,7 @@ from residual.calibration.validation_scores import (
     choose_fold_options,
     cross_validate_corrections,
 )
-from residual.calibration.validation_scores import (
-    find_model_score as model_score,
-)
+from residual.calibration.validation_scores import find_model_score as model_score
 from residual.errors import InputError
 from tests.residual.identified import logs, truth
 

@@ -10,21 +10,13 @@ from flows.steps.export import find_compiler
 from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError
 from residual.export.c99 import make_c_identifier, to_c99
-from residual.export.model_export import (
-    build_reference_motion,
-    remove_tables,
-    to_json,
-)
+from residual.export.model_export import build_reference_motion, remove_tables, to_json
 from residual.export.urdf_mjcf import to_mjcf, to_urdf
 from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, JointCorrection
 from residual.model.model import Model
 from residual.signals.track import CHOICES
 from tests.exports.back import c99_back
-from tests.exports.models import (
-    NAMES,
-    model_with,
-    robot_of,
-)
+from tests.exports.models import NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 
 WRITERS = {

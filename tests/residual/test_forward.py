@@ -13,10 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from residual.effects import load_effects
-from residual.model.dynamics import (
-    compute_acceleration,
-    compute_model_mass_matrix,
-)
+from residual.model.dynamics import compute_acceleration, compute_model_mass_matrix
 from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import find_flange_placement, read_inertial_parameters

@@ -14,14 +14,7 @@ from residual.monitoring.monitor import (
     maxima_per_block,
 )
 from residual.monitoring.thresholds import MONITOR
-from tests.residual.monitored import (
-    good_runs,
-    healthy,
-    model_of,
-    monitor,
-    part,
-    spoilt,
-)
+from tests.residual.monitored import good_runs, healthy, model_of, monitor, part, spoilt
 
 ENCODER = ("frozen", "jump", "drift")
 

@@ -14,14 +14,8 @@ from residual.diagnosis.gate import (
     drop_members_failing_gate,
     judge_members_by_gate,
 )
-from residual.diagnosis.search import (
-    lowers_error,
-    rank_additions,
-    refine_last_shape,
-)
-from residual.diagnosis.search import (
-    search_effect_set as effect_set,
-)
+from residual.diagnosis.search import lowers_error, rank_additions, refine_last_shape
+from residual.diagnosis.search import search_effect_set as effect_set
 from residual.diagnosis.select import (
     find_member_alternatives,
     select_set_and_prior,
