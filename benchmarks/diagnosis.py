@@ -21,13 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.diagnosis_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness.cases import kept_file, run_kept, save_rows, seed_range
+from benchmarks.harness.cases import read_options as options
 from benchmarks.harness.figures import (
     FULL,
     Figures,
@@ -47,7 +42,7 @@ _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
 def main() -> int:
-    args = read_options(__doc__, _SEEDS, (*_CASES, "cost"))
+    args = options(__doc__, _SEEDS, (*_CASES, "cost"))
     figures: Figures = _cost(args.quick) if "cost" in args.groups else {}
     groups = [group for group in _CASES if group in args.groups]
     rows = _run_cases(args, groups)

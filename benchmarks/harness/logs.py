@@ -9,13 +9,9 @@ import numpy as np
 from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import (
-    PlantSpec,
-    ReferenceMotion,
-    SampleRates,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantSpec, SampleRates, TrajectorySpec
+from sim.engine.plant_records import ReferenceMotion as Motion
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.experiment import run_experiment
 from sim.plant.sensors import ENCODER_STEP, draw_torque_noise, simulate_encoder
 from sim.plant.typical_sizes import estimate_typical_sizes
@@ -39,11 +35,11 @@ def sensed(
     Name of the log and seed make the noise; that of a torque goes by the range of its
     joint [N m], which is the usual one or given. Encoders have a step [rad].
     """
-    rng = create_random_stream(seed, f"torque/{label}")
+    rng = make_rng(seed, f"torque/{label}")
     span = estimate_typical_sizes(robot).torque if span is None else span
     tau = torque.tau + draw_torque_noise(len(torque.tau), span, rate, rng)
     return simulate_encoder(
-        torque.reading, create_random_stream(seed, f"encoder/{label}"), step
+        torque.reading, make_rng(seed, f"encoder/{label}"), step
     ), tau
 
 
@@ -60,7 +56,7 @@ def in_engine(
 
 
 @lru_cache(maxsize=32)
-def reference(spec: TrajectorySpec, robot: str = "irb140") -> ReferenceMotion:
+def reference(spec: TrajectorySpec, robot: str = "irb140") -> Motion:
     return plan_reference_motion(load_robot(robot), spec, CONTROL)
 
 

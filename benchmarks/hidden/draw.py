@@ -14,11 +14,11 @@ from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, PlantSpec
 from sim.plant.effect_catalogue import (
     compute_effect_amount,
-    convert_stated_size,
     list_plant_effects,
     list_unnamed_effects,
     scale_effect_parameters,
 )
+from sim.plant.effect_catalogue import convert_stated_size as stated_size
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import read_nominal_drives
 
@@ -87,7 +87,7 @@ def draw_sized(
     least = smallest(minimum, name, number_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
-    wanted = min(multiple * convert_stated_size(name, float(least.value)), MOST * usual)
+    wanted = min(multiple * stated_size(name, float(least.value)), MOST * usual)
     sized = scale_effect_parameters(name, values, wanted / usual)
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
 
@@ -99,10 +99,8 @@ def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
     if not there:
         return Hidden(effect, joints, None, None)
     least = smallest(minimum, effect.name, joints)
-    multiple = (
-        there / convert_stated_size(effect.name, float(least.value)) if least else None
-    )
-    return Hidden(effect, joints, convert_stated_size(effect.name, there), multiple)
+    multiple = there / stated_size(effect.name, float(least.value)) if least else None
+    return Hidden(effect, joints, stated_size(effect.name, there), multiple)
 
 
 def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:

@@ -18,12 +18,8 @@ from residual.recording import Recording
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import build_tracks
-from sim.engine.plant_records import (
-    PlantSpec,
-    SampleRates,
-    SensorNoise,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.experiment import run_experiment
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
@@ -58,7 +54,7 @@ def _plant(seed: int, noise: float) -> PlantSpec:
 
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
-    rng = create_random_stream(1000 * seed + number, f"motion/{family}")
+    rng = make_rng(1000 * seed + number, f"motion/{family}")
     motion = make_motion(family, usual_range(ROBOT), _DURATION, 1000.0, rng)
     start = 2 * _DURATION * number
     log = run_experiment(ROBOT, motion, _plant(seed, noise), SampleRates(), start).log

@@ -23,16 +23,11 @@ from residual.calibration.validation_scores import (
     PLSR,
     RANDOM,
     RUN,
-    find_model_score,
 )
+from residual.calibration.validation_scores import find_model_score as score
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import (
-    PlantEffect,
-    PlantSpec,
-    SampleRates,
-    SensorNoise,
-    TrajectorySpec,
-)
+from sim.engine.plant_records import PlantEffect, PlantSpec, SampleRates, SensorNoise
+from sim.engine.plant_records import TrajectorySpec as Trajectory
 from sim.experiment import run_experiment, simulate_nominal_twin
 from sim.plant import step_tables as at
 from sim.trajectories import plan_reference_motion
@@ -74,7 +69,7 @@ def _simulated(number: int) -> tuple[CalibrationRun, CalibrationRun]:
     """One run, against a twin without friction and against one with it."""
     robot, family = _irb140(), _FAMILIES[number]
     rates = SampleRates()
-    spec = TrajectorySpec(family, 20.0, 2, _SEED + number)
+    spec = Trajectory(family, 20.0, 2, _SEED + number)
     ref = plan_reference_motion(robot, spec, rates.control)
     made = run_experiment(robot, ref, _plant(robot), rates, 30.0 * number)
     log = replace(made.log, id=f"{family} {number + 1}")
@@ -118,8 +113,8 @@ def _frozen_figures(calibration: Calibration) -> Figures:
     out = {}
     for name, (scheme, model, at_most) in pairs.items():
         one, ls = (
-            find_model_score(calibration.scores, scheme, model),
-            find_model_score(calibration.scores, scheme, LS),
+            score(calibration.scores, scheme, model),
+            score(calibration.scores, scheme, LS),
         )
         ratios = one.rmsev / ls.rmsev
         told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
@@ -170,9 +165,7 @@ def measured_figures(quick: bool) -> Figures:
 
 def over_none(calibration: Calibration) -> dict:
     """Compare the default form with no compensation, worst joint on unseen runs."""
-    one, none = (
-        find_model_score(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING)
-    )
+    one, none = (score(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING))
     ratios = one.rmsev / none.rmsev
     return figure(
         float(ratios.max()),
@@ -191,7 +184,7 @@ def over_best(calibration: Calibration) -> dict:
     ratios = {}
     for scheme in dict.fromkeys(one.scheme for one in calibration.scores):
         ours, *others = (
-            find_model_score(calibration.scores, scheme, model).overall
+            score(calibration.scores, scheme, model).overall
             for model in (DEFAULT, NOTHING, LS, PLSR)
         )
         ratios[scheme] = round(ours / min(others), 4)

@@ -22,12 +22,8 @@ from residual.calibration.calibration_rows import name_state_columns
 from residual.effects import load_effects
 from residual.errors import InputError
 from residual.export.model_export import to_json
-from residual.model.dynamics import (
-    SAMPLES,
-    FrictionReversal,
-    build_computed_torque_law,
-    compute_feed_forward,
-)
+from residual.model.dynamics import SAMPLES, FrictionReversal, compute_feed_forward
+from residual.model.dynamics import build_computed_torque_law as computed_torque_law
 from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
 from residual.model.model import Model, Term
 from residual.robot.dynamics import read_inertial_parameters
@@ -88,7 +84,7 @@ def missed(reference, model, make=compute_feed_forward):
     return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
 
 
-@pytest.mark.parametrize("make", [compute_feed_forward, build_computed_torque_law])
+@pytest.mark.parametrize("make", [compute_feed_forward, computed_torque_law])
 def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, make):
     before, after = (missed(reference, m, make) for m in (nominal(), corrected()))
     assert np.linalg.norm(after) < 0.7 * np.linalg.norm(before)
@@ -103,7 +99,7 @@ def test_a_wrong_correction_makes_it_worse(reference, joint, stiffness):
 
 def test_computed_torque_on_the_reference_is_the_feed_forward(reference):
     t, motion = parts(reference)
-    law = build_computed_torque_law(corrected(), t, motion)
+    law = computed_torque_law(corrected(), t, motion)
     along = compute_feed_forward(corrected(), t, motion)
     for k in (0, 1234, 2499):
         q, qd, qdd = (x[k] for x in motion)

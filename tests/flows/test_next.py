@@ -5,10 +5,9 @@ import pytest
 
 from flows.report.experiments import describe_best_motion
 from flows.steps.next import Ranking, rank_motions
+from residual.planning.next_experiment import SURE, predict_best_motion
 from residual.planning.next_experiment import (
-    SURE,
-    find_inseparable_pairs,
-    predict_best_motion,
+    find_inseparable_pairs as inseparable_pairs,
 )
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
@@ -66,7 +65,7 @@ def test_twins_are_told_as_such(robot_and_ranking):
     _, found = robot_and_ranking
     _, question = robot_and_question("coulomb_asymmetry", 4)
     assert predict_best_motion(question) is None  # nothing but the twins is open
-    ranking = Ranking(question, find_inseparable_pairs(question), found.ranked)
+    ranking = Ranking(question, inseparable_pairs(question), found.ranked)
     assert any(
         "are the same torque on every motion" in line
         for line in describe_best_motion(ranking)

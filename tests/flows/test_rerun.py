@@ -21,12 +21,8 @@ from warehouse import code_provenance
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
-from warehouse.store_catalogue import (
-    RERUN_OF,
-    find_record,
-    list_record_folders,
-    read_record,
-)
+from warehouse.store_catalogue import RERUN_OF, find_record, read_record
+from warehouse.store_catalogue import list_record_folders as record_folders
 from warehouse.store_files import write_check_sums, write_parquet
 
 EFFECTS = [
@@ -113,7 +109,7 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
     # Without --verify the new run is what was asked for.
     assert main(["rerun", id, "--store", str(tmp_path)]) == 0
     capsys.readouterr()
-    (new,) = set(list_record_folders(tmp_path, "runs")) - {id}
+    (new,) = set(record_folders(tmp_path, "runs")) - {id}
     assert read_manifest(tmp_path, new)["parents"] == {RERUN_OF: [id]}
     with open_store(tmp_path) as store:
         rows = store.sql("FROM lineage").to_pylist()
@@ -141,8 +137,8 @@ def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
     out = capsys.readouterr().out
     assert "nondeterminism" in out
     assert "tau3: differs from 30.08 s on" in out
-    assert list(list_record_folders(tmp_path, "runs")) == [id]
-    assert len(list_record_folders(tmp_path, "validations")) == 1
+    assert list(record_folders(tmp_path, "runs")) == [id]
+    assert len(record_folders(tmp_path, "validations")) == 1
 
 
 def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):

@@ -12,10 +12,8 @@ import numpy as np
 
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics as inverse_dynamics
-from residual.robot.dynamics import (
-    read_inertial_parameters,
-    replace_inertial_parameters,
-)
+from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import replace_inertial_parameters as with_inertial
 from residual.robot.robot import Robot
 from tests.residual.arms import arm, urdf_text, write_csv
 
@@ -32,7 +30,7 @@ class Truth:
 
     def torque(self, q, qd, qdd, moving=True):
         """RNEA plus friction; the sign of a joint at rest is 0."""
-        model = replace_inertial_parameters(self.robot.model, self.parameters)
+        model = with_inertial(self.robot.model, self.parameters)
         friction = np.array(VISCOUS) * qd + np.array(COULOMB) * np.sign(qd)
         return inverse_dynamics(model, q, qd, qdd) + friction + np.array(ROTOR) * qdd
 

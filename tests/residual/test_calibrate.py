@@ -10,12 +10,8 @@ from numpy.testing import assert_allclose
 from flows.report.calibration import describe_calibration
 from residual.calibration import calibration_rows as cut
 from residual.calibration import table_regression
-from residual.calibration.calibrate import (
-    CalibrationSettings,
-    calibrate,
-    identify_without_blocks,
-    prepare_runs,
-)
+from residual.calibration.calibrate import CalibrationSettings, calibrate, prepare_runs
+from residual.calibration.calibrate import identify_without_blocks as without_blocks
 from residual.calibration.calibration_rows import (
     GUARD,
     CalibrationRun,
@@ -23,11 +19,9 @@ from residual.calibration.calibration_rows import (
     choose_thinning_factor,
     cut_single_run,
 )
+from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
 from residual.calibration.correction_choice import (
-    MAIN,
-    PAIRS,
-    CorrectionOption,
-    list_correction_options,
+    list_correction_options as correction_options,
 )
 from residual.calibration.nominal_pls import NominalPlsForm
 from residual.calibration.table_regression import choose_table_levels
@@ -125,12 +119,12 @@ def test_a_held_out_run_is_unknown_to_the_nominal_model():
     runs = [CalibrationRun(log) for log in logs(3, noise=0.5, duration=8.0)]
     strange = replace(runs[1], log=replace(runs[1].log, tau=5 * runs[1].log.tau + 9))
     models = [
-        identify_without_blocks(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
+        without_blocks(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
         for own in (runs, [runs[0], strange, runs[2]])
     ]
     first, second = (m.coefficients() for m in models)
     np.testing.assert_array_equal(first, second)
-    everything = identify_without_blocks(prepare_runs(truth().robot, runs, None))
+    everything = without_blocks(prepare_runs(truth().robot, runs, None))
     assert np.abs(everything.coefficients() - first).max() > 0
 
 
@@ -203,7 +197,7 @@ def test_the_choice_for_a_fold_does_not_know_its_errors():
     tables = choose_table_levels(
         rows.X, rows.tau - rows.Y, rows.velocity_columns, names
     )
-    args = (lambda _: rows.Y, tables, list_correction_options(9), None)
+    args = (lambda _: rows.Y, tables, correction_options(9), None)
     lead = cross_validate_corrections(schemes[0], rows, *args)
     first = choose_fold_options(lead, lead, rows)
     own = np.unique(rows.second[rows.run == 2])
@@ -268,9 +262,9 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     start, end = prepared[0].blocks.cut_times[0][:2]
     assert start < 2.5
     assert end > 3.8
-    first, second = (identify_without_blocks(p, {1}).coefficients() for p in prepared)
+    first, second = (without_blocks(p, {1}).coefficients() for p in prepared)
     assert_allclose(first, second, rtol=0.02, atol=0.02)
-    spoiled = identify_without_blocks(prepared[1]).coefficients()
+    spoiled = without_blocks(prepared[1]).coefficients()
     assert np.abs(spoiled - first).max() > 10 * np.abs(second - first).max()
 
 

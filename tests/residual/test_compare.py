@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from residual.model.compare import (
-    ErrorSums,
-    compute_model_errors,
-    compute_moving_error,
-    prepare_held_out,
-)
+from residual.model.compare import ErrorSums, compute_moving_error, prepare_held_out
+from residual.model.compare import compute_model_errors as model_errors
 from residual.model.model import Model
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.signals.splitting import find_session_start, split_off_last_quarter
@@ -47,9 +43,9 @@ def proof():
 
 
 def errors_of(model, logs):
-    return compute_model_errors(
-        {"it": model}, prepare_held_out(logs, model), FilterSettings()
-    )[0]["it"]
+    return model_errors({"it": model}, prepare_held_out(logs, model), FilterSettings())[
+        0
+    ]["it"]
 
 
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
@@ -85,7 +81,7 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
 def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     model, logs = proof
     seen = prepare_held_out(logs, model)
-    errors, curves = compute_model_errors({"it": model}, seen, FilterSettings())
+    errors, curves = model_errors({"it": model}, seen, FilterSettings())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
     assert_allclose(miss, errors["it"].miss["filtered"])
     moving = sum(

@@ -14,11 +14,8 @@ from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit_jointly
 from residual.evidence.priors import build_relative_prior
-from residual.model.nominal import (
-    build_free_nominal,
-    list_known_values,
-    prepare_fit_logs,
-)
+from residual.model.nominal import build_free_nominal as free_nominal
+from residual.model.nominal import list_known_values, prepare_fit_logs
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import add_known_values, load_robot
 from residual.signals.track import FilterSettings
@@ -66,7 +63,7 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
 def test_the_model_has_what_is_known_and_holds_it():
     """The file says 6 kg and 3 kg and the logs speak of them; what is known stays."""
     robot = add_known_values(arm(TWO), {"link.2.mass": 2.0, "coulomb.1.level": 3.5})
-    nominal_model = build_free_nominal(prepared(robot, 0.0), FRICTION)
+    nominal_model = free_nominal(prepared(robot, 0.0), FRICTION)
     model = nominal_model.model
     assert model.inertial[10] == 2.0
     assert model.inertial[11] == pytest.approx(
@@ -87,7 +84,7 @@ def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}
         logs = prepared(add_known_values(arm(TWO), words), MASS)
-        nominal_model = build_free_nominal(logs, FRICTION)
+        nominal_model = free_nominal(logs, FRICTION)
         design = Design(logs.tracks, nominal_model.model)
         (group,) = design.add([(load_effects()["payload"], (1,), ())])
         prior = build_relative_prior(design, nominal_model, 0.01)

@@ -12,12 +12,8 @@ from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
 from residual.model.model import Model, Term
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    GIVEN,
-    build_nominal,
-    choose_declared_effects,
-)
+from residual.model.nominal import DEFAULT_DECLARED, GIVEN, build_nominal
+from residual.model.nominal import choose_declared_effects as declared_effects
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
@@ -139,7 +135,7 @@ def test_warmup_follows_the_clock_of_the_session():
     ],
 )
 def test_the_user_decides_what_is_declared_then_robot_then_usual(toml, names, expected):
-    assert choose_declared_effects(arm(toml=toml), names) == expected
+    assert declared_effects(arm(toml=toml), names) == expected
 
 
 def test_a_declared_effect_without_values_is_free_in_every_shape():

@@ -7,12 +7,8 @@ import pytest
 
 from residual.effects import load_effects
 from residual.evidence.design import Design
-from residual.evidence.priors import (
-    ASSUMED,
-    build_relative_prior,
-    compute_inertial_sd,
-    list_forbidden_effects,
-)
+from residual.evidence.priors import ASSUMED, build_relative_prior, compute_inertial_sd
+from residual.evidence.priors import list_forbidden_effects as forbidden_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, NominalModel
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
@@ -100,4 +96,4 @@ def test_what_may_not_be_blamed(rng, name, given, scale, barred):
     nominal_model = nominal([term(name, 1, [1.0])], [given])
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
     prior = replace(known, widths=nominal_model.kinds)
-    assert list_forbidden_effects(prior, nominal_model) == barred
+    assert forbidden_effects(prior, nominal_model) == barred

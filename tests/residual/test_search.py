@@ -9,24 +9,15 @@ import pytest
 
 from residual.diagnosis.detectable import find_detectable_sizes
 from residual.diagnosis.findings import estimate_uncertainties, merge_into_findings
-from residual.diagnosis.gate import (
-    cross_validation_errors,
-    drop_members_failing_gate,
-    judge_members_by_gate,
-)
+from residual.diagnosis.gate import cross_validation_errors, judge_members_by_gate
+from residual.diagnosis.gate import drop_members_failing_gate as drop_failing
 from residual.diagnosis.search import lowers_error, rank_additions, refine_last_shape
 from residual.diagnosis.search import search_effect_set as effect_set
-from residual.diagnosis.select import (
-    find_member_alternatives,
-    select_set_and_prior,
-    swap_for_simpler_names,
-)
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    ShapeRefinement,
-    build_joint_columns,
-)
+from residual.diagnosis.select import find_member_alternatives as member_alternatives
+from residual.diagnosis.select import select_set_and_prior as select_best
+from residual.diagnosis.select import swap_for_simpler_names
+from residual.effects.base import Effect, EffectTrait, ShapeRefinement
+from residual.effects.base import build_joint_columns as joint_columns
 from residual.evidence.thresholds import EvidenceThresholds as Thresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
@@ -52,9 +43,7 @@ WAVE = Effect(
     "wave",
     "periodic in place",
     {"cos": "1", "sin": "1", "order": "1"},
-    build_joint_columns(
-        lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]
-    ),
+    joint_columns(lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]),
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),
     from_values=lambda values: (values[:2], tuple(values[2:])),
     refine=ShapeRefinement("shift", 0.8),
@@ -169,7 +158,7 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     task = problem.task([group])
     fitted = task.settle(task.fit([group], task.start()))
     assert judge_members_by_gate(task, fitted)[0].by is None
-    after, tested = drop_members_failing_gate(task, fitted)
+    after, tested = drop_failing(task, fitted)
     assert (after.members, tested) == ((), [])
 
 
@@ -189,7 +178,7 @@ def test_what_cannot_be_told_apart_is_listed_with_the_name(rng, size, told_apart
     task = problem.task([*near, *every_group(problem.design)])
     fitted = task.settle(task.fit([task.candidates.groups[1]], task.start()))
     assert keys(fitted) == [("line", (0,))]
-    others, probability = find_member_alternatives(task, fitted, fitted.members[0])
+    others, probability = member_alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ([] if told_apart else ["near"])
     assert probability > 0.99
 
@@ -233,10 +222,7 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
     space = prior_space(problem.design, choices)
-    assert (
-        select_set_and_prior(space, task.candidates, Thresholds()).task.prior.scale
-        == bend
-    )
+    assert select_best(space, task.candidates, Thresholds()).task.prior.scale == bend
 
 
 def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
@@ -249,7 +235,7 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         scale=0.9,
     )
     space = prior_space(problem.design, {0.9: wide, 0.03: problem.prior})
-    chosen = select_set_and_prior(space, task.candidates, Thresholds())
+    chosen = select_best(space, task.candidates, Thresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 

@@ -17,11 +17,8 @@ from residual.export.c99 import to_c99, to_fmu
 from residual.export.support_point_tables import to_table
 from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
 from residual.quantity import convert_to_sliding_unit
-from residual.robot.dynamics import (
-    build_kinematic_chain,
-    compute_inertial_regressor,
-    read_inertial_parameters,
-)
+from residual.robot.dynamics import build_kinematic_chain, read_inertial_parameters
+from residual.robot.dynamics import compute_inertial_regressor as inertial_regressor
 from residual.robot.robot import build_robot
 from sim.engine.pybullet_world import BulletWorld
 from tests.exports.back import c99_back, mjcf_back, mujoco_back, urdf_back
@@ -186,4 +183,4 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     assert mass.unit == "kg"
     assert abs(mass.value - 2.5) < 2 * mass.std
     assert read_inertial_parameters(loaded).shape == (50,)
-    assert compute_inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)
+    assert inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)

@@ -12,13 +12,8 @@ from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import choose_standstill_behaviour
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
-from residual.signals.track import (
-    CHOICES,
-    SMOOTH,
-    StandstillFriction,
-    build_tracks,
-    compute_friction_direction,
-)
+from residual.signals.track import CHOICES, SMOOTH, StandstillFriction, build_tracks
+from residual.signals.track import compute_friction_direction as friction_direction
 from tests.residual.arms import arm, recording
 
 FLOOR = 0.02
@@ -37,16 +32,16 @@ def motion(seed=0, n=400):
 @given(seed=st.integers(0, 2000))
 def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed):
     q, qd = motion(seed)
-    out = compute_friction_direction(q, qd, FLOOR, shape)
+    out = friction_direction(q, qd, FLOOR, shape)
     assert out.shape == q.shape
     assert np.abs(out).max() <= 1
-    assert_allclose(compute_friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
+    assert_allclose(friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
 def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
     t = np.arange(300) / 100
-    out = compute_friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
+    out = friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
     assert_allclose(out[100:], -1, atol=1e-3)
 
 
@@ -54,8 +49,8 @@ def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
 @pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
 def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     q, qd = motion()
-    full = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=1.0))
-    held = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=hold))
+    full = friction_direction(q, qd, FLOOR, replace(shape, hold=1.0))
+    held = friction_direction(q, qd, FLOOR, replace(shape, hold=hold))
     stands = np.abs(qd) < shape.reach * FLOOR
     assert stands.any()
     assert not stands.all()

@@ -12,16 +12,14 @@ from residual.diagnosis.diagnose import diagnose
 from residual.effects import list_effect_parameters, load_effects
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
-from sim.engine.plant_records import SyntheticEffect
+from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
 
-OFFSET = SyntheticEffect("offset", (1,), {"torque": 4.0})
-CHURN = SyntheticEffect("quadratic_viscous", (2,), {"coefficient": 1.5})
-KNOCK = SyntheticEffect("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
-GROWN = SyntheticEffect("coulomb", (2,), {"level": 3.0})
-LOAD = SyntheticEffect(
-    "payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}
-)
+OFFSET = Effect("offset", (1,), {"torque": 4.0})
+CHURN = Effect("quadratic_viscous", (2,), {"coefficient": 1.5})
+KNOCK = Effect("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
+GROWN = Effect("coulomb", (2,), {"level": 3.0})
+LOAD = Effect("payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05})
 # On two links a load can be imitated by the last one: it takes a robot that is known.
 SURE = "[prior]\nscale = 0.03\n"
 DEAD = "joint 2 stands"

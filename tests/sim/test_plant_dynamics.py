@@ -10,11 +10,8 @@ from sim.effect_draws import draw_plant_effect as draw_effect
 from sim.engine.plant_records import PlantSpec, create_random_stream
 from sim.engine.pybullet_world import BulletWorld, write_model_urdf
 from sim.plant import step_tables as at
-from sim.plant.effect_catalogue import (
-    apply_body_effects,
-    list_plant_effects,
-    resolve_effects,
-)
+from sim.plant.effect_catalogue import apply_body_effects as with_bodies
+from sim.plant.effect_catalogue import list_plant_effects, resolve_effects
 from sim.plant.plant_arm import build_plant_arm
 from tests.sim.energy import balance
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
@@ -85,7 +82,7 @@ def test_the_written_urdf_is_the_same_body():
 def test_a_payload_with_a_tensor_has_it_about_its_centre():
     tensor = dict(ixx=0.02, ixy=0.001, ixz=0.0, iyy=0.03, iyz=0.0, izz=0.025)
     load = effect("payload", 6, mass=3.0, com_x=0.1, com_y=0.0, com_z=0.02, **tensor)
-    added = read_inertias(apply_body_effects(ROBOT.model, resolve_effects([load])))
+    added = read_inertias(with_bodies(ROBOT.model, resolve_effects([load])))
     added = added - read_inertias(ROBOT.model)
     place = find_flange_placement(ROBOT.model)
     at_flange = place.actInv(pin.Inertia.FromDynamicParameters(added[-10:]))

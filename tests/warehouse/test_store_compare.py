@@ -9,11 +9,8 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from warehouse.query.store import build_lineage_tree, open_store
 from warehouse.store_catalogue import find_record, list_record_ancestry
-from warehouse.verification import (
-    compare_channels,
-    compare_values,
-    select_differing_channels,
-)
+from warehouse.verification import compare_channels, compare_values
+from warehouse.verification import select_differing_channels as differing_channels
 
 T = np.arange(100) / 50
 
@@ -27,7 +24,7 @@ def test_where_and_how_far_values_part():
     tau = np.ones((100, 2))
     tau[40:, 1] += 3e-3
     tau[60, 1] -= 8e-3
-    (bad,) = select_differing_channels(compare_channels(channels(), channels(tau=tau)))
+    (bad,) = differing_channels(compare_channels(channels(), channels(tau=tau)))
     assert (bad.name, bad.unit, bad.differing) == ("tau2", "N m", 60)
     assert bad.first == T[40]
     assert bad.largest == pytest.approx(5e-3)
@@ -37,7 +34,7 @@ def test_where_and_how_far_values_part():
 
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
-    bad = select_differing_channels(compare_channels(one, two))
+    bad = differing_channels(compare_channels(one, two))
     assert [(c.name, c.note) for c in bad] == [
         ("q_ref1", "only the second has it"),
         ("q_ref2", "only the second has it"),

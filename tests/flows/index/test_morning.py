@@ -9,12 +9,8 @@ import pytest
 
 from flows.cli import main
 from flows.inbox.batches import find_new_runs, find_project_robot
-from flows.inbox.import_logs import (
-    import_inbox_logs,
-    list_inboxes,
-    list_logs,
-    strip_option_hints,
-)
+from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
+from flows.inbox.import_logs import strip_option_hints as strip_hints
 from flows.project.read import read_project
 from flows.report.store_index import list_refused_logs, read_page
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
@@ -154,7 +150,7 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    reason = strip_option_hints(why)
+    reason = strip_hints(why)
     assert there in reason
     assert gone not in reason
     assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)

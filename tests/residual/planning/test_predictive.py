@@ -17,12 +17,12 @@ from residual.planning.next_experiment import (
     SignalSettings,
     expect_separation,
     find_inseparable_pairs,
-    rival_log_evidence,
     simulate_decision,
 )
 from residual.planning.next_experiment import (
     expected_log_bayes_factor as log_bayes_factor,
 )
+from residual.planning.next_experiment import rival_log_evidence as log_evidence
 from residual.verdict.result import Place
 
 COLUMNS, ROWS = 6, 12
@@ -73,9 +73,7 @@ def test_the_evidence_of_one_log_is_the_ratio_of_two_densities(case):
     rng, x, a, b = case
     y = rng.normal(size=ROWS)
     gram, products = x.T @ x, (x.T @ y)[:, None]
-    ours = [
-        rival_log_evidence(products, gram, RivalUpdate.of(r, gram))[0] for r in (a, b)
-    ]
+    ours = [log_evidence(products, gram, RivalUpdate.of(r, gram))[0] for r in (a, b)]
     theirs = [density(x, r).logpdf(y) for r in (a, b)]
     assert ours[0] - ours[1] == pytest.approx(theirs[0] - theirs[1], abs=1e-9)
 
