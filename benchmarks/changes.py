@@ -30,9 +30,8 @@ def main() -> int:
         for group in args.groups
         for slot in draw.slots(group, seeds, args.quick)
     }
-    path = harness.kept_file(
-        "changes", "benchmarks/changes_parts", "benchmarks/check_parts"
-    )
+    parts = ("benchmarks/changes_parts", "benchmarks/check_parts")
+    path = harness.kept_file("changes", *parts)
     done = harness.run_kept(path, answers.summary, answers.run, jobs)
     rows = [r for result in done.values() for r in result.get("rows", [result])]
     figures = bars.all_figures(rows, args.deciding)

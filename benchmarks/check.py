@@ -26,9 +26,8 @@ def main() -> int:
     args = harness.read_options(__doc__, _SEEDS, _GROUPS)
     tasks = cases.tasks(harness.seed_range(args.seeds), args.quick)
     jobs = {task.name: task for task in tasks if task.group in args.groups}
-    path = harness.kept_file(
-        "check", "benchmarks/check_parts", "flows/inputs", "flows/steps"
-    )
+    parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
+    path = harness.kept_file("check", *parts)
     done = harness.run_kept(path, cases.summary, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]

@@ -65,9 +65,7 @@ def _run_cases(args: argparse.Namespace, groups: Sequence[str]) -> Mapping[str, 
             raise SystemExit(f"{task.name} failed: {rows[task.name]['error']}")
         sizes[task.data, task.motion] = rows[task.name]["minimum"]
     rows = run_all({t.name: (t, sizes.get((t.data, t.motion), ())) for t in every})
-    return {
-        group: [rows[t.name] for t in of_group] for group, of_group in tasks.items()
-    }
+    return {group: [rows[t.name] for t in some] for group, some in tasks.items()}
 
 
 def _cost(quick: bool) -> Figures:

@@ -37,9 +37,8 @@ QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", arms.LO
 
 def main() -> int:
     args = read_options(__doc__, _SEEDS, ("splits", "added", "files"))
-    path = kept_file(
-        "measured", "benchmarks/measured_parts", "benchmarks/changes_parts"
-    )
+    parts = ("benchmarks/measured_parts", "benchmarks/changes_parts")
+    path = kept_file("measured", *parts)
     figures: Figures = {}
     rows: dict[str, list] = {}
     tables = []
@@ -200,9 +199,7 @@ def table(rows: Sequence[Mapping]) -> dict:
     """Return held-out errors per joint of all models: title and rows of texts."""
     lines = [["fitted / held out", "named", "ours [%]", "least squares", "PLSR"]]
     for row in rows:
-        named = "; ".join(
-            f"{name} {','.join(map(str, joints))}" for name, joints in row["named"]
-        )
+        named = "; ".join(f"{n} {','.join(map(str, js))}" for n, js in row["named"])
         errors = (row["filtered"].get("augmented"), row["peer"], row["plsr"])
         cells = [", ".join(_percent(x) for x in each or ()) or "–" for each in errors]
         split = row["split"].replace("|", "/")

@@ -29,9 +29,8 @@ def main() -> int:
     count, seconds = _QUICK if args.quick else _FULL
     seeds, programs = harness.seed_range(args.seeds), tuple(args.groups)
     arms = {seed: cases.Task(seed, cases.BENCH, seconds) for seed in seeds}
-    sizes = harness.run_kept(
-        path, cases.summary, cases.run, {t.name: t for t in arms.values()}
-    )
+    nulls = {t.name: t for t in arms.values()}
+    sizes = harness.run_kept(path, cases.summary, cases.run, nulls)
     tasks = [
         cases.Task(
             seed, number, seconds, programs, tuple(sizes[arm.name].get("minimum", ()))

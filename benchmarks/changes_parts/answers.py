@@ -130,9 +130,7 @@ def _rows(slot: draw.Slot) -> dict:
 
 def ask_program(logs: Logs) -> Answer:
     start = process_time()
-    verdict = diagnose(
-        logs.robot, logs.second, baseline=logs.first, held_out=logs.held_out
-    ).verdict
+    verdict = diagnose(logs.robot, logs.second, logs.first, logs.held_out).verdict
     seconds, drift = process_time() - start, verdict.drift
     claims = []
     for member in members(verdict):

@@ -116,6 +116,5 @@ def _is_equal(mended: np.ndarray, right: np.ndarray) -> bool:
     if mended.ndim == 1:  # where a clock begins is of no account
         mended, right = mended - mended[0], right - right[0]
     size = np.sqrt(np.mean(right**2, axis=0)) + 1e-9
-    return bool(
-        (np.sqrt(np.mean((mended - right) ** 2, axis=0)) / size).max() <= _ROUNDING
-    )
+    rms = np.sqrt(np.mean((mended - right) ** 2, axis=0))
+    return bool((rms / size).max() <= _ROUNDING)

@@ -303,10 +303,7 @@ def _quick(group: str, seed: int) -> list[Task]:
         "forms": ("one_way_viscous",),
         "detection": ("offset",),
     }
-    return [
-        Task(group, hides, "quick", seed, seed + i)
-        for i, hides in enumerate(few[group])
-    ]
+    return [Task(group, h, "quick", seed, seed + i) for i, h in enumerate(few[group])]
 
 
 def summary(row: Mapping) -> str:

@@ -38,9 +38,8 @@ def sensed(
     rng = make_rng(seed, f"torque/{label}")
     span = estimate_typical_sizes(robot).torque if span is None else span
     tau = torque.tau + draw_torque_noise(len(torque.tau), span, rate, rng)
-    return simulate_encoder(
-        torque.reading, make_rng(seed, f"encoder/{label}"), step
-    ), tau
+    rng = make_rng(seed, f"encoder/{label}")
+    return simulate_encoder(torque.reading, rng, step), tau
 
 
 def in_engine(

@@ -96,9 +96,7 @@ def _best(
     grid = []
     for effect, joints in wanted:
         shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-        grid.append(
-            design.add([PlacedEffect(effect, joints, shape) for shape in shapes])
-        )
+        grid.append(design.add([PlacedEffect(effect, joints, s) for s in shapes]))
     runs = []
     for prior in list_first_priors(design, nominal):
         task = SearchTask(design, prior, Candidates((), {}), THRESHOLDS)

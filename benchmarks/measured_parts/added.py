@@ -210,9 +210,8 @@ def figures(rows: Sequence[Mapping]) -> Figures:
         n, ok = len(judged), first >= bar
         out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
         some = [any(_is_truth(x, r["truth"]) for x in r["suspected"]) for r in own]
-        out[f"added_{size}_suspected"] = figure(
-            float(np.mean(some)), None, len(own), why=NO_BAR
-        )
+        share = float(np.mean(some))
+        out[f"added_{size}_suspected"] = figure(share, None, len(own), why=NO_BAR)
         out[f"added_{size}_another"] = figure(others, ANOTHER, n)
         peer = _new_names(own, rows, ("peer",))
         for what, value in zip(("first", "another"), peer.mean(axis=0), strict=True):

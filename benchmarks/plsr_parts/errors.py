@@ -59,9 +59,8 @@ def frozen_runs(side: int) -> list[CalibrationRun]:
 
 
 def _calibrated_set(runs: list[CalibrationRun]) -> Calibration:
-    return calibrate(
-        _irb140(), runs, CalibrationSettings(paper=True, with_figures=False)
-    )
+    settings = CalibrationSettings(paper=True, with_figures=False)
+    return calibrate(_irb140(), runs, settings)
 
 
 @cache
@@ -98,9 +97,8 @@ def _plant(robot: Robot) -> PlantSpec:
             PlantEffect("coulomb_asymmetry", (joint,), (("level", 0.1 * level),)),
             PlantEffect("load_friction", (joint,), (("coefficient", 0.05),)),
         ]
-    return PlantSpec(
-        tuple(effects), scatter=0.0, noise=SensorNoise(torque=0.01), seed=_SEED
-    )
+    noise = SensorNoise(torque=0.01)
+    return PlantSpec(tuple(effects), scatter=0.0, noise=noise, seed=_SEED)
 
 
 def _frozen_figures(calibration: Calibration) -> Figures:

@@ -45,10 +45,8 @@ def _every(robot):
     shapes = tuple(replace(CHOICES[-j - 1], hold=0.7) for j in range(robot.dof))
     source = model_with(robot, *NAMES, standstill=shapes)
     columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
-    own = tuple(
-        JointCorrection(j, columns, lookup(np.random.default_rng(j)), MAIN)
-        for j in (0, 3)
-    )
+    rngs = {j: np.random.default_rng(j) for j in (0, 3)}
+    own = tuple(JointCorrection(j, columns, lookup(g), MAIN) for j, g in rngs.items())
     return CorrectedModel(source, own)
 
 
@@ -187,10 +185,8 @@ def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
     source = model_with(robot_of("irb140"), "viscous")
     (content,) = export_model(source, "fmu").files.values()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
-        assert {name.split("/")[0] for name in packed.namelist()} == {
-            "modelDescription.xml",
-            "sources",
-        }
+        folders = {name.split("/")[0] for name in packed.namelist()}
+        assert folders == {"modelDescription.xml", "sources"}
 
 
 def test_models_of_the_store_are_found_by_their_id(tmp_path):

@@ -51,13 +51,8 @@ def term(name, joint, *values):
 
 def nominal():
     """What the maker knows of the arm: body, friction and rotors."""
-    known = dict(
-        zip(
-            ("coulomb", "viscous", "rotor_inertia"),
-            read_nominal_drives(ROBOT),
-            strict=True,
-        )
-    )
+    names = ("coulomb", "viscous", "rotor_inertia")
+    known = dict(zip(names, read_nominal_drives(ROBOT), strict=True))
     terms = [term(k, j + 1, v) for k, vs in known.items() for j, v in enumerate(vs)]
     return Model(ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms))
 
@@ -181,10 +176,8 @@ def test_tables_step_no_faster_than_the_drives_may_follow(reference, rise):
     t, motion = parts(reference)
     turning = FrictionReversal(rise=rise)
     level = 20.0  # N m, of a step at standstill
-    both = (
-        compute_feed_forward(m, t, motion, turning)
-        for m in (tabulated(level), nominal())
-    )
+    models = tabulated(level), nominal()
+    both = (compute_feed_forward(m, t, motion, turning) for m in models)
     added = np.subtract(*both)
     most = turning.compute_torque_rate(ROBOT)[1] / 1000.0
     assert np.abs(np.diff(added[:, 1])).max() <= min(level, most) * (1 + 1e-9)
@@ -214,12 +207,8 @@ def runs(tmp_path_factory, compiled_plant):
     store = tmp_path_factory.mktemp("store")
     model = kept(store, corrected())
     by_nominal = experiment.simulate_and_store(spec(), store)
-    return (
-        store,
-        model,
-        by_nominal,
-        experiment.simulate_and_store(spec(model=model[:7]), store),
-    )
+    by_model = experiment.simulate_and_store(spec(model=model[:7]), store)
+    return store, model, by_nominal, by_model
 
 
 def test_a_spec_names_the_model_that_drives_and_the_run_keeps_its_whole_id(runs):
@@ -264,10 +253,8 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
         )
         lineage = db.sql(f"SELECT parent, role FROM lineage WHERE child = '{id}'")
     assert rows["value"].to_pylist() == [*nominal.tracking, *better.tracking]
-    assert {tuple(r.values()) for r in lineage.to_pylist()} == {
-        (run, "run"),
-        (model, "model"),
-    }
+    kin = {tuple(r.values()) for r in lineage.to_pylist()}
+    assert kin == {(run, "run"), (model, "model")}
     with again(store, find_record(store, id)) as (_, other):
         assert list(compare_records(find_record(store, id), other)) == []
 

@@ -152,10 +152,9 @@ def entries(tmp_path, text: str, seed=None):
 def test_a_grid_is_every_combination_the_last_key_fastest(tmp_path):
     grid = '[grid]\ntrajectory.kind = ["fourier", "cyclic"]\n'
     designs = entries(tmp_path, grid + "plant.effect.stiffness = [1.0, 2.0]\n")
-    got = [
-        (e.spec.trajectory.kind, e.spec.plant_spec().effects[0].parameters[0][1])
-        for e in designs
-    ]
+    specs = [e.spec for e in designs]
+    springs = [s.plant_spec().effects[0].parameters[0][1] for s in specs]
+    got = list(zip((s.trajectory.kind for s in specs), springs, strict=True))
     assert got == [("fourier", 1), ("fourier", 2), ("cyclic", 1), ("cyclic", 2)]
     assert designs[0].label == "trajectory.kind=fourier plant.effect.stiffness=1"
 

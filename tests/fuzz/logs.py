@@ -34,10 +34,8 @@ def _read_csv(data: bytes, place: Path) -> None:
 def _csv_seeds() -> list[bytes]:
     plain, semicolons = as_csv(), as_csv(";")
     units = as_csv().replace("\n", "\n[s],[rad],[rad],[Nm],[Nm]\n", 1)
-    return [
-        text.encode()
-        for text in (plain, semicolons, units, _HEAD + semicolons, as_csv("\t"))
-    ]
+    texts = plain, semicolons, units, _HEAD + semicolons, as_csv("\t")
+    return [text.encode() for text in texts]
 
 
 def _read_parquet(data: bytes, place: Path) -> None:

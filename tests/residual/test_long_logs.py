@@ -39,10 +39,8 @@ def smooth_log(seconds, seed):
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * 100)) / 100
     waves = rng.uniform(0.15, 1.1, (6, 2)), rng.uniform(0, 6, (6, 2))
-    q = sum(
-        0.3 * np.sin(2 * np.pi * f * t[:, None] + p)
-        for f, p in zip(*waves, strict=True)
-    )
+    pairs = zip(*waves, strict=True)
+    q = sum(0.3 * np.sin(2 * np.pi * f * t[:, None] + p) for f, p in pairs)
     like = plain_logs(arm(), [0, 1], [0.0, 0.0])[0]
     qd = np.gradient(q, t, axis=0)
     motion = q, qd, np.gradient(qd, t, axis=0)

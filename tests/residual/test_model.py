@@ -75,11 +75,8 @@ def test_a_prediction_stands_at_the_samples_of_the_log_however_they_are_spaced()
 
 def some_model(robot, seed=0):
     rng = np.random.default_rng(seed)
-    places = [
-        ("coulomb", (0,), ()),
-        ("stribeck", (1,), (0.1, 2.0)),
-        ("spring", (0,), ()),
-    ]
+    places = [("coulomb", (0,), ()), ("spring", (0,), ())]
+    places.insert(1, ("stribeck", (1,), (0.1, 2.0)))
     widths = (1, 1, 2)
     terms = tuple(
         Term(load_effects()[n], joints, shape, rng.normal(size=k))
@@ -200,11 +197,7 @@ def test_a_log_of_another_robot_is_refused_wherever_it_is_given(where):
     t = np.arange(750) / 250
     good, _ = log_of(arm(), t)
     bad, _ = log_of(arm(SEVEN), t)
-    logs = {
-        "fit": [good],
-        "baseline": [],
-        "held_out": [],
-        where: [replace(bad, id="b")],
-    }
+    logs = {"fit": [good], "baseline": [], "held_out": []}
+    logs[where] = [replace(bad, id="b")]
     with pytest.raises(InputError, match="b has 7 joints, small_arm has 2"):
         diagnose(arm(), **logs)

@@ -72,10 +72,8 @@ def test_where_nothing_is_missing_nothing_is_found():
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
         task, fitted = searched(problem)
         assert fitted.members == ()
-        value = rank_additions(
-            replace(task, rules=Thresholds(min_nats=-99, min_fall_share=0)),
-            fitted,
-        )
+        lenient = Thresholds(min_nats=-99, min_fall_share=0)
+        value = rank_additions(replace(task, rules=lenient), fitted)
         loudest += [v for v, _, _ in value[:1]]
     assert max(loudest) < Thresholds().min_nats / 2
 

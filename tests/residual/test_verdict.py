@@ -338,10 +338,8 @@ def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof():
 def test_white_noise_in_place_of_torque_has_no_name():
     rng = np.random.default_rng(3)
     case = short_case(arm(), seed=59)
-    noise = [
-        replace(r, tau=20 * rng.normal(size=r.tau.shape))
-        for r in (*case.fit, *case.held_out)
-    ]
+    logs = (*case.fit, *case.held_out)
+    noise = [replace(r, tau=20 * rng.normal(size=r.tau.shape)) for r in logs]
     verdict = to_json(diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict)
     assert verdict["effects"] == []
 

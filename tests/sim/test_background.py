@@ -125,12 +125,8 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
     background, _ = arm(seed, word)
     turn = np.linspace(-np.pi, np.pi, 20001)[:, None] * np.ones(ROBOT.dof)
     wave = compute_cogging(background, turn)
-    between(
-        np.abs(wave).max(axis=0) / estimate_typical_sizes(ROBOT).torque,
-        0.003,
-        0.012,
-        SCALE[word],
-    )
+    ratio = np.abs(wave).max(axis=0) / estimate_typical_sizes(ROBOT).torque
+    between(ratio, 0.003, 0.012, SCALE[word])
     power = np.abs(np.fft.rfft(wave - wave.mean(axis=0), axis=0)) ** 2
     for j in range(ROBOT.dof):
         largest = power[:, j].argmax()

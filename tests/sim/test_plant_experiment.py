@@ -26,10 +26,8 @@ pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 MOVE = motion("fourier", 2.0)
 QUIET = SensorNoise(0.0, 0.0)
-HIDDEN = (
-    effect("stribeck", 3, level=3.0, velocity=0.05),
-    effect("x_random_walk", 1, amplitude=2.0),
-)
+STRIBECK = effect("stribeck", 3, level=3.0, velocity=0.05)
+HIDDEN = (STRIBECK, effect("x_random_walk", 1, amplitude=2.0))
 
 
 def digest(run):

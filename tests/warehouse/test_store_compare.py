@@ -65,10 +65,8 @@ def test_a_record_comes_after_what_it_was_made_from(store):
     kinds = [found.kind for found in list_record_ancestry(folder, id)]
     assert kinds == ["runs", "runs", "models", "diagnoses"]
     with open_store(folder) as opened:
-        up, down = (
-            build_lineage_tree(opened, id),
-            build_lineage_tree(opened, runs[0], down=True),
-        )
+        up = build_lineage_tree(opened, id)
+        down = build_lineage_tree(opened, runs[0], down=True)
     assert {each.id for each in up.relatives} >= set(runs)
     assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
     assert len([each for each in down.relatives if each.again]) <= 1

@@ -44,10 +44,8 @@ def check(store):
 def content(store):
     """Every value in the store, but for the times of the commits."""
     with warehouse.open(store) as opened:
-        tables = {
-            view: opened.sql(f"FROM {view} ORDER BY ALL")
-            for view in ("samples", "errors")
-        }
+        views = ("samples", "errors")
+        tables = {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in views}
         tables["runs"] = opened.sql("SELECT * EXCLUDE created FROM runs ORDER BY ALL")
         return {name: table.to_pylist() for name, table in tables.items()}
 

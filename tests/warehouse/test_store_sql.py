@@ -19,11 +19,8 @@ from warehouse.store_files import write_check_sums
 
 
 def listing(folder):
-    return {
-        p: (p.stat().st_size, p.stat().st_mtime_ns)
-        for p in folder.rglob("*")
-        if p.is_file()
-    }
+    files = {p: p.stat() for p in folder.rglob("*") if p.is_file()}
+    return {p: (stat.st_size, stat.st_mtime_ns) for p, stat in files.items()}
 
 
 @pytest.fixture(scope="module")
@@ -303,10 +300,8 @@ def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     damage(path, how)
     with pytest.raises(InputError, match="is damaged"):
         read_run(tmp_path, id)
-    query = (
-        "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
-        "GROUP BY run_id"
-    )
+    total = "sum(COLUMNS(* EXCLUDE (robot, run_id)))"
+    query = f"SELECT run_id, {total} FROM samples GROUP BY run_id"
     with warehouse.open(tmp_path) as opened:
         for _ in range(2):
             with pytest.raises(InputError, match=f"{id}.* is damaged"):
