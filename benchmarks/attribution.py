@@ -4,13 +4,10 @@
     python benchmarks/attribution.py --seeds 1:2 --groups sets      to look at
     python benchmarks/attribution.py --full-json benchmarks/results/attribution.json
 
-Arms of six and of seven joints whose given inertias, friction and rotors are exact or
-1 or 3 % off. `unchanged`: nothing else is off, and any name is false. `sets`: a load,
+Arms of six and of seven joints whose given inertias, friction and rotors are exact or 1
+or 3 % off. `unchanged`: nothing else is off, and any name is false. `sets`: a load,
 links 8 to 25 % off and friction, each of 2 % of a joint's torque or more. Seeds
-154201:154208 decide and are
-used for nothing else; 1 to 99 are for development. Finished cases are kept in
-store/benchmarks by a hash of the code: an interrupted run continues. The last line is
-one JSON object; exit code 1 for a missed bar.
+154201:154208 decide and are used for nothing else; 1 to 99 are for development.
 """
 
 import sys

@@ -8,7 +8,8 @@ Each benchmark writes benchmarks/results/NAME.json with commit, hash of the code
 machine and date. A benchmark with a result of the present code does not run again, and
 an interrupted one continues where it stopped (store/benchmarks): repeat the command. At
 the end benchmarks/page.py writes docs/benchmarks.md and the table of the README. A
-quick run writes no result. Exit code 1: a bar is missed; 2: a benchmark failed.
+quick run writes no result. The last line of a benchmark is one JSON object. Exit code
+1: a bar is missed; 2: a benchmark failed.
 """
 
 import argparse
@@ -67,7 +68,6 @@ def main() -> int:
 
 
 def read(name: str) -> dict:
-    """Return the results of a benchmark, {} if there are none."""
     path = RESULTS / f"{name}.json"
     return json.loads(path.read_text(encoding="utf-8")) if path.exists() else {}
 
@@ -80,7 +80,6 @@ def is_finished(name: str) -> bool:
 
 
 def missed(name: str) -> list[str]:
-    """Return the figures of a benchmark that missed their bars."""
     figures = read(name).get("figures", {})
     return [key for key, entry in figures.items() if entry["ok"] is False]
 

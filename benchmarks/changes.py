@@ -7,9 +7,7 @@
 The size of a change is the RMS of its torque over that of the joint, not a multiple of
 what the program says. Silence is a miss. Seeds 154301:154303 decide and are used for
 nothing else; 1 to 99 are for development. The peer, a plain regression of both epochs,
-gets the same cases in the same run. Finished cases are kept in store/benchmarks by a
-hash of the code: an interrupted run continues. The last line is one JSON object; exit
-code 1 for a missed bar.
+gets the same cases in the same run.
 """
 
 import sys
@@ -32,9 +30,8 @@ def main() -> int:
         for group in args.groups
         for slot in draw.slots(group, seeds, args.quick)
     }
-    path = harness.kept_file(
-        "changes", "benchmarks/changes_parts", "benchmarks/check_parts"
-    )
+    parts = ("benchmarks/changes_parts", "benchmarks/check_parts")
+    path = harness.kept_file("changes", *parts)
     done = harness.run_kept(path, answers.summary, answers.run, jobs)
     rows = [r for result in done.values() for r in result.get("rows", [result])]
     figures = bars.all_figures(rows, args.deciding)

@@ -7,8 +7,6 @@
 Every kind of fault is put at three sizes into logs of simulated and measured arms.
 Sound logs include arms with every effect, and logs in which a joint is held. Seeds
 154401:154401 decide and are used for nothing else; 1 to 99 are for development.
-Finished jobs are kept in store/benchmarks by a hash of the code: an interrupted run
-continues. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import sys
@@ -28,9 +26,8 @@ def main() -> int:
     args = harness.read_options(__doc__, _SEEDS, _GROUPS)
     tasks = cases.tasks(harness.seed_range(args.seeds), args.quick)
     jobs = {task.name: task for task in tasks if task.group in args.groups}
-    path = harness.kept_file(
-        "check", "benchmarks/check_parts", "flows/inputs", "flows/steps"
-    )
+    parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
+    path = harness.kept_file("check", *parts)
     done = harness.run_kept(path, cases.summary, cases.run, jobs)
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]

@@ -7,8 +7,6 @@
 Seeds 154101:154103 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis states them for an arm with
 nothing hidden in the same motions.
-Finished cases are kept in store/benchmarks by a hash of the code: an interrupted run
-continues. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import argparse
@@ -23,13 +21,8 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.diagnosis_parts import bars, cases
-from benchmarks.harness.cases import (
-    kept_file,
-    read_options,
-    run_kept,
-    save_rows,
-    seed_range,
-)
+from benchmarks.harness.cases import kept_file, run_kept, save_rows, seed_range
+from benchmarks.harness.cases import read_options as options
 from benchmarks.harness.figures import (
     FULL,
     Figures,
@@ -49,8 +42,7 @@ _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
 def main() -> int:
-    """Run the groups and return the exit code."""
-    args = read_options(__doc__, _SEEDS, (*_CASES, "cost"))
+    args = options(__doc__, _SEEDS, (*_CASES, "cost"))
     figures: Figures = _cost(args.quick) if "cost" in args.groups else {}
     groups = [group for group in _CASES if group in args.groups]
     rows = _run_cases(args, groups)
@@ -73,9 +65,7 @@ def _run_cases(args: argparse.Namespace, groups: Sequence[str]) -> Mapping[str, 
             raise SystemExit(f"{task.name} failed: {rows[task.name]['error']}")
         sizes[task.data, task.motion] = rows[task.name]["minimum"]
     rows = run_all({t.name: (t, sizes.get((t.data, t.motion), ())) for t in every})
-    return {
-        group: [rows[t.name] for t in of_group] for group, of_group in tasks.items()
-    }
+    return {group: [rows[t.name] for t in some] for group, some in tasks.items()}
 
 
 def _cost(quick: bool) -> Figures:

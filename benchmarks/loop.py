@@ -3,10 +3,8 @@
     python benchmarks/loop.py --seeds 1:4       to look at; minutes for each case
     python benchmarks/loop.py --full-json benchmarks/results/loop.json
 
-Seeds 154601:154608 decide and are used for nothing else; 1 to 99 are for development.
-Finished cases are kept in store/benchmarks by a hash of the code: an interrupted run
-continues. A case takes minutes, so that a quick run measures nothing. The last line is
-one JSON object; exit code 1 for a missed bar.
+Seeds 154601:154608 decide and are used for nothing else; 1 to 99 are for development. A
+case takes minutes, so that a quick run measures nothing.
 """
 
 import sys

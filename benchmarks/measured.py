@@ -7,8 +7,7 @@
 `splits`: measured arms, fitted and held out; beside ours plain least squares of all
 inertial parameters, friction and constants, and the paper's PLSR. `added`: the same
 logs with a known effect added, beside a greedy selection. `files`: robot files of
-installed packages. Finished cases are kept in store/benchmarks by a hash of the code.
-The last line is one JSON object; exit code 1 for a missed bar.
+installed packages.
 """
 
 import sys
@@ -23,14 +22,7 @@ from rich.console import Console
 from rich.table import Table
 
 from benchmarks.harness.cases import kept_file, read_options, run_kept, save_rows
-from benchmarks.harness.figures import (
-    NO_BAR,
-    NO_LOGS,
-    Figures,
-    figure,
-    finish,
-    missing,
-)
+from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, finish, missing
 from benchmarks.harness.rates import at_least, at_most, share
 from benchmarks.measured_parts import added, arms, files
 
@@ -45,25 +37,22 @@ QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", arms.LO
 
 def main() -> int:
     args = read_options(__doc__, _SEEDS, ("splits", "added", "files"))
-    path = kept_file(
-        "measured", "benchmarks/measured_parts", "benchmarks/changes_parts"
-    )
+    parts = ("benchmarks/measured_parts", "benchmarks/changes_parts")
+    path = kept_file("measured", *parts)
     figures: Figures = {}
     rows: dict[str, list] = {}
     tables = []
     if "splits" in args.groups:
         names = [n for n in (QUICK if args.quick else arms.SPLITS) if not _absent(n)]
         done = run_kept(path, _summary, arms.measure, {n: n for n in names})
-        rows["splits"] = _without_crashes(done)
+        rows["splits"] = _finished(done)
         figures |= split_figures(rows["splits"])
         tables.append(table(rows["splits"]))
     if "added" in args.groups and not args.quick:
         seed = int(args.seeds.split(":")[0])
         cases = [c for c in added.cases(seed) if not _absent(c.split)]
         jobs = {case.name: case for case in cases}
-        rows["added"] = _without_crashes(
-            run_kept(path, added.summary, added.measure, jobs)
-        )
+        rows["added"] = _finished(run_kept(path, added.summary, added.measure, jobs))
         figures |= added.figures(rows["added"]) if rows["added"] else {}
     if "files" in args.groups:
         figures |= files.figures(args.quick)
@@ -81,7 +70,7 @@ def _absent(split: str) -> bool:
     return arms.absent(arms.SPLITS[split].arm)
 
 
-def _without_crashes(done: Mapping[str, dict]) -> list[dict]:
+def _finished(done: Mapping[str, dict]) -> list[dict]:
     failed = [f"{k}: {row['error']}" for k, row in done.items() if "error" in row]
     if failed:
         raise SystemExit("; ".join(failed))
@@ -114,7 +103,6 @@ def _over(row: Mapping, peer: str) -> np.ndarray:
 
 
 def _mean(ratios: np.ndarray) -> dict:
-    """Return the geometric mean."""
     good = ratios[np.isfinite(ratios)]
     value = float(np.exp(np.log(good).mean())) if len(good) else None
     return figure(value, None, len(good), why=NO_BAR)
@@ -211,9 +199,7 @@ def table(rows: Sequence[Mapping]) -> dict:
     """Return held-out errors per joint of all models: title and rows of texts."""
     lines = [["fitted / held out", "named", "ours [%]", "least squares", "PLSR"]]
     for row in rows:
-        named = "; ".join(
-            f"{name} {','.join(map(str, joints))}" for name, joints in row["named"]
-        )
+        named = "; ".join(f"{n} {','.join(map(str, js))}" for n, js in row["named"])
         errors = (row["filtered"].get("augmented"), row["peer"], row["plsr"])
         cells = [", ".join(_percent(x) for x in each or ()) or "–" for each in errors]
         split = row["split"].replace("|", "/")

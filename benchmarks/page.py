@@ -81,7 +81,6 @@ class Figure:
 
 @cache
 def descriptions() -> dict[str, dict]:
-    """Return the contents of benchmarks/words by name."""
     texts = {
         path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
         for path in (ROOT / "benchmarks" / "words").glob("*.toml")
@@ -103,7 +102,6 @@ def results() -> dict[str, dict]:
 
 
 def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
-    """Return description and figure of each entry of a results file."""
     texts = descriptions()[name]["figures"]
     return {
         key: (texts[key]["is"], Figure(content["figures"][key], texts[key]["unit"]))
@@ -112,7 +110,6 @@ def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
 
 
 def page() -> str:
-    """Return the text of docs/benchmarks.md."""
     sections = [_section(name, content) for name, content in results().items()]
     return "\n".join([descriptions()["page"]["head"].lstrip(), *sections])
 

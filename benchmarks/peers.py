@@ -7,9 +7,7 @@
 Each seed is ten cases in the physics engine, of the built-in arm for odd seeds, of a
 drawn one for even ones. The programs are ours, plain least squares, and a sparse
 selection written from the description of SAPC, not that program. Seeds 154501:154502
-decide and are used for nothing else; 1 to 99 are for development. Finished cases are
-kept in store/benchmarks by a hash of the code: an interrupted run continues. The last
-line is one JSON object.
+decide and are used for nothing else; 1 to 99 are for development.
 """
 
 import sys
@@ -31,9 +29,8 @@ def main() -> int:
     count, seconds = _QUICK if args.quick else _FULL
     seeds, programs = harness.seed_range(args.seeds), tuple(args.groups)
     arms = {seed: cases.Task(seed, cases.BENCH, seconds) for seed in seeds}
-    sizes = harness.run_kept(
-        path, cases.summary, cases.run, {t.name: t for t in arms.values()}
-    )
+    nulls = {t.name: t for t in arms.values()}
+    sizes = harness.run_kept(path, cases.summary, cases.run, nulls)
     tasks = [
         cases.Task(
             seed, number, seconds, programs, tuple(sizes[arm.name].get("minimum", ()))

@@ -3,8 +3,8 @@
     python benchmarks/store.py --quick                     under 50 s on two cores
     python benchmarks/store.py --full-json benchmarks/results/store.json
 
-The last line is one JSON object; exit code 1 for a missed bar. Bars in seconds are for
-an idle machine: if its load was above 1 at the start, a missed one is null.
+Bars in seconds are for an idle machine: if its load was above 1 at the start, a missed
+one is null.
 """
 
 import sys

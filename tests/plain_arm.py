@@ -51,8 +51,7 @@ def with_load(model: pin.Model, mass: float, at: np.ndarray) -> pin.Model:
     """The same arm with a small load in the frame of its last joint."""
     loaded = pin.Model(model)
     last = loaded.njoints - 1
-    body = pin.Inertia.FromSphere(mass, 0.04)
-    placed = pin.Inertia(mass, at, body.inertia)
+    placed = pin.Inertia(mass, at, pin.Inertia.FromSphere(mass, 0.04).inertia)
     loaded.inertias[last] = loaded.inertias[last] + placed
     return loaded
 

@@ -110,12 +110,7 @@ def test_a_store_answers_with_finished_tables(tmp_path):
 
 
 def _diagnosis() -> Diagnosis:
-    both = {
-        "nominal": (31.5,),
-        "identified": (31.3,),
-        "augmented": (2.0,),
-        "plsr": None,
-    }
+    both = dict(nominal=(31.5,), identified=(31.3,), augmented=(2.0,), plsr=None)
     overall = {name: value and value[0] for name, value in both.items()}
     error = ErrorTables(
         "%", 8.0, ("<script>",), False, both, both, both, overall, overall, overall, ()

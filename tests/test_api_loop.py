@@ -14,8 +14,7 @@ def healthy():
 
 
 def test_a_joint_that_got_stiff_is_told_and_a_healthy_one_is_not(healthy):
-    robot = mg.load_robot("irb140")
-    model = mg.identify(robot, healthy[:4]).models["identified"]
+    model = mg.identify(mg.load_robot("irb140"), healthy[:4]).models["identified"]
     odd = mg.simulate({**SHORT, **STIFF, "seed": 9})
     report = mg.monitor(model, healthy[:4], [odd, healthy[4]])
     assert 2 in {alarm.joint for alarm in report.alarms[odd.id]}

@@ -76,8 +76,6 @@ def test_every_key_of_a_real_verdict_is_explained(name):
     page = TEXT[ROOT / "docs" / "verdict.md"] + TEXT[ROOT / "docs" / "check.md"]
     explained = set(re.findall(r"`([\w.]+)`", page))
     explained |= {part for name in explained for part in name.split(".")}
-    parameters = {
-        key for effect in load_effects().values() for key in effect.parameters
-    }
+    params = {key for effect in load_effects().values() for key in effect.parameters}
     motion = set(re.findall(r"`(\w+)`", TEXT[ROOT / "docs" / "experiments.md"]))
-    assert _keys(verdict) - explained - parameters - motion == set()
+    assert _keys(verdict) - explained - params - motion == set()

@@ -10,7 +10,7 @@ import pytest
 from flows.cli import main
 from residual import effects as sought
 from sim import effects as hidden
-from sim.engine.plant_records import SyntheticEffect
+from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.residual.arms import arm, short_case, urdf_text, write_csv
 
 PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"
@@ -36,9 +36,7 @@ def new_effect(tmp_path, monkeypatch):
 
 @pytest.mark.usefixtures("new_effect")
 def test_an_effect_of_two_new_files_is_hidden_found_named_and_shown(own_folder, capsys):
-    case = short_case(
-        arm(), SyntheticEffect(NAME, (JOINT,), {"coefficient": SIZE}), seed=5
-    )
+    case = short_case(arm(), Effect(NAME, (JOINT,), {"coefficient": SIZE}), seed=5)
     logs = [f"{log.id}.csv" for log in (*case.fit, *case.held_out)]
     for name, log in zip(logs, (*case.fit, *case.held_out), strict=True):
         write_csv(name, log)

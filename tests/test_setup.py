@@ -32,10 +32,8 @@ def _pins(lock: str) -> dict[str, str]:
 )
 def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
     pins = _pins(lock)
-    texts = [
-        *PROJECT["project"]["dependencies"],
-        *PROJECT["dependency-groups"]["build"],
-    ]
+    groups = PROJECT["dependency-groups"]
+    texts = [*PROJECT["project"]["dependencies"], *groups["build"]]
     texts += [text for extra in extras for text in OPTIONAL[extra]]
     for want in map(Requirement, texts):
         pin = pins.get(canonicalize_name(want.name))

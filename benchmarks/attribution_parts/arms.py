@@ -82,7 +82,6 @@ def six() -> Robot:
 
 
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
-    """Record one case with what changed."""
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
     logs = []
@@ -103,7 +102,6 @@ def motion(arm: Arm, name: str, family: str, seconds: float) -> ReferenceMotion:
 def record(
     arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float
 ) -> Recording:
-    """Return what the sensors make of one motion."""
     torque = true_torque(plant, path, name, start)
     span = estimate_typical_sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)

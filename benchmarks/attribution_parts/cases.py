@@ -88,12 +88,8 @@ def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
     if quick:
         return [Task(group, arms.SEVEN, 0, seeds[0], True)]
     every = [round(100 * off) for off in arms.OFF]
-    return [
-        Task(group, arm, off, seed)
-        for seed in seeds
-        for arm in arms.KINDS
-        for off in every
-    ]
+    kinds = [(arm, off) for arm in arms.KINDS for off in every]
+    return [Task(group, arm, off, seed) for seed in seeds for arm, off in kinds]
 
 
 def run(task: Task) -> dict:

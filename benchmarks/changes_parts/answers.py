@@ -130,9 +130,7 @@ def _rows(slot: draw.Slot) -> dict:
 
 def ask_program(logs: Logs) -> Answer:
     start = process_time()
-    verdict = diagnose(
-        logs.robot, logs.second, baseline=logs.first, held_out=logs.held_out
-    ).verdict
+    verdict = diagnose(logs.robot, logs.second, logs.first, logs.held_out).verdict
     seconds, drift = process_time() - start, verdict.drift
     claims = []
     for member in members(verdict):
@@ -163,7 +161,6 @@ def ask_peer(logs: Logs) -> Answer:
 
 
 def compare(truth: tuple[Name, Mapping] | None, answer: Answer) -> dict:
-    """Return what an answer is worth, as part of a row."""
     # What has no name cannot be named rightly.
     named = [truth[0]] if truth and not truth[0].effect.startswith("x_") else []
     hits, _, extra = matched(named, answer.claims)

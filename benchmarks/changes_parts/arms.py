@@ -67,7 +67,6 @@ def robot_of(arm: str) -> Robot:
 
 
 def true_model(case: Case) -> pin.Model:
-    """Return the rigid body of the arm of a case."""
     return quasi_static.true_model(_plant(case))
 
 

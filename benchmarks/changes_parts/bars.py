@@ -170,7 +170,6 @@ def _seconds(rows: Rows) -> Figures:
 
 
 def _against_peer(ours: Rows, peers: Rows) -> Figures:
-    """Return the peer's shares, and by how much the program is better."""
     out: Figures = {}
     for size in _RIGHT:
         mine, its = (list(map(_right, _of_size(x, size))) for x in (ours, peers))

@@ -28,10 +28,8 @@ EFFECTS = (
     *("viscous_asymmetry", "balancer", "coupled_friction", "presliding", "warmup"),
     "encoder_eccentricity",
 )
-STRANGE = (
-    *("x_vibration", "x_cogging_sum", "x_friction_jump", "x_square_wave"),
-    "x_random_walk",
-)
+STRANGE = ("x_vibration", "x_cogging_sum", "x_friction_jump", "x_square_wave")
+STRANGE += ("x_random_walk",)
 # Parameters that torque grows with, where the plant's catalogue has no amount.
 _AMPLITUDES = ("x_vibration", "x_square_wave", "x_random_walk", "x_cogging_sum")
 _GROWS = {

@@ -122,9 +122,8 @@ def _own_changes(
 ) -> list[Change]:
     many = len(_LOCAL)
     places = [(name, [i]) for i, name in enumerate(_LOCAL)]
-    places += [
-        ("ripple", [many + 2 * i, many + 2 * i + 1]) for i in range(len(_ORDERS))
-    ]
+    waves = range(len(_ORDERS))
+    places += [("ripple", [many + 2 * i, many + 2 * i + 1]) for i in waves]
     out = []
     for name, place in places:
         columns = joint.in_second[:, place]
@@ -278,10 +277,8 @@ def _log(model: pin.Model, log: Recording) -> _Log:
         common.append(filtered(np.column_stack([inertial[:, j], own]))[::every])
         local.append(filtered(_candidates(q[:, j], qd[:, j], load[:, j]))[::every])
         moves.append(_moves(qd[:, j], filtered, every))
-    tilt = [
-        dynamics.compute_gravity_torque(model, q, _G * np.eye(3)[axis])
-        for axis in (0, 1)
-    ]
+    ways = [_G * np.eye(3)[axis] for axis in (0, 1)]
+    tilt = [dynamics.compute_gravity_torque(model, q, way) for way in ways]
     shared = {
         "payload": inertial[:, :, -dynamics.PER_LINK :],
         "base_tilt": np.stack(tilt, axis=2),

@@ -68,7 +68,6 @@ def read(arm: str, part: Part) -> Recording:
 
 @lru_cache(maxsize=4)
 def plain_body(arm: str) -> Body:
-    """Fit plain least squares to all logs of an arm without a load."""
     robot = robot_of(arm)
     dof, model = robot.dof, robot.model
     columns, torque, moves = [], [], []
@@ -78,9 +77,8 @@ def plain_body(arm: str) -> Body:
         rows = slice(None, None, max(1, round(0.02 / (at.t[1] - at.t[0]))))
         own = (np.tanh(at.qd / 0.02), at.qd, at.qdd, np.ones_like(at.q))
         local = [each[rows, :, None] * np.eye(dof) for each in own]
-        inertial = compute_inertial_regressor(
-            model, at.q[rows], at.qd[rows], at.qdd[rows]
-        )
+        moved = (at.q[rows], at.qd[rows], at.qdd[rows])
+        inertial = compute_inertial_regressor(model, *moved)
         columns.append(np.concatenate([inertial, *local], axis=2))
         torque.append(at.tau[rows])
         moves.append(moving(at)[rows])

@@ -11,7 +11,7 @@ from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent, read_logs, robot_of
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
-from residual.recording import Recording
+from residual.recording import Recording as Log
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, build_robot, load_robot
 from sim.engine.plant_records import (
@@ -21,7 +21,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.plant.typical_sizes import compute_usual_motion_range
+from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
 from warehouse.logs import read_log
 
 Array = np.ndarray
@@ -48,7 +48,7 @@ class Host:
 
     name: str  # one of HOSTS
     robot: Robot  # the arm as its file describes it
-    logs: tuple[Recording, ...]  # clean logs, SI, at the link side
+    logs: tuple[Log, ...]  # clean logs, SI, at the link side
     # The arm itself where it is synthetic, for motions of one's own
     plant: Plant | None = None
 
@@ -69,28 +69,24 @@ def synthetic(name: str, seed: int) -> Host:
     logs = []
     for i, family in enumerate(FAMILIES):
         rng = create_random_stream(seed, f"motion/{name}/{family}")
-        motion = make_motion(
-            family, compute_usual_motion_range(robot), DURATION, RATE, rng
-        )
+        motion = make_motion(family, usual_range(robot), DURATION, RATE, rng)
         start = i * (DURATION + PAUSE)
         logs.append(recorded(plant, motion, f"{name}_{family}", start))
     return Host(name, robot, tuple(logs), plant)
 
 
-def recorded(
-    plant: Plant, motion: ReferenceMotion, label: str, start: float
-) -> Recording:
+def recorded(plant: Plant, motion: ReferenceMotion, label: str, start: float) -> Log:
     """Return the log of a motion, by the sensors of all synthetic arms."""
     robot, seed = plant.robot, plant.seed
     torque = true_torque(plant, motion, label, start)
     rng = create_random_stream(seed, f"speed/{label}")
     speed = motion.qd + SPEED_NOISE * rng.normal(size=motion.qd.shape)
     signals = sensed(robot, torque, label, seed)
-    log = Recording(label, robot.name, start + motion.t, *signals)
+    log = Log(label, robot.name, start + motion.t, *signals)
     return replace(log, qd=speed) if robot.dof == 6 else log
 
 
-def _in_engine(seed: int) -> tuple[Recording, ...]:
+def _in_engine(seed: int) -> tuple[Log, ...]:
     """Return two logs of the built-in arm in the physics engine, under control."""
     robot, plant = load_robot("irb140"), PlantSpec((), noise=SensorNoise(), seed=seed)
     logs = []
@@ -188,7 +184,7 @@ class FaultyLogs:
 Fault = Callable[[Host, int, np.random.Generator], "FaultyLogs | None"]
 
 
-def table_of(log: Recording) -> Table:
+def table_of(log: Log) -> Table:
     return {k: v for k in SIGNALS if (v := getattr(log, k)) is not None}
 
 

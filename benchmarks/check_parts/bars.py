@@ -53,7 +53,6 @@ def figures(rows: Rows, deciding: bool) -> Figures:
 
 
 def false_of(row: Mapping) -> list:
-    """Return the faults that a check told of clean logs."""
     true = (*TRUE_OF.get(row["host"], ()), *SHOWS_AS.get(row["effect"], ()))
     return [said for said in row["said"] if said[2] or said[0] not in true]
 

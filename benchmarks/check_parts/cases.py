@@ -6,14 +6,7 @@ from functools import partial
 from time import perf_counter
 
 from benchmarks.check_parts import faults, reports
-from benchmarks.check_parts.arms import (
-    DRAWN,
-    ENGINE,
-    HOSTS,
-    SIX,
-    Fault,
-    host,
-)
+from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Fault, host
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded

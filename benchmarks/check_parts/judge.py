@@ -41,7 +41,6 @@ def compare(arm: Host, faulty: FaultyLogs) -> dict:
 
 
 def given_robot(arm: Host, faulty: FaultyLogs) -> Robot:
-    """Return the robot as it is given with faulty logs."""
     toml = json.loads(arm.robot.toml) | tomllib.loads(faulty.toml)
     urdf = faulty.urdf or arm.robot.urdf
     return build_robot(arm.robot.name, urdf, json.dumps(toml, sort_keys=True))
@@ -50,7 +49,6 @@ def given_robot(arm: Host, faulty: FaultyLogs) -> Robot:
 def read(
     folder: Path, tables: Sequence[Table], robot: Robot, columns: str | None = None
 ) -> LogSets:
-    """Write logs as files and read them as a command does."""
     words = []
     for i, table in enumerate(tables):
         names = {"t": table["t"]}
@@ -64,7 +62,6 @@ def read(
 
 
 def reported(report: LogCheck) -> dict:
-    """Return verdict and faults of a check."""
     return {
         "verdict": report.verdict,
         "said": [[f.kind, list(f.joints), f.certain] for f in report.faults],
@@ -72,7 +69,6 @@ def reported(report: LogCheck) -> dict:
 
 
 def is_it(fault: Fault, faulty: FaultyLogs, dof: int) -> bool:
-    """Whether a reported fault has the right kind and joints."""
     every = tuple(range(1, dof + 1))
     where = tuple(sorted(fault.joints)) or every
     kinds = (faulty.kind, *faulty.also)
@@ -120,6 +116,5 @@ def _is_equal(mended: np.ndarray, right: np.ndarray) -> bool:
     if mended.ndim == 1:  # where a clock begins is of no account
         mended, right = mended - mended[0], right - right[0]
     size = np.sqrt(np.mean(right**2, axis=0)) + 1e-9
-    return bool(
-        (np.sqrt(np.mean((mended - right) ** 2, axis=0)) / size).max() <= _ROUNDING
-    )
+    rms = np.sqrt(np.mean((mended - right) ** 2, axis=0))
+    return bool((rms / size).max() <= _ROUNDING)

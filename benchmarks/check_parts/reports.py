@@ -72,7 +72,6 @@ def commanded(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 
 
 def _referred(log: Recording) -> Table:
-    """Return the signals of a log with a reference."""
     q = log.q_ref
     if q is None:
         _, even, planned = _planned(log)

@@ -23,13 +23,7 @@ from benchmarks.hidden.draw import (
     vocabulary,
 )
 from benchmarks.hidden.oracle import oracle
-from benchmarks.hidden.score import (
-    NOTHING,
-    PAIR,
-    SINGLE,
-    UNKNOWN,
-    case_row,
-)
+from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
@@ -212,12 +206,8 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     # Kept as plain values between two parts of the benchmark.
     minimum = [Detectable(**entry) for entry in minimum]
-    drawn, true_effects = _hidden(task, minimum)
-    effects = (
-        [as_form(e, task.hides) for e in true_effects]
-        if task.group == "forms"
-        else true_effects
-    )
+    drawn, true = _hidden(task, minimum)
+    effects = [as_form(e, task.hides) for e in true] if task.group == "forms" else true
     made = make(task.data, effects, task.motion, task.arm)
     begun = perf_counter()
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
@@ -227,9 +217,9 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
         return {**about, "minimum": [asdict(d) for d in verdict.minimum_detectable]}
     truths = made.truths
     if task.group == "forms":
-        true_effects = _as_taken(task.hides, true_effects, verdict)
-        truths = tuple(dict(e.parameters) for e in true_effects)
-    hidden = [measured(e, minimum, made.robot) for e in true_effects]
+        true = _as_taken(task.hides, true, verdict)
+        truths = tuple(dict(e.parameters) for e in true)
+    hidden = [measured(e, minimum, made.robot) for e in true]
     told = [(h.effect.name, h.joints) for h in hidden]
     best = None
     if task.group in _WITH_ORACLE:
@@ -313,10 +303,7 @@ def _quick(group: str, seed: int) -> list[Task]:
         "forms": ("one_way_viscous",),
         "detection": ("offset",),
     }
-    return [
-        Task(group, hides, "quick", seed, seed + i)
-        for i, hides in enumerate(few[group])
-    ]
+    return [Task(group, h, "quick", seed, seed + i) for i, h in enumerate(few[group])]
 
 
 def summary(row: Mapping) -> str:

@@ -47,7 +47,6 @@ def seed_range(seeds: str) -> range:
 
 
 def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> None:
-    """Write figures and rows to the results file, if there is one."""
     if args.full_json:
         facts = circumstances(
             args.full_json.stem,
@@ -70,7 +69,6 @@ def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
 def group_figures(
     rows: Mapping[str, Rows], makers: Mapping[str, Callable[[Rows], Figures]]
 ) -> Figures:
-    """Return the figures of every group from its finished cases."""
     figures: Figures = {}
     for group, make in makers.items():
         if group in rows:

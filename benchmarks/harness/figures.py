@@ -42,7 +42,6 @@ def figure(value: float | None, bar: float | None, n: int, **extra: object) -> d
 
 
 def missing(bar: float | None, why: str) -> dict:
-    """Return a figure that this run cannot measure."""
     return figure(None, bar, 0, why=why)
 
 

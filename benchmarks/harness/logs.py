@@ -9,13 +9,9 @@ import numpy as np
 from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import (
-    PlantSpec,
-    ReferenceMotion,
-    SampleRates,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantSpec, SampleRates, TrajectorySpec
+from sim.engine.plant_records import ReferenceMotion as Motion
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.experiment import run_experiment
 from sim.plant.sensors import ENCODER_STEP, draw_torque_noise, simulate_encoder
 from sim.plant.typical_sizes import estimate_typical_sizes
@@ -39,12 +35,11 @@ def sensed(
     Name of the log and seed make the noise; that of a torque goes by the range of its
     joint [N m], which is the usual one or given. Encoders have a step [rad].
     """
-    rng = create_random_stream(seed, f"torque/{label}")
+    rng = make_rng(seed, f"torque/{label}")
     span = estimate_typical_sizes(robot).torque if span is None else span
     tau = torque.tau + draw_torque_noise(len(torque.tau), span, rate, rng)
-    return simulate_encoder(
-        torque.reading, create_random_stream(seed, f"encoder/{label}"), step
-    ), tau
+    rng = make_rng(seed, f"encoder/{label}")
+    return simulate_encoder(torque.reading, rng, step), tau
 
 
 def in_engine(
@@ -54,20 +49,17 @@ def in_engine(
     start: float,
     name: str | None = None,
 ) -> Recording:
-    """Return the log of one motion of an arm in the physics engine."""
     rates = SampleRates(CONTROL, RATE)
     made = run_experiment(robot, reference(spec, robot.name), plant, rates, start)
     return made.log if name is None else replace(made.log, id=name)
 
 
 @lru_cache(maxsize=32)
-def reference(spec: TrajectorySpec, robot: str = "irb140") -> ReferenceMotion:
-    """Return a motion of a built-in arm at the rate of its controller."""
+def reference(spec: TrajectorySpec, robot: str = "irb140") -> Motion:
     return plan_reference_motion(load_robot(robot), spec, CONTROL)
 
 
 def write_csv(path: Path, log: Recording) -> Path:
-    """Write a log as a CSV that the program reads."""
     names = [f"{signal}{j}" for signal in ("q", "tau") for j in range(1, log.dof + 1)]
     rows, head = np.column_stack([log.t, log.q, log.tau]), ",".join(["t", *names])
     np.savetxt(path, rows, "%.6f", delimiter=",", header=head, comments="")

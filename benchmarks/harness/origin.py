@@ -61,7 +61,6 @@ def is_current(name: str, content: Mapping) -> bool:
 
 
 def code_of(name: str) -> str:
-    """Return the hash of the code that a benchmark measures."""
     return code_hash(*_ROOMS.get(name, ("residual",)))
 
 

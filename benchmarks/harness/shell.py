@@ -32,7 +32,6 @@ class Command:
 
 
 def run_command(words: list[str], folder: str) -> Command:
-    """Run a modelgap command in a folder and measure it."""
     foreign = ("MODELGAP", "PREFECT")
     env = {k: v for k, v in os.environ.items() if not k.startswith(foreign)}
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))

@@ -6,18 +6,19 @@ from functools import cache
 
 import numpy as np
 
-from residual.effects import load_effects, number_reported_joints
+from residual.effects import load_effects
+from residual.effects import number_reported_joints as number_joints
 from residual.robot.robot import Robot
 from residual.verdict.result import Detectable
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, PlantSpec
 from sim.plant.effect_catalogue import (
     compute_effect_amount,
-    convert_stated_size,
     list_plant_effects,
     list_unnamed_effects,
     scale_effect_parameters,
 )
+from sim.plant.effect_catalogue import convert_stated_size as stated_size
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import read_nominal_drives
 
@@ -83,27 +84,23 @@ def draw_sized(
     drawn = draw_plant_effect(robot, rng, name)
     values = dict(drawn.parameters)
     usual = compute_effect_amount(name, values)
-    least = smallest(
-        minimum, name, number_reported_joints(name, drawn.joints, robot.dof)
-    )
+    least = smallest(minimum, name, number_joints(name, drawn.joints, robot.dof))
     if multiple is None or usual is None or least is None:
         return drawn
-    wanted = min(multiple * convert_stated_size(name, float(least.value)), MOST * usual)
+    wanted = min(multiple * stated_size(name, float(least.value)), MOST * usual)
     sized = scale_effect_parameters(name, values, wanted / usual)
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
 
 
 def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
-    joints = number_reported_joints(effect.name, effect.joints, robot.dof)
+    joints = number_joints(effect.name, effect.joints, robot.dof)
     there = compute_effect_amount(effect.name, dict(effect.parameters))
     if not there:
         return Hidden(effect, joints, None, None)
     least = smallest(minimum, effect.name, joints)
-    multiple = (
-        there / convert_stated_size(effect.name, float(least.value)) if least else None
-    )
-    return Hidden(effect, joints, convert_stated_size(effect.name, there), multiple)
+    multiple = there / stated_size(effect.name, float(least.value)) if least else None
+    return Hidden(effect, joints, stated_size(effect.name, there), multiple)
 
 
 def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
@@ -126,11 +123,9 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
 
 
 def is_clear(row: Mapping) -> bool:
-    """Whether a hidden effect is so large that it ought to be seen."""
     return row["multiple"] is not None and row["multiple"] >= CLEAR - ROUNDING
 
 
 def both_clear(row: Mapping) -> bool:
-    """Whether neither of a pair is known to be too small to be seen."""
     sizes = (row["multiple"], row["second_multiple"])
     return all(size is None or size >= CLEAR - ROUNDING for size in sizes)

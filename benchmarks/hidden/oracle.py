@@ -15,12 +15,8 @@ from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.fit import (
-    Fit,
-    build_fitted_model,
-    fit_jointly,
-    keep_physical_terms,
-)
+from residual.evidence.fit import Fit, build_fitted_model, fit_jointly
+from residual.evidence.fit import keep_physical_terms as physical_terms
 from residual.evidence.priors import build_first_design, list_first_priors
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
@@ -61,7 +57,7 @@ def oracle(
     task, fitted = _best(build_first_design(logs, nominal), logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
-        named = keep_physical_terms(build_fitted_model(nominal, fitted))
+        named = physical_terms(build_fitted_model(nominal, fitted))
         design = build_first_design(logs, nominal, named)
         task, fitted = _best(design, logs, nominal, wanted)
     # Without an adequacy: nobody asks this one what is left.
@@ -100,9 +96,7 @@ def _best(
     grid = []
     for effect, joints in wanted:
         shapes = effect.shapes(logs.span, joints[0] if joints else 0)
-        grid.append(
-            design.add([PlacedEffect(effect, joints, shape) for shape in shapes])
-        )
+        grid.append(design.add([PlacedEffect(effect, joints, s) for s in shapes]))
     runs = []
     for prior in list_first_priors(design, nominal):
         task = SearchTask(design, prior, Candidates((), {}), THRESHOLDS)

@@ -81,7 +81,7 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
         first=(right or first)[0].name if first else None,
         count=count,
         extra=sum(s.name not in _parts(truths, hits) for s in free),
-        joint_right=_joint_right(truths, [s.name for s in first], flagged),
+        joint_right=_right(truths, [s.name for s in first], flagged),
         hits=hits,
     )
 
@@ -171,9 +171,7 @@ def _outcome(
     return CLASS if by_class else RIGHT
 
 
-def _joint_right(
-    truths: Sequence[Name], first: Sequence[Name], flagged: set
-) -> bool | None:
+def _right(truths: Sequence[Name], first: Sequence[Name], flagged: set) -> bool | None:
     if not truths or not (first or flagged):
         return None
     if first:

@@ -18,15 +18,11 @@ from residual.recording import Recording
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import build_tracks
-from sim.engine.plant_records import (
-    PlantSpec,
-    SampleRates,
-    SensorNoise,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.experiment import run_experiment
 from sim.plant.plant_arm import build_plant_arm
-from sim.plant.typical_sizes import compute_usual_motion_range
+from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
 
 Array = np.ndarray
 
@@ -58,10 +54,8 @@ def _plant(seed: int, noise: float) -> PlantSpec:
 
 
 def _log(family: str, number: int, seed: int, noise: float) -> Recording:
-    rng = create_random_stream(1000 * seed + number, f"motion/{family}")
-    motion = make_motion(
-        family, compute_usual_motion_range(ROBOT), _DURATION, 1000.0, rng
-    )
+    rng = make_rng(1000 * seed + number, f"motion/{family}")
+    motion = make_motion(family, usual_range(ROBOT), _DURATION, 1000.0, rng)
     start = 2 * _DURATION * number
     log = run_experiment(ROBOT, motion, _plant(seed, noise), SampleRates(), start).log
     return Recording(f"{family}{number}", log.robot, log.t, log.q, log.tau)

@@ -189,7 +189,6 @@ def _motions(ranking: Ranking, seed: int) -> dict[str, TrajectorySpec]:
 
 
 def _kept(spec: TrajectorySpec) -> bool:
-    """Whether a motion keeps the arm's own limits, looked at closely."""
     robot = _robot()
     made = plan_reference_motion(robot, spec, _FINE)
     torque = compute_inverse_dynamics(robot.model, made.q, made.qd, made.qdd)
@@ -333,9 +332,8 @@ def _pairs(search: Search, truth: Place) -> list[Pair]:
 
 def _fourier(rng: np.random.Generator, seconds: float, size: float) -> TrajectorySpec:
     """Return a random Fourier motion of a share of the size that the limits allow."""
-    series = scale_series(
-        draw_feasible_series(build_workspace(_robot(), seconds / 2), rng), size
-    )
+    space = build_workspace(_robot(), seconds / 2)
+    series = scale_series(draw_feasible_series(space, rng), size)
     return TrajectorySpec("fourier", seconds, 2, 0, export_series_coefficients(series))
 
 

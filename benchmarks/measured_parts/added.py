@@ -133,7 +133,6 @@ def _times(values: Values, factor: float) -> dict[str, float]:
 def _sized(
     split: str, effect: str, joint: int, values: Values, target: float
 ) -> tuple[float, float] | None:
-    """Return what times the parameters have a size, and that size."""
     body = plain_body(arms.SPLITS[split].arm)
     fit, _ = logs_of(split)
     states = [sizes.state(log, body) for log in fit]
@@ -154,7 +153,6 @@ def _added(at: sizes.State, effect: str, joint: int, values: Values) -> Recordin
 
 @lru_cache(maxsize=16)
 def logs_of(split: str) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
-    """Return the fit and the held-out logs of a split."""
     _, logs = arms.read_split(arms.SPLITS[split])
     return tuple(logs["fit"]), tuple(logs["held_out"])
 
@@ -212,9 +210,8 @@ def figures(rows: Sequence[Mapping]) -> Figures:
         n, ok = len(judged), first >= bar
         out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
         some = [any(_is_truth(x, r["truth"]) for x in r["suspected"]) for r in own]
-        out[f"added_{size}_suspected"] = figure(
-            float(np.mean(some)), None, len(own), why=NO_BAR
-        )
+        share = float(np.mean(some))
+        out[f"added_{size}_suspected"] = figure(share, None, len(own), why=NO_BAR)
         out[f"added_{size}_another"] = figure(others, ANOTHER, n)
         peer = _new_names(own, rows, ("peer",))
         for what, value in zip(("first", "another"), peer.mean(axis=0), strict=True):

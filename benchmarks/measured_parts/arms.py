@@ -154,7 +154,6 @@ def data_folder() -> Path | None:
 
 
 def absent(arm: str) -> bool:
-    """Say whether the logs of an arm are not on this machine."""
     folder = data_folder()
     return folder is None or not (folder / arm).is_dir()
 

@@ -82,12 +82,8 @@ def _is_right(path: Path, robot: Robot) -> bool:
         return False
     joints = [whole.joints[whole.getJointId(name)] for name in names]
     data, other = whole.createData(), robot.model.createData()
-    whole.gravity, rng, worst, largest = (
-        robot.model.gravity,
-        np.random.default_rng(0),
-        0,
-        0,
-    )
+    whole.gravity = robot.model.gravity
+    rng, worst, largest = np.random.default_rng(0), 0, 0
     for _ in range(_STATES):
         q, v, a = rng.uniform(-1, 1, (3, robot.dof))
         full = [pin.neutral(whole), np.zeros(whole.nv), np.zeros(whole.nv)]

@@ -71,9 +71,9 @@ class _Selection:
         moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
         theta = _plain(base, tracks, moving)
         body = theta[: 10 * robot.dof]
+        model = robot.model
         load = [
-            compute_inertial_regressor(robot.model, t.q, t.qd, t.qdd) @ body
-            for t in tracks
+            compute_inertial_regressor(model, t.q, t.qd, t.qdd) @ body for t in tracks
         ]
         blocks, named = [], {}
         for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
@@ -150,9 +150,8 @@ def _noise(base, tracks, moving, theta: Array) -> Array:
 
 def _plain(base, tracks, moving) -> Array:
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
-    x = np.concatenate(
-        [(b * (m / rms)[:, :, None]) for b, m in zip(base, moving, strict=True)]
-    )
+    pairs = zip(base, moving, strict=True)
+    x = np.concatenate([(b * (m / rms)[:, :, None]) for b, m in pairs])
     y = np.concatenate([t.tau * m / rms for t, m in zip(tracks, moving, strict=True)])
     x, y = x.reshape(-1, x.shape[2]), y.ravel()
     size = np.maximum(np.linalg.norm(x, axis=0) / np.sqrt(len(x)), 1e-9)

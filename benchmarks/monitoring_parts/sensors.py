@@ -17,17 +17,12 @@ from residual.identification.identify import identify
 from residual.monitoring.monitor import calibrate_monitor
 from residual.recording import Recording
 from residual.robot.robot import load_robot
-from sim.engine.plant_records import (
-    PlantEffect,
-    PlantSpec,
-    SampleRates,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantEffect, PlantSpec, SampleRates, TrajectorySpec
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.experiment import record_plant_log
 from sim.plant.closed_loop import build_and_simulate
 from sim.plant.typical_sizes import estimate_typical_sizes
-from sim.trajectories import plan_reference_motion
+from sim.trajectories import plan_reference_motion as plan_motion
 
 ROBOT = load_robot("irb140")
 # Effect, its parameters on a joint of a torque range, and when an alarm is in time [s].
@@ -106,15 +101,11 @@ def _counts(hits: list[bool]) -> tuple[int, int]:
 
 def record(case: Case) -> tuple[int, float, Recording]:
     """Return joint (0 for none), onset on the clock of the log [s], and the log."""
-    rng = create_random_stream(
-        case.number, f"monitoring/{case.arm}/{case.family}/{case.fault}"
-    )
+    rng = make_rng(case.number, f"monitoring/{case.arm}/{case.family}/{case.fault}")
     while True:  # some draws break a limit of the arm
         spec = TrajectorySpec(case.family, _DURATION, 3, int(rng.integers(2**31)))
         try:
-            motion = plan_reference_motion(
-                ROBOT, spec, SampleRates().control, optimised=False
-            )
+            motion = plan_motion(ROBOT, spec, SampleRates().control, optimised=False)
             break
         except InputError:
             continue

@@ -200,10 +200,8 @@ def _logs(
             continue
         left = tuple(e for i, e in enumerate(effects) if i != gone.get(name))
         plant = PlantSpec(left, noise=noise, seed=seed)
-        reference = _reference(task.seed, spec)
-        made = run_experiment(
-            robot, reference, plant, SampleRates(CONTROL, RATE), start
-        )
+        ref = _reference(task.seed, spec)
+        made = run_experiment(robot, ref, plant, SampleRates(CONTROL, RATE), start)
         out[name] = replace(made.log, id=name, q_ref=None)
     parts: dict[str, dict] = {role: {} for role in "fha"}
     for name, log in out.items():

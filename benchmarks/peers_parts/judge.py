@@ -60,7 +60,6 @@ LEVELS = ("name", "class")
 
 
 def compare(true: Truth, answer: Answer) -> dict:
-    """Return what an answer is worth on one case, at both levels."""
     flag, where = bool(answer.unknown), answer.unknown
     where = tuple(where) if isinstance(where, list) else ()
     # An effect without a name cannot be named: only the flag is right.

@@ -82,9 +82,7 @@ class Arm:
         """Parameters as given; the force at the flange is zero. Shape (p,)."""
         bodies = [b.toDynamicParameters() for b in list(self.model.inertias)[1:]]
         declared: Mapping = json.loads(self.case.robot.toml).get("declared", {})
-        drives = [
-            declared.get(name, {}).get(_KEYS[name], [0.0] * self.dof) for name in DRIVES
-        ]
+        drives = [declared.get(n, {}).get(_KEYS[n], [0.0] * self.dof) for n in DRIVES]
         return np.concatenate([*bodies, *drives, np.zeros(3)])
 
     def places(self, kind: str, joint: int) -> list[int]:

@@ -23,16 +23,11 @@ from residual.calibration.validation_scores import (
     PLSR,
     RANDOM,
     RUN,
-    find_model_score,
 )
+from residual.calibration.validation_scores import find_model_score as score
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import (
-    PlantEffect,
-    PlantSpec,
-    SampleRates,
-    SensorNoise,
-    TrajectorySpec,
-)
+from sim.engine.plant_records import PlantEffect, PlantSpec, SampleRates, SensorNoise
+from sim.engine.plant_records import TrajectorySpec as Trajectory
 from sim.experiment import run_experiment, simulate_nominal_twin
 from sim.plant import step_tables as at
 from sim.trajectories import plan_reference_motion
@@ -64,9 +59,8 @@ def frozen_runs(side: int) -> list[CalibrationRun]:
 
 
 def _calibrated_set(runs: list[CalibrationRun]) -> Calibration:
-    return calibrate(
-        _irb140(), runs, CalibrationSettings(paper=True, with_figures=False)
-    )
+    settings = CalibrationSettings(paper=True, with_figures=False)
+    return calibrate(_irb140(), runs, settings)
 
 
 @cache
@@ -74,14 +68,12 @@ def _simulated(number: int) -> tuple[CalibrationRun, CalibrationRun]:
     """One run, against a twin without friction and against one with it."""
     robot, family = _irb140(), _FAMILIES[number]
     rates = SampleRates()
-    spec = TrajectorySpec(family, 20.0, 2, _SEED + number)
-    reference = plan_reference_motion(robot, spec, rates.control)
-    made = run_experiment(robot, reference, _plant(robot), rates, 30.0 * number)
+    spec = Trajectory(family, 20.0, 2, _SEED + number)
+    ref = plan_reference_motion(robot, spec, rates.control)
+    made = run_experiment(robot, ref, _plant(robot), rates, 30.0 * number)
     log = replace(made.log, id=f"{family} {number + 1}")
     every = round(rates.control / rates.log)
-    drive = simulate_nominal_twin(_without_friction(robot), reference).rows[
-        ::every, at.DRIVE
-    ]
+    drive = simulate_nominal_twin(_without_friction(robot), ref).rows[::every, at.DRIVE]
     bare = CalibrationRun(log, family, {"e_tau": log.tau - drive[: len(log.t)]})
     return bare, CalibrationRun(log, family, made.twin)
 
@@ -105,9 +97,8 @@ def _plant(robot: Robot) -> PlantSpec:
             PlantEffect("coulomb_asymmetry", (joint,), (("level", 0.1 * level),)),
             PlantEffect("load_friction", (joint,), (("coefficient", 0.05),)),
         ]
-    return PlantSpec(
-        tuple(effects), scatter=0.0, noise=SensorNoise(torque=0.01), seed=_SEED
-    )
+    noise = SensorNoise(torque=0.01)
+    return PlantSpec(tuple(effects), scatter=0.0, noise=noise, seed=_SEED)
 
 
 def _frozen_figures(calibration: Calibration) -> Figures:
@@ -120,8 +111,8 @@ def _frozen_figures(calibration: Calibration) -> Figures:
     out = {}
     for name, (scheme, model, at_most) in pairs.items():
         one, ls = (
-            find_model_score(calibration.scores, scheme, model),
-            find_model_score(calibration.scores, scheme, LS),
+            score(calibration.scores, scheme, model),
+            score(calibration.scores, scheme, LS),
         )
         ratios = one.rmsev / ls.rmsev
         told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
@@ -172,9 +163,7 @@ def measured_figures(quick: bool) -> Figures:
 
 def over_none(calibration: Calibration) -> dict:
     """Compare the default form with no compensation, worst joint on unseen runs."""
-    one, none = (
-        find_model_score(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING)
-    )
+    one, none = (score(calibration.scores, RUN, model) for model in (DEFAULT, NOTHING))
     ratios = one.rmsev / none.rmsev
     return figure(
         float(ratios.max()),
@@ -193,7 +182,7 @@ def over_best(calibration: Calibration) -> dict:
     ratios = {}
     for scheme in dict.fromkeys(one.scheme for one in calibration.scores):
         ours, *others = (
-            find_model_score(calibration.scores, scheme, model).overall
+            score(calibration.scores, scheme, model).overall
             for model in (DEFAULT, NOTHING, LS, PLSR)
         )
         ratios[scheme] = round(ours / min(others), 4)

@@ -39,7 +39,6 @@ def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Arra
 
 
 def run(store: Path, seed: int) -> str:
-    """Commit one small simulated run with its seal and return its id."""
     log, manifest, twin = small(seed)
     sealed = SealedTruth({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
     return commit_run(store, log, manifest, sealed, twin)

@@ -30,9 +30,8 @@ def commit_figures(quick: bool) -> Figures:
     rounds = 15 if quick else 60
     spec = TrajectorySpec("fourier", ROWS / 250, 2, 9)
     plant = PlantSpec((), noise=SensorNoise(), seed=9)
-    made = run_experiment(
-        load_robot("irb140"), reference(spec), plant, SampleRates(), 0.0
-    )
+    robot = load_robot("irb140")
+    made = run_experiment(robot, reference(spec), plant, SampleRates(), 0.0)
     log, twin = made.log, dict(made.twin)
     arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
     table = arrays_to_table(arrays, {})
@@ -73,22 +72,19 @@ ERRORS = """
 
 
 def many_figures(quick: bool) -> Figures:
-    """Fill a store through the real commit, then open and ask it."""
     count, rounds = (600, 5) if quick else (FULL, 15)
     with folder() as place:
         start = perf_counter()
         _fill(place, count)
         filled = perf_counter() - start
         first = wall(lambda: warehouse.open(place).close())
-        figures = {"first_open_s": figure(first, None, 1)} | _query_figures(
-            place, rounds
-        )
+        figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
     why = f"with {count} runs instead of {FULL}" if quick else ""
     return all_partial(figures, why)
 
 
-def _query_figures(place: Path, rounds: int) -> Figures:
+def _figures(place: Path, rounds: int) -> Figures:
     opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
     figures = {"open_s": _median(opening, 1.0)}
     with warehouse.open(place) as store:

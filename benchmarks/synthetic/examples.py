@@ -85,7 +85,6 @@ def _write(
     table: tuple[Array, Array, Array],
     delimiter: str,
 ) -> None:
-    """Write time, then a column per joint of positions and of torques."""
     dof = table[1].shape[1]
     numbers = [f"{name}{j}" for name in names[1:] for j in range(1, dof + 1)]
     np.savetxt(

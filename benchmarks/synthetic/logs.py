@@ -12,7 +12,8 @@ from benchmarks.synthetic.quasi_static import (
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.effect_draws import draw_effect
-from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.engine.plant_records import SyntheticEffect
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
 from sim.plant.joint_background import simulate_torque_logging
 from sim.plant.sensors import draw_torque_noise, simulate_encoder
@@ -84,7 +85,7 @@ def make(plant: Plant, plan: tuple[LogPlan, ...], seed: int) -> list[Recording]:
             clock += _BETWEEN_SESSIONS if recordings else 0.0
             session = clock
         recordings.append(_record(plant, entry, seed, (clock, session)))
-        pause = create_random_stream(seed, f"pause/{entry.name}").uniform(*_PAUSE)
+        pause = make_rng(seed, f"pause/{entry.name}").uniform(*_PAUSE)
         clock = round(clock + entry.duration + pause, 3)
     return recordings
 
@@ -110,22 +111,16 @@ def standard_case(
     """
     robot = replace(load_robot("irb140"), declared={}) if robot is None else robot
     if undeclared:
-        return _undeclared_case(robot, effect, seed, baseline)
+        return _undeclared(robot, effect, seed, baseline)
     hidden = ()
     if effect is not None:
-        hidden = (
-            draw_effect(
-                robot, effect, create_random_stream(seed, f"draw/{effect}"), joint
-            ),
-        )
+        hidden = (draw_effect(robot, effect, make_rng(seed, f"draw/{effect}"), joint),)
     plan = standard_plan(baseline or effect in CHANGES)
     plant = Plant(robot, hidden, seed)
     return _case(plant, plan, None, hidden[0] if hidden else None)
 
 
-def _undeclared_case(
-    robot: Robot, effect: str | None, seed: int, baseline: bool
-) -> Case:
+def _undeclared(robot: Robot, effect: str | None, seed: int, baseline: bool) -> Case:
     if effect not in CHANGES:
         raise ValueError(f"Only {CHANGES} can be left undeclared, not {effect!r}.")
     plant = Plant(robot, (), seed)
@@ -160,7 +155,7 @@ def _record(
         compute_usual_motion_range(plant.robot),
         entry.duration,
         entry.rate,
-        create_random_stream(seed, f"motion/{entry.name}"),
+        make_rng(seed, f"motion/{entry.name}"),
     )
     active = session is not None
     start = now - session if active else 0.0
@@ -171,15 +166,13 @@ def _record(
         len(motion.t),
         span,
         entry.rate,
-        create_random_stream(seed, f"torque/{entry.name}"),
+        make_rng(seed, f"torque/{entry.name}"),
     )
     return Recording(
         id=entry.name,
         robot=plant.robot.name,
         t=now + motion.t,
-        q=simulate_encoder(
-            torque.reading, create_random_stream(seed, f"encoder/{entry.name}")
-        ),
+        q=simulate_encoder(torque.reading, make_rng(seed, f"encoder/{entry.name}")),
         tau=simulate_torque_logging(
             background_of(plant), torque.tau + noise, entry.rate
         ),

@@ -9,15 +9,16 @@ import numpy as np
 
 from residual.recording import Array
 from sim.engine.plant_records import ReferenceMotion
-from sim.plant.typical_sizes import UsualMotionRange, draw_motion_centre
+from sim.plant.typical_sizes import UsualMotionRange as Space
+from sim.plant.typical_sizes import draw_motion_centre as motion_centre
 from sim.trajectories.motion_curves import (
     RAMP,
-    FourierSeries,
     bound_series_peaks,
     evaluate_quintic_move,
     evaluate_ramped_series,
     find_shortest_move_time,
 )
+from sim.trajectories.motion_curves import FourierSeries as Series
 
 FAMILIES = ("fourier", "cyclic", "slow_cyclic", "move_stop_move")
 _RAMP_PEAK = 1.875 / RAMP  # largest rate of the path speed [1/s]
@@ -27,7 +28,7 @@ _DWELL = (0.3, 0.9)  # s
 
 def make_motion(
     family: str,
-    space: UsualMotionRange,
+    space: Space,
     duration: float,
     rate: float,
     rng: np.random.Generator,
@@ -53,22 +54,18 @@ def make_motion(
     return ReferenceMotion(family, t, *evaluate_ramped_series(curve, t, duration), None)
 
 
-def draw_fourier(
-    space: UsualMotionRange, duration: float, rng: np.random.Generator
-) -> FourierSeries:
+def draw_fourier(space: Space, duration: float, rng: np.random.Generator) -> Series:
     """Draw five harmonics; two periods fit into the duration."""
     dof = len(space.centre)
     order = np.arange(1, 6)[:, None]
     sine, cosine = rng.normal(size=(2, 5, dof)) / order
     period = (duration - RAMP) / 2
-    return _within(
-        space, FourierSeries(draw_motion_centre(space, rng), sine, cosine, period), 1.0
-    )
+    return _within(space, Series(motion_centre(space, rng), sine, cosine, period), 1.0)
 
 
 def draw_cyclic(
-    space: UsualMotionRange, period: float, share: float, rng: np.random.Generator
-) -> FourierSeries:
+    space: Space, period: float, share: float, rng: np.random.Generator
+) -> Series:
     """Draw strokes back and forth: 1 to 3 per period and joint, nearly triangular."""
     dof = len(space.centre)
     strokes = rng.permutation(np.arange(dof) // 2 % 3 + 1)
@@ -80,12 +77,12 @@ def draw_cyclic(
             angle = order // n * phase[joint]
             sine[order - 1, joint] = weight * np.cos(angle)
             cosine[order - 1, joint] = weight * np.sin(angle)
-    series = FourierSeries(draw_motion_centre(space, rng), sine, cosine, period)
+    series = Series(motion_centre(space, rng), sine, cosine, period)
     return _within(space, series, share)
 
 
 def move_stop_move(
-    space: UsualMotionRange, t: Array, duration: float, rng: np.random.Generator
+    space: Space, t: Array, duration: float, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
     """Draw a program of moves and repeat it; return q, qd and qdd at times from 0.
 
@@ -94,7 +91,7 @@ def move_stop_move(
     """
     dof = len(space.centre)
     reach = 0.9 * space.amplitude * rng.uniform(-1, 1, (_POINTS, dof))
-    points = draw_motion_centre(space, rng) + reach
+    points = motion_centre(space, rng) + reach
     slower = rng.uniform(1.0, 1.5, _POINTS)
     dwells = rng.uniform(*_DWELL, _POINTS)
     q = np.tile(points[0], (len(t), 1))
@@ -115,9 +112,7 @@ def move_stop_move(
     return q, qd, qdd
 
 
-def _within(
-    space: UsualMotionRange, series: FourierSeries, share: float
-) -> FourierSeries:
+def _within(space: Space, series: Series, share: float) -> Series:
     """Scale each joint as large as its range (times share), speed and acceleration."""
     position, velocity, acceleration = bound_series_peaks(series)
     scale = np.min(
@@ -128,6 +123,6 @@ def _within(
         ],
         axis=0,
     )
-    return FourierSeries(
+    return Series(
         series.centre, scale * series.sine, scale * series.cosine, series.period
     )

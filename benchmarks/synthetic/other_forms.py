@@ -19,9 +19,8 @@ def lugre(state: SyntheticMotion, p: Values) -> Array:
     g = exp(-(qd / velocity)^2) and bristles of the displacement d.
     """
     g = np.exp(-((state.qd / p["velocity"]) ** 2)) + 1e-3
-    z = _lugre(
-        np.ascontiguousarray(state.q), np.ascontiguousarray(g), float(p["displacement"])
-    )
+    q, g = np.ascontiguousarray(state.q), np.ascontiguousarray(g)
+    z = _lugre(q, g, float(p["displacement"]))
     rate = np.gradient(z, state.t, axis=0)
     return p["level"] * (z + _MICRO * p["displacement"] * rate)
 

@@ -84,7 +84,6 @@ class Torque:
 
 
 def true_model(plant: Plant) -> pin.Model:
-    """Return the rigid body of this arm without hidden effects."""
     relative = _RIGID_SCATTER if plant.scatter is None else plant.scatter
     return scatter_inertias(
         plant.robot.model, relative, create_random_stream(plant.seed, "scatter")

@@ -31,14 +31,10 @@ from residual.robot.robot import Robot, load_robot
 from sim.effect_draws import draw_plant_effect
 from sim.effects.base import Rng
 from sim.engine.friction_laws import BRISTLE
-from sim.engine.plant_records import (
-    HIDDEN,
-    PlantEffect,
-    ReferenceMotion,
-    SyntheticEffect,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import HIDDEN, PlantEffect, TrajectorySpec
+from sim.engine.plant_records import ReferenceMotion as Motion
+from sim.engine.plant_records import SyntheticEffect as Effect
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import (
     compute_effect_amount,
     list_drive_effects,
@@ -64,14 +60,14 @@ _DRAWS, _STEPS = 24, 4
 class Stage:
     """A motion on which an effect is to be seen, of the arm without it."""
 
-    motion: ReferenceMotion
+    motion: Motion
     start: float  # session time of the first one [s]
     moves: Array  # where each joint moves, standstill well away, (n, dof)
     torque: Array  # torque of the arm as described, smooth [N m], (n, dof)
     residual: Array  # the same less what the rigid body takes [N m], (n, dof)
 
     @classmethod
-    def of(cls, robot: Robot, reference: ReferenceMotion, start: float = 0.0) -> Self:
+    def of(cls, robot: Robot, reference: Motion, start: float = 0.0) -> Self:
         """Return the stage of one motion, of an arm just as its description says."""
         r = reference
         rate = 1 / (r.t[1] - r.t[0])
@@ -136,19 +132,19 @@ def _enlarged(
     return larger, now
 
 
-def _as_in_engine(effect: PlantEffect) -> tuple[SyntheticEffect, ...]:
+def _as_in_engine(effect: PlantEffect) -> tuple[Effect, ...]:
     """Return what gives a synthetic arm the torque that the effect has in the engine.
 
     Bristles bear a part of the dry friction there, and come on top of it here.
     """
     p = dict(effect.parameters)
-    hidden = SyntheticEffect(effect.name, effect.joints, p)
+    hidden = Effect(effect.name, effect.joints, p)
     if not _has_bristles(effect):
         return (hidden,)
     # By unit, since the drive's effects have their names in their own files.
     dry = next(e for e in list_drive_effects() if e.parameters[e.amount[0]] == "N m")
     borne = {dry.amount[0]: -p["level"]}
-    return hidden, SyntheticEffect(dry.name, effect.joints, borne)
+    return hidden, Effect(dry.name, effect.joints, borne)
 
 
 def _has_bristles(effect: PlantEffect) -> bool:
@@ -156,9 +152,7 @@ def _has_bristles(effect: PlantEffect) -> bool:
     return bool(kind.friction) and kind.friction(p, 0.0)[0] == BRISTLE
 
 
-def _torques(
-    plant: Plant, motion: ReferenceMotion, start: float
-) -> tuple[Array, Array]:
+def _torques(plant: Plant, motion: Motion, start: float) -> tuple[Array, Array]:
     """Return torque, and torque less that of the rigid body where encoders read.
 
     Both without what is too fast to be seen [N m]. Shapes (n, dof).
@@ -196,16 +190,13 @@ def stages_of(seed: int) -> list[Stage]:
 def larger(name: str, seed: int, stages: Sequence[Stage]) -> list | None:
     """Return what is hidden instead of the usual draw; None if that is visible."""
     robot = load_robot(demo.ROBOT)
-    usual = draw_plant_effect(robot, create_random_stream(seed, HIDDEN), name or None)
-    shown = draw_visible(
-        robot, create_random_stream(seed, HIDDEN), stages, name or None
-    )
+    usual = draw_plant_effect(robot, make_rng(seed, HIDDEN), name or None)
+    shown = draw_visible(robot, make_rng(seed, HIDDEN), stages, name or None)
     same = shown == usual
     return None if same else [shown.name, list(shown.joints), dict(shown.parameters)]
 
 
 def main() -> None:
-    """Write the table, a line for each draw."""
     table: dict[str, dict] = {
         name: {"seeds": OF_A_NAME if name else SEEDS, "larger": {}}
         for name in ("", *sorted(list_plant_effects()))

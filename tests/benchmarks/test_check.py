@@ -6,14 +6,7 @@ import pytest
 from benchmarks.check_parts import bars, cases, judge
 from benchmarks.check_parts.arms import SIX, FaultyLogs, host, table_of
 from flows.steps import check as steps
-from residual.check.result import (
-    FORMER,
-    INTERLEAVED,
-    KINDS,
-    Fault,
-    LogCheck,
-    Repair,
-)
+from residual.check.result import FORMER, INTERLEAVED, KINDS, Fault, LogCheck, Repair
 from sim.engine.plant_records import create_random_stream
 
 

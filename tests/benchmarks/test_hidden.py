@@ -5,16 +5,11 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.hidden.draw import draw_sized, measured, vocabulary
-from benchmarks.hidden.score import (
-    Name,
-    estimate,
-    members,
-    score,
-)
+from benchmarks.hidden.score import Name, estimate, members, score
 from residual.effects import load_effects
 from residual.robot.robot import load_robot
 from residual.verdict.result import Detectable
-from sim.engine.plant_records import create_random_stream
+from sim.engine.plant_records import create_random_stream as make_rng
 from tests.verdict_documents import typed
 
 STRIBECK = Name("stribeck", (2,))
@@ -115,10 +110,8 @@ def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
     robot = load_robot("irb140")
     minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
     wish = ("position_friction", 3.0)
-    one = draw_sized(robot, create_random_stream(4, "t"), *wish, minimum)
+    one = draw_sized(robot, make_rng(4, "t"), *wish, minimum)
     assert measured(one, minimum, robot).multiple == pytest.approx(3.0)
     huge = [replace(m, value=1e3) for m in minimum]
-    capped = measured(
-        draw_sized(robot, create_random_stream(4, "t"), *wish, huge), huge, robot
-    )
+    capped = measured(draw_sized(robot, make_rng(4, "t"), *wish, huge), huge, robot)
     assert capped.multiple < 0.1

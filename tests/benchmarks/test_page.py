@@ -23,8 +23,7 @@ def test_every_figure_of_a_results_file_has_a_row(name):
 
 
 def test_the_readme_has_its_length_and_about_eight_rows_of_figures():
-    text = page.README.read_text(encoding="utf-8")
-    assert 60 <= len(text.splitlines()) <= 100
+    assert 60 <= len(page.README.read_text(encoding="utf-8").splitlines()) <= 100
     rows = re.findall(r"^\| (?!tested on |---)", page.readme_table(), re.M)
     assert 7 <= len(rows) <= 9
 

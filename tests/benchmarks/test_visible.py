@@ -12,9 +12,10 @@ from benchmarks.synthetic.visible import (
 )
 from flows.steps import demo
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
-from sim.engine.plant_records import HIDDEN, TrajectorySpec, create_random_stream
+from sim.engine.plant_records import HIDDEN, TrajectorySpec
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import check_effect
-from sim.trajectories import plan_reference_motion
+from sim.trajectories import plan_reference_motion as plan_motion
 from sim.trajectories.excitation import draw_slow_coefficients
 from tests.sim.plant_cases import ROBOT
 
@@ -22,22 +23,16 @@ SPEED = 0.2  # rad/s
 
 
 def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):
-    rows = draw_slow_coefficients(
-        ROBOT, duration, SPEED, create_random_stream(seed, "slow")
-    )
+    rows = draw_slow_coefficients(ROBOT, duration, SPEED, make_rng(seed, "slow"))
     spec = TrajectorySpec("fourier", duration, 1, seed, rows)
-    return plan_reference_motion(ROBOT, spec, rate)
+    return plan_motion(ROBOT, spec, rate)
 
 
 @pytest.mark.parametrize("name", list_drawable_effects()[::4])
 def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name):
-    stops = plan_reference_motion(
-        ROBOT, TrajectorySpec("move_stop_move", 10.0, seed=1), 100.0
-    )
+    stops = plan_motion(ROBOT, TrajectorySpec("move_stop_move", 10.0, seed=1), 100.0)
     creeps, hurries = Stage.of(ROBOT, slow()), Stage.of(ROBOT, stops, 30.0)
-    hidden = draw_visible(
-        ROBOT, create_random_stream(0, "hidden"), [creeps, hurries], name
-    )
+    hidden = draw_visible(ROBOT, make_rng(0, "hidden"), [creeps, hurries], name)
     check_effect(hidden, ROBOT)
     assert hidden.name == name
     assert share(ROBOT, hidden, [creeps, hurries]) >= VISIBLE
@@ -55,6 +50,6 @@ def test_what_is_hidden_is_that_of_the_table_or_a_usual_draw_and_begins_again():
 
     assert hidden(1) == TABLE[""]["larger"]["1"]
     assert hidden(1, "delay") == hidden(1 + OF_A_NAME, "delay")
-    usual = draw_plant_effect(ROBOT, create_random_stream(7, HIDDEN))
+    usual = draw_plant_effect(ROBOT, make_rng(7, HIDDEN))
     assert hidden(7) == [usual.name, list(usual.joints), dict(usual.parameters)]
     assert hidden(7) == hidden(7 + SEEDS)

@@ -94,10 +94,8 @@ def json_back(made: ModelExport) -> Pair:
 
 
 def urdf_back(made: ModelExport) -> Pair:
-    model, read = (
-        remove_tables(made.carried),
-        build_pinocchio_model(text_of(made), "the URDF"),
-    )
+    model = remove_tables(made.carried)
+    read = build_pinocchio_model(text_of(made), "the URDF")
     # A URDF says nothing of gravity.
     read.gravity.linear = model.robot.model.gravity.linear
     states = fast_states(model)

@@ -35,8 +35,7 @@ def answer(app, asked: dict, sent=()) -> list[dict]:
     given, answered = iter(sent), []
 
     async def receive():
-        gone = {"type": "websocket.disconnect", "code": 1005}
-        return next(given, gone)
+        return next(given, {"type": "websocket.disconnect", "code": 1005})
 
     async def send(message):
         answered.append(message)

@@ -164,8 +164,7 @@ def cloud(
     """Return the cloud of a finding whose effect has this shape over its variable."""
     x = rng.uniform(*span, 3000)
     fitted = shape(x)
-    spread = 0.25 * np.ptp(fitted)
-    residual = fitted + rng.normal(0, spread, 3000)
+    residual = fitted + rng.normal(0, 0.25 * np.ptp(fitted), 3000)
     log = np.where(np.arange(3000) < 1600, "A", "B")
     axis = "q" if name in ("balancer", "spring", "ripple") else "qd"
     unit = "rad" if axis == "q" else "rad/s"
@@ -253,12 +252,10 @@ def unknown() -> Diagnosis:
 
 
 def same_run() -> Diagnosis:
-    outcome = one_effect()
-    error = replace(outcome.errors, same_run=True, logs=("run.csv@75%:",))
+    out = one_effect()
+    error = replace(out.errors, same_run=True, logs=("run.csv@75%:",))
     warning = "Held-out motion is the last quarter of the same log."
-    return replace(
-        outcome, verdict=replace(outcome.verdict, error=error, warnings=(warning,))
-    )
+    return replace(out, verdict=replace(out.verdict, error=error, warnings=(warning,)))
 
 
 _MAKERS = (one_effect, several, nothing, unknown, same_run)

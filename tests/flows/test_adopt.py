@@ -161,17 +161,14 @@ def _wrong(model, how):
         "joint": replace(spring, joints=(0,)),
         "twice": replace(spring, theta=2 * spring.theta),
     }[how]
-    return replace(
-        model, terms=tuple(changed if t is spring else t for t in model.terms)
-    )
+    terms = (changed if t is spring else t for t in model.terms)
+    return replace(model, terms=tuple(terms))
 
 
 @pytest.mark.parametrize(
     ("how", "part"), [("right", 1.0), ("sign", -1.0), ("joint", 0.0), ("twice", 0.5)]
 )
-def test_a_wrong_correction_is_refused_on_motion_of_another_night(
-    night_store, how, part
-):
+def test_a_wrong_correction_is_refused_on_another_night(night_store, how, part):
     store, _, second, id = night_store
     before = read_models(store, id)["nominal"]
     model = _wrong(read_adoptable_model(store, id), how)
@@ -215,9 +212,7 @@ def test_what_changed_since_needs_the_runs_behind_the_model(night_store, monkeyp
 
 
 @pytest.mark.long
-def test_a_model_without_its_runs_has_their_motion_with_it(
-    night_store, arm_nights, tmp_path
-):
+def test_a_model_without_its_runs_has_their_motion(night_store, arm_nights, tmp_path):
     store, first, second, id = night_store
     copy = tmp_path / "store"
     copytree(store, copy)

@@ -30,8 +30,7 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     code, out, err = run("runs")
     assert code == 2
     assert f"There is no store at {bucket_store}" in err
-    spec = tmp_path / "work" / "spec.toml"
-    spec.write_text(SPEC)
+    (tmp_path / "work" / "spec.toml").write_text(SPEC)
     code, out, _ = run("experiment", "spec.toml")
     id = out.split()[-1]
     assert (code, f"stored in {bucket_store}:" in " ".join(out.split())) == (0, True)
@@ -45,5 +44,4 @@ def test_a_run_is_made_asked_for_verified_and_made_again(
     code, out, _ = run("rerun", id[:6], "--verify")
     assert (code, "bit for bit" in out) == (0, True)
     # Nothing but what was asked for lies about.
-    names = {path.name for path in (tmp_path / "work").iterdir()}
-    assert names == {"spec.toml"}
+    assert {path.name for path in (tmp_path / "work").iterdir()} == {"spec.toml"}

@@ -123,8 +123,7 @@ def test_processes_return_values_and_errors(pool):
 
 
 def test_a_process_that_dies_takes_no_other_job_with_it(pool):
-    jobs = ["1", "2", "__import__('os')._exit(3)", "4", "5"]
-    done = by_index(pool, eval, jobs)
+    done = by_index(pool, eval, ["1", "2", "__import__('os')._exit(3)", "4", "5"])
     assert [d.value for d in done] == [1, 2, None, 4, 5]
     assert "the worker process died" in str(done[2].error)
 

@@ -44,10 +44,8 @@ def stored(tmp_path_factory, compiled_plant):
     store, ids = tmp_path_factory.mktemp("store"), []
     for number, kind in enumerate(("cyclic", "cyclic", *2 * ("move_stop_move",))):
         motion = {"kind": kind, "duration": 4.0, "periods": 1, "seed": number}
-        content = {"seed": 3, "start": 10.0 * number, "trajectory": motion}
-        ids.append(
-            experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
-        )
+        data = {"seed": 3, "start": 10.0 * number, "trajectory": motion}
+        ids.append(experiment.simulate_and_store(parse_spec(data, "SPEC.toml"), store))
     return store, ids
 
 
@@ -59,20 +57,19 @@ def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys
     assert "leave one run out" in shown
     assert "no family left out: the kind of motion of the logs is not known" in shown
     assert "stored" not in shown
-    document = json.loads(Path("o.json").read_text())
-    assert " ".join(document) == KEYS
-    assert {row["scheme"] for row in document["table"]} >= {"run", "random"}
-    assert document["stored"] is None
+    doc = json.loads(Path("o.json").read_text())
+    assert " ".join(doc) == KEYS
+    assert {row["scheme"] for row in doc["table"]} >= {"run", "random"}
+    assert doc["stored"] is None
     page = Path("o.html").read_text()
-    assert document["words"][0] in page
+    assert doc["words"][0] in page
     assert page.count('class="plot"') >= 8
     assert page.count(">Corrections over time (figure 9)</h2>") == 1
-    assert document["levels"]["levels"] == [2, 5]
+    assert doc["levels"]["levels"] == [2, 5]
     names = {"evaluate.py", "model.json", "model.npz", "tables.csv"}
     whole = mg.load_model("tables/corrected.json")
     both = {"corrected.json", f"{whole.model.robot.name}.h"}
-    written = {p.name for p in Path("tables").iterdir()}
-    assert written == names | both
+    assert {p.name for p in Path("tables").iterdir()} == names | both
     (log,) = mg.read_logs("A.csv", whole.model.robot)
     assert whole.predict(log).shape == log.tau.shape
     np.savetxt("rows.csv", np.zeros((2, 9)), delimiter=",")
@@ -89,13 +86,13 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     store, ids = stored
     words = f"calibrate {' '.join(i[:8] for i in ids)} --robot irb140 --paper"
     assert run(f"{words} --joints 1,2 --components 1 --store {store} --json -") == 0
-    document = json.loads(capsys.readouterr().out)
-    assert (document["mode"], document["joints"]) == ("paper", [1, 2])
-    assert document["families"] == ["cyclic", "cyclic", *2 * ["move_stop_move"]]
-    assert [c["block"] for c in document["components"]][:2] == ["input", "twin error"]
-    paper = next(row for row in document["table"] if row["model"] == "paper")
+    doc = json.loads(capsys.readouterr().out)
+    assert (doc["mode"], doc["joints"]) == ("paper", [1, 2])
+    assert doc["families"] == ["cyclic", "cyclic", *2 * ["move_stop_move"]]
+    assert [c["block"] for c in doc["components"]][:2] == ["input", "twin error"]
+    paper = next(row for row in doc["table"] if row["model"] == "paper")
     assert paper["components"] == 1
-    kept = document["stored"]
+    kept = doc["stored"]
     with open_store(store) as opened:
         query = "SELECT stage FROM models WHERE model_id = '{}'"
         models = opened.sql(query.format(kept["model"])).to_pylist()
@@ -112,9 +109,7 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     assert {row["stage"] for row in errors} == stages
     assert {row["run_id"] for row in errors} == {None, *ids}
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
-    row = next(
-        r for r in document["table"] if (r["scheme"], r["model"]) == ("run", "ls")
-    )
+    row = next(r for r in doc["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
     assert pooled == [pytest.approx(row["rmsev"][1])]
 
 
@@ -124,15 +119,11 @@ def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
         write_csv(f"{name}.csv", log, q_ref=log.q)  # it is where it was asked to be
     words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
     assert run(f"{words} --json o.json") == 0
-    document = json.loads(Path("o.json").read_text())
-    assert document["mode"] == "paper"
-    assert [c["block"] for c in document["components"]][:2] == ["input", "twin error"]
+    doc = json.loads(Path("o.json").read_text())
+    assert doc["mode"] == "paper"
+    assert [c["block"] for c in doc["components"]][:2] == ["input", "twin error"]
     none, ours = (
-        next(
-            r
-            for r in document["table"]
-            if (r["scheme"], r["model"]) == ("block", model)
-        )
+        next(r for r in doc["table"] if (r["scheme"], r["model"]) == ("block", model))
         for model in (NOTHING, DEFAULT)
     )
     # The file has neither friction nor rotors, so that the twin leaves some of either.

@@ -44,9 +44,7 @@ def fake_check(monkeypatch):
     """Replace the core of the check; returns a function that says what it finds."""
 
     def set(*faults):
-        monkeypatch.setattr(
-            steps, "check_logs", lambda robot, logs: LogCheck(tuple(faults))
-        )
+        monkeypatch.setattr(steps, "check_logs", lambda *_: LogCheck(tuple(faults)))
 
     set()
     return set
@@ -70,9 +68,7 @@ def test_a_clean_log_is_said_to_be_clean_in_one_line(log, fake_check, capsys):
     assert lines[1:] == ["", CLEAN]
 
 
-def test_faults_are_told_with_evidence_and_the_line_that_mends_them(
-    log, fake_check, capsys
-):
+def test_faults_are_told_with_evidence_and_the_line_that_mends(log, fake_check, capsys):
     log()
     fake_check(LATE, SIGN)
     assert run("check A.csv --robot irb140") == 0
@@ -106,9 +102,7 @@ def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys)
     assert read_log_check(document).to_json() == document
 
 
-def test_two_faults_of_one_signal_have_one_line_that_mends_both(
-    log, fake_check, capsys
-):
+def test_two_faults_of_one_signal_have_one_line_for_both(log, fake_check, capsys):
     log()
     other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
     fake_check(SIGN, other)
@@ -173,8 +167,7 @@ def test_what_other_commands_refuse_to_read_is_a_fault_here(
 def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     log(spoil(column, 700, size))
     assert run("check A.csv --robot irb140 --json -") == 0
-    document = json.loads(capsys.readouterr().out)
-    (fault,) = document["faults"]
+    (fault,) = json.loads(capsys.readouterr().out)["faults"]
     assert (fault["kind"], fault["joints"]) == ("spike", [int(column[-1])])
     assert fault["certain"]
     assert f"{size:.3g} at sample 700" in fault["evidence"]

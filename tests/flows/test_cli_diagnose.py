@@ -44,10 +44,8 @@ def test_every_log_goes_into_the_set_that_the_words_say(folder, calls, capsys, w
     assert ids(call["baseline"]) == baseline.split()
     assert ids(call["held_out"]) == held_out.split()
     shown = capsys.readouterr().out
-    assert (
-        f"fit: {fit} | baseline: {baseline or '–'} | held out: {held_out or '–'}\n"
-        in shown
-    )
+    line = f"fit: {fit} | baseline: {baseline or '–'} | held out: {held_out or '–'}\n"
+    assert line in shown
     (read,) = [line for line in shown.splitlines() if "; read " in line]
     names, _, about = read.partition(": ")
     assert sorted(names.split(", ")) == sorted(re.findall(r"(\w)\.csv", words))
@@ -63,8 +61,7 @@ def test_files_are_written_and_named(folder, calls, capsys):
     assert page.startswith("<html>irb140")
     assert "fit: A | baseline" in page
     assert "modelgap diagnose A.csv --robot irb140 --report o.html" in page
-    shown = capsys.readouterr().out
-    assert "wrote o.html\nwrote o.json" in shown
+    assert "wrote o.html\nwrote o.json" in capsys.readouterr().out
 
 
 @pytest.mark.parametrize("json_words", ["--json -", "--json=-"])

@@ -37,9 +37,7 @@ TOLERANCES = {
     "rrd": 1e-12,
 }
 OTHERS = sorted(set(ARMS) - {"seven"})
-needs_compiler = pytest.mark.skipif(
-    find_compiler() is None, reason="no C compiler here"
-)
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
 REASON["mujoco"] = (needs_compiler, pytest.mark.long)
@@ -49,10 +47,8 @@ def _every(robot):
     shapes = tuple(replace(CHOICES[-j - 1], hold=0.7) for j in range(robot.dof))
     source = model_with(robot, *NAMES, standstill=shapes)
     columns = (("qd", (1,), ""), ("q", (0, 2), "difference"))
-    own = tuple(
-        JointCorrection(j, columns, lookup(np.random.default_rng(j)), MAIN)
-        for j in (0, 3)
-    )
+    rngs = {j: np.random.default_rng(j) for j in (0, 3)}
+    own = tuple(JointCorrection(j, columns, lookup(g), MAIN) for j, g in rngs.items())
     return CorrectedModel(source, own)
 
 
@@ -110,8 +106,7 @@ def _all(motion):
 
 def test_friction_has_its_value_in_mujoco_where_the_joint_creeps():
     pytest.importorskip("mujoco")
-    robot = robot_of("irb140")
-    source = model_with(robot, "coulomb", speed_floor=np.full(6, 1e-5))
+    source = model_with(robot_of("irb140"), "coulomb", speed_floor=np.full(6, 1e-5))
     export = export_model(source, "mjcf")
     zero = np.zeros((2, 6))
     qd = CREEP * np.array([[1.0], [-1.0]]) * np.ones(6)
@@ -192,10 +187,8 @@ def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
     source = model_with(robot_of("irb140"), "viscous")
     (content,) = export_model(source, "fmu").files.values()
     with zipfile.ZipFile(io.BytesIO(content)) as packed:
-        assert {name.split("/")[0] for name in packed.namelist()} == {
-            "modelDescription.xml",
-            "sources",
-        }
+        folders = {name.split("/")[0] for name in packed.namelist()}
+        assert folders == {"modelDescription.xml", "sources"}
 
 
 def test_models_of_the_store_are_found_by_their_id(tmp_path):
@@ -206,16 +199,15 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
         for more in ({"model": source.to_record()}, {"nominal": source.to_record()}, {})
     ]
     for id in ids[:2]:
-        model = read_model(tmp_path, id[:8])
-        assert model.to_record() == source.to_record()
+        assert read_model(tmp_path, id[:8]).to_record() == source.to_record()
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
 
 
 def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch):
-    both = {
-        n: model_with(robot_of("irb140"), "viscous") for n in ("nominal", "augmented")
-    }
+    both = dict.fromkeys(
+        ("nominal", "augmented"), model_with(robot_of("irb140"), "viscous")
+    )
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )

@@ -70,11 +70,8 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     assert min(document["consistent"]["masses"]) > 0
     assert min(document["consistent"]["least_eigenvalue"]) > 0
     assert document["least_mass_matrix"]["consistent"] > 0
-    assert document["error"]["filtered"].keys() == {
-        "nominal",
-        "identified",
-        "consistent",
-    }
+    filtered = document["error"]["filtered"]
+    assert filtered.keys() == {"nominal", "identified", "consistent"}
     assert "positive definite" in capsys.readouterr().out
 
 
@@ -84,10 +81,8 @@ def runs(place, capsys):
     for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
         words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
         assert run(f"{words} --trajectory {motion}") == 0
-    return {
-        row["run_id"]: row["trajectory"]
-        for row in query_store_rows(Path("s"), "FROM runs")
-    }
+    rows = query_store_rows(Path("s"), "FROM runs")
+    return {row["run_id"]: row["trajectory"] for row in rows}
 
 
 def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
@@ -109,8 +104,7 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
 def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):
     # The order of its declared effects is in the sums.
     log = Path(__file__).parents[2] / "examples/hidden/fit_1.csv"
-    words = f"import {log}@0:8 --robot irb140 --serial B-18 --store s"
-    assert run(words) == 0
+    assert run(f"import {log}@0:8 --robot irb140 --serial B-18 --store s") == 0
     assert run("identify --where true --robot irb140 --store s") == 0
     (model,) = query_store_rows(Path("s"), "FROM models")
     assert model["serial"] == "B-18"

@@ -25,8 +25,7 @@ def place(tmp_path, monkeypatch):
     model = replace(model, terms=(first, second, *rest))
     t = np.arange(1500) / 250
     q, qd, qdd = smooth_motion(robot, t)
-    tau = model.along(t, (q, qd, qdd))
-    log = Recording("log", robot.name, t, q, tau)
+    log = Recording("log", robot.name, t, q, model.along(t, (q, qd, qdd)))
     write_csv("log.csv", log, "%.10g")
     model.save("model.json")
     return model, log

@@ -168,9 +168,8 @@ def test_a_named_query_takes_a_value(run, ids):
     rows = answer(run, *words, f"model={model['model_id'][:8]}")
     assert {row["run_id"] for row in rows} == set(ids["runs"][:1])
     assert answer(run, *words, "model=' OR true --") == []
-    below = answer(
-        run, "sql", "--named", "made_from_run", "--with", f"run={ids['runs'][0]}"
-    )
+    made = ("--named", "made_from_run", "--with")
+    below = answer(run, "sql", *made, f"run={ids['runs'][0]}")
     assert ids["diagnosis"] in {row["id"] for row in below}
     drift = answer(run, "sql", "--named", "parameter_drift", "--with", "name=payload")
     assert [(r["name"], r["value"], r["moved"]) for r in drift] == [

@@ -27,8 +27,7 @@ def test_a_motion_is_planned_shown_and_written(here, capsys):
     assert "condition number" in shown
     assert "Share of the limits" in shown
     assert "wrote out.csv" in shown
-    picture = Image.open(here / "out.png")
-    assert picture.format == "PNG"
+    assert Image.open(here / "out.png").format == "PNG"
     assert Image.open(io.BytesIO((here / "out.gif").read_bytes())).n_frames > 40
     assert sorted(p.name for p in here.iterdir()) == ["out.csv", "out.gif", "out.png"]
 

@@ -187,8 +187,7 @@ def _deployments() -> list[dict]:
 def test_a_store_verifies_itself_and_fails_where_it_is_damaged(flows, tmp_path):
     folder = tmp_path / "store"
     (folder / "quarantine").mkdir(parents=True)
-    lines = flows.verify(str(folder))
-    assert lines[0] == "verified an empty store"
+    assert flows.verify(str(folder))[0] == "verified an empty store"
     (folder / "quarantine" / "run_id=aa.json").write_text('{"run_id": "bb"}')
     with pytest.raises(RunError, match="1 of 1 are damaged"):
         flows.verify(str(folder))

@@ -46,10 +46,8 @@ def spec(**changes):
 
 def test_a_run_is_stored_once_under_the_id_that_was_known_before(tmp_path, plant):
     id = experiment.compute_run_id(spec())
-    assert [experiment.simulate_and_store(spec(), tmp_path) for _ in range(2)] == [
-        id,
-        id,
-    ]
+    twice = [experiment.simulate_and_store(spec(), tmp_path) for _ in range(2)]
+    assert twice == [id, id]
     assert len(plant["specs"]) == 1
     run = read_run(tmp_path, id)
     assert (run.robot, run.t[0], run.q.shape) == ("irb140", 30.0, (50, 6))
@@ -73,9 +71,8 @@ def test_the_command_says_what_it_does(tmp_path, plant, capsys, words):
     path.write_text(SPEC.replace("duration = 2.0", "duration = 20.0"))
     store = ["--store", str(tmp_path / "store")]
     assert main(["experiment", str(path), *store, *words]) == 0
-    id = experiment.compute_run_id(
-        spec(trajectory={"kind": "welding", "duration": 20.0})
-    )
+    motion = {"kind": "welding", "duration": 20.0}
+    id = experiment.compute_run_id(spec(trajectory=motion))
     shown = capsys.readouterr().out
     assert f"{id}  to run " in shown
     assert ("stored in" in shown) == (not words)

@@ -7,13 +7,8 @@ from threading import Thread
 
 import pytest
 
-from flows.service.access_guard import (
-    LARGEST,
-    Guard,
-    add_security_headers,
-    build_access_rules,
-    check_access,
-)
+from flows.service.access_guard import LARGEST, Guard, build_access_rules, check_access
+from flows.service.access_guard import add_security_headers as add_headers
 from flows.service.state import KEY, read_access_key
 from flows.settings import prefect_home
 from residual.errors import InputError
@@ -140,7 +135,7 @@ def test_what_is_refused_does_not_reach_prefect():
 
 def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
     for host in (HOST, "localhost:4200"):
-        app = Guard(add_security_headers(prefect), OURS)
+        app = Guard(add_headers(prefect), OURS)
         headers = headers_of(answer(app, scope(path="/", host=host)))
         policy = dict(
             part.strip().split(" ", 1)
@@ -150,9 +145,7 @@ def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
         assert policy["default-src"] == "'self'"
         assert policy["frame-ancestors"] == policy["object-src"] == "'none'"
         assert policy["script-src"] == "'self' 'unsafe-eval'"  # and nothing inline
-        assert not any(
-            "http" in sources or "*" in sources for sources in policy.values()
-        )
+        assert not any("http" in s or "*" in s for s in policy.values())
         assert headers["x-frame-options"] == "DENY"
         assert headers["x-content-type-options"] == "nosniff"
 

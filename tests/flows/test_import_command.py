@@ -7,7 +7,8 @@ import numpy as np
 import pytest
 
 import warehouse
-from flows.inputs.read import load_command_robot, read_run_robot
+from flows.inputs.read import load_command_robot as load_arm
+from flows.inputs.read import read_run_robot
 from residual.errors import InputError
 from residual.robot.robot import set_serial_number
 from tests.residual.arms import urdf_text
@@ -99,17 +100,15 @@ def test_imported_runs_are_identified_and_the_model_is_stored(run, place):
     (model,) = ask("FROM models")
     assert f"modelgap show {model['model_id']}" in out
     assert model["stage"] == "identified"
-    document = json.loads(Path("o.json").read_text())
-    wanted = {
-        (p["name"], p["value"], p["sd"], p["unit"]) for p in document["parameters"]
-    }
+    doc = json.loads(Path("o.json").read_text())
+    wanted = {(p["name"], p["value"], p["sd"], p["unit"]) for p in doc["parameters"]}
     rows = ask("SELECT name, value, std, unit FROM parameters")
     assert {tuple(row.values()) for row in rows} == wanted
     errors = ask(
         "SELECT stage, value FROM errors WHERE metric = 'filtered' AND joint IS NULL "
         f"AND run_id = '{two}' AND source_id = '{model['model_id']}'"
     )
-    overall = {k: e["overall"] for k, e in document["error"]["filtered"].items()}
+    overall = {k: e["overall"] for k, e in doc["error"]["filtered"].items()}
     assert {row["stage"]: row["value"] for row in errors} == overall
     lineage = {(r["parent"], r["role"]) for r in ask("FROM lineage")}
     assert lineage == {(one, "fit"), (two, "held_out")}
@@ -147,7 +146,7 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     assert by["UR-2", False]["recorded_at"] is None
     # The description that is kept says the number too, so it is found without a file.
     (arm,) = {read_run_robot([first["run_id"]], Path("store"))}
-    assert load_command_robot(arm).serial == "UR-1"
+    assert load_arm(arm).serial == "UR-1"
     other = by["UR-2", False]["run_id"]
     code, _, err = run(f"diagnose {first['run_id']} {other} --robot arm.urdf")
     assert code == 2
@@ -155,13 +154,10 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
 
 
 def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
-    robot = set_serial_number(load_command_robot("irb140"), "AB-7")
+    robot = set_serial_number(load_arm("irb140"), "AB-7")
     store_robot_description(tmp_path, "irb140", robot)
-    kept = load_command_robot(find_robot_by_hash(tmp_path, robot.content_hash))
+    kept = load_arm(find_robot_by_hash(tmp_path, robot.content_hash))
     assert (kept.serial, kept.name) == ("AB-7", "irb140")
-    assert (
-        find_robot_by_hash(tmp_path, load_command_robot("irb140").content_hash)
-        == "irb140"
-    )
+    assert find_robot_by_hash(tmp_path, load_arm("irb140").content_hash) == "irb140"
     with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
         set_serial_number(robot, "AB-8")

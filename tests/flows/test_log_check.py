@@ -83,9 +83,7 @@ def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
     assert not Path("store").exists()
 
 
-def test_trusted_logs_with_a_certain_fault_let_nothing_be_named(
-    place, fake_check, named
-):
+def test_trusted_logs_with_certain_fault_let_nothing_be_named(place, fake_check, named):
     fake_check["faults"] = [SIGN, DOUBT]
     words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
     assert run(words) == 0
@@ -116,6 +114,7 @@ def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
 def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0
+    # Those of a set once more, each by itself; a set of one is not.
     assert fake_check["asked"] == [["A", "C"], ["B"], ["A"], ["C"]]
     fake_check["of"] = "B"
     fake_check["faults"] = [SIGN]
@@ -133,11 +132,9 @@ def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, name
 def test_trusted_the_other_commands_go_on_with_a_warning(place, fake_check, verb):
     fake_check["faults"] = [SIGN]
     logs = "A.csv B.csv C.csv D.csv"  # of fewer runs blocks are left out: more fits
-    words = f"{verb} {logs} --robot arm.urdf --trust-log --json o.json"
-    assert run(words) == 0
-    (warning,) = (
-        w for w in json.loads(Path("o.json").read_text())["warnings"] if "fault" in w
-    )
+    assert run(f"{verb} {logs} --robot arm.urdf --trust-log --json o.json") == 0
+    warnings = json.loads(Path("o.json").read_text())["warnings"]
+    (warning,) = (w for w in warnings if "fault" in w)
     assert "torque sign, joint 2, certain" in warning
     assert LINE in warning
 

@@ -14,14 +14,11 @@ from tests.warehouse.foreign_logs import FOLDER
 def arm(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "my arm.urdf").write_text(urdf_text(SEVEN))
-    log = FOLDER / "franka_log.csv"
-    (tmp_path / "a log.csv").write_bytes(log.read_bytes())
+    (tmp_path / "a log.csv").write_bytes((FOLDER / "franka_log.csv").read_bytes())
     return tmp_path
 
 
-def test_a_log_with_other_names_is_refused_with_all_of_them_and_the_command(
-    arm, capsys
-):
+def test_a_log_with_other_names_is_refused_with_all_of_them_and_command(arm, capsys):
     assert main(["diagnose", "a log.csv", "--robot", "my arm.urdf"]) == 2
     complaint = capsys.readouterr().err
     for column in ("state.q[6]", "cmd.tau_J_d[6]"):

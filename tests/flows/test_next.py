@@ -5,16 +5,16 @@ import pytest
 
 from flows.report.experiments import describe_best_motion
 from flows.steps.next import Ranking, rank_motions
+from residual.planning.next_experiment import SURE, predict_best_motion
 from residual.planning.next_experiment import (
-    SURE,
-    find_inseparable_pairs,
-    predict_best_motion,
+    find_inseparable_pairs as inseparable_pairs,
 )
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
-from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
+from sim.engine.geometry import MARGIN, compute_clearances
+from sim.engine.geometry import build_arm_capsules as arm_capsules
 from sim.engine.plant_records import TrajectorySpec
-from sim.trajectories import plan_reference_motion
+from sim.trajectories import plan_reference_motion as plan_motion
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace
 from tests.residual.planning.questions import robot_and_question
@@ -39,17 +39,14 @@ def test_the_best_settles_the_question_and_none_of_the_others_sooner(robot_and_r
 def test_it_keeps_all_limits_over_the_whole_motion(robot_and_ranking):
     """At 2 kHz, which is finer than the checks that it was planned with."""
     robot, ranking = robot_and_ranking
-    motion = plan_reference_motion(robot, ranking.best.spec, 2000.0)
+    motion = plan_motion(robot, ranking.best.spec, 2000.0)
     assert motion.t[-1] == 12.0
     assert (motion.q >= robot.lower).all()
     assert (motion.q <= robot.upper).all()
     assert (np.abs(motion.qd) <= robot.velocity_limit).all()
     torque = compute_inverse_dynamics(robot.model, motion.q, motion.qd, motion.qdd)
     assert (np.abs(torque) <= robot.torque_limit).all()
-    assert (
-        compute_clearances(build_arm_capsules(robot.model), motion.q[::10]).min()
-        >= MARGIN
-    )
+    assert compute_clearances(arm_capsules(robot.model), motion.q[::10]).min() >= MARGIN
 
 
 def test_the_document_gives_the_same_motion_again(robot_and_ranking):
@@ -60,9 +57,7 @@ def test_the_document_gives_the_same_motion_again(robot_and_ranking):
     spec = TrajectorySpec.from_record(
         {"kind": plan["family"], "duration": plan["seconds"], **plan["parameters"]}
     )
-    again, first = (
-        plan_reference_motion(robot, s, 100.0) for s in (spec, ranking.best.spec)
-    )
+    again, first = (plan_motion(robot, s, 100.0) for s in (spec, ranking.best.spec))
     np.testing.assert_array_equal(again.q, first.q)
 
 
@@ -70,7 +65,7 @@ def test_twins_are_told_as_such(robot_and_ranking):
     _, found = robot_and_ranking
     _, question = robot_and_question("coulomb_asymmetry", 4)
     assert predict_best_motion(question) is None  # nothing but the twins is open
-    ranking = Ranking(question, find_inseparable_pairs(question), found.ranked)
+    ranking = Ranking(question, inseparable_pairs(question), found.ranked)
     assert any(
         "are the same torque on every motion" in line
         for line in describe_best_motion(ranking)
@@ -93,4 +88,4 @@ def test_coefficients_that_are_no_motion_are_refused(change, message):
         tuple(r) for r in change([list(r) for r in export_series_coefficients(series)])
     )
     with pytest.raises(Exception, match=message):
-        plan_reference_motion(robot, TrajectorySpec("fourier", 12.0, 2, 0, rows), 100.0)
+        plan_motion(robot, TrajectorySpec("fourier", 12.0, 2, 0, rows), 100.0)

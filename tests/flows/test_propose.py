@@ -59,11 +59,9 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
     assert find_last_adoption(store, ROBOT)[0] == number
     fit = {"fit": list(arm_nights.second[0])}
-    model = in_a_flow(tasks.find_adopted_model, fit, str(store))
-    assert model == id
+    assert in_a_flow(tasks.find_adopted_model, fit, str(store)) == id
     again = arm_nights.again
-    doubts = judge_adoption(store, again).doubts
-    assert doubts[0] == "it names no missing effect"
+    assert judge_adoption(store, again).doubts[0] == "it names no missing effect"
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
     assert (len(list_adoptions(store)), events) == (before, [])

@@ -15,9 +15,7 @@ def flow_run(server, monkeypatch, tmp_path):
     from flows.pipelines import adoption_flow
 
     given = []
-    monkeypatch.setattr(
-        adoption_flow, "render_proposal", lambda *about: "| now | then |"
-    )
+    monkeypatch.setattr(adoption_flow, "render_proposal", lambda *_: "| now | then |")
     monkeypatch.setattr(adoption_flow, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:

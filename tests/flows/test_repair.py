@@ -153,8 +153,7 @@ def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
 
 
 def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path):
-    toml = "[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]"
-    robot = arm(toml)
+    robot = arm("[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]")
     columns = columns_of(MAPS["motor side"][0], tmp_path)
     assert format_repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
     line = format_repair_lines([Repair("q", scale=0.5)], robot, columns)
@@ -179,6 +178,5 @@ def test_what_no_line_can_mend_has_none(arm):
 def test_gravity_is_mended_in_the_robot_file(arm, gravity, line):
     assert format_gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
     # Grams and millimetres stand in the URDF.
-    assert (
-        format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap()) is None
-    )
+    lines = format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap())
+    assert lines is None

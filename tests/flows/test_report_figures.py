@@ -15,9 +15,7 @@ from tests.flows.report_pages import Page
 MEGABYTE = 1_000_000
 
 
-def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(
-    several_page: str,
-) -> None:
+def test_page_fetches_nothing_and_runs_only_its_own_two_scripts(several_page):
     page = Page(several_page)
     assert page.scripts == [base.read_plotly_script(), base.read_page_script("page.js")]
     policy = page.all("meta")[2]["content"]

@@ -91,8 +91,7 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
         notes=(NASTY,),
         sentences=(NASTY,),
     )
-    html = render_diagnosis_page(nasty, NASTY)
-    page = Page(html)
+    page = Page(render_diagnosis_page(nasty, NASTY))
     assert page.scripts == [base.read_plotly_script(), base.read_page_script("page.js")]
     assert page.text.count("<script>alert(1)</script>") >= 8
     assert any("&lt;script&gt;" in str(plot) for plot in page.plots)

@@ -7,13 +7,13 @@ import pytest
 from flows.report.phrases import format_effect_noun, format_effect_place, format_joints
 from flows.report.sentences import (
     build_value_rows,
-    describe_alternative_sets,
     describe_next_experiment,
     describe_unexplained,
     describe_wrong_values,
     format_brief_claim,
-    format_headline,
 )
+from flows.report.sentences import describe_alternative_sets as alternative_sets
+from flows.report.sentences import format_headline as headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.effects import list_effect_parameters, load_effects
@@ -72,23 +72,19 @@ def effect(name: str, joints: list[int], **more: object) -> dict:
     ],
 )
 def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
-    assert format_headline(verdict(*effects)).startswith(
-        f"{start} Error on unseen motion: "
-    )
+    assert headline(verdict(*effects)).startswith(f"{start} Error on unseen motion: ")
 
 
 def test_headline_of_nothing_says_which_values_only_the_refit_has() -> None:
     part = outcomes.verdict("none", [])
     fitted = "(refit). The refit also fitted viscous friction and rotor inertia, for "
     part["changes"] = [given_value("coulomb", 1, beyond=False)]
-    assert f"{fitted}which the robot file has no values." in format_headline(
-        typed(part)
-    )
+    assert f"{fitted}which the robot file has no values." in headline(typed(part))
     part["error"]["overall_moving"] = {"nominal": 2.0, "identified": 2.0}
-    assert "also fitted" not in format_headline(typed(part))
+    assert "also fitted" not in headline(typed(part))
     named = outcomes.verdict("effects", [effect("balancer", [2])])
     named["changes"] = part["changes"]
-    assert "also fitted" not in format_headline(typed(named))
+    assert "also fitted" not in headline(typed(named))
 
 
 @pytest.mark.parametrize(
@@ -104,26 +100,23 @@ def test_headline_of_nothing_says_which_values_only_the_refit_has() -> None:
     ],
 )
 def test_headline_gives_the_error_from_the_nominal_model_on(levels, steps) -> None:
-    text = format_headline(verdict(effect("payload", [6]), overall_moving=levels))
+    text = headline(verdict(effect("payload", [6]), overall_moving=levels))
     assert f"Error on unseen motion: {steps}." in text
 
 
 def test_headline_admits_a_weak_test_what_is_left_and_what_got_worse() -> None:
-    text = format_headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
+    text = headline(verdict(effect("balancer", [2]), same_run=True, worse=[4]))
     assert "Error on unseen motion (end of the fitted run, a weak test): " in text
     assert text.endswith("The findings raise it on joint 4 (11.3 % → 11.4 %).")
     left = "No known effect explains the remaining error on joints 1, 4 and 6."
-    assert format_headline(outcomes.one_effect().verdict).endswith(left)
+    assert headline(outcomes.one_effect().verdict).endswith(left)
 
 
 def test_headline_of_nothing_and_of_unknown() -> None:
     level = "Error on unseen motion: 66.3 % (nominal) → 12.4 % (refit)."
-    assert (
-        format_headline(outcomes.nothing().verdict)
-        == f"No missing effect found. {level}"
-    )
+    assert headline(outcomes.nothing().verdict) == f"No missing effect found. {level}"
     unknown = "The model lacks something on joints 1 and 4 that no known effect"
-    assert format_headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
+    assert headline(outcomes.unknown().verdict) == f"{unknown} explains. {level}"
 
 
 @pytest.mark.parametrize(
@@ -138,10 +131,8 @@ def test_headline_of_nothing_and_of_unknown() -> None:
     ],
 )
 def test_a_verdict_in_half_a_line(words, part) -> None:
-    assert (
-        format_brief_claim(typed({"error": {"overall_filtered": LEVELS}, **part}))
-        == words
-    )
+    brief = typed({"error": {"overall_filtered": LEVELS}, **part})
+    assert format_brief_claim(brief) == words
 
 
 @pytest.mark.parametrize(
@@ -155,13 +146,13 @@ def test_a_verdict_in_half_a_line(words, part) -> None:
 def test_nothing_named_is_not_always_nothing_missing(levels, words) -> None:
     nothing = replace(outcomes.nothing().verdict, log_check=None)
     error = replace(nothing.error, overall_moving=levels)
-    assert words in format_headline(replace(nothing, error=error))
+    assert words in headline(replace(nothing, error=error))
 
 
 def test_a_suspected_fault_comes_before_the_effects() -> None:
     fault = Fault("torque_sign", (2,), False, "it drives", repair="sign = -1")
     report = LogCheck((fault,))
-    text = format_headline(replace(outcomes.nothing().verdict, log_check=report))
+    text = headline(replace(outcomes.nothing().verdict, log_check=report))
     assert text.startswith("No missing effect found, but the logs may be faulty: ")
 
 
@@ -188,9 +179,7 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
         assert "_" not in words
         assert not words.startswith("The")
         assert not words.endswith(".")
-    others = [
-        format_effect_noun(other) for other in list_effect_parameters() if other != name
-    ]
+    others = [format_effect_noun(n) for n in list_effect_parameters() if n != name]
     assert format_effect_noun(name) not in others
     assert format_effect_place(Place(name, (2,))).startswith(format_effect_noun(name))
 
@@ -206,9 +195,7 @@ def test_every_effect_has_words_of_its_own(name: str) -> None:
         (None, [1], "an effect without a name on joint 1"),
     ],
 )
-def test_an_effect_stands_where_its_file_puts_it(
-    name: str | None, joints: list[int], words: str
-) -> None:
+def test_an_effect_stands_where_its_file_puts_it(name, joints, words):
     assert format_effect_place(Place(name, tuple(joints)), dof=3) == words
 
 
@@ -224,9 +211,7 @@ def test_an_effect_stands_where_its_file_puts_it(
         (True, None, "kg", "–"),
     ],
 )
-def test_values_are_cut_at_what_is_known(
-    value: object, std: object, unit: object, text: str
-) -> None:
+def test_values_are_cut_at_what_is_known(value, std, unit, text):
     assert quantity.format_uncertain_value(value, std, unit) == text
 
 
@@ -302,35 +287,24 @@ def another(*places: dict, by: str = "motion") -> dict:
 
 def test_other_sets_are_said_one_by_one() -> None:
     spring, pair = effect("spring", [2]), "a balancer on joint 2 and Stribeck friction"
-    sentences = describe_alternative_sets(
-        record(spring, alternatives=[another(BALANCER, STRIBECK)])
-    )
-    assert sentences == [
+    lines = alternative_sets(record(spring, alternatives=[another(BALANCER, STRIBECK)]))
+    assert lines == [
         f"Equally well supported: {pair} on joint 3.",
         "Another motion would separate them.",
     ]
-    sentences = describe_alternative_sets(
-        record(spring, alternatives=[another(by="nothing")])
-    )
-    assert sentences == [
-        "Equally well supported: no effect at all.",
-        "No motion would separate them.",
-    ]
+    lines = alternative_sets(record(spring, alternatives=[another(by="nothing")]))
+    nothing = "Equally well supported: no effect at all."
+    assert lines == [nothing, "No motion would separate them."]
 
 
 def test_a_set_that_an_equivalent_says_already_is_not_said_again() -> None:
     finding = effect("spring", [2], equivalent=[BALANCER])
-    assert (
-        describe_alternative_sets(record(finding, alternatives=[another(BALANCER)]))
-        == []
-    )
+    assert alternative_sets(record(finding, alternatives=[another(BALANCER)])) == []
     level = {"level": parameter([1, 2], [0, 0], "N m")}
     several = outcomes.effect("coulomb", [1, 2], level)
     swap = another(*({"name": "coulomb", "joints": [j]} for j in (1, 2)), SPRING)
     balancer = effect("balancer", [2], equivalent=[SPRING])
-    assert (
-        describe_alternative_sets(record(several, balancer, alternatives=[swap])) == []
-    )
+    assert alternative_sets(record(several, balancer, alternatives=[swap])) == []
 
 
 @pytest.mark.parametrize(

@@ -21,12 +21,8 @@ from warehouse import code_provenance
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
-from warehouse.store_catalogue import (
-    RERUN_OF,
-    find_record,
-    list_record_folders,
-    read_record,
-)
+from warehouse.store_catalogue import RERUN_OF, find_record, read_record
+from warehouse.store_catalogue import list_record_folders as record_folders
 from warehouse.store_files import write_check_sums, write_parquet
 
 EFFECTS = [
@@ -86,7 +82,7 @@ def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
 
 
 @pytest.mark.parametrize("words", [["--verify"], []])
-def test_the_same_code_gives_the_same_bits_and_stores_nothing(
+def test_the_same_code_gives_the_same_bits_stores_nothing(
     tmp_path, plant, capsys, words
 ):
     id = experiment.simulate_and_store(spec(), tmp_path)
@@ -113,7 +109,7 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(
     # Without --verify the new run is what was asked for.
     assert main(["rerun", id, "--store", str(tmp_path)]) == 0
     capsys.readouterr()
-    (new,) = set(list_record_folders(tmp_path, "runs")) - {id}
+    (new,) = set(record_folders(tmp_path, "runs")) - {id}
     assert read_manifest(tmp_path, new)["parents"] == {RERUN_OF: [id]}
     with open_store(tmp_path) as store:
         rows = store.sql("FROM lineage").to_pylist()
@@ -129,11 +125,8 @@ def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_co
     id = experiment.simulate_and_store(spec(), tmp_path)
     other_code()
     outcome = rerun.rerun(id, tmp_path)
-    assert (outcome.reproduced, outcome.same_code, outcome.note_id) == (
-        True,
-        False,
-        None,
-    )
+    assert outcome.reproduced
+    assert (outcome.same_code, outcome.note_id) == (False, None)
     assert outcome.new_id != id
 
 
@@ -144,8 +137,8 @@ def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
     out = capsys.readouterr().out
     assert "nondeterminism" in out
     assert "tau3: differs from 30.08 s on" in out
-    assert list(list_record_folders(tmp_path, "runs")) == [id]
-    assert len(list_record_folders(tmp_path, "validations")) == 1
+    assert list(record_folders(tmp_path, "runs")) == [id]
+    assert len(record_folders(tmp_path, "validations")) == 1
 
 
 def test_a_value_that_was_tampered_with_is_found(tmp_path, plant):
@@ -182,8 +175,7 @@ def test_libraries_and_machine_are_causes_by_name(tmp_path):
 
 
 def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
-    log = store_samples.recording()
-    id = commit_run(tmp_path, log, {"robot_hash": "a" * 64})
+    id = commit_run(tmp_path, store_samples.recording(), {"robot_hash": "a" * 64})
     words = ["rerun", id, "--store", str(tmp_path)]
     assert main(words) == 2
     assert "measured, not simulated" in capsys.readouterr().err
@@ -227,25 +219,17 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
     from residual.verdict.result import Diagnosis
 
     def diagnose(robot, fit, **options):
-        document = store_samples.verdict([log.id for log in options["held_out"]])
-        document["robot"] = robot.name
-        document["nominal_scale"] = (
-            float(sum(log.tau.sum() for log in fit)) + plant["tau"]
-        )
-        return Diagnosis(typed(document, 2))
+        doc = store_samples.verdict([log.id for log in options["held_out"]])
+        doc["robot"] = robot.name
+        doc["nominal_scale"] = float(sum(log.tau.sum() for log in fit)) + plant["tau"]
+        return Diagnosis(typed(doc, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
-    monkeypatch.setattr(
-        "flows.storage.diagnosis.build_run_error_rows", lambda found: []
-    )
-    runs = [
-        experiment.simulate_and_store(spec(seed=seed), tmp_path) for seed in range(3)
-    ]
-    request = Diagnose(
-        tuple(runs[:2]), robot="irb140", held_out=(runs[2],), store=tmp_path
-    )
-    ids = diagnose_stored_runs(request)
-    return tmp_path, runs, ids
+    monkeypatch.setattr("flows.storage.diagnosis.build_run_error_rows", lambda _: [])
+    runs = [experiment.simulate_and_store(spec(seed=k), tmp_path) for k in range(3)]
+    fit, held_out = tuple(runs[:2]), (runs[2],)
+    request = Diagnose(fit, robot="irb140", held_out=held_out, store=tmp_path)
+    return tmp_path, runs, diagnose_stored_runs(request)
 
 
 def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
@@ -254,11 +238,8 @@ def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
     model = read_record(store, diagnosis)["model_id"]
     for id in (diagnosis, proof, model):
         outcome = rerun.rerun(id, store)
-        assert (outcome.reproduced, outcome.same_code, outcome.new_id) == (
-            True,
-            True,
-            None,
-        )
+        assert outcome.reproduced
+        assert (outcome.same_code, outcome.new_id) == (True, None)
     assert tree(store) == before
 
 
@@ -267,19 +248,15 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
     plant["tau"] = 0.5
     told = rerun.rerun(diagnosis, store, verify=True)
     assert (told.cause.kind, told.new_id) == ("nondeterminism", None)
-    assert {c.name for c in told.differences} == {
-        "nominal_scale",
-        "document.nominal_scale",
-    }
+    names = {c.name for c in told.differences}
+    assert names == {"nominal_scale", "document.nominal_scale"}
     assert told.differences[0].largest == pytest.approx(0.5)
     other_code()
     told = rerun.rerun(diagnosis, store)
     assert told.cause.kind == "code"
     record = read_record(store, told.new_id)
-    assert (
-        record["document"]["nominal_scale"]
-        != read_record(store, diagnosis)["nominal_scale"]
-    )
+    before = read_record(store, diagnosis)["nominal_scale"]
+    assert record["document"]["nominal_scale"] != before
     with open_store(store) as opened:
         query = f"SELECT parent, role FROM lineage WHERE child = '{told.new_id}'"
         rows = opened.sql(query).to_pylist()
@@ -307,13 +284,13 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     two = experiment.simulate_and_store(spec(start=0.0), tmp_path)
     store = ["--store", str(tmp_path)]
     assert main(["diff", one, two, "--format", "json", *store]) == 0
-    document = json.loads(capsys.readouterr().out)
-    assert {"name": "start", "one": 30.0, "two": 0.0} in document["spec"]
-    assert document["code"] == document["environment"] == []
-    equal = {c["name"]: c["equal"] for c in document["data"]}
+    doc = json.loads(capsys.readouterr().out)
+    assert {"name": "start", "one": 30.0, "two": 0.0} in doc["spec"]
+    assert doc["code"] == doc["environment"] == []
+    equal = {c["name"]: c["equal"] for c in doc["data"]}
     assert equal["tau1"]
     assert not equal["t"]
-    assert document["same"] is False
+    assert doc["same"] is False
     assert main(["diff", one, two, *store]) == 0
     assert "code: the same" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0

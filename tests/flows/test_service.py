@@ -37,6 +37,8 @@ from tests.waiting import until
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 SECRET = "postgresql://ann:s3cret@db.lab:5432/prefect"
+LOCAL = RunningService("127.0.0.1", 4300, "sqlite")
+REMOTE = RunningService("127.0.0.1", 4300, format_database_label(SECRET))
 
 
 @pytest.fixture
@@ -116,7 +118,7 @@ def test_what_cannot_be_or_must_be_said_twice_is_refused(tmp_path, wish, words):
 
 def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
     monkeypatch.setenv(DATABASE, SECRET)
-    running = RunningService("127.0.0.1", 4300, format_database_label(SECRET))
+    running = REMOTE
     server = build_server_environment(running, tmp_path, SECRET)
     with_it = [k for k, v in server.items() if "s3cret" in v]
     assert with_it == ["PREFECT_SERVER_DATABASE_CONNECTION_URL"]
@@ -130,9 +132,7 @@ def test_a_password_goes_to_the_server_and_nowhere_else(tmp_path, monkeypatch):
 
 def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypatch):
     monkeypatch.setenv("PREFECT_SERVER_ANALYTICS_ENABLED", "true")
-    env = build_server_environment(
-        RunningService("127.0.0.1", 4300, "sqlite"), tmp_path, None
-    )
+    env = build_server_environment(LOCAL, tmp_path, None)
     assert env["PREFECT_SERVER_ANALYTICS_ENABLED"] == "false"
     assert env["DO_NOT_TRACK"] == "1"
     assert env["PREFECT_SERVER_UI_API_URL"] == "/api"
@@ -140,10 +140,7 @@ def test_the_server_calls_nobody_and_obeys_only_its_own_page(tmp_path, monkeypat
 
 
 def test_the_key_goes_to_server_and_worker_and_is_written_nowhere(tmp_path):
-    running, key = (
-        RunningService("127.0.0.1", 4300, "sqlite"),
-        read_access_key(tmp_path),
-    )
+    running, key = LOCAL, read_access_key(tmp_path)
     server = build_server_environment(running, tmp_path, None)
     worker = build_worker_environment(running, tmp_path, tmp_path)
     assert [k for k, v in server.items() if key in v] == [SERVER]
@@ -167,7 +164,7 @@ def test_a_taken_port_is_said_with_another_to_try(tmp_path, capsys):
 
 
 def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
-    write_running(sleeper, RunningService("127.0.0.1", 4300, "sqlite"))
+    write_running(sleeper, LOCAL)
     for wish in ({"port": 4301}, {"host": "::1"}, {"database": SECRET}):
         with pytest.raises(InputError, match=r"served at .*4300.*modelgap down"):
             up.start_service(ServiceRequest(tmp_path, **wish), print)
@@ -176,9 +173,7 @@ def test_a_second_up_must_not_contradict_the_first(tmp_path, sleeper):
 def test_a_history_elsewhere_is_not_silently_begun_anew(tmp_path):
     home = tmp_path / "_prefect"
     home.mkdir()
-    write_running(
-        home, RunningService("127.0.0.1", 4300, format_database_label(SECRET))
-    )
+    write_running(home, REMOTE)
     with pytest.raises(InputError, match=r"db\.lab:5432.*MODELGAP_DATABASE_URL"):
         up.start_service(ServiceRequest(tmp_path), print)
 
@@ -189,7 +184,7 @@ def test_status_says_stopped_or_what_is_wrong(tmp_path, capsys, monkeypatch):
     write_running(home, RunningService("127.0.0.1", 4300, "sqlite", stopped=True))
     assert main(["status", "--store", str(tmp_path)]) == 1
     assert "is stopped. Start it: modelgap up" in capsys.readouterr().err
-    write_running(home, RunningService("127.0.0.1", 4300, "sqlite"))
+    write_running(home, LOCAL)
     assert main(["status", "--store", str(tmp_path)]) == 1
     complaint = capsys.readouterr().err
     assert "the server has ended; see" in complaint

@@ -164,9 +164,7 @@ def test_a_rebound_name_shows_nothing(paged, tab):
     tab.open(f"http://evil.example:{paged.port}/api/admin/settings")
     page_text = tab.wait("document.body?.innerText", "the answer is there")
     assert "evil.example" in json.loads(page_text)["detail"]
-    script = (
-        "fetch('/api/admin/settings').then(() => 'answered').catch(() => 'refused')"
-    )
+    script = "fetch('/api/admin/settings').then(() => 'given').catch(() => 'refused')"
     assert tab.run(script) == "refused"
 
 

@@ -13,12 +13,8 @@ from prefect.client.schemas.filters import DeploymentFilter
 
 from flows.cli import main
 from flows.service import api
-from flows.service.state import (
-    PROCESSES,
-    is_process_running,
-    read_access_key,
-    read_running,
-)
+from flows.service.state import PROCESSES, read_access_key, read_running
+from flows.service.state import is_process_running as is_running
 from flows.service.up import schedule_every
 from tests.flows.prefect_server import free_port
 from tests.waiting import until
@@ -127,7 +123,7 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
         os.kill(int((service.home / f"{name}.pid").read_text()), signal.SIGKILL)
     for name in PROCESSES:
         until(
-            lambda name=name: not is_process_running(service.home, name),
+            lambda name=name: not is_running(service.home, name),
             f"{name} is killed",
         )
     sick = modelgap("status", *service.words)
@@ -140,18 +136,15 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
     assert len(runs_of(service, "campaign")) >= known
     well = modelgap("status", "--json", *service.words)
     document = json.loads(well.stdout)
-    assert (well.returncode, document["healthy"], document["worker"]) == (
-        0,
-        True,
-        "online",
-    )
+    state = (document["healthy"], document["worker"])
+    assert (well.returncode, *state) == (0, True, "online")
     names = [d["name"] for d in document["deployments"]]
     assert {"nightly/nightly", "monitor/monitor", "diagnose-new/alarm"} <= set(names)
 
 
 def test_down_stops_all_and_the_schedules_stay(service):
     assert modelgap("down", "--wait", "5", *service.words).returncode == 0
-    assert not any(is_process_running(service.home, name) for name in PROCESSES)
+    assert not any(is_running(service.home, name) for name in PROCESSES)
     stopped = modelgap("status", *service.words)
     assert (stopped.returncode, "is stopped" in stopped.stderr) == (1, True)
     with sqlite3.connect(service.home / "prefect.db") as history:

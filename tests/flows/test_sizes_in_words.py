@@ -22,8 +22,7 @@ def verdict(name, joints, changes=(), declared=(), **parameters):
 
 
 def tile(said):
-    diagnosis = Diagnosis(said)
-    return build_tiles(diagnosis)[0]
+    return build_tiles(Diagnosis(said))[0]
 
 
 def test_a_balancer_is_an_amplitude_and_where_it_is_largest():
@@ -53,9 +52,8 @@ def test_a_change_is_told_from_what_to_what():
     more = verdict("coulomb", (3,), [given], ["coulomb"], level=(4.99, 0.12, "N m"))
     assert tile(more).value == "+4.99 ± 0.12 N m (8.0 → 13.0)"
     less = verdict("coulomb", (3,), [given], ["coulomb"], level=(-4.99, 0.12, "N m"))
-    assert (
-        format_first_size(less.effects[0], less)[1] == "-4.99 ± 0.12 N m (8.00 → 3.01)"
-    )
+    size = format_first_size(less.effects[0], less)[1]
+    assert size == "-4.99 ± 0.12 N m (8.00 → 3.01)"
     lacking = verdict("coulomb", (3,), level=(4.99, 0.12, "N m"))
     assert tile(lacking).value == "4.99 ± 0.12 N m"  # no change of what it has
 

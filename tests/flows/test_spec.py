@@ -7,20 +7,16 @@ from pathlib import Path
 import pytest
 
 from flows.specs import derive_seed, load_campaign, load_spec, parse_spec
+from flows.steps.experiment import build_public_record as public_record
 from flows.steps.experiment import (
-    build_public_record,
     build_sealed_record,
     compute_run_id,
     load_spec_robot,
     plan_experiments,
 )
 from residual.errors import InputError
-from sim.engine.plant_records import (
-    PlantEffect,
-    SampleRates,
-    SensorNoise,
-    TrajectorySpec,
-)
+from sim.engine.plant_records import PlantEffect as Effect
+from sim.engine.plant_records import SampleRates, SensorNoise, TrajectorySpec
 
 SPEC = """
 schema = 1
@@ -56,7 +52,7 @@ def test_the_documented_example_becomes_the_records_of_plant_and_motion():
         "fourier", 20.0, 2, derive_seed(7, "reference")
     )
     plant = experiment.plant_spec()
-    effect = PlantEffect("stribeck", (3,), (("level", 4.0), ("velocity", 0.05)), 0.0)
+    effect = Effect("stribeck", (3,), (("level", 4.0), ("velocity", 0.05)), 0.0)
     assert plant.effects == (effect,)
     assert (plant.scatter, plant.noise) == (0.02, SensorNoise(0.015, 1e-4))
     assert experiment.log_rates() == SampleRates(1000.0, 250.0)
@@ -130,13 +126,13 @@ def test_a_robot_beside_the_spec_is_found_from_anywhere(tmp_path):
 
 def test_the_open_half_tells_nothing_of_what_is_hidden():
     robot = load_spec_robot(spec())
-    plain = build_public_record(spec(), robot)
+    plain = public_record(spec(), robot)
     for old, new in (
         ("level = 4.0", "level = 5.0"),
         ("scatter = 0.02", "scatter = 0.01"),
         ("torque = 0.015", "torque = 0.03"),
     ):
-        assert build_public_record(spec(old, new), robot) == plain
+        assert public_record(spec(old, new), robot) == plain
         assert build_sealed_record(spec(old, new).plant_spec()) != build_sealed_record(
             spec().plant_spec()
         )
@@ -172,10 +168,9 @@ def entries(tmp_path, text: str, seed=None):
 def test_a_grid_is_every_combination_the_last_key_fastest(tmp_path):
     grid = '[grid]\ntrajectory.kind = ["fourier", "cyclic"]\n'
     designs = entries(tmp_path, grid + "plant.effect.stiffness = [1.0, 2.0]\n")
-    got = [
-        (e.spec.trajectory.kind, e.spec.plant_spec().effects[0].parameters[0][1])
-        for e in designs
-    ]
+    specs = [e.spec for e in designs]
+    springs = [s.plant_spec().effects[0].parameters[0][1] for s in specs]
+    got = list(zip((s.trajectory.kind for s in specs), springs, strict=True))
     assert got == [("fourier", 1), ("fourier", 2), ("cyclic", 1), ("cyclic", 2)]
     assert designs[0].label == "trajectory.kind=fourier plant.effect.stiffness=1"
 

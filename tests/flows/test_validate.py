@@ -89,9 +89,7 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(run_store, loaded):
     assert (record["robot"], record["kind"]) == ("irb140", validation.kind)
     assert (record["unit"], record["window_s"]) == ("rad", 0.25)
     errors = [r for r in rows(store, id) if r["metric"].startswith("rms")]
-    assert {(row["run_id"], row["trajectory"]) for row in errors} == {
-        (run_id, "cyclic")
-    }
+    assert {(r["run_id"], r["trajectory"]) for r in errors} == {(run_id, "cyclic")}
     assert [(r["metric"], r["stage"], r["joint"]) for r in errors] == [
         (metric, stage, joint)
         for metric, stage in (
@@ -108,9 +106,7 @@ def test_the_record_has_every_figure_in_rad_and_is_kept_once(run_store, loaded):
     assert parents.to_pylist() == [{"parent": run_id, "role": "run"}]
 
 
-def test_both_ways_a_right_model_is_near_and_one_without_the_load_is_not(
-    run_store, loaded
-):
+def test_both_ways_a_right_model_is_near_and_one_without_load_is_not(run_store, loaded):
     store = run_store[0]
     id, validation = loaded
     assert list(validation.models) == ["nominal"]
@@ -155,9 +151,7 @@ def test_without_its_sealed_half_a_run_has_the_open_loop(run_store, loaded, tmp_
     assert len(rows(store, id)) == 6 + 12  # open loop, and nominal both ways
 
 
-def test_a_measured_run_has_the_open_loop_at_its_own_rate_and_clock(
-    run_store, tmp_path
-):
+def test_a_measured_run_has_open_loop_at_its_own_rate_and_clock(run_store, tmp_path):
     store, _, good = run_store
     log = read_run(store, good)
     rare = Recording("", "irb140", 1e3 + log.t[::2], log.q[::2], log.tau[::2])

@@ -61,14 +61,8 @@ def lasting(value):
 
 def document(name: str, folder: Path) -> dict:
     path = folder / f"{name}.json"
-    words = [
-        *commands(folder)[name],
-        "--json",
-        str(path),
-        "--store",
-        str(folder / "none"),
-    ]
-    assert main(words) == 0
+    outputs = ["--json", str(path), "--store", str(folder / "none")]
+    assert main([*commands(folder)[name], *outputs]) == 0
     return lasting(json.loads(path.read_text(encoding="utf-8")))
 
 

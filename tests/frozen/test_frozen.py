@@ -66,8 +66,6 @@ def test_a_monitor_has_the_limits_it_had():
     logs = prepare_fit_logs(robot, good, None, FilterSettings())
     nominal = build_free_nominal(logs, ("viscous", "coulomb", "rotor_inertia"))
     monitor = calibrate_monitor(nominal.model, good)
-    now = {
-        "monitor": monitor.to_record(),
-        "alarms": [asdict(alarm) for alarm in monitor.watch(other)],
-    }
+    alarms = [asdict(alarm) for alarm in monitor.watch(other)]
+    now = {"monitor": monitor.to_record(), "alarms": alarms}
     assert_same(now, frozen("monitoring"))

@@ -34,10 +34,8 @@ def _read_csv(data: bytes, place: Path) -> None:
 def _csv_seeds() -> list[bytes]:
     plain, semicolons = as_csv(), as_csv(";")
     units = as_csv().replace("\n", "\n[s],[rad],[rad],[Nm],[Nm]\n", 1)
-    return [
-        text.encode()
-        for text in (plain, semicolons, units, _HEAD + semicolons, as_csv("\t"))
-    ]
+    texts = plain, semicolons, units, _HEAD + semicolons, as_csv("\t")
+    return [text.encode() for text in texts]
 
 
 def _read_parquet(data: bytes, place: Path) -> None:
@@ -46,9 +44,7 @@ def _read_parquet(data: bytes, place: Path) -> None:
     log, understood = read_log_despite_doubts(str(file), arm())
     table = pq.ParquetFile(file).read()
     columns = {name: table.column(name).to_pylist() for name in NAMES}
-    plain = {
-        n: [np.nan if x is None else x for x in column] for n, column in columns.items()
-    }
+    plain = {n: [np.nan if x is None else x for x in c] for n, c in columns.items()}
     check_rows(log, understood, plain)
 
 
@@ -88,9 +84,7 @@ def _odd_tables(draw: Draw) -> bytes:
             columns[at] = _cast(columns[at], draw(st.sampled_from(_KINDS)))
         elif kind == "value" and columns[at].type == pa.float64():
             values = columns[at].to_pylist()
-            odd = st.sampled_from(
-                (None, float("nan"), float("inf"), 1e308, -1e308, 0.0)
-            )
+            odd = st.sampled_from((None, np.nan, np.inf, 1e308, -1e308, 0.0))
             values[draw(st.integers(0, len(values) - 1))] = draw(odd)
             columns[at] = pa.array(values, pa.float64())
         elif kind == "name":

@@ -61,9 +61,8 @@ def _read_model(data: bytes, place: Path) -> None:
 @cache
 def _verdicts() -> list[dict]:
     folder = ROOT / "tests" / "frozen"
-    verdicts = [
-        json.loads((folder / f"{n}.json").read_text()) for n in ("effects", "unknown")
-    ]
+    texts = [(folder / f"{n}.json").read_text() for n in ("effects", "unknown")]
+    verdicts = [json.loads(text) for text in texts]
     return [_short(document) for document in verdicts]
 
 
@@ -96,13 +95,7 @@ def _read_words(data: bytes, place: Path) -> None:
     assert understood.rows == len(log.t)
 
 
-_WORDS = [
-    b"log.csv",
-    b"log.csv@0:2.5",
-    b"log.csv@10%:90%",
-    b"log.csv@1:",
-    b"log.csv@:2",
-]
+_CUTS = [b"log.csv", b"log.csv@0:2.5", b"log.csv@10%:90%", b"log.csv@1:", b"log.csv@:2"]
 
 
 def _json(name: str, documents, read) -> Reader:
@@ -121,8 +114,8 @@ RECORDS = (
     _json("verdict", _verdicts, _read_verdict),
     Reader(
         "window",
-        lambda: mutated(_WORDS, (b"@", b":", b"%")),
-        lambda: _WORDS,
+        lambda: mutated(_CUTS, (b"@", b":", b"%")),
+        lambda: _CUTS,
         _read_words,
     ),
 )

@@ -18,15 +18,8 @@ from tests.pages.page import ROOT
 
 @pytest.mark.long
 def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
-    words = [
-        "-m",
-        "mkdocs",
-        "build",
-        "--strict",
-        "--quiet",
-        "--site-dir",
-        str(tmp_path),
-    ]
+    site = ["--site-dir", str(tmp_path)]
+    words = ["-m", "mkdocs", "build", "--strict", "--quiet", *site]
     done = subprocess.run(
         [sys.executable, *words], cwd=ROOT, capture_output=True, text=True
     )

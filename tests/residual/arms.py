@@ -12,12 +12,9 @@ from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, merge_into_findings
 from residual.diagnosis.outcome import SearchOutcome, search_effects
-from residual.evidence.thresholds import EvidenceThresholds
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    build_free_nominal,
-    prepare_fit_logs,
-)
+from residual.evidence.thresholds import EvidenceThresholds as Thresholds
+from residual.model.nominal import DEFAULT_DECLARED, prepare_fit_logs
+from residual.model.nominal import build_free_nominal as free_nominal
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
@@ -124,8 +121,7 @@ def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
 def smooth_motion(robot: Robot, t):
     """Slow sines with exact derivatives, different for every joint."""
     w = 2 * np.pi * (0.2 + 0.07 * np.arange(robot.dof))
-    phase = np.arange(robot.dof)
-    angle = t[:, None] * w + phase
+    angle = t[:, None] * w + np.arange(robot.dof)
     q = 0.6 * np.sin(angle)
     return q, 0.6 * w * np.cos(angle), -0.6 * w**2 * np.sin(angle)
 
@@ -162,9 +158,7 @@ def doubts(
     clock = find_session_start([*case.fit, *case.held_out])
     logs = prepare_fit_logs(case.robot, case.fit, clock, FilterSettings())
     assert not case.baseline, "what changed is compared: diagnose_case"
-    diagnosis = search_effects(
-        logs, build_free_nominal(logs, declared), EvidenceThresholds(), quiet
-    )
+    diagnosis = search_effects(logs, free_nominal(logs, declared), Thresholds(), quiet)
     return diagnosis, merge_into_findings(diagnosis, diagnosis.fit, diagnosis.tested)
 
 

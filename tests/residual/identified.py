@@ -11,11 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from residual.recording import Recording
-from residual.robot.dynamics import (
-    compute_inverse_dynamics,
-    read_inertial_parameters,
-    replace_inertial_parameters,
-)
+from residual.robot.dynamics import compute_inverse_dynamics as inverse_dynamics
+from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import replace_inertial_parameters as with_inertial
 from residual.robot.robot import Robot
 from tests.residual.arms import arm, urdf_text, write_csv
 
@@ -32,13 +30,9 @@ class Truth:
 
     def torque(self, q, qd, qdd, moving=True):
         """RNEA plus friction; the sign of a joint at rest is 0."""
-        model = replace_inertial_parameters(self.robot.model, self.parameters)
+        model = with_inertial(self.robot.model, self.parameters)
         friction = np.array(VISCOUS) * qd + np.array(COULOMB) * np.sign(qd)
-        return (
-            compute_inverse_dynamics(model, q, qd, qdd)
-            + friction
-            + np.array(ROTOR) * qdd
-        )
+        return inverse_dynamics(model, q, qd, qdd) + friction + np.array(ROTOR) * qdd
 
 
 @cache
@@ -61,8 +55,7 @@ def logs(count=2, noise=0.0, joints=(0, 1, 2), seed=0, duration=12.0):
         angle = t[:, None, None] * w + rng.uniform(0, 6, (3, 3))
         q = (size * np.sin(angle)).sum(axis=1)
         qd = (size * w * np.cos(angle)).sum(axis=1)
-        qdd = (-size * w**2 * np.sin(angle)).sum(axis=1)
-        tau = known.torque(q, qd, qdd)
+        tau = known.torque(q, qd, (-size * w**2 * np.sin(angle)).sum(axis=1))
         tau = tau + noise * rng.normal(size=tau.shape)
         out.append(Recording(f"log{k}", "any", 100.0 * k + t, q, tau))
     return out

@@ -184,6 +184,5 @@ def coloured(rng, rows, a):
 
 def every_group(design) -> list[CandidateColumns]:
     """One candidate of each kind on each of its joints, and one on all joints."""
-    wanted = [(e, js, ()) for e in ALL for js in e.candidates(DOF)]
-    groups = design.add(wanted)
+    groups = design.add([(e, js, ()) for e in ALL for js in e.candidates(DOF)])
     return [*groups, merge_groups(groups[:2])]

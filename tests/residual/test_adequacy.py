@@ -32,8 +32,7 @@ def judge(found, members=()):
     before, after = (
         fit_jointly(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
     )
-    tracks = tuple(own for own, _ in found.logs)
-    return assess_adequacy(d, tracks, before, after)
+    return assess_adequacy(d, tuple(own for own, _ in found.logs), before, after)
 
 
 def slow(state):
@@ -97,9 +96,7 @@ def test_a_motion_that_never_repeats_has_no_period():
         ("time-driven", lambda rows, period, rng: np.sin(2 * np.pi * rows / 11.3)),
     ],
 )
-def test_what_comes_back_with_the_motion_is_told_from_what_follows_time(
-    rng, kind, left
-):
+def test_what_comes_back_with_motion_is_told_from_what_follows_time(rng, kind, left):
     """The rows of a log that repeats every 40 of them, with noise of 0.1 N m."""
     found, period = problem(rng, rows=400), 40
     logs = []

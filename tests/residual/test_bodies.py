@@ -8,18 +8,11 @@ import pytest
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.evidence.fit import PossibleModel
-from residual.model.bodies import (
-    LEAST,
-    BodyCorrection,
-    build_body_sums,
-    find_nearest_possible,
-)
+from residual.model.bodies import LEAST, BodyCorrection, build_body_sums
+from residual.model.bodies import find_nearest_possible as nearest_possible
 from residual.model.model import Model, Term
-from residual.robot.dynamics import (
-    compute_base_parameters,
-    read_inertial_parameters,
-    replace_inertial_parameters,
-)
+from residual.robot.dynamics import compute_base_parameters, read_inertial_parameters
+from residual.robot.dynamics import replace_inertial_parameters as with_inertial
 from residual.verdict.result import Finding, Parameter, replace_by_model_values
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, TWO, arm, bare_irb140, plain_logs
@@ -48,7 +41,7 @@ def test_bodies_that_can_exist_stay_bit_for_bit(rng):
     bodies, best = build_body_sums(model), model.coefficients()
     assert bodies.names[-1] == "the load"
     assert bodies.list_impossible(best) == ()
-    assert find_nearest_possible(bodies, best, rooted(rng, len(best))) is best
+    assert nearest_possible(bodies, best, rooted(rng, len(best))) is best
 
 
 @pytest.mark.parametrize("axes", [TWO, SEVEN])
@@ -59,7 +52,7 @@ def test_the_nearest_is_on_the_edge_and_no_step_inside_is_nearer(rng, axes):
     root = rooted(rng, len(start))
     best = start + 0.3 * rng.normal(size=len(start))
     assert bodies.list_impossible(best)
-    solution = find_nearest_possible(bodies, best, root)
+    solution = nearest_possible(bodies, best, root)
     assert bodies.compute_least_eigenvalues(solution).min() == pytest.approx(
         LEAST, rel=0.01
     )
@@ -94,7 +87,7 @@ def test_it_is_what_a_solver_of_cones_finds(rng):
         held.append(unit @ pseudo @ unit >> LEAST * np.eye(4))
     problem = cp.Problem(cp.Minimize(cp.sum_squares(root @ (x - best))), held)
     problem.solve(solver=cp.CLARABEL)
-    solution = find_nearest_possible(bodies, best, root)
+    solution = nearest_possible(bodies, best, root)
     own = float(np.sum((root @ (solution - best)) ** 2))
     assert own == pytest.approx(problem.value, rel=1e-5)
 
@@ -108,9 +101,8 @@ def test_what_moves_no_torque_moves_first(rng):
     best = true + 0.5 * silent.T @ rng.normal(size=len(silent))
     assert build_body_sums(model).list_impossible(best)
     seen = 1e4 * base.mapping
-    information = seen.T @ seen + np.eye(len(true))
-    root = np.linalg.cholesky(information).T
-    solution = find_nearest_possible(build_body_sums(model), best, root)
+    root = np.linalg.cholesky(seen.T @ seen + np.eye(len(true))).T
+    solution = nearest_possible(build_body_sums(model), best, root)
     size = np.abs(base.mapping @ true).max()
     assert np.abs(base.mapping @ (solution - true)).max() < 1e-5 * size
 
@@ -146,7 +138,7 @@ def test_a_finding_of_a_body_says_what_the_model_has():
 def test_a_load_that_no_body_is_gets_no_name():
     robot = arm(SEVEN)
     wrong = bare(robot, load(robot, 2.0, (-0.1, 0, 0, -0.1, 0, -0.1))).loaded()
-    other = replace(robot, model=replace_inertial_parameters(robot.model, wrong))
+    other = replace(robot, model=with_inertial(robot.model, wrong))
     logs = plain_logs(other, range(7), np.zeros(7))
     logs = [replace(log, q=log.q - 0.1) for log in logs]
     diagnosis = diagnose(robot, logs[:3], (), logs[3:])

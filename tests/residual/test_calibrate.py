@@ -5,16 +5,13 @@ from functools import cache
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from flows.report.calibration import describe_calibration
 from residual.calibration import calibration_rows as cut
 from residual.calibration import table_regression
-from residual.calibration.calibrate import (
-    CalibrationSettings,
-    calibrate,
-    identify_without_blocks,
-    prepare_runs,
-)
+from residual.calibration.calibrate import CalibrationSettings, calibrate, prepare_runs
+from residual.calibration.calibrate import identify_without_blocks as without_blocks
 from residual.calibration.calibration_rows import (
     GUARD,
     CalibrationRun,
@@ -22,11 +19,9 @@ from residual.calibration.calibration_rows import (
     choose_thinning_factor,
     cut_single_run,
 )
+from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
 from residual.calibration.correction_choice import (
-    MAIN,
-    PAIRS,
-    CorrectionOption,
-    list_correction_options,
+    list_correction_options as correction_options,
 )
 from residual.calibration.nominal_pls import NominalPlsForm
 from residual.calibration.table_regression import choose_table_levels
@@ -44,8 +39,8 @@ from residual.calibration.validation_scores import (
     build_validation_schemes,
     choose_fold_options,
     cross_validate_corrections,
-    find_model_score,
 )
+from residual.calibration.validation_scores import find_model_score as model_score
 from residual.errors import InputError
 from tests.residual.identified import logs, truth
 
@@ -124,56 +119,47 @@ def test_a_held_out_run_is_unknown_to_the_nominal_model():
     runs = [CalibrationRun(log) for log in logs(3, noise=0.5, duration=8.0)]
     strange = replace(runs[1], log=replace(runs[1].log, tau=5 * runs[1].log.tau + 9))
     models = [
-        identify_without_blocks(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
+        without_blocks(prepare_runs(truth().robot, own, None), {4, 5, 6, 7})
         for own in (runs, [runs[0], strange, runs[2]])
     ]
     first, second = (m.coefficients() for m in models)
     np.testing.assert_array_equal(first, second)
-    everything = identify_without_blocks(prepare_runs(truth().robot, runs, None))
+    everything = without_blocks(prepare_runs(truth().robot, runs, None))
     assert np.abs(everything.coefficients() - first).max() > 0
 
 
 def test_the_table_is_what_fits_by_hand_give():
     rows, scores = paper_calibration().rows, paper_calibration().scores
-    none = find_model_score(scores, RUN, NOTHING)
+    none = model_score(scores, RUN, NOTHING)
     by_hand = 100 * np.sqrt((rows.Y**2).sum(0) / (rows.tau**2).sum(0))
-    np.testing.assert_allclose(none.rmsev, by_hand)
-    np.testing.assert_allclose(none.rmsec, by_hand)
+    assert_allclose(none.rmsev, by_hand)
+    assert_allclose(none.rmsec, by_hand)
     one, miss = np.c_[np.ones(len(rows.X)), rows.X], np.zeros(3)
     for run in range(4):
         out = rows.run == run
         theta = np.linalg.lstsq(one[~out], rows.Y[~out], rcond=None)[0]
         miss += ((rows.Y[out] - one[out] @ theta) ** 2).sum(0)
     expected = 100 * np.sqrt(miss / (rows.tau**2).sum(0))
-    np.testing.assert_allclose(
-        find_model_score(scores, RUN, LS).rmsev, expected, rtol=1e-7
-    )
-    pls = find_model_score(scores, RANDOM, PLSR)
-    np.testing.assert_allclose(
-        pls.curve[-1], find_model_score(scores, RANDOM, LS).rmsev, rtol=1e-6
-    )
+    assert_allclose(model_score(scores, RUN, LS).rmsev, expected, rtol=1e-7)
+    pls = model_score(scores, RANDOM, PLSR)
+    assert_allclose(pls.curve[-1], model_score(scores, RANDOM, LS).rmsev, rtol=1e-6)
     assert 1 <= pls.components <= 9
     np.testing.assert_array_equal(pls.rmsev, pls.curve[pls.components])
 
 
 def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
     scores = paper_calibration().scores
-    ours, theirs = (
-        find_model_score(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM)
-    )
-    ls = find_model_score(scores, RUN, LS).overall
-    assert ours < 0.5 * ls
-    assert theirs > 1.25 * find_model_score(scores, RANDOM, PAPER_FORM).overall
+    ours, theirs = (model_score(scores, RUN, m).overall for m in (DEFAULT, PAPER_FORM))
+    assert ours < 0.5 * model_score(scores, RUN, LS).overall
+    assert theirs > 1.25 * model_score(scores, RANDOM, PAPER_FORM).overall
     assert {o.kind for o in paper_calibration().chosen} <= {MAIN, PAIRS}
 
 
 def test_levels_components_and_joints_that_are_given_are_taken_as_they_are():
     form = NominalPlsForm((2, 3, 2, 5, 6, 5), 3)
-    settings = replace(
-        QUICK, paper=True, form=form, exact_components=True, joints=(1, 3)
-    )
-    settings = replace(settings, with_figures=False, schemes=(RUN,))
-    calibration = calibrate(truth().robot, paper_runs(), settings)
+    given = replace(QUICK, paper=True, form=form, exact_components=True, joints=(1, 3))
+    given = replace(given, with_figures=False, schemes=(RUN,))
+    calibration = calibrate(truth().robot, paper_runs(), given)
     assert calibration.rows.joints == (1, 3)
     assert calibration.rows.names == ("q1", "q3", "qd1", "qd3", "qdd1", "qdd3")
     every = paper_calibration().rows
@@ -200,7 +186,7 @@ def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
         for y, moves in zip(rows.Y.T, rows.moving.T, strict=True)
     ]
     by_hand = (one[out] @ np.column_stack(theta))[::step]
-    np.testing.assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
+    assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
     assert unseen.t[-1] == pytest.approx(6, abs=0.2)
 
 
@@ -211,7 +197,7 @@ def test_the_choice_for_a_fold_does_not_know_its_errors():
     tables = choose_table_levels(
         rows.X, rows.tau - rows.Y, rows.velocity_columns, names
     )
-    args = (lambda _: rows.Y, tables, list_correction_options(9), None)
+    args = (lambda _: rows.Y, tables, correction_options(9), None)
     lead = cross_validate_corrections(schemes[0], rows, *args)
     first = choose_fold_options(lead, lead, rows)
     own = np.unique(rows.second[rows.run == 2])
@@ -227,11 +213,9 @@ def test_the_choice_for_a_fold_does_not_know_its_errors():
 @cache
 def few_runs():
     declared = ("viscous", "rotor_inertia")
-    settings = replace(
-        QUICK, declared=declared, with_figures=False, schemes=(RUN, BLOCK)
-    )
+    given = replace(QUICK, declared=declared, with_figures=False, schemes=(RUN, BLOCK))
     runs = [CalibrationRun(log) for log in logs(2, noise=0.3, duration=6.0)]
-    return calibrate(truth().robot, runs, settings)
+    return calibrate(truth().robot, runs, given)
 
 
 def test_where_runs_are_few_blocks_are_left_out_and_chosen_by(rng):
@@ -243,7 +227,7 @@ def test_where_runs_are_few_blocks_are_left_out_and_chosen_by(rng):
     assert "2 runs are few" in calibration.notes[0]
     for scheme, folds in ((RUN, 2), (BLOCK, 8)):
         none, ours = (
-            find_model_score(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT)
+            model_score(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT)
         )
         assert none.miss.shape == (folds, 3)
         assert ours.overall < 0.8 * none.overall
@@ -262,8 +246,7 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     width = GUARD * rows.rates[0]
     assert len(between) == pytest.approx(2 * width, abs=2)
     assert set(rows.place[between] // 3) == {0, 2}
-    inside = np.flatnonzero(held)
-    apart = np.abs(between[:, None] - inside).min(axis=1)
+    apart = np.abs(between[:, None] - np.flatnonzero(held)).min(axis=1)
     assert apart.max() <= width + 1
     runs = [CalibrationRun(log) for log in logs(3, noise=0.5, duration=8.0)]
     begin, end = (int(250 * s) for s in (2.6, 3.7))
@@ -279,9 +262,9 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     start, end = prepared[0].blocks.cut_times[0][:2]
     assert start < 2.5
     assert end > 3.8
-    first, second = (identify_without_blocks(p, {1}).coefficients() for p in prepared)
-    np.testing.assert_allclose(first, second, rtol=0.02, atol=0.02)
-    spoiled = identify_without_blocks(prepared[1]).coefficients()
+    first, second = (without_blocks(p, {1}).coefficients() for p in prepared)
+    assert_allclose(first, second, rtol=0.02, atol=0.02)
+    spoiled = without_blocks(prepared[1]).coefficients()
     assert np.abs(spoiled - first).max() > 10 * np.abs(second - first).max()
 
 
@@ -293,7 +276,7 @@ def test_a_single_log_is_cut_into_parts():
     )
     assert calibration.rows.labels[0] == "log0 part 1"
     assert "cut into parts" in calibration.notes[0]
-    assert find_model_score(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
+    assert model_score(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
     assert len(cut_single_run([CalibrationRun(log)] * 2)) == 2
 
 

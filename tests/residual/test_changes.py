@@ -24,8 +24,7 @@ def test_two_names_give_way_to_the_one_that_does_what_both_do(rng):
     task = problem.task(groups)
     by_name = {(g.effect.name, g.joints): g for g in groups}
     wrong = [by_name["other", (0,)], by_name["line", (0,)], by_name["plane", (0,)]]
-    start = task.settle(task.fit(wrong, task.start()))
-    best = improve_set(task, start)
+    best = improve_set(task, task.settle(task.fit(wrong, task.start())))
     assert places(best) == [("plane", (0,))]
 
 
@@ -46,8 +45,7 @@ def test_sets_as_good_are_listed_and_far_ones_are_not(rng):
     wanted = [("line", (0,)), ("other", (1,))]
     groups = task.candidates.groups
     named = [g for g in groups if (g.effect.name, g.joints) in wanted]
-    fitted = task.settle(task.fit(named, task.start()))
-    others = find_rival_sets(task, fitted, ())
+    others = find_rival_sets(task, task.settle(task.fit(named, task.start())), ())
     assert all(r.nats > -6 for r in others)
     sets = [places(r) for r in others]
     # The plane holds the speed as well; a line of joint 1 holds nothing of joint 2.

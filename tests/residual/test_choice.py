@@ -100,8 +100,7 @@ def test_a_straight_line_is_left_to_a_line(rng):
 
 def test_what_holds_in_one_run_alone_is_not_taken(rng):
     X, Y, torque, run = motion(rng, runs=4, rows=600)
-    turned = np.where(run[:, None] % 2 == 0, Y, -Y)
-    _, options = chosen(X, turned, torque, run)
+    _, options = chosen(X, np.where(run[:, None] % 2 == 0, Y, -Y), torque, run)
     assert [o.kind for o in options] == [NONE] * 3
 
 

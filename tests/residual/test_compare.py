@@ -4,13 +4,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
-from residual.model.compare import (
-    ErrorSums,
-    compute_model_errors,
-    compute_moving_error,
-    prepare_held_out,
-)
+from residual.model.compare import ErrorSums, compute_moving_error, prepare_held_out
+from residual.model.compare import compute_model_errors as model_errors
 from residual.model.model import Model
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.signals.splitting import find_session_start, split_off_last_quarter
@@ -26,9 +23,8 @@ def log(start, end, label="log", rate=100):
 
 def test_errors_are_relative_norms_per_joint_and_over_all():
     miss = {"raw": np.array([9.0, 16.0])}
-    power = {"raw": np.array([100.0, 400.0])}
-    errors = ErrorSums(miss, power)
-    np.testing.assert_allclose(errors.per_joint("raw"), [30.0, 20.0])
+    errors = ErrorSums(miss, {"raw": np.array([100.0, 400.0])})
+    assert_allclose(errors.per_joint("raw"), [30.0, 20.0])
     assert errors.overall("raw") == pytest.approx(100 * np.sqrt(25 / 500))
 
 
@@ -47,18 +43,18 @@ def proof():
 
 
 def errors_of(model, logs):
-    return compute_model_errors(
-        {"it": model}, prepare_held_out(logs, model), FilterSettings()
-    )[0]["it"]
+    return model_errors({"it": model}, prepare_held_out(logs, model), FilterSettings())[
+        0
+    ]["it"]
 
 
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
     model, logs = proof
     for kind in ("raw", "filtered", "moving"):
         errors = errors_of(model, logs).per_joint(kind)
-        np.testing.assert_allclose(errors, [0, 100 * 0.1 / 1.1], atol=0.3)
+        assert_allclose(errors, [0, 100 * 0.1 / 1.1], atol=0.3)
     silent = replace(model, inertial=0 * model.inertial)
-    np.testing.assert_allclose(errors_of(silent, logs).per_joint("raw"), 100.0)
+    assert_allclose(errors_of(silent, logs).per_joint("raw"), 100.0)
 
 
 def test_what_happens_within_half_a_second_of_the_ends_does_not_count(proof):
@@ -70,7 +66,7 @@ def test_what_happens_within_half_a_second_of_the_ends_does_not_count(proof):
         tau[-120:] -= 1e3
         loud.append(replace(r, tau=tau))
     one, two = (errors_of(model, x).per_joint("raw") for x in (logs, loud))
-    np.testing.assert_allclose(one, two)
+    assert_allclose(one, two)
 
 
 def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
@@ -79,22 +75,20 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
     errors = errors_of(model, hum)
     assert errors.per_joint("raw")[0] > 10
     for kind in ("filtered", "moving"):
-        np.testing.assert_allclose(
-            errors.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5
-        )
+        assert_allclose(errors.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5)
 
 
 def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     model, logs = proof
     seen = prepare_held_out(logs, model)
-    errors, curves = compute_model_errors({"it": model}, seen, FilterSettings())
+    errors, curves = model_errors({"it": model}, seen, FilterSettings())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
-    np.testing.assert_allclose(miss, errors["it"].miss["filtered"])
+    assert_allclose(miss, errors["it"].miss["filtered"])
     moving = sum(
         (((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves
     )
-    np.testing.assert_allclose(moving, errors["it"].miss["moving"])
-    np.testing.assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
+    assert_allclose(moving, errors["it"].miss["moving"])
+    assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
     assert [c.id for c in curves] == ["log0", "log1"]
     for c in curves:
         assert c.t.shape == (len(c.tau),)

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.calibration.figure_data import fit_pca
 from residual.calibration.nominal_pls import fit_pls
@@ -27,9 +28,9 @@ def test_every_number_of_components_of_one_fit_equals_ikpls(rng, j):
     peer.fit(X, Y, 5)
     ours = fit_pls(X, Y)
     for a in (1, 3, 5):
-        np.testing.assert_allclose(predicted(ours, X, a), peer.predict(X, a), rtol=1e-9)
+        assert_allclose(predicted(ours, X, a), peer.predict(X, a), rtol=1e-9)
     T = ours.transform(X)
-    np.testing.assert_allclose(T.T @ T, np.diag((T**2).sum(axis=0)), atol=1e-8)
+    assert_allclose(T.T @ T, np.diag((T**2).sum(axis=0)), atol=1e-8)
 
 
 def test_nothing_left_to_tell_ends_the_components_early(rng):
@@ -37,7 +38,7 @@ def test_nothing_left_to_tell_ends_the_components_early(rng):
     X = np.linalg.qr(X - X.mean(0))[0]
     m = fit_pls(X, X[:, :1], 5)
     assert m.V.shape == (5, 1)
-    np.testing.assert_allclose(predicted(m, X), X[:, :1], atol=1e-12)
+    assert_allclose(predicted(m, X), X[:, :1], atol=1e-12)
     assert fit_pls(X, np.ones((50, 2)), 3).V.shape == (5, 0)
 
 
@@ -72,12 +73,9 @@ def test_other_columns_and_names_than_fitted_are_refused():
 def test_components_are_eigenvectors_of_the_correlations(rng):
     X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
     pca, C = fit_pca(X, rng, surrogate_count=20), np.corrcoef(X.T)
-    np.testing.assert_allclose(pca.eigenvalues, np.linalg.eigvalsh(C)[::-1], atol=1e-10)
-    np.testing.assert_allclose(
-        C @ pca.loadings, pca.loadings * pca.eigenvalues, atol=1e-10
-    )
-    largest = np.abs(pca.loadings).argmax(axis=0)
-    assert (pca.loadings[largest, range(4)] > 0).all()
+    assert_allclose(pca.eigenvalues, np.linalg.eigvalsh(C)[::-1], atol=1e-10)
+    assert_allclose(C @ pca.loadings, pca.loadings * pca.eigenvalues, atol=1e-10)
+    assert (pca.loadings[np.abs(pca.loadings).argmax(axis=0), range(4)] > 0).all()
     names = [name for name, _ in pca.strongest(0)]
     order = np.argsort(-np.abs(pca.loadings[:, 0]))[:3]
     assert names == [f"x{i + 1}" for i in order]
@@ -89,8 +87,8 @@ def test_random_phases_keep_mean_and_spectrum_of_each_variable(rng, rows):
     spectrum = np.fft.rfft(X, axis=0)
     new = randomise_phases(spectrum, rows, rng)
     assert not np.allclose(new, X)
-    np.testing.assert_allclose(np.abs(np.fft.rfft(new, axis=0)), np.abs(spectrum))
-    np.testing.assert_allclose(new.mean(0), X.mean(0))
+    assert_allclose(np.abs(np.fft.rfft(new, axis=0)), np.abs(spectrum))
+    assert_allclose(new.mean(0), X.mean(0))
 
 
 def test_slow_signals_of_no_relation_have_no_component():

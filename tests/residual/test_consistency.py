@@ -5,11 +5,12 @@ from dataclasses import replace
 import numpy as np
 import pinocchio as pin
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.errors import InputError
 from residual.identification.identify import find_consistent_parameters, identify
 from residual.model.bodies import build_pseudo_inertias, compute_link_eigenvalues
-from residual.model.dynamics import find_least_mass_eigenvalue
+from residual.model.dynamics import find_least_mass_eigenvalue as least_mass_eigenvalue
 from residual.model.model_files import build_robot_folder
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot import dynamics
@@ -50,22 +51,16 @@ def test_consistent_bodies_have_a_positive_mass_matrix_and_friction_that_does_no
     assert bodies.least_mass_matrix > 0
     for term in bodies.model.terms:
         assert np.all(term.theta >= -1e-9)
-    free, own = (
-        identification.estimate.weight
-        * identification.estimate.counts
-        @ bodies.misfit.T**2
-    )
+    estimate = identification.estimate
+    free, own = estimate.weight * estimate.counts @ bodies.misfit.T**2
     assert free <= own * (1 + 1e-9)
     assert np.all(bodies.misfit[1] < 1.1 * bodies.misfit[0])
 
 
 def test_consistent_logs_need_no_price():
     """Without noise the truth is consistent, so the two fits agree."""
-    clean = identify(truth().robot, logs())
-    consistent_fit = find_consistent_parameters(clean)
-    np.testing.assert_allclose(
-        consistent_fit.misfit[1], consistent_fit.misfit[0], rtol=0.05, atol=1e-3
-    )
+    fit = find_consistent_parameters(identify(truth().robot, logs()))
+    assert_allclose(fit.misfit[1], fit.misfit[0], rtol=0.05, atol=1e-3)
 
 
 def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
@@ -77,18 +72,14 @@ def test_pseudo_inertia_of_points_is_the_sum_over_them(rng):
     homogeneous = np.column_stack([points, np.ones(6)])
     wanted = (homogeneous * masses[:, None]).T @ homogeneous
     pseudo = build_pseudo_inertias(np.array(body.toDynamicParameters()))[0]
-    np.testing.assert_allclose(pseudo, wanted, atol=1e-12)
+    assert_allclose(pseudo, wanted, atol=1e-12)
 
 
 def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(identification):
     wrong = identification.model.inertial.copy()
     wrong[20] = -5.0
-    assert (
-        find_least_mass_eigenvalue(
-            replace(identification.model, inertial=wrong), poses=200
-        )
-        < 0
-    )
+    wrong = replace(identification.model, inertial=wrong)
+    assert least_mass_eigenvalue(wrong, poses=200) < 0
     wrong = identification.model.inertial.copy()
     wrong[10] = -0.1
     with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
@@ -107,9 +98,7 @@ def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):
     ).model
     again = replace(again, speed_floor=model.speed_floor, standstill=model.standstill)
     new = logs(1, seed=9)[0]
-    np.testing.assert_allclose(
-        again.predict(new), model.predict(new), rtol=0, atol=1e-9
-    )
+    assert_allclose(again.predict(new), model.predict(new), rtol=0, atol=1e-9)
 
 
 def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
@@ -123,7 +112,7 @@ def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
     for name, content in build_robot_folder(model).items():
         (tmp_path / name).write_bytes(content)
     again = load_robot(tmp_path)
-    np.testing.assert_allclose(
+    assert_allclose(
         dynamics.read_inertial_parameters(again.model), model.inertial, atol=1e-12
     )
     assert again.name == "irb140"

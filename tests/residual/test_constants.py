@@ -39,8 +39,7 @@ def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
     monkeypatch.setattr(doubts, "SURE", 2.0)  # nothing is as sure as that
-    diagnosis = diagnose(case.robot, fit, held_out=held_out)
-    verdict = diagnosis.verdict
+    verdict = diagnose(case.robot, fit, held_out=held_out).verdict
     assert not verdict.effects
     assert [(e.name, e.joints) for e in verdict.suspected] == [("offset", (1, 2))]
     moving = verdict.error.moving

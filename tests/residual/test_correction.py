@@ -7,11 +7,8 @@ from residual.diagnosis.outcome import search_effects
 from residual.diagnosis.unexplained import analyze_joint_remainders, fit_correction
 from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.compare import compute_model_errors, prepare_held_out
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    build_free_nominal,
-    prepare_fit_logs,
-)
+from residual.model.nominal import DEFAULT_DECLARED, prepare_fit_logs
+from residual.model.nominal import build_free_nominal as free_nominal
 from residual.signals.splitting import find_session_start
 from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs, quiet
@@ -32,7 +29,7 @@ def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw():
     every = stopped()
     fit, held = every[:4], every[4:]
     logs = prepare_fit_logs(arm(), fit, find_session_start(every), FilterSettings())
-    nominal = build_free_nominal(logs, DEFAULT_DECLARED)
+    nominal = free_nominal(logs, DEFAULT_DECLARED)
     outcome = search_effects(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
     design = outcome.task.design
     left = analyze_joint_remainders(design, logs.tracks, outcome.fit, outcome.adequacy)

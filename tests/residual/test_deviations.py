@@ -6,12 +6,8 @@ from types import SimpleNamespace
 import numpy as np
 
 from residual.diagnosis.findings import estimate_uncertainties
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    ShapeRefinement,
-    build_joint_columns,
-)
+from residual.effects.base import Effect, EffectTrait, ShapeRefinement
+from residual.effects.base import build_joint_columns as joint_columns
 from tests.residual.arms import arm
 from tests.residual.linear import LINE, Problem, build
 
@@ -20,7 +16,7 @@ FADE = Effect(
     "fade",
     "fades with speed, as one of two textbooks has it",
     {"level": "1", "speed": "1", "exponent": "1"},
-    build_joint_columns(
+    joint_columns(
         lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]
     ),
     values=lambda theta, shape, robot: np.array([theta[0], *shape]),
@@ -31,7 +27,7 @@ READS = Effect(
     "reads",
     "reads the model",
     {"a": "1"},
-    build_joint_columns(lambda s, j, x: [s.tau_model[:, j]]),
+    joint_columns(lambda s, j, x: [s.tau_model[:, j]]),
 )
 READS = replace(READS, traits=EffectTrait.USES_MODEL | EffectTrait.GROUPABLE)
 

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.model.compare import compute_joint_error_rises
+from residual.model.compare import compute_joint_error_rises as joint_error_rises
 from residual.verdict.result import Splits
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, diagnose_case, names, short_case
@@ -31,9 +31,7 @@ def seconds(*sizes):
     ],
 )
 def test_an_error_rises_where_it_does_beyond_chance(before, after, power, expected):
-    rise = compute_joint_error_rises(
-        seconds(*after), seconds(*before), np.array([power])
-    )
+    rise = joint_error_rises(seconds(*after), seconds(*before), np.array([power]))
     assert rise == pytest.approx([expected], abs=1e-3)
 
 

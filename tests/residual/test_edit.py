@@ -29,10 +29,8 @@ LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 @pytest.fixture(scope="module")
 def world():
     robot = load_robot("irb140")
-    plan = [
-        LogPlan(f"fit_{f}", "fit", f, duration=10.0, rate=125.0)
-        for f in ("fourier", "cyclic")
-    ]
+    families = ("fourier", "cyclic")
+    plan = [LogPlan(f"fit_{f}", "fit", f, duration=10.0, rate=125.0) for f in families]
     loaded, bare = (
         make(Plant(robot, hidden, 3, scatter=0.0), tuple(plan), 3)
         for hidden in ((SyntheticEffect("payload", (6,), LOAD),), ())
@@ -44,11 +42,8 @@ def world():
     load = Term(load_effects()["payload"], (5,), shape, theta)
     augmented = replace(nominal, terms=(*nominal.terms, load))
     models = {"nominal": nominal, "augmented": augmented}
-    return (
-        models | {"dense": fit_all_parameters(Design(logs.tracks, nominal))},
-        loaded,
-        bare,
-    )
+    dense = fit_all_parameters(Design(logs.tracks, nominal))
+    return models | {"dense": dense}, loaded, bare
 
 
 def _edit_on_the_arm_without(effect, models, logs) -> Edit:

@@ -9,6 +9,7 @@ import pinocchio as pin
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from residual import effects
 from residual.effects import load_effects
@@ -27,8 +28,7 @@ WITH_MEMORY = {"backlash", "delay", "elasticity", "presliding"}
 
 def state(robot, seed=0, n=60):
     """Any motion: nothing here depends on its being smooth."""
-    rng = np.random.default_rng(seed)
-    q, qd, qdd = rng.normal(size=(3, n, robot.dof))
+    q, qd, qdd = np.random.default_rng(seed).normal(size=(3, n, robot.dof))
     regressor = dynamics.compute_inertial_regressor(robot.model, q, qd, qdd)
     rigid = regressor @ dynamics.read_inertial_parameters(robot.model)
     return State(
@@ -112,9 +112,7 @@ def test_columns_look_at_nothing_but_the_same_sample(name):
     fields = ("t", "q", "qd", "qdd", "sign", "regressor", "rigid", "tau_model")
     part = replace(seen, **{f: getattr(seen, f)[10:20] for f in fields})
     for term in terms(name, robot):
-        np.testing.assert_allclose(
-            term.torque(part), term.torque(seen)[10:20], atol=ROUNDING
-        )
+        assert_allclose(term.torque(part), term.torque(seen)[10:20], atol=ROUNDING)
 
 
 # Plain functions of the joint's own state: what a reader could type into a calculator.
@@ -170,12 +168,12 @@ def test_the_equation_is_what_the_columns_compute_from_values_that_come_back(nam
     seen = state(robot)
     columns = effect.columns(seen, (0,), shape)[:, 0, :]
     values = dict(zip(effect.parameters, numbers, strict=True))
-    np.testing.assert_allclose(
+    assert_allclose(
         np.broadcast_to(_evaluate(effect.equation, values, seen), len(seen.t)),
         columns @ theta,
         atol=1e-12,
     )
-    np.testing.assert_allclose(effect.values(theta, shape, robot), numbers)
+    assert_allclose(effect.values(theta, shape, robot), numbers)
 
 
 COUPLED = {"level": 1.2, "coefficient": 0.4, "inertia": 0.05, "sign": -1.0}
@@ -188,12 +186,10 @@ def test_coupled_friction_loads_both_joints_of_the_shared_gear():
         term = from_parameters("coupled_friction", (4, 6), {**COUPLED, "sign": sign})
         torque = term.torque(seen)
         u, du = (x[:, 4] + sign * x[:, 6] for x in (seen.qd, seen.qdd))
-        np.testing.assert_allclose(torque[:, 6], sign * torque[:, 4])
+        assert_allclose(torque[:, 6], sign * torque[:, 4])
         smooth = torque[:, 4] - COUPLED["coefficient"] * u - COUPLED["inertia"] * du
         fast = np.abs(u) > 1.0
-        np.testing.assert_allclose(
-            smooth[fast], COUPLED["level"] * np.sign(u[fast]), rtol=1e-3
-        )
+        assert_allclose(smooth[fast], COUPLED["level"] * np.sign(u[fast]), rtol=1e-3)
 
 
 # Of coupled friction the width of its step at standstill is no parameter; delay,
@@ -210,9 +206,7 @@ def test_coefficients_come_back_from_the_values(name):
         assert len(values) == len(term.effect.parameters)
         theta, shape = term.effect.from_values(np.asarray(values), robot)
         back = replace(term, theta=np.asarray(theta), shape=tuple(shape))
-        np.testing.assert_allclose(
-            back.torque(seen), term.torque(seen), atol=1e-9, rtol=1e-9
-        )
+        assert_allclose(back.torque(seen), term.torque(seen), atol=1e-9, rtol=1e-9)
 
 
 def test_where_there_is_nothing_to_divide_by_all_is_finite():
@@ -265,9 +259,7 @@ def test_friction_turns_round_with_the_motion_and_stands_with_it(name):
     for term in terms(name, arm()):
         if name == "coupled_friction":
             term = replace(term, theta=np.array([1.0, 1.0, 0.0]))
-        np.testing.assert_allclose(
-            term.torque(backwards(seen)), -term.torque(seen), atol=ROUNDING
-        )
+        assert_allclose(term.torque(backwards(seen)), -term.torque(seen), atol=ROUNDING)
         if name != "coupled_friction":
             np.testing.assert_array_equal(term.torque(still), 0)
 
@@ -302,7 +294,7 @@ def test_payload_is_the_body_merged_into_the_last_link(robot):
         dynamics.compute_inverse_dynamics(m, seen.q, seen.qd, seen.qdd)
         for m in (loaded, robot.model)
     )
-    np.testing.assert_allclose(term.torque(seen), with_it - without, atol=1e-8)
+    assert_allclose(term.torque(seen), with_it - without, atol=1e-8)
 
 
 @every_robot

@@ -6,12 +6,8 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
-from residual.evidence.fit import (
-    FitEquations,
-    compute_evidence_gain,
-    count_effective_rows,
-    fit_jointly,
-)
+from residual.evidence.fit import FitEquations, count_effective_rows, fit_jointly
+from residual.evidence.fit import compute_evidence_gain as evidence_gain
 from residual.evidence.priors import screen_candidates
 from tests.residual.linear import (
     DOF,
@@ -50,8 +46,7 @@ def posterior(problem, members, sigma2):
     """Bayesian linear regression in closed form: mean and covariance."""
     x, y, joint = problem.stacked(members)
     noise = sigma2[joint]
-    information = problem.precision(members) + (x.T / noise) @ x
-    covariance = np.linalg.inv(information)
+    covariance = np.linalg.inv(problem.precision(members) + (x.T / noise) @ x)
     return covariance @ ((x.T / noise) @ y), covariance
 
 
@@ -166,9 +161,7 @@ def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
     big, small = (every_row_counts(problem, m, rounds=5) for m in ([group], []))
     poor = count_effective_rows(problem.design, small, range(DOF))
     small, big = replace(small, counted=poor), replace(big, counted=poor)
-    value, first, second = compute_evidence_gain(
-        problem.design, problem.prior, big, small
-    )
+    value, first, second = evidence_gain(problem.design, problem.prior, big, small)
     np.testing.assert_array_equal(first.counted, second.counted)
     assert poor[0] < 100
     assert first.counted[0] > 300

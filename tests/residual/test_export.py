@@ -10,21 +10,13 @@ from flows.steps.export import find_compiler
 from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError
 from residual.export.c99 import make_c_identifier, to_c99
-from residual.export.model_export import (
-    build_reference_motion,
-    remove_tables,
-    to_json,
-)
+from residual.export.model_export import build_reference_motion, remove_tables, to_json
 from residual.export.urdf_mjcf import to_mjcf, to_urdf
 from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, JointCorrection
 from residual.model.model import Model
 from residual.signals.track import CHOICES
 from tests.exports.back import c99_back
-from tests.exports.models import (
-    NAMES,
-    model_with,
-    robot_of,
-)
+from tests.exports.models import NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 
 WRITERS = {
@@ -44,9 +36,7 @@ CARRIED = {
     "mjcf": JOINTS | BODIES | MUJOCO,
     "c99": set(NAMES) - AHEAD,
 }
-needs_compiler = pytest.mark.skipif(
-    find_compiler() is None, reason="no C compiler here"
-)
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))
@@ -98,8 +88,7 @@ def _corrected(robot) -> CorrectedModel:
 
 @pytest.mark.parametrize("target", ["urdf", "mjcf"])
 def test_tables_that_a_target_has_no_place_for_are_listed(target):
-    source = _corrected(robot_of("seven"))
-    export = WRITERS[target](source)
+    export = WRITERS[target](_corrected(robot_of("seven")))
     (tables,) = (each for each in export.omissions if each.name == "tables")
     assert tables.joints == (2, 3)
     assert tables.largest > 0

@@ -13,10 +13,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from residual.effects import load_effects
-from residual.model.dynamics import (
-    compute_acceleration,
-    compute_model_mass_matrix,
-)
+from residual.model.dynamics import compute_acceleration, compute_model_mass_matrix
 from residual.model.model import Model, Term
 from residual.recording import Recording
 from residual.robot.dynamics import find_flange_placement, read_inertial_parameters
@@ -42,8 +39,7 @@ def term(name, joint, *values):
 
 def load():
     body = find_flange_placement(ROBOT.model).act(pin.Inertia(MASS, LEVER, OWN))
-    effect = load_effects()["payload"]
-    return Term(effect, (5,), (), body.toDynamicParameters())
+    return Term(load_effects()["payload"], (5,), (), body.toDynamicParameters())
 
 
 def model(*more):
@@ -139,11 +135,9 @@ def test_the_acceleration_of_a_torque_is_that_of_an_independent_integration(rubs
 
 
 def test_the_mass_matrix_has_the_load_and_the_rotors():
-    rng = np.random.default_rng(0)
-    q = rng.uniform(-1, 1, (20, 6))
+    q = np.random.default_rng(0).uniform(-1, 1, (20, 6))
     arm = welded()
     got = compute_model_mass_matrix(model(), q)
     for each, pose in zip(got, q, strict=True):
         upper = np.triu(pin.crba(arm, arm.createData(), pose))
-        wanted = upper + np.triu(upper, 1).T
-        np.testing.assert_allclose(each, wanted, atol=1e-9)
+        np.testing.assert_allclose(each, upper + np.triu(upper, 1).T, atol=1e-9)

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.errors import InputError
 from residual.identification import estimate
@@ -16,9 +17,8 @@ from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 FRICTION = [*VISCOUS, *COULOMB, *ROTOR]
 
 
-def true_theta(found):
-    known = truth()
-    return found.base.mapping @ np.concatenate([known.parameters, FRICTION])
+def true(found):
+    return found.base.mapping @ np.concatenate([truth().parameters, FRICTION])
 
 
 @pytest.fixture(scope="module")
@@ -33,13 +33,12 @@ def noisy():
 
 def test_without_noise_the_truth_is_found(clean):
     size = np.sqrt(np.diag(clean.base.mapping @ clean.spread @ clean.base.mapping.T))
-    miss = (clean.estimate.theta - true_theta(clean)) / size
-    assert np.abs(miss).max() < 2e-3
+    assert np.abs((clean.estimate.theta - true(clean)) / size).max() < 2e-3
     assert set(clean.status) == {"fitted"}
 
 
 def test_errors_are_as_large_as_their_standard_deviation_says(noisy):
-    z = (noisy.estimate.theta - true_theta(noisy)) / noisy.estimate.sd
+    z = (noisy.estimate.theta - true(noisy)) / noisy.estimate.sd
     assert 0.5 < np.sqrt(np.mean(z**2)) < 2.0
 
 
@@ -52,20 +51,16 @@ def test_ols_is_ordinary_least_squares():
     identification = identify(truth().robot, logs(noise=1.0), options=Options("ols"))
     _, x, y = stacked(identification)
     theta = np.linalg.lstsq(x, y, rcond=None)[0]
-    np.testing.assert_allclose(
-        identification.estimate.theta, theta, rtol=1e-7, atol=1e-8
-    )
+    assert_allclose(identification.estimate.theta, theta, rtol=1e-7, atol=1e-8)
 
 
 def test_wls_is_least_squares_with_each_joints_weight(noisy):
     rows, x, y = stacked(noisy)
     weight = np.repeat(np.sqrt(noisy.estimate.weight), rows.counts)
     theta = np.linalg.lstsq(x * weight[:, None], y * weight, rcond=None)[0]
-    np.testing.assert_allclose(noisy.estimate.theta, theta, rtol=1e-6, atol=1e-7)
-    information = (x * weight[:, None]).T @ (x * weight[:, None])
-    np.testing.assert_allclose(
-        noisy.estimate.sd, np.sqrt(np.diag(np.linalg.inv(information))), rtol=0.05
-    )
+    assert_allclose(noisy.estimate.theta, theta, rtol=1e-6, atol=1e-7)
+    info = (x * weight[:, None]).T @ (x * weight[:, None])
+    assert_allclose(noisy.estimate.sd, np.sqrt(np.diag(np.linalg.inv(info))), rtol=0.05)
 
 
 @pytest.mark.parametrize("loss", ["huber", "bisquare"])
@@ -81,24 +76,21 @@ def test_outliers_move_least_squares_more_than_the_robust_fit(loss):
     robust = identify(truth().robot, spoiled, options=Options("irls", loss))
     size = np.sqrt(np.diag(plain.base.mapping @ plain.spread @ plain.base.mapping.T))
     miss = [
-        np.linalg.norm((f.estimate.theta - true_theta(f)) / size)
-        for f in (plain, robust)
+        np.linalg.norm((f.estimate.theta - true(f)) / size) for f in (plain, robust)
     ]
     assert miss[1] < 0.5 * miss[0]
     assert robust.estimate.outliers.min() > 0.02
 
 
 def test_a_joint_that_stands_is_said_and_its_parameters_stay_nominal():
-    identification = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
-    assert identification.preflight.standing == (3,)
-    held = [one.index for one in identification.preflight.fixed]
-    names = [identification.base.leading[i].name for i in held]
+    fit = identify(truth().robot, logs(noise=0.5, joints=(0, 1)))
+    assert fit.preflight.standing == (3,)
+    held = [one.index for one in fit.preflight.fixed]
+    names = [fit.base.leading[i].name for i in held]
     assert "viscous coefficient of joint 3" in names
-    np.testing.assert_array_equal(
-        identification.estimate.theta[held], identification.nominal_theta[held]
-    )
-    assert np.all(identification.estimate.sd[held] == 0)
-    lines = " ".join(identification.preflight.lines(identification.base))
+    np.testing.assert_array_equal(fit.estimate.theta[held], fit.nominal_theta[held])
+    assert np.all(fit.estimate.sd[held] == 0)
+    lines = " ".join(fit.preflight.lines(fit.base))
     assert "joint 3 never moves" in lines
     assert "viscous coefficient of joint 3 cannot be told" in lines
     assert "it needs motion of joint 3" in lines
@@ -112,7 +104,7 @@ def test_a_firm_prior_keeps_the_nominal_and_a_loose_one_the_free_fit(noisy):
     # Effects without a nominal value stay free, and so does what they are part of.
     rigid = ~np.any(noisy.base.mapping[:, 30:], axis=1)
     theta = firm.estimate.theta[rigid]
-    np.testing.assert_allclose(theta, firm.nominal_theta[rigid], rtol=1e-2, atol=1e-2)
+    assert_allclose(theta, firm.nominal_theta[rigid], rtol=1e-2, atol=1e-2)
     gap = (loose.estimate.theta - noisy.estimate.theta) / noisy.estimate.sd
     assert np.abs(gap).max() < 0.2
     assert np.all(firm.estimate.sd[rigid] <= noisy.estimate.sd[rigid] * 1.001)
@@ -125,8 +117,7 @@ def test_what_is_not_needed_is_dropped_and_the_fit_stays_as_good(noisy):
     assert np.all(small.estimate.theta[gone] == 0)
     assert small.essential.f_value <= small.essential.f_limit
     assert small.estimate.noise == pytest.approx(noisy.estimate.noise, rel=0.03)
-    worst = np.argmax(noisy.estimate.relative_sd)
-    assert small.status[worst] == "dropped"
+    assert small.status[np.argmax(noisy.estimate.relative_sd)] == "dropped"
 
 
 def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):

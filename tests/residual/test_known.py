@@ -14,11 +14,8 @@ from residual.errors import InputError, RobotError
 from residual.evidence.design import Design
 from residual.evidence.fit import fit_jointly
 from residual.evidence.priors import build_relative_prior
-from residual.model.nominal import (
-    build_free_nominal,
-    list_known_values,
-    prepare_fit_logs,
-)
+from residual.model.nominal import build_free_nominal as free_nominal
+from residual.model.nominal import list_known_values, prepare_fit_logs
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import add_known_values, load_robot
 from residual.signals.track import FilterSettings
@@ -67,21 +64,19 @@ def test_a_robot_has_them_by_its_file_and_by_word(tmp_path):
 def test_the_model_has_what_is_known_and_holds_it():
     """The file says 6 kg and 3 kg and the logs speak of them; what is known stays."""
     robot = add_known_values(arm(TWO), {"link.2.mass": 2.0, "coulomb.1.level": 3.5})
-    nominal_model = build_free_nominal(prepared(robot, 0.0), FRICTION)
+    nominal_model = free_nominal(prepared(robot, 0.0), FRICTION)
     model = nominal_model.model
     assert model.inertial[10] == 2.0
     assert model.inertial[11] == pytest.approx(
         2.0 / 3.0 * read_inertial_parameters(robot.model)[11]
     )
-    logs = prepared(robot, 0.0)
-    design = Design(logs.tracks, model)
+    design = Design(prepared(robot, 0.0).tracks, model)
     own = fit_jointly(
         design, build_relative_prior(design, nominal_model, 1.0), (), design.rows / 5
     )
     coulomb = next(t for t in model.terms if t.effect.name == "coulomb")
     assert (coulomb.joints, coulomb.theta) == ((0,), pytest.approx(3.5))
-    own_place = 20 + model.terms.index(coulomb)
-    assert np.abs(own.theta[[10, own_place]]).max() < 0.02
+    assert np.abs(own.theta[[10, (20 + model.terms.index(coulomb))]]).max() < 0.02
     assert np.abs(own.theta).max() > 0.1
 
 
@@ -89,9 +84,8 @@ def test_what_is_known_of_a_candidate_is_its_value_in_the_fit():
     scores = {}
     for known in (None, MASS, 1.2 * MASS):
         words = {} if known is None else {"payload.mass": known}
-        robot = add_known_values(arm(TWO), words)
-        logs = prepared(robot, MASS)
-        nominal_model = build_free_nominal(logs, FRICTION)
+        logs = prepared(add_known_values(arm(TWO), words), MASS)
+        nominal_model = free_nominal(logs, FRICTION)
         design = Design(logs.tracks, nominal_model.model)
         (group,) = design.add([(load_effects()["payload"], (1,), ())])
         prior = build_relative_prior(design, nominal_model, 0.01)

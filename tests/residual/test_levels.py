@@ -5,10 +5,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from residual.calibration.nominal_pls import merge_equal_rows
-from residual.calibration.table_regression import (
-    build_equal_levels,
-    build_quantile_levels,
-)
+from residual.calibration.table_regression import build_equal_levels as equal_levels
+from residual.calibration.table_regression import build_quantile_levels
 from residual.errors import InputError
 
 COLUMNS = arrays(
@@ -19,7 +17,7 @@ COLUMNS = arrays(
 @given(
     COLUMNS,
     st.integers(2, 30),
-    st.sampled_from([build_equal_levels, build_quantile_levels]),
+    st.sampled_from([equal_levels, build_quantile_levels]),
 )
 @settings(max_examples=60, deadline=None)
 def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, make):
@@ -32,12 +30,12 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
 
 
 def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
-    levels = build_equal_levels(np.array([0.0, 10.0]), 5)
+    levels = equal_levels(np.array([0.0, 10.0]), 5)
     np.testing.assert_allclose(levels.edges[0], [2, 4, 6, 8])
     values = np.array([0, 1.9, 2, 5, 9.9, 10])
     assert levels.encode(values).values[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
     x = np.linspace(0, 1, 600)  # beyond 256 levels a code takes two bytes
-    codes = build_equal_levels(x, 300).encode(x)
+    codes = equal_levels(x, 300).encode(x)
     assert (codes.values.dtype, codes.values.max()) == (np.uint16, 299)
 
 
@@ -64,7 +62,7 @@ def test_velocities_get_a_level_of_standing_still(rng):
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))
     Y = rng.normal(size=(200, 2))
-    codes = build_equal_levels(X, levels).encode(X)
+    codes = equal_levels(X, levels).encode(X)
     cells = merge_equal_rows(codes)
     assert cells.count.sum() == 200
     assert len(cells.count) == len(np.unique(codes.values, axis=0))
@@ -76,21 +74,21 @@ def test_merged_rows_keep_every_sum(rng, levels):
     ("call", "message"),
     [
         (
-            lambda: build_equal_levels(np.arange(5.0), 1),
+            lambda: equal_levels(np.arange(5.0), 1),
             "levels must be 2 to .*, got 1",
         ),
         (
             lambda: build_quantile_levels(np.arange(5.0), 0),
             "levels must be 2 to .*, got 0",
         ),
-        (lambda: build_equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
-        (lambda: build_equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
+        (lambda: equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
+        (lambda: equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
         (
-            lambda: build_equal_levels(np.array([1, np.nan]), 3),
+            lambda: equal_levels(np.array([1, np.nan]), 3),
             "X is NaN or infinite in row 1",
         ),
         (
-            lambda: build_equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
+            lambda: equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
             "X has 2 columns, the levels are of 1",
         ),
     ],

@@ -39,10 +39,8 @@ def smooth_log(seconds, seed):
     rng = np.random.default_rng(seed)
     t = np.arange(round(seconds * 100)) / 100
     waves = rng.uniform(0.15, 1.1, (6, 2)), rng.uniform(0, 6, (6, 2))
-    q = sum(
-        0.3 * np.sin(2 * np.pi * f * t[:, None] + p)
-        for f, p in zip(*waves, strict=True)
-    )
+    pairs = zip(*waves, strict=True)
+    q = sum(0.3 * np.sin(2 * np.pi * f * t[:, None] + p) for f, p in pairs)
     like = plain_logs(arm(), [0, 1], [0.0, 0.0])[0]
     qd = np.gradient(q, t, axis=0)
     motion = q, qd, np.gradient(qd, t, axis=0)
@@ -65,8 +63,7 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     assert len(long.tracks) < len(uncut.tracks)
     wanted = [(load_effects()[n], (1,), ()) for n in ("spring", "offset")]
     wanted += [
-        (load_effects()["payload"], (1,), ()),
-        (load_effects()["spring"], (0,), ()),
+        (load_effects()[n], (j,), ()) for n, j in (("payload", 1), ("spring", 0))
     ]
     groups = [design.add(wanted) for design in (long, uncut)]
     assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
@@ -90,11 +87,9 @@ def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
 
 @pytest.mark.long  # two diagnoses
 def test_a_log_in_pieces_gets_the_verdict_of_the_whole(short, monkeypatch):
-    fit, held_out = smooth_log(60.0, 7), smooth_log(20.0, 8)
-    spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held_out.q[:, :1] * [1.0, 0.0]
-    logs = [
-        replace(r, tau=r.tau + s) for r, s in zip((fit, held_out), spring, strict=True)
-    ]
+    fit, held = smooth_log(60.0, 7), smooth_log(20.0, 8)
+    spring = 2.0 * fit.q[:, :1] * [1.0, 0.0], 2.0 * held.q[:, :1] * [1.0, 0.0]
+    logs = [replace(r, tau=r.tau + s) for r, s in zip((fit, held), spring, strict=True)]
     cut = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)
     monkeypatch.setattr(pieces, "LONG", np.inf)
     diagnosis = diagnose(arm(), logs[:1], held_out=logs[1:], declared=NAMES)

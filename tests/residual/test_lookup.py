@@ -74,8 +74,7 @@ def test_the_export_evaluates_on_its_own(block, model, tmp_path):
     X, Y, torque, _ = block
     files = build_lookup_files(model.lookup())
     assert set(files) == {"model.npz", "tables.csv", "model.json", "evaluate.py"}
-    text = files["evaluate.py"].decode()
-    assert "residual" not in text
+    assert "residual" not in files["evaluate.py"].decode()
     evaluated = _evaluated(files, tmp_path, X[::20])
     np.testing.assert_allclose(evaluated, model.predict(X[::20]), **EXACT)
     own = fitted(X, Y, torque).lookup([CorrectionOption(MAIN, 20.0)] * 3)
@@ -137,8 +136,7 @@ def test_the_json_says_what_each_table_is_of_and_bytes_repeat(model):
     assert document["tables"][0]["variables"] == ["x1", "x2"]
     assert document["tables"][0]["levels"] == [9, 9]
     assert [len(axis["edges"]) for axis in document["axes"]] == [8] * 9
-    first = build_lookup_files(model.lookup())
-    assert first == build_lookup_files(model.lookup())
+    assert build_lookup_files(model.lookup()) == build_lookup_files(model.lookup())
 
 
 def test_bad_rows_are_refused(model):

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
@@ -11,12 +12,8 @@ from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
 from residual.evidence.priors import ASSUMED
 from residual.model.model import Model, Term
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    GIVEN,
-    build_nominal,
-    choose_declared_effects,
-)
+from residual.model.nominal import DEFAULT_DECLARED, GIVEN, build_nominal
+from residual.model.nominal import choose_declared_effects as declared_effects
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
@@ -39,8 +36,7 @@ def floor(robot):
 
 def log_of(robot, t):
     q, qd, qdd = smooth_motion(robot, t)
-    tau = compute_inverse_dynamics(robot.model, q, qd, qdd)
-    return recording(t, q, tau), qd
+    return recording(t, q, compute_inverse_dynamics(robot.model, q, qd, qdd)), qd
 
 
 def rms_error(a, b, inside):
@@ -60,8 +56,7 @@ def test_nominal_irb140_is_rnea_plus_the_friction_that_it_declares():
         + declared["rotor_inertia"]["inertia"] * qdd
     )
     torque = nominal(robot, DEFAULT_DECLARED).model.predict(log)
-    inside = (t > 0.5) & (t < 5.5)
-    moving = inside[:, None] & (np.abs(qd) > 5 * FLOOR)
+    moving = ((t > 0.5) & (t < 5.5))[:, None] & (np.abs(qd) > 5 * FLOOR)
     gap = (torque - expected)[moving]
     assert np.sqrt(np.mean(gap**2)) < 2e-3 * np.sqrt(np.mean(expected[moving] ** 2))
 
@@ -75,24 +70,19 @@ def test_a_prediction_stands_at_the_samples_of_the_log_however_they_are_spaced()
     log, _ = log_of(robot, t)
     torque = nominal(robot, ()).model.predict(log)
     assert torque.shape == log.tau.shape
-    inside = (t > t[0] + 0.5) & (t < t[-1] - 0.5)
-    assert rms_error(torque, log.tau, inside) < 5e-3
+    assert rms_error(torque, log.tau, (t > t[0] + 0.5) & (t < t[-1] - 0.5)) < 5e-3
 
 
 def some_model(robot, seed=0):
     rng = np.random.default_rng(seed)
-    places = [
-        ("coulomb", (0,), ()),
-        ("stribeck", (1,), (0.1, 2.0)),
-        ("spring", (0,), ()),
-    ]
+    places = [("coulomb", (0,), ()), ("spring", (0,), ())]
+    places.insert(1, ("stribeck", (1,), (0.1, 2.0)))
     widths = (1, 1, 2)
     terms = tuple(
         Term(load_effects()[n], joints, shape, rng.normal(size=k))
         for (n, joints, shape), k in zip(places, widths, strict=True)
     )
-    inertial = read_inertial_parameters(robot.model)
-    return Model(robot, inertial, terms, floor(robot))
+    return Model(robot, read_inertial_parameters(robot.model), terms, floor(robot))
 
 
 def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
@@ -104,7 +94,7 @@ def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
         replace(model, inertial=0 * model.inertial, terms=(t,)) for t in model.terms
     ]
     parts = [m.predict(log) for m in (rigid, *alone)]
-    np.testing.assert_allclose(model.predict(log), sum(parts), atol=1e-9)
+    assert_allclose(model.predict(log), sum(parts), atol=1e-9)
 
 
 def test_a_torque_gain_scales_everything_but_itself():
@@ -114,9 +104,7 @@ def test_a_torque_gain_scales_everything_but_itself():
     log, _ = log_of(robot, np.arange(750) / 250)
     for terms in ((*model.terms, gain), (gain, *model.terms)):
         scaled = replace(model, terms=terms).predict(log)
-        np.testing.assert_allclose(
-            scaled, model.predict(log) * [1.0, 1.1], rtol=1e-9, atol=1e-9
-        )
+        assert_allclose(scaled, model.predict(log) * [1.0, 1.1], rtol=1e-9, atol=1e-9)
 
 
 def test_warmup_follows_the_clock_of_the_session():
@@ -128,9 +116,9 @@ def test_warmup_follows_the_clock_of_the_session():
     log = recording(130.0 + t, q, 0 * q)
     middle = slice(250, 750)
     own = base.predict(log)[middle, 0]
-    np.testing.assert_allclose(own, 2 * np.exp(-t[middle] / 50), rtol=1e-6)
+    assert_allclose(own, 2 * np.exp(-t[middle] / 50), rtol=1e-6)
     session = replace(base, clock=100.0).predict(log)[middle, 0]
-    np.testing.assert_allclose(session, 2 * np.exp(-(30 + t[middle]) / 50), rtol=1e-6)
+    assert_allclose(session, 2 * np.exp(-(30 + t[middle]) / 50), rtol=1e-6)
 
 
 @pytest.mark.parametrize(
@@ -143,10 +131,8 @@ def test_warmup_follows_the_clock_of_the_session():
         ("[declared.viscous]", ["offset"], ("offset",)),
     ],
 )
-def test_the_user_decides_what_is_declared_then_the_robot_then_the_usual(
-    toml, names, expected
-):
-    assert choose_declared_effects(arm(toml=toml), names) == expected
+def test_the_user_decides_what_is_declared_then_robot_then_usual(toml, names, expected):
+    assert declared_effects(arm(toml=toml), names) == expected
 
 
 def test_a_declared_effect_without_values_is_free_in_every_shape():
@@ -156,11 +142,8 @@ def test_a_declared_effect_without_values_is_free_in_every_shape():
     assert nominal_model.sd == (None,) * 6
     assert nominal_model.names == DEFAULT_DECLARED
     nominal_model = nominal(arm(), ("power_viscous",))
-    assert [t.shape for t in nominal_model.model.terms] == 2 * [
-        (0.25,),
-        (0.5,),
-        (0.75,),
-    ]
+    shapes = [t.shape for t in nominal_model.model.terms]
+    assert shapes == 2 * [(0.25,), (0.5,), (0.75,)]
     assert nominal_model.names == ("power_viscous",)
     (term,) = nominal(arm(), ("payload",)).model.terms
     assert (term.joints, term.theta.shape) == ((1,), (10,))
@@ -214,11 +197,7 @@ def test_a_log_of_another_robot_is_refused_wherever_it_is_given(where):
     t = np.arange(750) / 250
     good, _ = log_of(arm(), t)
     bad, _ = log_of(arm(SEVEN), t)
-    logs = {
-        "fit": [good],
-        "baseline": [],
-        "held_out": [],
-        where: [replace(bad, id="b")],
-    }
+    logs = {"fit": [good], "baseline": [], "held_out": []}
+    logs[where] = [replace(bad, id="b")]
     with pytest.raises(InputError, match="b has 7 joints, small_arm has 2"):
         diagnose(arm(), **logs)

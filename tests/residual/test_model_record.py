@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from numpy.testing import assert_array_equal
 
 from residual.calibration.correction_choice import MAIN
 from residual.effects import load_effects
@@ -43,8 +44,7 @@ def term(robot: Robot, name: str, seed: int) -> Term:
     shapes = effect.shapes(span, joints[0] if joints else 0)
     shape = shapes[seed % len(shapes)]
     seen = Model(robot, read_inertial_parameters(robot.model), (), np.full(dof, 0.01))
-    state = seen.observe(seen_track(robot))
-    count = effect.columns(state, joints, shape).shape[2]
+    count = effect.columns(seen.observe(seen_track(robot)), joints, shape).shape[2]
     return Term(effect, joints, shape, 1e-3 * rng.normal(size=count))
 
 
@@ -99,7 +99,7 @@ def test_every_effect_comes_back_with_the_very_bits(name):
     model = model_of([name, "viscous"])
     again = model_from_record(through_text(model.to_record()))
     log = log_of(model.robot)
-    np.testing.assert_array_equal(again.predict(log), model.predict(log))
+    assert_array_equal(again.predict(log), model.predict(log))
     assert through_text(again.to_record()) == through_text(model.to_record())
 
 
@@ -116,7 +116,7 @@ def test_tables_on_top_of_a_model_come_back_with_the_very_bits(tmp_path):
     corrected.save(tmp_path / "model.json")
     log = log_of(model.robot)
     for one in (again, load_model(tmp_path / "model.json")):
-        np.testing.assert_array_equal(one.predict(log), corrected.predict(log))
+        assert_array_equal(one.predict(log), corrected.predict(log))
     assert np.abs(corrected.predict(log) - model.predict(log))[:, 0].max() > 0.01
     assert again.uncorrected_joints == (1,)
     assert repr(corrected).endswith("tables on J1)")
@@ -140,11 +140,9 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
     again = model_from_record(through_text(model_of([], robot).to_record())).robot
     assert (again.name, again.content_hash) == ("lab", robot.content_hash)
     assert not np.isfinite(again.upper[0])
-    np.testing.assert_array_equal(again.upper, robot.upper)
-    np.testing.assert_array_equal(
-        again.model.gravity.linear, robot.model.gravity.linear
-    )
-    np.testing.assert_array_equal(again.declared["coulomb"].values["level"], [3, 4])
+    assert_array_equal(again.upper, robot.upper)
+    assert_array_equal(again.model.gravity.linear, robot.model.gravity.linear)
+    assert_array_equal(again.declared["coulomb"].values["level"], [3, 4])
 
 
 @pytest.mark.parametrize(
@@ -178,7 +176,7 @@ def test_an_effect_is_taken_out_of_all_or_of_some_joints_and_nothing_else():
     log = log_of(model.robot)
     less = model.without("payload")
     expected = replace(model, terms=model.terms[1:]).predict(log)
-    np.testing.assert_array_equal(less.predict(log), expected)
+    assert_array_equal(less.predict(log), expected)
     assert np.abs(less.predict(log) - model.predict(log)).max() > 1e-6
     robot = arm()
     terms = [Term(load_effects()["coulomb"], (j,), (), np.ones(1)) for j in (0, 1)]
@@ -232,7 +230,7 @@ def test_a_record_keeps_what_an_edit_goes_back_to():
     again = model_from_record(json.loads(json.dumps(model.to_record())))
     log = log_of(model.robot)
     back, there = again.without("coulomb"), model.without("coulomb")
-    np.testing.assert_array_equal(back.predict(log), there.predict(log))
+    assert_array_equal(back.predict(log), there.predict(log))
     damaged = json.loads(json.dumps(model.to_record()))
     damaged["terms"][0]["nominal"]["theta"] = ["much"]
     with pytest.raises(InputError, match="damaged"):
@@ -264,7 +262,7 @@ def test_what_depends_on_more_than_the_state_is_refused(name):
 def test_one_state_is_a_row_of_its_own_and_other_shapes_are_refused():
     model = model_of([])
     one = model.torque(np.ones(7), np.ones(7), np.ones(7))
-    np.testing.assert_array_equal(one, model.torque(*3 * [np.ones((1, 7))]))
+    assert_array_equal(one, model.torque(*3 * [np.ones((1, 7))]))
     with pytest.raises(InputError, match=r"expected \(3, 7\) each"):
         model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
 

@@ -7,21 +7,10 @@ import pytest
 from scipy.signal import lfilter
 
 from residual.errors import InputError
-from residual.monitoring.monitor import (
-    STILL,
-    calibrate_monitor,
-    fit_score_limits,
-    maxima_per_block,
-)
+from residual.monitoring.monitor import STILL, calibrate_monitor, maxima_per_block
+from residual.monitoring.monitor import fit_score_limits as score_limits
 from residual.monitoring.thresholds import MONITOR
-from tests.residual.monitored import (
-    good_runs,
-    healthy,
-    model_of,
-    monitor,
-    part,
-    spoilt,
-)
+from tests.residual.monitored import good_runs, healthy, model_of, monitor, part, spoilt
 
 ENCODER = ("frozen", "jump", "drift")
 
@@ -171,7 +160,7 @@ def peaks(values):
 @pytest.mark.parametrize("memory", [0.0, 0.9, 0.99])
 def test_false_alarms_are_no_more_than_wanted(memory):
     healthy = [peaks(noise(i, 20.0, memory)) for i in range(15)]
-    limits = fit_score_limits(healthy, MONITOR.block / 3600)
+    limits = score_limits(healthy, MONITOR.block / 3600)
     hours = 10
     over = peaks(noise(99, 3600.0 * hours, memory)) > limits
     assert over.any(axis=1).sum() <= hours

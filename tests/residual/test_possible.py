@@ -80,9 +80,7 @@ def ask(name, theta, shape, had=(0.0,)):
 
 def test_every_effect_says_for_itself_what_no_arm_can_have():
     usual = Effect.__dataclass_fields__["possible"].default
-    silent = [
-        name for name, effect in load_effects().items() if effect.possible is usual
-    ]
+    silent = [n for n, e in load_effects().items() if e.possible is usual]
     assert silent == []
 
 

@@ -7,15 +7,11 @@ import pytest
 
 from residual.effects import load_effects
 from residual.evidence.design import Design
-from residual.evidence.priors import (
-    ASSUMED,
-    build_relative_prior,
-    compute_inertial_sd,
-    list_forbidden_effects,
-)
+from residual.evidence.priors import ASSUMED, build_relative_prior, compute_inertial_sd
+from residual.evidence.priors import list_forbidden_effects as forbidden_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, NominalModel
-from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from tests.residual.arms import arm
 from tests.residual.linear import NOMINAL, Problem, random_state, track
 
@@ -26,9 +22,7 @@ def term(name, joint, theta):
 
 def nominal(terms=(), given=(), **options):
     robot = arm()
-    model = Model(
-        robot, read_inertial_parameters(robot.model), tuple(terms), np.ones(2)
-    )
+    model = Model(robot, read_inertias(robot.model), tuple(terms), np.ones(2))
     return NominalModel(model, tuple(given), **options)
 
 
@@ -49,7 +43,7 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
     prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, scale)
     expected = np.zeros((NOMINAL, NOMINAL))
     sizes = compute_inertial_sd(arm()).reshape(2, 10)
-    parameters = read_inertial_parameters(arm().model).reshape(2, 10)
+    parameters = read_inertias(arm().model).reshape(2, 10)
     for i in range(2):
         own = slice(10 * i, 10 * i + 10)
         shared = np.outer(parameters[i], parameters[i])
@@ -102,4 +96,4 @@ def test_what_may_not_be_blamed(rng, name, given, scale, barred):
     nominal_model = nominal([term(name, 1, [1.0])], [given])
     known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
     prior = replace(known, widths=nominal_model.kinds)
-    assert list_forbidden_effects(prior, nominal_model) == barred
+    assert forbidden_effects(prior, nominal_model) == barred

@@ -12,17 +12,9 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.logs import CHANGES
-from sim.engine.plant_records import SyntheticEffect
-from tests.residual.arms import (
-    Y,
-    Z,
-    arm,
-    bare_irb140,
-    diagnose_case,
-    doubts,
-    names,
-    short_case,
-)
+from sim.engine.plant_records import SyntheticEffect as Effect
+from tests.residual.arms import Y, Z, arm, diagnose_case, doubts, names, short_case
+from tests.residual.arms import bare_irb140 as irb140
 
 # Seed of the draw, and how near each parameter must come (relative to the truth).
 # None where the arm's formula has no such parameter, or two of them trade off.
@@ -54,7 +46,7 @@ THREE = (Z, Y, Y)
 @pytest.mark.parametrize("effect", sorted(set(CASES) - set(CHANGES)))
 def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
     seed, tolerances = CASES[effect]
-    robot = bare_irb140() if effect in OF_THE_WHOLE else arm(THREE)
+    robot = irb140() if effect in OF_THE_WHOLE else arm(THREE)
     case = short_case(robot, effect, seed=seed, duration=8.0)
     _, findings = doubts(case)
     assert len(findings) == 1
@@ -85,7 +77,7 @@ def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
 
 
 def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
-    diagnosis, findings = doubts(short_case(bare_irb140(), seed=36, duration=8.0))
+    diagnosis, findings = doubts(short_case(irb140(), seed=36, duration=8.0))
     assert findings == []
     assert diagnosis.adequacy.doubted == ()
     assert diagnosis.task.prior.scale <= 0.1
@@ -95,7 +87,7 @@ def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
     ("effect", "seed"), [("x_square_wave", 36), ("x_friction_jump", 38)]
 )
 def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
-    case = short_case(bare_irb140(), effect, seed=seed, duration=8.0)
+    case = short_case(irb140(), effect, seed=seed, duration=8.0)
     diagnosis, findings = doubts(case)
     assert findings == []
     assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
@@ -106,7 +98,7 @@ def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
     [("offset", "ripple", 36), ("payload", "quadratic_viscous", 37)],
 )
 def test_two_effects_at_once_are_both_found(first, second, seed):
-    case = short_case(bare_irb140(), first, second, seed=seed, duration=8.0)
+    case = short_case(irb140(), first, second, seed=seed, duration=8.0)
     _, findings = doubts(case)
     assert len(findings) == 2
     named = {f.effect.name: f for f in findings}
@@ -117,11 +109,10 @@ def test_two_effects_at_once_are_both_found(first, second, seed):
 
 
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
-    case = short_case(bare_irb140(), seed=40, duration=8.0)
+    case = short_case(irb140(), seed=40, duration=8.0)
     _, findings = doubts(case, ("viscous", "rotor_inertia"))
-    assert [(f.effect.name, f.joints) for f in findings] == [
-        ("coulomb", (1, 2, 3, 4, 5, 6))
-    ]
+    (finding,) = findings
+    assert (finding.effect.name, finding.joints) == ("coulomb", (1, 2, 3, 4, 5, 6))
     levels, sds, unit, _ = findings[0].parameters["level"]
     assert unit == "N m"
     assert levels.shape == sds.shape == (6,)
@@ -145,9 +136,7 @@ WEAK = {
 @pytest.mark.parametrize("effect", sorted(WEAK))
 def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
     joints, size, seed, share = WEAK[effect]
-    case = short_case(
-        arm(), SyntheticEffect(effect, joints, size), seed=seed, duration=8.0
-    )
+    case = short_case(arm(), Effect(effect, joints, size), seed=seed, duration=8.0)
     (finding,) = doubts(case)[1]
     same = {(finding.effect.name, finding.joints), *finding.equivalent}
     assert (effect, joints) in same
@@ -161,23 +150,22 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
 
 def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     """Of two links either may be the rough one: that is no name."""
-    heavier = SyntheticEffect("link_inertia", (3,), {"scale": 0.5})
-    _, findings = doubts(short_case(bare_irb140(), heavier, seed=51, duration=8.0))
+    heavier = Effect("link_inertia", (3,), {"scale": 0.5})
+    _, findings = doubts(short_case(irb140(), heavier, seed=51, duration=8.0))
     (finding,) = findings
     assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
     assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
-    heavier = SyntheticEffect("link_inertia", (2,), {"scale": 0.5})
-    one_of_two = short_case(arm(), heavier, seed=51, duration=8.0)
-    assert doubts(one_of_two)[1] == []
+    heavier = Effect("link_inertia", (2,), {"scale": 0.5})
+    assert doubts(short_case(arm(), heavier, seed=51, duration=8.0))[1] == []
 
 
 @pytest.mark.parametrize(("scale", "others"), [(0.7, [("payload", (6,))]), (-0.5, [])])
 def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
     """No load is lighter than nothing."""
-    model = pin.Model(bare_irb140().model)
+    model = pin.Model(irb140().model)
     model.inertias[6] = pin.Inertia(2.0, 0.08 * np.eye(3)[2], 8e-3 * np.eye(3))
-    robot = replace(bare_irb140(), model=model)
-    changed = SyntheticEffect("link_inertia", (6,), {"scale": scale})
+    robot = replace(irb140(), model=model)
+    changed = Effect("link_inertia", (6,), {"scale": scale})
     (finding,) = doubts(short_case(robot, changed, seed=51, duration=8.0))[1]
     assert (finding.effect.name, finding.joints) == ("link_inertia", (6,))
     assert [*finding.equivalent] == others
@@ -185,9 +173,8 @@ def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
 
 def test_a_change_against_a_baseline_is_found_and_proved():
     """Coulomb friction that was there already grew by a known amount on joint 2."""
-    grown = SyntheticEffect("coulomb", (2,), {"level": 3.0})
-    case = short_case(arm(), grown, seed=43)
-    verdict = diagnose_case(case).verdict
+    grown = Effect("coulomb", (2,), {"level": 3.0})
+    verdict = diagnose_case(short_case(arm(), grown, seed=43)).verdict
     assert names(verdict) == [("coulomb", (2,))]
     (effect,) = verdict.effects
     level = effect.parameters["level"]

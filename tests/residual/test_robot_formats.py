@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.inputs.read import load_command_robot
+from flows.inputs.read import load_command_robot as load_arm
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
@@ -54,7 +54,7 @@ def written(folder, text, name="arm.xml"):
 
 
 def test_an_mjcf_has_the_dynamics_that_mujoco_gives_it(tmp_path):
-    robot = load_command_robot(written(tmp_path, MJCF))
+    robot = load_arm(written(tmp_path, MJCF))
     assert robot.joints == ARM
     assert robot.locked == {"finger1": 0, "finger2": pytest.approx(0.01)}
     model = mujoco.MjModel.from_xml_string(MJCF)
@@ -73,7 +73,7 @@ def test_an_mjcf_has_the_dynamics_that_mujoco_gives_it(tmp_path):
 
 
 def test_what_else_an_mjcf_says_is_declared(tmp_path):
-    robot = load_command_robot(written(tmp_path, MJCF))
+    robot = load_arm(written(tmp_path, MJCF))
     values = {k: dict(d.values) for k, d in robot.declared.items()}
     np.testing.assert_array_equal(values["viscous"]["coefficient"], [30, 2, 0, 0])
     np.testing.assert_array_equal(values["coulomb"]["level"], [12, 0, 0, 0])
@@ -91,7 +91,7 @@ def test_of_two_arms_of_an_mjcf_one_is_chosen_and_gravity_may_be_given(tmp_path)
         '[robot]\ngravity = [0, 0, -9.81]\n[chain]\njoints = ["pan", "tilt"]\n'
         "[declared.viscous]\n[locked]\nlift = 0.2\n"
     )
-    robot = load_command_robot(tmp_path)
+    robot = load_arm(tmp_path)
     assert robot.joints == ("pan", "tilt")
     assert robot.locked["lift"] == 0.2
     np.testing.assert_array_equal(robot.model.gravity.linear, [0, 0, -9.81])
@@ -102,16 +102,14 @@ def test_an_equality_that_is_off_binds_nothing_and_a_curve_is_a_line(tmp_path):
     off = MJCF.replace(
         '<joint joint1="finger2"', '<joint active="false" joint1="finger2"'
     )
-    assert load_command_robot(written(tmp_path, off)).locked["finger2"] == 0
-    curved = load_command_robot(
-        written(tmp_path, MJCF.replace("0.01 1 0 0 0", "0.01 1 2 0 0"))
-    )
+    assert load_arm(written(tmp_path, off)).locked["finger2"] == 0
+    curved = load_arm(written(tmp_path, MJCF.replace("0.01 1 0 0 0", "0.01 1 2 0 0")))
     assert "joint 'finger2' follows 'finger1' by a line only" in curved.notes
 
 
 def test_an_mjcf_that_does_not_compile_is_refused_in_mujocos_words(tmp_path):
     with pytest.raises(RobotError, match=r"does not compile arm.xml: .*mass"):
-        load_command_robot(written(tmp_path, MJCF.replace('mass="9"', 'mass="-9"')))
+        load_arm(written(tmp_path, MJCF.replace('mass="9"', 'mass="-9"')))
 
 
 XACRO = """<robot name="my arm" xmlns:xacro="http://www.ros.org/wiki/xacro">
@@ -146,15 +144,15 @@ def xacro(tmp_path):
 
 def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
     dirs = [str(tmp_path / "elsewhere")]
-    robot = load_command_robot(xacro, xacro_args=["mass:=7"], package_dirs=dirs)
+    robot = load_arm(xacro, xacro_args=["mass:=7"], package_dirs=dirs)
     assert (robot.name, robot.joints) == ("my_arm", ("a_joint", "b_joint"))
     assert robot.model.inertias[1].mass == 7
     assert robot.upper[0] == pytest.approx(np.pi / 2)
     assert "package://nowhere" in robot.urdf  # meshes are nobody's concern
     word = f"{xacro}#arg=mass:=7&package={dirs[0]}"
-    assert load_command_robot(word).content_hash == robot.content_hash
+    assert load_arm(word).content_hash == robot.content_hash
     (tmp_path / "elsewhere" / "parts").rename(tmp_path / "cell" / "parts")
-    assert load_command_robot(xacro).model.inertias[1].mass == 2  # beside the file
+    assert load_arm(xacro).model.inertias[1].mass == 2  # beside the file
 
 
 @pytest.mark.parametrize(
@@ -166,7 +164,7 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
 )
 def test_a_xacro_that_does_not_expand_says_what_is_missing(xacro, args, message):
     with pytest.raises(InputError, match=message):
-        load_command_robot(xacro, xacro_args=args)
+        load_arm(xacro, xacro_args=args)
 
 
 @pytest.mark.parametrize(

@@ -9,29 +9,16 @@ import pytest
 
 from residual.diagnosis.detectable import find_detectable_sizes
 from residual.diagnosis.findings import estimate_uncertainties, merge_into_findings
-from residual.diagnosis.gate import (
-    cross_validation_errors,
-    drop_members_failing_gate,
-    judge_members_by_gate,
-)
-from residual.diagnosis.search import (
-    lowers_error,
-    rank_additions,
-    refine_last_shape,
-    search_effect_set,
-)
-from residual.diagnosis.select import (
-    find_member_alternatives,
-    select_set_and_prior,
-    swap_for_simpler_names,
-)
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    ShapeRefinement,
-    build_joint_columns,
-)
-from residual.evidence.thresholds import EvidenceThresholds
+from residual.diagnosis.gate import cross_validation_errors, judge_members_by_gate
+from residual.diagnosis.gate import drop_members_failing_gate as drop_failing
+from residual.diagnosis.search import lowers_error, rank_additions, refine_last_shape
+from residual.diagnosis.search import search_effect_set as effect_set
+from residual.diagnosis.select import find_member_alternatives as member_alternatives
+from residual.diagnosis.select import select_set_and_prior as select_best
+from residual.diagnosis.select import swap_for_simpler_names
+from residual.effects.base import Effect, EffectTrait, ShapeRefinement
+from residual.effects.base import build_joint_columns as joint_columns
+from residual.evidence.thresholds import EvidenceThresholds as Thresholds
 from tests.residual.arms import arm
 from tests.residual.linear import (
     DOF,
@@ -56,9 +43,7 @@ WAVE = Effect(
     "wave",
     "periodic in place",
     {"cos": "1", "sin": "1", "order": "1"},
-    build_joint_columns(
-        lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]
-    ),
+    joint_columns(lambda s, j, x: [np.cos(x[0] * s.q[:, j]), np.sin(x[0] * s.q[:, j])]),
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),
     from_values=lambda values: (values[:2], tuple(values[2:])),
     refine=ShapeRefinement("shift", 0.8),
@@ -76,7 +61,7 @@ def keys(fitted):
 
 def searched(problem, **rules):
     task = problem.task(every_group(problem.design), **rules)
-    return task, search_effect_set(task)
+    return task, effect_set(task)
 
 
 def test_where_nothing_is_missing_nothing_is_found():
@@ -87,12 +72,10 @@ def test_where_nothing_is_missing_nothing_is_found():
         problem = Problem.draw(rng, rows=100, colour=0.8 * (seed % 2))
         task, fitted = searched(problem)
         assert fitted.members == ()
-        value = rank_additions(
-            replace(task, rules=EvidenceThresholds(min_nats=-99, min_fall_share=0)),
-            fitted,
-        )
+        lenient = Thresholds(min_nats=-99, min_fall_share=0)
+        value = rank_additions(replace(task, rules=lenient), fitted)
         loudest += [v for v, _, _ in value[:1]]
-    assert max(loudest) < EvidenceThresholds().min_nats / 2
+    assert max(loudest) < Thresholds().min_nats / 2
 
 
 TRUTHS = {
@@ -107,8 +90,7 @@ TRUTHS = {
 @pytest.mark.parametrize("which", TRUTHS)
 def test_what_is_there_is_found_and_nothing_else(rng, which):
     truth = TRUTHS[which]
-    problem = Problem.draw(rng, truth, rows=200, masked=0.2)
-    _, fitted = searched(problem)
+    _, fitted = searched(Problem.draw(rng, truth, rows=200, masked=0.2))
     assert keys(fitted) == sorted((e.name, js) for e, js, _ in truth)
     for effect, joints, theta in truth:
         (own,) = (g for g in fitted.members if (g.effect, g.joints) == (effect, joints))
@@ -124,20 +106,19 @@ def _wave(state, order):
 @pytest.fixture
 def imitated(rng):
     """A missing effect that the nominal can take over, if it bends by 30 sigma."""
-    problem = Problem.draw(rng, rows=200, noise=1.0)
-    size = 30 / np.sqrt(problem.prior.precision[10, 10])
+    task = Problem.draw(rng, rows=200, noise=1.0)
+    size = 30 / np.sqrt(task.prior.precision[10, 10])
     logs = [
-        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s)
-        for t, s in problem.logs
+        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s) for t, s in task.logs
     ]
-    problem = Problem(logs, build(logs), problem.prior)
-    groups = [*problem.design.add([(TWIN, (1,), ())]), *every_group(problem.design)]
-    return problem, problem.task(groups), size
+    task = Problem(logs, build(logs), task.prior)
+    groups = [*task.design.add([(TWIN, (1,), ())]), *every_group(task.design)]
+    return task, task.task(groups), size
 
 
 def test_an_effect_that_a_refit_imitates_is_named_by_plausibility(imitated):
     _, task, size = imitated
-    fitted = search_effect_set(task)
+    fitted = effect_set(task)
     assert keys(fitted) == [("twin", (1,))]
     np.testing.assert_allclose(fitted.of(fitted.members[0]), size, rtol=0.1)
     (tested,) = judge_members_by_gate(task, fitted)
@@ -175,7 +156,7 @@ def test_the_gate_stops_what_is_there_in_one_log_of_four_only(rng):
     task = problem.task([group])
     fitted = task.settle(task.fit([group], task.start()))
     assert judge_members_by_gate(task, fitted)[0].by is None
-    after, tested = drop_members_failing_gate(task, fitted)
+    after, tested = drop_failing(task, fitted)
     assert (after.members, tested) == ((), [])
 
 
@@ -195,7 +176,7 @@ def test_what_cannot_be_told_apart_is_listed_with_the_name(rng, size, told_apart
     task = problem.task([*near, *every_group(problem.design)])
     fitted = task.settle(task.fit([task.candidates.groups[1]], task.start()))
     assert keys(fitted) == [("line", (0,))]
-    others, probability = find_member_alternatives(task, fitted, fitted.members[0])
+    others, probability = member_alternatives(task, fitted, fitted.members[0])
     assert [g.effect.name for g in others] == ([] if told_apart else ["near"])
     assert probability > 0.99
 
@@ -239,12 +220,7 @@ def test_the_scale_of_the_prior_is_the_one_that_the_nominal_is_off_by(rng, bend)
             problem.prior, precision=precision, log_det=log_det, scale=scale
         )
     space = prior_space(problem.design, choices)
-    assert (
-        select_set_and_prior(
-            space, task.candidates, EvidenceThresholds()
-        ).task.prior.scale
-        == bend
-    )
+    assert select_best(space, task.candidates, Thresholds()).task.prior.scale == bend
 
 
 def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
@@ -257,7 +233,7 @@ def test_the_scale_is_chosen_so_that_it_does_not_swallow_the_effect(imitated):
         scale=0.9,
     )
     space = prior_space(problem.design, {0.9: wide, 0.03: problem.prior})
-    chosen = select_set_and_prior(space, task.candidates, EvidenceThresholds())
+    chosen = select_best(space, task.candidates, Thresholds())
     assert chosen.task.prior.scale == 0.03
     assert keys(chosen.fit) == [("twin", (1,))]
 
@@ -283,11 +259,7 @@ def detection_rate(share, draws=24):
         there = Problem.draw(np.random.default_rng(seed), truth, **SLOW)
         group = there.design.add([(LINE, (0,), ())])
         hits.append(
-            bool(
-                search_effect_set(
-                    there.task(group, min_fall=0, min_fall_share=0)
-                ).members
-            )
+            bool(effect_set(there.task(group, min_fall=0, min_fall_share=0)).members)
         )
     return np.mean(hits)
 
@@ -304,8 +276,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
     """cos, sin and order of a wave: two sigma in 85 to 100 % of 30 draws."""
     inside = []
     for seed in range(30):
-        rng = np.random.default_rng(seed)
-        problem = Problem.draw(rng, logs=2)
+        problem = Problem.draw(np.random.default_rng(seed), logs=2)
         logs = [(replace(t, tau=t.tau + _wave(s, 7.37)), s) for t, s in problem.logs]
         problem = Problem(logs, build(logs), problem.prior)
         group = problem.design.add([(WAVE, (0,), (7.2,))])
@@ -322,8 +293,7 @@ def test_error_bars_of_a_searched_shape_hold_the_truth():
 
 def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
     truth = [(LINE, (0,), [2.0]), (LINE, (1,), [2.0]), (PLANE, (0,), [4.0, 4.0])]
-    problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = searched(problem)
+    task, fitted = searched(Problem.draw(rng, truth, rows=200))
     diagnosis = judged_by(task)
     first, second = merge_into_findings(
         diagnosis, fitted, judge_members_by_gate(task, fitted)
@@ -339,8 +309,7 @@ def test_findings_of_one_name_are_merged_and_the_largest_comes_first(rng):
 @pytest.mark.parametrize(("yields", "first"), [(1.0, "plane"), (0.2, "line")])
 def test_what_rides_on_another_of_its_size_is_named_before_it(rng, yields, first):
     truth = [(LINE, (0,), [4.0]), (PLANE, (0,), [3.0 * yields, 0.5])]
-    problem = Problem.draw(rng, truth, rows=200)
-    task, fitted = searched(problem)
+    task, fitted = searched(Problem.draw(rng, truth, rows=200))
     diagnosis = judged_by(task)
     riding = replace(PLANE, rides_on=LINE.name)
     tested = [

@@ -2,14 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.recording import Recording
-from residual.signals.track import (
-    FilterSettings,
-    build_tracks,
-    estimate_sample_rate,
-    filter_low_pass,
-)
+from residual.signals.track import FilterSettings, build_tracks, filter_low_pass
+from residual.signals.track import estimate_sample_rate as sample_rate
 
 FILTERS = FilterSettings()
 RATES = (100.0, 250.0, 1000.0)
@@ -37,7 +34,7 @@ def clock(duration, rate):
 
 
 def test_the_filter_leaves_a_constant_and_a_log_too_slow_for_it_alone():
-    np.testing.assert_allclose(filter_low_pass(np.full((500, 2), 3.7), 8, 250), 3.7)
+    assert_allclose(filter_low_pass(np.full((500, 2), 3.7), 8, 250), 3.7)
     x = np.random.default_rng(1).normal(size=50)
     np.testing.assert_array_equal(filter_low_pass(x, 8, 16), x)
 
@@ -49,7 +46,7 @@ def test_features_pass_the_filter_that_torque_passes(rate):
     x = sines(t, (0.4, 2.9, 6.0, 7.5))
     track, _ = one(log(t, np.sin(t), x))
     same = track.filter(x[:: round(rate / track.rate)])[track.valid]
-    np.testing.assert_allclose(same, track.tau[track.valid, 0], atol=1e-3 * x.std())
+    assert_allclose(same, track.tau[track.valid, 0], atol=1e-3 * x.std())
 
 
 @pytest.mark.parametrize("rate", RATES)
@@ -58,10 +55,8 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
     w = 2 * np.pi * 0.5
     track, _ = one(log(t, np.sin(w * t)), full_rate=True)
     inner = (track.t > 1) & (track.t < 7)
-    np.testing.assert_allclose(
-        track.qd[inner, 0], w * np.cos(w * track.t[inner]), atol=2e-3 * w
-    )
-    np.testing.assert_allclose(
+    assert_allclose(track.qd[inner, 0], w * np.cos(w * track.t[inner]), atol=2e-3 * w)
+    assert_allclose(
         track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2
     )
 
@@ -73,7 +68,7 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
 def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
     t = np.cumsum(np.full(200, dt))
     t[100:] += 3.0
-    assert estimate_sample_rate(t) == pytest.approx(rate, rel=1e-12)
+    assert sample_rate(t) == pytest.approx(rate, rel=1e-12)
 
 
 def stop_and_go(t):

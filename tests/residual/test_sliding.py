@@ -17,11 +17,8 @@ from residual.export.c99 import to_c99, to_fmu
 from residual.export.support_point_tables import to_table
 from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
 from residual.quantity import convert_to_sliding_unit
-from residual.robot.dynamics import (
-    build_kinematic_chain,
-    compute_inertial_regressor,
-    read_inertial_parameters,
-)
+from residual.robot.dynamics import build_kinematic_chain, read_inertial_parameters
+from residual.robot.dynamics import compute_inertial_regressor as inertial_regressor
 from residual.robot.robot import build_robot
 from sim.engine.pybullet_world import BulletWorld
 from tests.exports.back import c99_back, mjcf_back, mujoco_back, urdf_back
@@ -36,10 +33,8 @@ def arm(name):
 @pytest.mark.parametrize("name", SLIDING)
 def test_an_identified_model_is_pinocchios_regressor_times_its_parameters(name):
     robot = arm(name)
-    fit = logs(robot, robot.model, ["a", "b"], 3)
-    model = mg.identify(robot, fit).best
-    rng = np.random.default_rng(1)
-    q, qd, qdd = rng.normal(size=(3, 50, robot.dof))
+    model = mg.identify(robot, logs(robot, robot.model, ["a", "b"], 3)).best
+    q, qd, qdd = np.random.default_rng(1).normal(size=(3, 50, robot.dof))
     rigid = replace(model, terms=()).torque(q, qd, qdd)
     data = robot.model.createData()
     for i in range(len(q)):
@@ -109,8 +104,7 @@ def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     ]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
     assert load_effects()["balancer"].candidates(4, slides) == ((0,), (2,))
-    pairs = load_effects()["coupled_friction"].candidates(4, slides)
-    assert pairs == ((1, 3),)
+    assert load_effects()["coupled_friction"].candidates(4, slides) == ((1, 3),)
 
 
 def test_the_engine_moves_them_by_the_same_dynamics():
@@ -189,4 +183,4 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     assert mass.unit == "kg"
     assert abs(mass.value - 2.5) < 2 * mass.std
     assert read_inertial_parameters(loaded).shape == (50,)
-    assert compute_inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)
+    assert inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)

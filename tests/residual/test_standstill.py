@@ -6,18 +6,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from numpy.testing import assert_allclose
 
 from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import choose_standstill_behaviour
-from residual.robot.dynamics import read_inertial_parameters
-from residual.signals.track import (
-    CHOICES,
-    SMOOTH,
-    StandstillFriction,
-    build_tracks,
-    compute_friction_direction,
-)
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
+from residual.signals.track import CHOICES, SMOOTH, StandstillFriction, build_tracks
+from residual.signals.track import compute_friction_direction as friction_direction
 from tests.residual.arms import arm, recording
 
 FLOOR = 0.02
@@ -36,31 +32,29 @@ def motion(seed=0, n=400):
 @given(seed=st.integers(0, 2000))
 def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed):
     q, qd = motion(seed)
-    out = compute_friction_direction(q, qd, FLOOR, shape)
+    out = friction_direction(q, qd, FLOOR, shape)
     assert out.shape == q.shape
     assert np.abs(out).max() <= 1
-    np.testing.assert_allclose(
-        compute_friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12
-    )
+    assert_allclose(friction_direction(-q, -qd, FLOOR, shape), -out, atol=1e-12)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
 def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
     t = np.arange(300) / 100
-    out = compute_friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
-    np.testing.assert_allclose(out[100:], -1, atol=1e-3)
+    out = friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
+    assert_allclose(out[100:], -1, atol=1e-3)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
 @pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
 def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     q, qd = motion()
-    full = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=1.0))
-    held = compute_friction_direction(q, qd, FLOOR, replace(shape, hold=hold))
+    full = friction_direction(q, qd, FLOOR, replace(shape, hold=1.0))
+    held = friction_direction(q, qd, FLOOR, replace(shape, hold=hold))
     stands = np.abs(qd) < shape.reach * FLOOR
     assert stands.any()
     assert not stands.all()
-    np.testing.assert_allclose(held[stands], hold * full[stands])
+    assert_allclose(held[stands], hold * full[stands])
     np.testing.assert_array_equal(held[~stands], full[~stands])
 
 
@@ -77,9 +71,7 @@ def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(h
     robot = arm()
     t, q = stop_and_go()
     friction = Term(load_effects()["coulomb"], (0,), (), np.array([5.0]))
-    model = Model(
-        robot, read_inertial_parameters(robot.model), (friction,), np.full(2, FLOOR)
-    )
+    model = Model(robot, read_inertias(robot.model), (friction,), np.full(2, FLOOR))
     truth = replace(
         model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),)
     )

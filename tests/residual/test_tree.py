@@ -9,7 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flows.cli import main
-from flows.inputs.read import load_command_robot, load_run_robot
+from flows.inputs.read import load_command_robot as load_arm
+from flows.inputs.read import load_run_robot
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.dynamics import (
     compute_inertial_regressor,
@@ -88,21 +89,18 @@ def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, 
     names = tuple(f"j{i}" for i in range(1, 5))
     arm = read_urdf(MANY, "made.urdf", ArmChoice(names, locked=locks))
     ours = pin.buildModelFromXML(arm.urdf)
-    full_model = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
+    model = pin.buildModelFromXML(MANY)  # without mimic: both fingers are free
     at = locks | {"finger2": 0.01 - finger}
-    q0 = pin.neutral(full_model)
+    q0 = pin.neutral(model)
     for name, value in at.items():
-        one = full_model.joints[full_model.getJointId(name)]
+        one = model.joints[model.getJointId(name)]
         turns = one.nq == 2  # a wheel, by cosine and sine
         q0[one.idx_q : one.idx_q + one.nq] = (
             [np.cos(value), np.sin(value)] if turns else value
         )
-    reduced = pin.buildReducedModel(
-        full_model, [full_model.getJointId(n) for n in at], q0
-    )
+    reduced = pin.buildReducedModel(model, [model.getJointId(n) for n in at], q0)
     assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
-    rng = np.random.default_rng(seed)
-    motion = rng.normal(size=(3, 1, 4))
+    motion = np.random.default_rng(seed).normal(size=(3, 1, 4))
     np.testing.assert_allclose(
         compute_inverse_dynamics(ours, *motion),
         compute_inverse_dynamics(reduced, *motion),
@@ -134,9 +132,7 @@ def test_the_chain_is_what_the_log_names_else_the_only_one(parts, logged, chain)
 
 
 def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
-    robot = load_command_robot(
-        write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4")
-    )
+    robot = load_arm(write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4"))
     assert robot.joints == ("lift", "j1", "j2", "j3", "j4")
     assert robot.prismatic == (True, False, False, False, False)
     (line,) = robot.notes
@@ -147,23 +143,23 @@ def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
 
 
 def test_zero_or_the_middle_of_a_range_without_it(tmp_path):
-    robot = load_command_robot(write(tmp_path, MANY), tip="l4")
+    robot = load_arm(write(tmp_path, MANY), tip="l4")
     assert robot.joints[0] == "lift"
-    robot = load_command_robot(write(tmp_path, MANY), chain=("j1", "j2"))
+    robot = load_arm(write(tmp_path, MANY), chain=("j1", "j2"))
     assert robot.locked["lift"] == pytest.approx(0.4)
     assert robot.locked["j4"] == 0
 
 
 def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_path):
-    plain = load_command_robot(write(tmp_path, robot_of(*ARM, *HAND)))
+    plain = load_arm(write(tmp_path, robot_of(*ARM, *HAND)))
     toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'
-    same = load_command_robot(write(tmp_path, robot_of(*ARM, *HAND), toml))
+    same = load_arm(write(tmp_path, robot_of(*ARM, *HAND), toml))
     assert same.content_hash == plain.content_hash
-    other = load_command_robot(
+    other = load_arm(
         write(tmp_path, robot_of(*ARM, *HAND), "[locked]\nfinger1 = 0.02\n")
     )
     assert other.locked == {"finger1": 0.02, "finger2": pytest.approx(-0.01)}
-    fewer = load_command_robot(tmp_path, chain=("j1", "j2", "j3"))
+    fewer = load_arm(tmp_path, chain=("j1", "j2", "j3"))
     assert len({plain.content_hash, other.content_hash, fewer.content_hash}) == 3
     again = build_robot(fewer.name, fewer.urdf, fewer.toml)
     assert again.joints == fewer.joints
@@ -177,7 +173,7 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
         joint("j2", "l1", "l2").replace('lower="-2" upper="2"', ""),
         *(joint("j3", "l2", "l3"), fixed, link("tip"), link("alone")),
     ).replace('velocity="2" effort="90"', 'velocity="inf"')
-    robot = load_command_robot(write(tmp_path, text))
+    robot = load_arm(write(tmp_path, text))
     assert robot.joints == ("j1", "j2", "j3")
     assert np.isinf([robot.velocity_limit, robot.torque_limit]).all()
     assert (robot.lower[0], robot.upper[1]) == (-2, np.inf)
@@ -202,7 +198,7 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
 def test_the_flange_is_the_tip_else_the_last_link_before_fingers(
     tmp_path, parts, choice, flange
 ):
-    robot = load_command_robot(write(tmp_path, robot_of(*parts)), **choice)
+    robot = load_arm(write(tmp_path, robot_of(*parts)), **choice)
     place = pin.buildModelFromXML(robot.urdf).frames
     (expected,) = (f.placement for f in place if f.name == flange)
     again = build_robot(robot.name, robot.urdf, robot.toml)
@@ -219,7 +215,7 @@ def test_the_last_link_is_pinocchios(tmp_path):
     text = robot_of(*ARM, *fixed, joint("c", "end_zz", "last", "fixed"), link("last"))
     model = pin.buildModelFromXML(text)
     flange = model.frames[find_flange_frame(model)].name
-    robot = load_command_robot(write(tmp_path, text), tip=flange)
+    robot = load_arm(write(tmp_path, text), tip=flange)
     assert flange == "last"
     assert "modelgap" not in robot.urdf
 
@@ -239,7 +235,7 @@ BAD = {
 @pytest.mark.parametrize(("choice", "message"), BAD.values(), ids=BAD)
 def test_a_choice_that_is_none_is_refused(tmp_path, choice, message):
     with pytest.raises((RobotError, UnknownNameError), match=message):
-        load_command_robot(write(tmp_path, MANY), **choice)
+        load_arm(write(tmp_path, MANY), **choice)
 
 
 @pytest.mark.parametrize(
@@ -263,7 +259,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
         *(link("x", -2.0), link("x")),
     )
     with pytest.raises(RobotError) as caught:
-        load_command_robot(write(tmp_path, text))
+        load_arm(write(tmp_path, text))
     for part in (
         *("'x' is not unique", "unknown type 'ball'", "'y', which is not found"),
         *("link 'x' has mass -2", "joint 'b' has an axis of length zero"),
@@ -273,7 +269,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
 
 def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path):
     file, store = write(tmp_path, MANY), tmp_path / "store"
-    arm = load_command_robot(file, chain=("j1", "j2", "j3", "j4"))
+    arm = load_arm(file, chain=("j1", "j2", "j3", "j4"))
     for n, log in enumerate(logs(arm, arm.model, "abc", 3)):
         names = ["t", *(f"{s}{j}" for s in ("q", "tau") for j in range(1, 5))]
         table = np.column_stack([log.t, log.q, log.tau])
@@ -283,10 +279,7 @@ def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path)
         assert main([*words, "--chain", "j4,j1,j2,j3"]) == 0
     runs = [p.name[7:] for p in (store / "samples/robot=made").iterdir()]
     assert load_run_robot(str(file), runs, store).content_hash == arm.content_hash
-    assert (
-        load_command_robot(find_robot_by_hash(store, arm.content_hash)).joints
-        == arm.joints
-    )
+    assert load_arm(find_robot_by_hash(store, arm.content_hash)).joints == arm.joints
     out = ["diagnose", *runs, "--robot", str(file), "--store", str(store)]
     assert main([*out, "--json", str(tmp_path / "out.json")]) == 0
     verdict = json.loads((tmp_path / "out.json").read_text())

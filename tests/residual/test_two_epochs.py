@@ -48,8 +48,7 @@ def test_what_was_there_before_explains_no_change(seed):
     shared, held, _, columns = drawn(seed)
     joint = JointRows(shared, columns @ [3.0, -2.0], layout(), held)
     (piece,) = joint.pieces(columns, layout().second, [2])
-    theta = np.linalg.solve(piece.gram, piece.cross)
-    assert np.abs(theta).max() < 20 * OWN
+    assert np.abs(np.linalg.solve(piece.gram, piece.cross)).max() < 20 * OWN
 
 
 @settings(max_examples=25, deadline=None)
@@ -57,8 +56,7 @@ def test_what_was_there_before_explains_no_change(seed):
 def test_evidence_is_a_bayes_factor(information, theta, precision):
     """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""
     known, prior = np.array([[information]]), np.array([[precision]])
-    pull = known @ [theta]
-    worth = float(change_log_evidence(known, pull, prior, None))
+    worth = float(change_log_evidence(known, known @ [theta], prior, None))
     variances = SQUARES / precision + 1 / information
     logs = [
         -0.5 * np.log(v * information) + 0.5 * theta**2 * (information - 1 / v)

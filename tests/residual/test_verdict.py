@@ -12,16 +12,14 @@ from residual.diagnosis.diagnose import diagnose
 from residual.effects import list_effect_parameters, load_effects
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
-from sim.engine.plant_records import SyntheticEffect
+from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
 
-OFFSET = SyntheticEffect("offset", (1,), {"torque": 4.0})
-CHURN = SyntheticEffect("quadratic_viscous", (2,), {"coefficient": 1.5})
-KNOCK = SyntheticEffect("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
-GROWN = SyntheticEffect("coulomb", (2,), {"level": 3.0})
-LOAD = SyntheticEffect(
-    "payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}
-)
+OFFSET = Effect("offset", (1,), {"torque": 4.0})
+CHURN = Effect("quadratic_viscous", (2,), {"coefficient": 1.5})
+KNOCK = Effect("x_square_wave", (2,), {"amplitude": 1.5, "frequency": 0.4})
+GROWN = Effect("coulomb", (2,), {"level": 3.0})
+LOAD = Effect("payload", (2,), {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05})
 # On two links a load can be imitated by the last one: it takes a robot that is known.
 SURE = "[prior]\nscale = 0.03\n"
 DEAD = "joint 2 stands"
@@ -165,8 +163,8 @@ def checked(check, baseline=()):
 @pytest.mark.parametrize("compared", [False, True])
 def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compared):
     baseline = plain_logs(arm(), [0, 1], 0.0) if compared else ()
-    diagnosis = checked(LogCheck((FAULT, DOUBT)), baseline)
-    verdict = to_json(diagnosis.verdict)
+    result = checked(LogCheck((FAULT, DOUBT)), baseline)
+    verdict = to_json(result.verdict)
     assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
     assert verdict["minimum_detectable"] == verdict["suspected"] == []
     assert (verdict["next_experiment"], verdict["edit"]) == (None, None)
@@ -177,17 +175,15 @@ def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compar
         error = verdict["error"][table]
         assert error["augmented"] == error["identified"]
         assert error["plsr"] is None
-    assert diagnosis.models["augmented"] is diagnosis.models["identified"]
-    assert set(diagnosis.models) == {"nominal", "identified", "augmented"}
-    assert not diagnosis.clouds + diagnosis.sentences
-    assert diagnosis.warnings[0] == (
+    assert result.models["augmented"] is result.models["identified"]
+    assert set(result.models) == {"nominal", "identified", "augmented"}
+    assert not result.clouds + result.sentences
+    assert result.warnings[0] == (
         "fault of the logs (torque sign, joint 2, certain): Friction gives. "
         "Fix: tau = {}"
     )
-    assert "nothing named, the logs are at fault" in repr(diagnosis)
-    assert (
-        from_json(json.loads(json.dumps(verdict, allow_nan=False))) == diagnosis.verdict
-    )
+    assert "nothing named, the logs are at fault" in repr(result)
+    assert from_json(json.loads(json.dumps(verdict, allow_nan=False))) == result.verdict
 
 
 def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():
@@ -289,8 +285,7 @@ def test_warmup_is_no_candidate_where_the_order_of_the_logs_is_unknown():
 
 def test_the_same_input_gives_the_same_verdict_and_progress_runs_to_the_proof():
     progress = []
-    case = two_effects()
-    again = diagnose_case(case, progress=lambda *x: progress.append(x))
+    again = diagnose_case(two_effects(), progress=lambda *x: progress.append(x))
     assert json.dumps(to_json(again.verdict)) == json.dumps(document("effects"))
     assert list(dict(progress)) == ["features", "search", "gate", "proof"]
     assert all(0 <= share <= 1 for _, share in progress)
@@ -343,10 +338,8 @@ def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof():
 def test_white_noise_in_place_of_torque_has_no_name():
     rng = np.random.default_rng(3)
     case = short_case(arm(), seed=59)
-    noise = [
-        replace(r, tau=20 * rng.normal(size=r.tau.shape))
-        for r in (*case.fit, *case.held_out)
-    ]
+    logs = (*case.fit, *case.held_out)
+    noise = [replace(r, tau=20 * rng.normal(size=r.tau.shape)) for r in logs]
     verdict = to_json(diagnose_case(case, fit=noise[:-1], held_out=noise[-1:]).verdict)
     assert verdict["effects"] == []
 
@@ -357,17 +350,13 @@ def test_what_knocks_with_time_is_told_with_its_frequency_and_left_uncorrected()
     verdict = to_json(outcome.verdict)
     assert verdict["unexplained"]["kind"] == "time-driven"
     (dependence,) = verdict["unexplained"]["depends_on"]
-    assert (dependence["joint"], dependence["on"], dependence["of"]) == (
-        2,
-        "frequency",
-        [],
-    )
+    got = [dependence[k] for k in ("joint", "on", "of")]
+    assert got == [2, "frequency", []]
     assert dependence["frequency"] == pytest.approx(0.4, abs=0.06)
     assert any("joint 2: not correctable from state" in w for w in verdict["warnings"])
     for table in TABLES:
         assert verdict["error"][table]["plsr"] == verdict["error"][table]["augmented"]
     (cloud,) = outcome.residual_clouds
     assert (cloud.joint, cloud.name) == (2, "")
-    assert (
-        cloud.x.shape == cloud.residual.shape == cloud.fitted.shape == cloud.log.shape
-    )
+    shapes = {x.shape for x in (cloud.x, cloud.residual, cloud.fitted, cloud.log)}
+    assert len(shapes) == 1

@@ -79,15 +79,13 @@ def test_an_eccentric_encoder_moves_the_arm_with_all_derivatives(robot):
 
 def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
     """Its rotor and its grease feel the true speed, on their own joint alone."""
-    robot = arm()
-    state = seen(robot)
+    state = seen(arm())
     drive = np.array([[3.0, 3.0], [0.5, 0.5]])
     bare, full = (
         torque("encoder_eccentricity", (1,), (0.01, 0.0), x)
         for x in (state, replace(state, drive=drive))
     )
-    lead = 0.01 * np.cos(state.q[:, 1])
-    first = np.gradient(lead, 1 / RATE)
+    first = np.gradient(0.01 * np.cos(state.q[:, 1]), 1 / RATE)
     second = np.gradient(first, 1 / RATE)
     own = (full - bare)[INNER, 1]
     assert_near(own[:, None], (3.0 * first + 0.5 * second)[INNER, None], 0.01)

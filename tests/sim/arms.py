@@ -34,13 +34,8 @@ def urdf(name, places, axes, masses, efforts):
 
 
 Z, Y = "0 0 1", "0 1 0"
-SEVEN = urdf(
-    "seven",
-    ["0 0 0.2"] * 7,
-    [Z, Y, Z, Y, Z, Y, Z],
-    [6, 3, 2, 1.5, 1.2, 1, 0.8],
-    [80] * 7,
-)
+MASSES = [6, 3, 2, 1.5, 1.2, 1, 0.8]
+SEVEN = urdf("seven", ["0 0 0.2"] * 7, [Z, Y, Z, Y, Z, Y, Z], MASSES, [80] * 7)
 # A pendulum of two links: a first axis that is level, so no floor is known.
 TWO = urdf("two", ["0 0 0.3", "0 0 0.4"], [Y, Y], [3, 2], [60, 40])
 # At zero it lies along the floor, a hand above it.

@@ -52,8 +52,7 @@ def _stored(trace: SimulationTrace, k: int) -> float:
     energy = pin.computeKineticEnergy(model, data, now[at.Q], now[at.QD])
     energy += pin.computePotentialEnergy(model, data, now[at.Q])
     energy += 0.5 * (arm.rotor * now[at.MOTOR_QD] ** 2).sum()
-    twist = np.abs(now[at.MOTOR_Q] - now[at.Q])
-    stretch = np.maximum(twist - arm.gap, 0.0)
+    stretch = np.maximum(np.abs(now[at.MOTOR_Q] - now[at.Q]) - arm.gap, 0.0)
     energy += 0.5 * (arm.stiffness * stretch**2).sum()
     for _, _, sign, first, second, inertia in arm.contacts[dof:]:
         speed = now[at.MOTOR_QD, int(first)] + sign * now[at.MOTOR_QD, int(second)]

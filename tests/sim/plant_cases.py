@@ -4,12 +4,8 @@ import numpy as np
 
 from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
-from sim.engine.plant_records import (
-    PlantEffect,
-    PlantSpec,
-    ReferenceMotion,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantEffect, PlantSpec, ReferenceMotion
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.closed_loop import build_computed_torque_controller, simulate_closed_loop
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import compute_usual_motion_range
@@ -28,7 +24,7 @@ def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
         compute_usual_motion_range(ROBOT),
         duration,
         rate,
-        create_random_stream(seed, "motion"),
+        make_rng(seed, "motion"),
     )
 
 

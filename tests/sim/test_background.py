@@ -125,12 +125,8 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
     background, _ = arm(seed, word)
     turn = np.linspace(-np.pi, np.pi, 20001)[:, None] * np.ones(ROBOT.dof)
     wave = compute_cogging(background, turn)
-    between(
-        np.abs(wave).max(axis=0) / estimate_typical_sizes(ROBOT).torque,
-        0.003,
-        0.012,
-        SCALE[word],
-    )
+    ratio = np.abs(wave).max(axis=0) / estimate_typical_sizes(ROBOT).torque
+    between(ratio, 0.003, 0.012, SCALE[word])
     power = np.abs(np.fft.rfft(wave - wave.mean(axis=0), axis=0)) ** 2
     for j in range(ROBOT.dof):
         largest = power[:, j].argmax()
@@ -141,8 +137,7 @@ def test_ripple_is_a_part_of_the_torque_range_and_no_single_wave(seed, word):
 @pytest.mark.parametrize("word", SCALE)
 def test_drives_report_more_or_less_than_they_give(word):
     for seed in SEEDS:
-        plant = Plant(ROBOT, (), seed, word)
-        torques = true_torque(plant, MOTION, "log")
+        torques = true_torque(Plant(ROBOT, (), seed, word), MOTION, "log")
         given = torques.rigid + torques.base + torques.background.torque
         gain = (torques.tau / given).mean(axis=0) - 1
         assert np.all(np.abs(gain) <= SCALE[word] * 0.04 + 1e-9)
@@ -190,8 +185,7 @@ def test_an_arm_keeps_its_background_and_another_has_another():
 def test_a_clean_arm_is_what_it_was():
     """Figures of the version before there was a background."""
     log = make(Plant(ROBOT, (), 2, "clean"), PLAN, 2)[0]
-    plain = make(Plant(ROBOT, (), 2), PLAN, 2)[0]
-    assert np.array_equal(log.tau, plain.tau)
+    assert np.array_equal(log.tau, make(Plant(ROBOT, (), 2), PLAN, 2)[0].tau)
     before = (44.976943418502714, 59.734060523380585, 58.5828019034465, 97.565831253829)
     np.testing.assert_allclose(log.tau[100::400, 1], before, rtol=1e-12)
 

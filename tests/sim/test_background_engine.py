@@ -49,8 +49,7 @@ def test_an_arm_that_worked_before_is_warm_and_rubs_less(used):
 
 
 def test_its_torque_is_logged_in_steps_and_its_bits_repeat(used):
-    step = used.truth["background_step"][0]
-    counts = used.log.tau / step
+    counts = used.log.tau / used.truth["background_step"][0]
     np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
     again = run(background="workshop")
     assert np.array_equal(again.log.tau, used.log.tau)

@@ -1,11 +1,8 @@
 import numpy as np
 
 from residual.robot.robot import load_robot
-from sim.engine.geometry import (
-    build_arm_capsules,
-    compute_capsule_ends,
-    compute_clearances,
-)
+from sim.engine.geometry import build_arm_capsules, compute_clearances
+from sim.engine.geometry import compute_capsule_ends as capsule_ends
 from tests.sim.arms import TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -13,7 +10,7 @@ ROBOT = load_robot("irb140")
 
 def test_capsules_run_between_the_frames_and_room_is_the_height_less_the_radius():
     irb = build_arm_capsules(ROBOT.model)
-    ends = compute_capsule_ends(irb, np.zeros((1, 6)))[0]
+    ends = capsule_ends(irb, np.zeros((1, 6)))[0]
     expected = [(0, 0, 0), (0.07, 0, 0.352), (0.07, 0, 0.712), (0.45, 0, 0.712)]
     np.testing.assert_allclose(ends, [*expected, (0.515, 0, 0.712)], atol=1e-6)
     assert 0.07 < irb.radius < 0.09
@@ -26,7 +23,7 @@ def test_capsules_run_between_the_frames_and_room_is_the_height_less_the_radius(
 def test_distances_of_capsules_are_those_of_their_axes():
     irb = build_arm_capsules(ROBOT.model)
     q = np.random.default_rng(2).uniform(-2, 2, (30, 6))
-    room, ends = compute_clearances(irb, q), compute_capsule_ends(irb, q)
+    room, ends = compute_clearances(irb, q), capsule_ends(irb, q)
     x = np.linspace(0, 1, 300)[:, None, None]
     for check, (i, j) in enumerate(irb.pairs, start=len(irb.low)):
         a = ends[:, i] + x * (ends[:, i + 1] - ends[:, i])

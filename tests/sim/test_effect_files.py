@@ -16,11 +16,8 @@ from sim.effect_draws import draw_effect, draw_plant_effect, list_drawable_effec
 from sim.effects import load_effects
 from sim.engine.plant_records import PlantSpec, SensorNoise, create_random_stream
 from sim.experiment import run_experiment
-from sim.plant.effect_catalogue import (
-    check_effect,
-    list_named_effects,
-    list_plant_effects,
-)
+from sim.plant.effect_catalogue import check_effect, list_plant_effects
+from sim.plant.effect_catalogue import list_named_effects as named_effects
 from sim.plant.typical_sizes import compute_usual_motion_range
 from tests.sim.plant_cases import ROBOT, effect, motion
 
@@ -44,14 +41,14 @@ def creaking(tmp_path, monkeypatch):
 def test_the_registry_is_the_folder():
     files = {p.stem for p in FOLDER.glob("[!_]*.py")} - {"base"}
     kin = {"unnamed", "broken_sensors"}
-    assert files - kin == set(list_named_effects())
+    assert files - kin == set(named_effects())
     assert kin < files
     assert all(name == known.name for name, known in load_effects().items())
 
 
 def test_the_plant_can_have_what_the_diagnosis_looks_for_in_the_same_words():
-    assert set(list_named_effects()) == set(sought())
-    for name in list_named_effects():
+    assert set(named_effects()) == set(sought())
+    for name in named_effects():
         assert dict(load_effects()[name].parameters) == dict(sought()[name].parameters)
 
 

@@ -1,13 +1,11 @@
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.robot.robot import load_robot
-from sim.trajectories.excitation import (
-    build_excitation_problem,
-    compute_excitation_cost,
-    draw_feasible_series,
-    measure_excitation,
-)
+from sim.trajectories.excitation import build_excitation_problem, measure_excitation
+from sim.trajectories.excitation import compute_excitation_cost as excitation_cost
+from sim.trajectories.excitation import draw_feasible_series as feasible_series
 from sim.trajectories.planning_limits import build_workspace
 from tests.sim.arms import TWO, arm
 
@@ -25,23 +23,17 @@ def test_units_do_not_change_the_condition_number():
     w = RNG.normal(size=(60, 5))
     scaled = w * [1, 10, 1e-3, 1e4, 5]
     shift = 0.1 / 5 * 2 * np.log(10 * 1e-3 * 1e4 * 5)
-    assert compute_excitation_cost(w)[0] - compute_excitation_cost(scaled)[
-        0
-    ] == pytest.approx(shift)
+    assert excitation_cost(w)[0] - excitation_cost(scaled)[0] == pytest.approx(shift)
 
 
 @pytest.mark.parametrize("size", [0.7, 1.6], ids=["within limits", "beyond them"])
 def test_slopes_of_the_search_are_derivatives(size):
     place = build_workspace(ROBOT, 8.0)
     search = build_excitation_problem(place)
-    x = size * search.encode_series(
-        draw_feasible_series(place, np.random.default_rng(1))
-    )
+    x = size * search.encode_series(feasible_series(place, np.random.default_rng(1)))
     way, step = np.random.default_rng(2).normal(size=x.shape), 1e-6
     ahead, back = x + step * way, x - step * way
     slope = (search.cost(ahead)[0] - search.cost(back)[0]) / (2 * step)
     assert search.cost(x)[1] @ way == pytest.approx(slope, rel=1e-4)
     change = (search.compute_margins(ahead) - search.compute_margins(back)) / (2 * step)
-    np.testing.assert_allclose(
-        search.compute_margin_gradients(x) @ way, change, atol=1e-6
-    )
+    assert_allclose(search.compute_margin_gradients(x) @ way, change, atol=1e-6)

@@ -5,11 +5,11 @@ import pytest
 from residual.robot.robot import load_robot
 from sim.engine.geometry import (
     build_tool_kinematics,
-    compute_flange_pose,
     measure_singularity_distance,
     solve_inverse_kinematics,
     solve_pose_path,
 )
+from sim.engine.geometry import compute_flange_pose as pose
 from sim.engine.plant_records import TrajectorySpec
 from sim.trajectories import plan_reference_motion
 from tests.sim.arms import SEVEN, arm
@@ -22,13 +22,10 @@ IRB = build_tool_kinematics(ROBOT, "test")
 def test_the_flange_comes_where_it_was_sent(seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, 6)
-    target = compute_flange_pose(IRB, q)
+    target = pose(IRB, q)
     q_found = solve_inverse_kinematics(IRB, target, q + rng.uniform(-0.2, 0.2, 6))
     assert q_found is not None
-    assert (
-        np.abs(pin.log6(compute_flange_pose(IRB, q_found).actInv(target)).vector).max()
-        < 1e-9
-    )
+    assert np.abs(pin.log6(pose(IRB, q_found).actInv(target)).vector).max() < 1e-9
 
 
 def test_what_is_out_of_reach_is_not_found_and_a_stretched_wrist_is_singular():
@@ -44,7 +41,7 @@ def test_what_is_out_of_reach_is_not_found_and_a_stretched_wrist_is_singular():
 def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
     seven = build_tool_kinematics(arm(SEVEN, tmp_path), "test")
     home = np.array([0.2, 0.8, -0.3, 1.0, 0.4, 0.9, 0.1])
-    start = compute_flange_pose(seven, home)
+    start = pose(seven, home)
     angle = np.linspace(0, 2 * np.pi, 40)
     targets = [
         pin.SE3(start.rotation, start.translation + 0.1 * np.array([0, np.sin(a), 0]))
@@ -57,7 +54,7 @@ def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
 
 def test_painting_stays_in_the_plane_of_the_panel():
     r = plan_reference_motion(ROBOT, TrajectorySpec("cyclic", seed=3), 50.0)
-    points = np.array([compute_flange_pose(IRB, q).translation for q in r.q])
+    points = np.array([pose(IRB, q).translation for q in r.q])
     flat = points - points.mean(axis=0)
     values = np.linalg.svd(flat, compute_uv=False) / np.sqrt(len(flat))
     assert values[2] < 1e-6
@@ -66,7 +63,7 @@ def test_painting_stays_in_the_plane_of_the_panel():
 
 def test_seams_are_straight_and_even():
     r = plan_reference_motion(ROBOT, TrajectorySpec("welding", seed=3), 500.0)
-    points = np.array([compute_flange_pose(IRB, q).translation for q in r.q])
+    points = np.array([pose(IRB, q).translation for q in r.q])
     speed = np.linalg.norm(np.diff(points, axis=0), axis=1) * 500.0
     still = np.flatnonzero((r.qd == 0).all(axis=1))
     # From the end of the first dwell to the beginning of the second: the first seam.

@@ -4,16 +4,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.robot.dynamics import find_flange_placement, read_inertial_parameters
-from sim.effect_draws import draw_plant_effect
+from residual.robot.dynamics import find_flange_placement
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
+from sim.effect_draws import draw_plant_effect as draw_effect
 from sim.engine.plant_records import PlantSpec, create_random_stream
 from sim.engine.pybullet_world import BulletWorld, write_model_urdf
 from sim.plant import step_tables as at
-from sim.plant.effect_catalogue import (
-    apply_body_effects,
-    list_plant_effects,
-    resolve_effects,
-)
+from sim.plant.effect_catalogue import apply_body_effects as with_bodies
+from sim.plant.effect_catalogue import list_plant_effects, resolve_effects
 from sim.plant.plant_arm import build_plant_arm
 from tests.sim.energy import balance
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
@@ -35,16 +33,14 @@ def test_channels_of_all_effects_together_add_up(tilted):
     """All the others at once, or the tilt of the base, which stands alone."""
     names = [name for name in list_plant_effects() if (name == "base_tilt") == tilted]
     effects = [
-        draw_plant_effect(ROBOT, create_random_stream(6, name), name) for name in names
+        draw_effect(ROBOT, create_random_stream(6, name), name) for name in names
     ]
     assert miss(drive(*effects, reference=SHORT)) < 1e-9
 
 
 @pytest.mark.parametrize("names", [(), ("payload", "base_tilt"), ("elasticity",)])
 def test_bullet_moves_what_the_joints_pass_on(names):
-    trace = drive(
-        *(draw_plant_effect(ROBOT, create_random_stream(2, n), n) for n in names)
-    )
+    trace = drive(*(draw_effect(ROBOT, create_random_stream(2, n), n) for n in names))
     assert np.abs(trace.rigid(1) - trace.rows[:, at.LINK]).max() < 1e-9
 
 
@@ -58,7 +54,7 @@ def test_bullet_moves_what_the_joints_pass_on(names):
     ],
 )
 def test_energy_balances(names):
-    effects = [draw_plant_effect(ROBOT, create_random_stream(3, n), n) for n in names]
+    effects = [draw_effect(ROBOT, create_random_stream(3, n), n) for n in names]
     books = balance(drive(*effects, reference=motion(duration=6.0)))
     assert books.error < 1e-3 * books.throughput
 
@@ -80,21 +76,16 @@ def test_one_step_of_bullet_is_inverse_dynamics():
 def test_the_written_urdf_is_the_same_body():
     model = build_plant_arm(ROBOT, PlantSpec(seed=4)).model
     again = pin.buildModelFromXML(write_model_urdf(model))
-    np.testing.assert_allclose(
-        read_inertial_parameters(again), read_inertial_parameters(model), atol=1e-12
-    )
+    np.testing.assert_allclose(read_inertias(again), read_inertias(model), atol=1e-12)
 
 
 def test_a_payload_with_a_tensor_has_it_about_its_centre():
     tensor = dict(ixx=0.02, ixy=0.001, ixz=0.0, iyy=0.03, iyz=0.0, izz=0.025)
     load = effect("payload", 6, mass=3.0, com_x=0.1, com_y=0.0, com_z=0.02, **tensor)
-    added = read_inertial_parameters(
-        apply_body_effects(ROBOT.model, resolve_effects([load]))
-    )
-    added = added - read_inertial_parameters(ROBOT.model)
+    added = read_inertias(with_bodies(ROBOT.model, resolve_effects([load])))
+    added = added - read_inertias(ROBOT.model)
     place = find_flange_placement(ROBOT.model)
-    body = pin.Inertia.FromDynamicParameters(added[-10:])
-    at_flange = place.actInv(body)
+    at_flange = place.actInv(pin.Inertia.FromDynamicParameters(added[-10:]))
     assert at_flange.mass == pytest.approx(3.0)
     np.testing.assert_allclose(at_flange.lever, [0.1, 0.0, 0.02], atol=1e-9)
     np.testing.assert_allclose(np.diag(at_flange.inertia), [0.02, 0.03, 0.025])

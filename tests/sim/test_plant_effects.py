@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose, assert_array_equal
 from scipy.ndimage import uniform_filter1d
 
 from sim.plant import step_tables as at
-from sim.plant.closed_loop import build_open_loop_controller
+from sim.plant.closed_loop import build_open_loop_controller as open_loop_controller
 from sim.plant.drive_train_step import solve_friction_impulses
 from sim.plant.effect_catalogue import resolve_effects
 from sim.plant.sensors import simulate_torque_report
@@ -33,13 +34,10 @@ def fit(columns, torque):
 def test_a_standing_arm_does_not_creep():
     reference = standing(5.0)
     hold = drive(reference=motion("move_stop_move", 1.0), scatter=0.0).rigid(1)[0]
-    t = reference.t[:, None]
-    push = 0.5 + 0.3 * np.sin(2 * np.pi * 3 * t)
+    push = 0.5 + 0.3 * np.sin(2 * np.pi * 3 * reference.t[:, None])
     start = standing(5.0, q=motion("move_stop_move", 1.0).q[0])
     given = hold + push * np.array([12, 12, 8, 3, 3, 1.5])
-    trace = drive(
-        reference=start, controller=build_open_loop_controller(given), scatter=0.0
-    )
+    trace = drive(reference=start, controller=open_loop_controller(given), scatter=0.0)
     assert np.abs(trace.rows[:, at.Q] - start.q).max() < 1e-12
 
 
@@ -78,7 +76,7 @@ def test_stribeck_friction_fades_with_speed():
     hidden = effect("stribeck", 2, level=6.0, velocity=0.1)
     torque, v, _ = friction(drive(hidden, reference=MOVE, scatter=0.0), 2)
     extra = (torque - 12.0 * np.sign(v) - 8.0 * v) * np.sign(v)
-    np.testing.assert_allclose(extra, 6.0 / (1 + (v / 0.1) ** 2), atol=0.6)
+    assert_allclose(extra, 6.0 / (1 + (v / 0.1) ** 2), atol=0.6)
 
 
 def test_load_friction_follows_the_torque_of_the_gear():
@@ -99,10 +97,10 @@ def test_a_shared_gear_rubs_on_both_joints():
     extra = (trace.rows[:, at.FRICTION] - base)[moving]
     u = trace.rows[moving, at.QD, 4] - trace.rows[moving, at.QD, 5]
     fast = np.abs(u) > 0.05
-    np.testing.assert_allclose(extra[:, 4], -extra[:, 5], atol=0.02)
+    assert_allclose(extra[:, 4], -extra[:, 5], atol=0.02)
     change = (trace.qdd[moving, 4] - trace.qdd[moving, 5])[fast]
     parameters = fit([np.sign(u)[fast], u[fast], change], extra[fast, 4])
-    np.testing.assert_allclose(parameters, [1.0, 0.2, 0.01], rtol=0.15)
+    assert_allclose(parameters, [1.0, 0.2, 0.01], rtol=0.15)
 
 
 def test_bristles_yield_before_they_slide():
@@ -111,7 +109,7 @@ def test_bristles_yield_before_they_slide():
     z = (rows[:, at.FRICTION] - 8.0 * v) / 12.0
     assert np.abs(z).max() < 1.2
     settled = np.abs(v) > 0.6
-    np.testing.assert_allclose(z[settled], np.sign(v[settled]), atol=0.15)
+    assert_allclose(z[settled], np.sign(v[settled]), atol=0.15)
 
 
 def test_warmup_friction_fades_as_work_heats_the_gear():
@@ -135,13 +133,13 @@ def test_joint_springs_and_magnets_resist_as_stated():
     trace = drive(*effects, reference=MOVE)
     q = trace.rows[:, at.Q]
     assert (channel(trace, "offset")[:, 0] == 2.0).all()
-    np.testing.assert_allclose(
+    assert_allclose(
         channel(trace, "spring")[:, 1], 5 * (q[:, 1] - 0.2), rtol=0.1, atol=0.01
     )
     gas = 3 * np.cos(q[:, 2]) - 4 * np.sin(q[:, 2])
-    np.testing.assert_allclose(channel(trace, "balancer")[:, 2], gas, atol=0.8)
+    assert_allclose(channel(trace, "balancer")[:, 2], gas, atol=0.8)
     wave = 0.5 * np.cos(12 * q[:, 3] + 0.3)
-    np.testing.assert_allclose(channel(trace, "ripple")[:, 3], wave, atol=0.08)
+    assert_allclose(channel(trace, "ripple")[:, 3], wave, atol=0.08)
 
 
 def test_a_force_on_the_tool_lifts_or_loads_the_arm():
@@ -158,7 +156,7 @@ def test_a_spring_in_the_gear_gives_way_to_the_load_and_play_is_as_wide_as_state
     twist = rows[:, at.MOTOR_Q] - rows[:, at.Q]
     assert fit([rows[:, at.GEAR]], twist)[0] == pytest.approx(1 / 8000, rel=0.02)
     # The controller sees the motor.
-    np.testing.assert_array_equal(rows[:, at.READING], rows[:, at.MOTOR_Q])
+    assert_array_equal(rows[:, at.READING], rows[:, at.MOTOR_Q])
     trace = drive(effect("backlash", 1, half_gap=0.002), reference=MOVE)
     twist = trace.rows[:, at.MOTOR_Q, 0] - trace.rows[:, at.Q, 0]
     assert 0.0019 < twist.max() < 0.0024
@@ -186,25 +184,23 @@ def test_soft_gears_are_stable_at_one_kilohertz(load):
 def test_the_controller_believes_a_wrong_or_eccentric_encoder():
     hidden = effect("encoder_offset", 2, angle=0.02)
     rows = drive(hidden, reference=MOVE).rows
-    np.testing.assert_allclose(rows[:, at.Q, 1] - rows[:, at.READING, 1], 0.02)
+    assert_allclose(rows[:, at.Q, 1] - rows[:, at.READING, 1], 0.02)
     assert np.abs(rows[:, at.READING, 1] - MOVE.q[:, 1]).max() < 0.003
     hidden = effect("encoder_eccentricity", 1, cos=0.01, sin=0.005)
     rows = drive(hidden, reference=MOVE).rows[:, :, 0]
     wave = 0.01 * np.cos(rows[:, at.Q]) + 0.005 * np.sin(rows[:, at.Q])
-    np.testing.assert_allclose(rows[:, at.Q] - rows[:, at.READING], wave, atol=1e-12)
+    assert_allclose(rows[:, at.Q] - rows[:, at.READING], wave, atol=1e-12)
     rate = np.gradient(rows[:, at.READING], 1e-3)
-    np.testing.assert_allclose(rate[5:-5], rows[5:-5, at.READING_RATE], atol=0.02)
+    assert_allclose(rate[5:-5], rows[5:-5, at.READING_RATE], atol=0.02)
 
 
 def test_a_drive_has_a_wrong_torque_constant_in_the_loop_and_a_limit():
     rows = drive(effect("torque_gain", 3, gain=0.1), reference=MOVE).rows
-    np.testing.assert_allclose(rows[:, at.DRIVE, 2], 1.1 * rows[:, at.MOTOR, 2])
-    np.testing.assert_array_equal(rows[:, at.DRIVE, 1], rows[:, at.MOTOR, 1])
+    assert_allclose(rows[:, at.DRIVE, 2], 1.1 * rows[:, at.MOTOR, 2])
+    assert_array_equal(rows[:, at.DRIVE, 1], rows[:, at.MOTOR, 1])
     given = np.full((50, 6), 1e4)
     given[:, 1:] = 0.0
-    trace = drive(
-        reference=standing(0.05), controller=build_open_loop_controller(given)
-    )
+    trace = drive(reference=standing(0.05), controller=open_loop_controller(given))
     assert trace.rows[:, at.DRIVE, 0].max() == ROBOT.torque_limit[0]
 
 
@@ -214,14 +210,12 @@ def test_reports_of_torque_come_late_and_end_at_their_range():
     late = simulate_torque_report(
         torque, t, resolve_effects([effect("delay", delay=0.0105)])
     )
-    np.testing.assert_allclose(
-        late[20:, 0], 10 * np.sin(6 * (t[20:] - 0.0105)), atol=1e-3
-    )
+    assert_allclose(late[20:, 0], 10 * np.sin(6 * (t[20:] - 0.0105)), atol=1e-3)
     short = simulate_torque_report(
         torque, t, resolve_effects([effect("saturation", 1, level=4.0)])
     )
     assert np.abs(short[:, 0]).max() == 4.0
-    np.testing.assert_array_equal(short[:, 1], torque[:, 1])
+    assert_array_equal(short[:, 1], torque[:, 1])
 
 
 @pytest.mark.parametrize(
@@ -236,7 +230,5 @@ def test_reports_of_torque_come_late_and_end_at_their_range():
 def test_nothing_happens_before_the_onset(hidden):
     with_it = drive(hidden, reference=MOVE).rows
     without = drive(reference=MOVE).rows
-    np.testing.assert_array_equal(
-        with_it[:500, : at.CHANNELS], without[:500, : at.CHANNELS]
-    )
+    assert_array_equal(with_it[:500, : at.CHANNELS], without[:500, : at.CHANNELS])
     assert np.abs(with_it[500:, at.DRIVE] - without[500:, at.DRIVE]).max() > 1.0

@@ -12,18 +12,11 @@ from residual.errors import InputError, UnknownNameError
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
-from sim.engine.plant_records import (
-    PlantSpec,
-    ReferenceMotion,
-    SampleRates,
-    SensorNoise,
-    create_random_stream,
-)
-from sim.experiment import (
-    measure_tracking_errors,
-    run_experiment,
-    simulate_open_loop_windows,
-)
+from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
+from sim.engine.plant_records import ReferenceMotion as Motion
+from sim.engine.plant_records import create_random_stream as make_rng
+from sim.experiment import measure_tracking_errors, run_experiment
+from sim.experiment import simulate_open_loop_windows as open_loop_windows
 from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
@@ -33,10 +26,8 @@ pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 MOVE = motion("fourier", 2.0)
 QUIET = SensorNoise(0.0, 0.0)
-HIDDEN = (
-    effect("stribeck", 3, level=3.0, velocity=0.05),
-    effect("x_random_walk", 1, amplitude=2.0),
-)
+STRIBECK = effect("stribeck", 3, level=3.0, velocity=0.05)
+HIDDEN = (STRIBECK, effect("x_random_walk", 1, amplitude=2.0))
 
 
 def digest(run):
@@ -159,20 +150,17 @@ def test_rates_that_do_not_fit_are_refused(rates, words):
 
 @pytest.mark.parametrize("name", list_plant_effects())
 def test_everything_can_be_drawn(name):
-    drawn = draw_plant_effect(ROBOT, create_random_stream(3, "hidden"), name)
+    drawn = draw_plant_effect(ROBOT, make_rng(3, "hidden"), name)
     check_effect(drawn, ROBOT)
-    assert drawn == draw_plant_effect(ROBOT, create_random_stream(3, "hidden"), name)
+    assert drawn == draw_plant_effect(ROBOT, make_rng(3, "hidden"), name)
     assert all(type(value) is float for _, value in drawn.parameters)
 
 
 def test_drawing_covers_what_is_usual_and_no_more():
-    drawn = {
-        draw_plant_effect(ROBOT, create_random_stream(s, "hidden")).name
-        for s in range(300)
-    }
+    drawn = {draw_plant_effect(ROBOT, make_rng(s, "hidden")).name for s in range(300)}
     assert drawn == set(list_drawable_effects())
     with pytest.raises(UnknownNameError):
-        draw_plant_effect(ROBOT, create_random_stream(1, "hidden"), "magic")
+        draw_plant_effect(ROBOT, make_rng(1, "hidden"), "magic")
 
 
 def test_a_better_feed_forward_tracks_better():
@@ -189,10 +177,10 @@ def test_a_better_feed_forward_tracks_better():
 def test_the_right_torque_moves_the_nominal_model_along():
     run = drive(reference=MOVE, scatter=0.0)
     rows = run.rows
-    done = ReferenceMotion("done", run.t, rows[:, at.Q], rows[:, at.QD], run.qdd, None)
-    error = simulate_open_loop_windows(ROBOT, done, rows[:, at.DRIVE], 0.25)
+    done = Motion("done", run.t, rows[:, at.Q], rows[:, at.QD], run.qdd, None)
+    error = open_loop_windows(ROBOT, done, rows[:, at.DRIVE], 0.25)
     assert np.abs(error).max() < 1e-6
-    wrong = simulate_open_loop_windows(ROBOT, done, 1.02 * rows[:, at.DRIVE], 0.25)
+    wrong = open_loop_windows(ROBOT, done, 1.02 * rows[:, at.DRIVE], 0.25)
     assert np.abs(wrong).max() > 1e-4
 
 

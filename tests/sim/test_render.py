@@ -36,8 +36,7 @@ def test_an_animation_is_a_small_gif_that_shows_an_arm_moving():
 
 def test_links_without_shapes_are_rods_and_meshes_are_left_out(tmp_path):
     robot = arm(SEVEN, tmp_path)
-    text = write_visible_urdf(robot)
-    assert text.count("<cylinder") == 8
+    assert write_visible_urdf(robot).count("<cylinder") == 8
     picture = Image.open(io.BytesIO(animate_reference(robot, _sweep(robot), frames=2)))
     pixels = np.asarray(picture.convert("RGB")).astype(int)
     assert ((pixels[:, :, 0] > 150) & (pixels[:, :, 2] < 80)).mean() > 0.005

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from numpy.testing import assert_allclose
 
 from residual.errors import InputError
 from sim.engine.plant_records import PlantSpec, SampleRates
@@ -58,9 +59,7 @@ def test_the_arm_follows_an_encoder_that_drifts(fine):
     trace = drive(effect("x_fault_drift", 1, onset=ONSET, rate=0.05), reference=MOVE)
     since = np.maximum(MOVE.t - ONSET, 0.0)
     rows = trace.rows[:, :, 0]
-    np.testing.assert_allclose(
-        rows[:, at.Q] - rows[:, at.READING], 0.05 * since, atol=1e-9
-    )
+    assert_allclose(rows[:, at.Q] - rows[:, at.READING], 0.05 * since, atol=1e-9)
     astray = np.abs(rows[:, at.READING] - MOVE.q[:, 0]).max()
     usual = np.abs(fine.rows[:, at.READING, 0] - MOVE.q[:, 0]).max()
     assert astray < usual + 2e-3  # it hides in the loop

@@ -10,7 +10,7 @@ from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_pla
 from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
-from sim.engine.plant_records import create_random_stream
+from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.sensors import draw_torque_noise, simulate_encoder
 
 ROBOT = load_robot("irb140")
@@ -23,9 +23,7 @@ SHORT = tuple(
 
 
 def logs(*effects, seed=5):
-    hidden = tuple(
-        draw_effect(ROBOT, e, create_random_stream(seed, e)) for e in effects
-    )
+    hidden = tuple(draw_effect(ROBOT, e, make_rng(seed, e)) for e in effects)
     return make(Plant(ROBOT, hidden, seed), SHORT, seed)
 
 
@@ -59,7 +57,7 @@ def test_the_session_clock_runs_on_through_pauses():
 
 
 def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
-    hidden = draw_effect(ROBOT, "warmup", create_random_stream(1, "warmup"))
+    hidden = draw_effect(ROBOT, "warmup", make_rng(1, "warmup"))
     plan = standard_plan(baseline=True)
     plan = tuple(replace(p, duration=2.0) for p in (plan[0], plan[6]))
     with_it, without = (make(Plant(ROBOT, h, 1), plan, 1) for h in ((hidden,), ()))
@@ -69,11 +67,10 @@ def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
 
 
 def test_sensor_noise_has_its_size():
-    q = np.zeros((20000, 2))
-    seen = simulate_encoder(q, create_random_stream(1, "encoder"))
+    seen = simulate_encoder(np.zeros((20000, 2)), make_rng(1, "encoder"))
     assert np.isin(np.round(seen / 1e-4, 6) % 1, (0, 1)).all()
     noise = draw_torque_noise(
-        50000, np.array([100.0, 1.0]), 250.0, create_random_stream(1, "torque")
+        50000, np.array([100.0, 1.0]), 250.0, make_rng(1, "torque")
     )
     expected = np.hypot(0.015, 0.005) * np.array([100.0, 1.0])
     np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.05)

@@ -34,8 +34,7 @@ def test_limits_hold_between_samples_and_derivatives_are_those_of_position(famil
 
 
 def test_families_are_what_they_are_called():
-    m = motion("move_stop_move")
-    still = (m.qd == 0).all(axis=1)
+    still = (motion("move_stop_move").qd == 0).all(axis=1)
     assert 0.1 < still.mean() < 0.6
     assert (np.diff(still.astype(int)) == 1).sum() >= 4
     slow, fast = (np.abs(motion(f).qd).max(0) for f in ("slow_cyclic", "cyclic"))

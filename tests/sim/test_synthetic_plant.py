@@ -3,26 +3,20 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import (
-    Plant,
-    true_friction,
-    true_model,
-    true_torque,
-)
+from benchmarks.synthetic.quasi_static import Plant, true_friction, true_model
+from benchmarks.synthetic.quasi_static import true_torque as torque
 from residual.errors import InputError
-from residual.robot.dynamics import read_inertial_parameters
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.effects.base import compute_bristle_states
 from sim.engine.plant_records import create_random_stream
-from sim.plant.effect_catalogue import list_unnamed_effects
+from sim.plant.effect_catalogue import list_unnamed_effects as unnamed_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
 
 ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
-LOCAL = sorted(
-    {*list_drawable_effects(), *list_unnamed_effects()} - {"payload", *IN_ENGINE}
-)
+LOCAL = sorted({*list_drawable_effects(), *unnamed_effects()} - {"payload", *IN_ENGINE})
 
 
 def motion(family="fourier", seed=1):
@@ -55,7 +49,7 @@ def test_without_hidden_effects_torque_is_rnea_plus_friction():
     z = compute_bristle_states(m.q, friction.displacement)
     expected = rigid + friction.coulomb * z + friction.viscous * m.qd
     expected += friction.rotor * m.qdd
-    tau = true_torque(plant, m, "log").tau
+    tau = torque(plant, m, "log").tau
     np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9)
 
 
@@ -70,8 +64,8 @@ def test_bristles_follow_dahls_equation():
 def test_an_effect_changes_torque_on_its_joints_only(name):
     hidden = draw_effect(ROBOT, name, create_random_stream(2, name))
     m = motion()
-    without = true_torque(Plant(ROBOT, (), 2), m, "log").tau
-    change = true_torque(Plant(ROBOT, (hidden,), 2), m, "log").tau - without
+    without = torque(Plant(ROBOT, (), 2), m, "log").tau
+    change = torque(Plant(ROBOT, (hidden,), 2), m, "log").tau - without
     rows = np.zeros(6, dtype=bool)
     rows[[j - 1 for j in hidden.joints]] = True
     if name == "x_cogging_sum":
@@ -88,9 +82,7 @@ def test_scattered_bodies_are_possible_ones(seed):
         pseudo = pin.PseudoInertia.FromInertia(body).toMatrix()
         assert np.linalg.eigvalsh(pseudo).min() > 0
         assert body.mass != nominal.mass
-    masses, nominal = (
-        read_inertial_parameters(model)[::10] for model in (true, ROBOT.model)
-    )
+    masses, nominal = (read_inertias(model)[::10] for model in (true, ROBOT.model))
     assert 0.002 < np.abs(masses / nominal - 1).mean() < 0.05
 
 

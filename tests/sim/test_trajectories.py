@@ -86,9 +86,8 @@ def test_periods_repeat(kind):
 def test_the_same_spec_gives_the_same_bits_and_another_seed_another_motion(kind):
     again = plan_reference_motion(ROBOT, TrajectorySpec(kind, DURATION, seed=1), 1000.0)
     for name in ("t", "q", "qd", "qdd"):
-        assert (
-            getattr(again, name).tobytes() == getattr(reference(kind), name).tobytes()
-        )
+        one, two = (getattr(x, name).tobytes() for x in (again, reference(kind)))
+        assert one == two
     spec = TrajectorySpec(kind, DURATION, seed=2)
     other = plan_reference_motion(ROBOT, spec, 50.0, optimised=False)
     assert np.abs(other.q - reference(kind, 50.0).q).max() > 0.05
@@ -100,8 +99,7 @@ def test_pick_and_place_really_dwells():
     assert 0.15 < still.mean() < 0.7
     assert (np.diff(still.astype(int)) == 1).sum() >= 6
     # Nothing but rest between its ends, to the last bit.
-    dwell = np.flatnonzero(still)[:200]
-    assert np.ptp(r.q[dwell], axis=0).max() == 0
+    assert np.ptp(r.q[np.flatnonzero(still)[:200]], axis=0).max() == 0
 
 
 def test_fourier_coefficients_are_five_harmonics_of_the_period():
@@ -122,8 +120,7 @@ def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
     plan_ = plan_motion(ROBOT, going_round(8.0, 3))
     stand = 8.0 - 3 * plan_.period
     assert stand > 0
-    t = np.linspace(0, stand, 50)
-    q, qd, _ = plan_.curve(t)
+    q, qd, _ = plan_.curve(np.linspace(0, stand, 50))
     assert (q == np.array(PLACES[0])).all()
     assert (qd == 0).all()
     rounds = [

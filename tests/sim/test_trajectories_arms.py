@@ -10,11 +10,8 @@ from sim.engine.plant_records import TrajectorySpec
 from sim.trajectories import KINDS, MotionLimitError, plan_reference_motion
 from sim.trajectories import excitation as search
 from sim.trajectories.excitation import compute_limit_usage, measure_excitation
-from sim.trajectories.planning_limits import (
-    check_motion_clearance,
-    check_motion_limits,
-    read_planning_limits,
-)
+from sim.trajectories.planning_limits import check_motion_clearance as check_clearance
+from sim.trajectories.planning_limits import check_motion_limits, read_planning_limits
 from tests.sim.arms import FLAT, SEVEN, TWO, arm
 
 ROBOT = load_robot("irb140")
@@ -148,14 +145,12 @@ def test_an_arm_that_reaches_into_the_floor_or_folds_onto_itself_is_told():
     q = np.zeros((20, 6))
     q[:, 1] = np.linspace(0, 1.9, 20)
     with pytest.raises(MotionLimitError, match=r"above the floor is -\d+ mm") as caught:
-        check_motion_clearance(arm_body, "test", np.arange(20) / 10, q)
+        check_clearance(arm_body, "test", np.arange(20) / 10, q)
     assert caught.value.value < MARGIN
     q = np.zeros((5, 6))
     q[:, 1], q[:, 2] = -1.5, -3.9
     with pytest.raises(MotionLimitError, match="joint 4"):
-        check_motion_clearance(
-            build_arm_capsules(ROBOT.model), "test", np.arange(5) / 10, q
-        )
+        check_clearance(build_arm_capsules(ROBOT.model), "test", np.arange(5) / 10, q)
 
 
 @pytest.mark.long

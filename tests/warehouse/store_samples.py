@@ -18,17 +18,13 @@ DOF = 2
 
 
 def recording(seed=0, rows=50, robot="two_link", **channels):
-    rng = np.random.default_rng(seed)
-    q, tau = rng.normal(size=(2, rows, DOF))
+    q, tau = np.random.default_rng(seed).normal(size=(2, rows, DOF))
     return Recording("", robot, np.arange(rows) / 100, q, tau, **channels)
 
 
 def spec(seed=0, kind="fourier"):
-    return {
-        "robot": "two_link",
-        "seed": seed,
-        "trajectory": {"kind": kind, "duration": 0.5},
-    }
+    motion = {"kind": kind, "duration": 0.5}
+    return {"robot": "two_link", "seed": seed, "trajectory": motion}
 
 
 def manifest(seed=0, kind="fourier", **more):

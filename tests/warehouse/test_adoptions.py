@@ -49,11 +49,9 @@ def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
     assert find_last_adoption(tmp_path, "arm")[0] == two
     assert find_last_adoption(tmp_path, "arm")[1].model_id is None
     assert read_adoption(tmp_path, one) == FIRST
-    for id, folder in list_record_folders(tmp_path, "adoptions").items():
-        assert (
-            find_record_faults(StoredRecord("adoptions", id, type(tmp_path)(folder)))
-            == ()
-        )
+    for id, at in list_record_folders(tmp_path, "adoptions").items():
+        record = StoredRecord("adoptions", id, type(tmp_path)(at))
+        assert find_record_faults(record) == ()
 
 
 def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):

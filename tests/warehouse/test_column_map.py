@@ -67,12 +67,10 @@ def test_couplings_keep_the_power_of_both_sides(read, samples):
     coupling = np.array([[100.0, 0.0], [-3.0, 50.0]])
     table = samples.copy()
     table[:, 1:3] = samples[:, 1:3] @ coupling.T
-    recording, _ = read(
-        MOTOR, table, "[couplings]\nmotor_from_joint = [[100, 0], [-3, 50]]"
-    )
-    np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-12)
+    log, _ = read(MOTOR, table, "[couplings]\nmotor_from_joint = [[100, 0], [-3, 50]]")
+    np.testing.assert_allclose(log.q, samples[:, 1:3], atol=1e-12)
     np.testing.assert_allclose(
-        np.sum(recording.tau * recording.q, axis=1),
+        np.sum(log.tau * log.q, axis=1),
         np.sum(table[:, 3:] * table[:, 1:3], axis=1),
     )
 

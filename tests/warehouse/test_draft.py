@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.inputs.repair import format_drafted_map
+from flows.inputs.repair import format_drafted_map as drafted_map
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
@@ -51,27 +51,18 @@ def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
 
 
 PAN = ("shoulder_pan_joint", "elbow_joint")
-URDF_NAMES = {
+URDF_NAMES = (
     "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];"
-    "shoulder_pan_eff [Nm];elbow_eff [Nm]": ("ms", "deg"),
-    "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow": (
-        "ms",
-        "deg",
-    ),
+    "shoulder_pan_eff [Nm];elbow_eff [Nm]",
+    "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow",
     "t;Shoulder_Pan_Joint.position;Elbow_Joint.position;"
-    "Shoulder_Pan_Joint.effort;Elbow_Joint.effort": ("ms", "deg"),
-    "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment": ("ms", "deg"),
-    "time_ms;base_pos [deg];arm_pos [deg];base_effort [Nm];arm_effort [Nm]": (
-        "ms",
-        "deg",
-    ),
-    "time [ms];qpos[0] [deg];qpos[1] [deg];qfrc_actuator[0];qfrc_actuator[1]": (
-        "ms",
-        "deg",
-    ),
+    "Shoulder_Pan_Joint.effort;Elbow_Joint.effort",
+    "Zeit;Achse 1 Ist;Achse 2 Ist;Achse 1 Drehmoment;Achse 2 Drehmoment",
+    "time_ms;base_pos [deg];arm_pos [deg];base_effort [Nm];arm_effort [Nm]",
+    "time [ms];qpos[0] [deg];qpos[1] [deg];qfrc_actuator[0];qfrc_actuator[1]",
     "__time [ms];/joint_states/j_1/position;/joint_states/j_2/position;"
-    "/joint_states/j_1/effort;/joint_states/j_2/effort": ("ms", "deg"),
-}
+    "/joint_states/j_1/effort;/joint_states/j_2/effort",
+)
 
 
 def two(tmp_path):
@@ -104,7 +95,7 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(
 ):
     robot = two(tmp_path)
     path = write(tmp_path / "log.csv", header, table, decimal)
-    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
+    text = drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text, encoding="utf-8")
     log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t, table[:, 0] / 1000, atol=1e-9)
@@ -112,9 +103,7 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(
     np.testing.assert_allclose(log.tau, table[:, 3:], atol=1e-4)
 
 
-def test_what_the_file_states_is_certain_and_what_the_numbers_say_is_not(
-    tmp_path, table
-):
+def test_what_file_states_is_certain_and_what_the_numbers_say_is_not(tmp_path, table):
     robot = two(tmp_path)
     stated, *_ = URDF_NAMES
     bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
@@ -138,9 +127,7 @@ def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit
     assert columns.time_unit_seconds == pytest.approx(seconds)
 
 
-def test_names_of_strangers_are_in_the_order_of_the_header_and_that_is_said(
-    tmp_path, table
-):
+def test_names_of_strangers_are_in_order_of_header_and_that_is_said(tmp_path, table):
     header = "t_ms;up_pos;down_pos;up_torque;down_torque"
     proposed = draft_column_map(write(tmp_path / "a.csv", header, table), two(tmp_path))
     assert proposed.columns.signals["q"].columns == ("up_pos", "down_pos")
@@ -159,7 +146,7 @@ def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
     header = "stamp.sec;stamp.nanosec;q1;q2;tau1;tau2"
     rows = np.column_stack([stamp, np.deg2rad(table[:, 1:3]), table[:, 3:]])
     path = write(tmp_path / "a.csv", header, rows)
-    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
+    text = drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text)
     log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
@@ -171,12 +158,8 @@ def test_lists_of_lerobot_are_columns_and_torque_is_asked_for(tmp_path, table, e
     lists = {"observation.state": q.tolist(), "action": q.tolist()}
     if effort:
         lists["observation.effort"] = pa.array(tau.tolist(), pa.list_(pa.float32(), 2))
-    table_columns = {
-        **lists,
-        "timestamp": table[:, 0] / 1000,
-        "episode_index": [0] * len(q),
-    }
-    pq.write_table(pa.table(table_columns), tmp_path / "a.parquet")
+    lists |= {"timestamp": table[:, 0] / 1000, "episode_index": [0] * len(q)}
+    pq.write_table(pa.table(lists), tmp_path / "a.parquet")
     robot = two(tmp_path)
     proposed = draft_column_map(tmp_path / "a.parquet", robot)
     assert proposed.format == "lerobot"
@@ -193,25 +176,19 @@ def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
     proposed = draft_column_map(path, robot)
     assert proposed.missing == ("tau",)
-    text = format_drafted_map(proposed, "a.csv", robot)
+    text = drafted_map(proposed, "a.csv", robot)
     assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
     assert "# not read: left right" in text
     assert set(tomllib.loads(text)) == {"time", "q"}
 
 
 def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
-    names = [
-        "t",
-        "q1",
-        "q2",
-        "tau1",
-        "tau2",
-        "x\nq = {columns = ['evil']}\x1b[2J\u202e",
-    ]
+    names = ["t", "q1", "q2", "tau1", "tau2"]
+    names += ["x\nq = {columns = ['evil']}\x1b[2J\u202e"]
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    text = format_drafted_map(
+    text = drafted_map(
         draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot
     )
     assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
@@ -226,9 +203,7 @@ def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
         "/arm": messages(samples, ("arm_shoulder_pan", "arm_elbow")),
     }
     path = write_bag(tmp_path / "log.bag", topics, version=1)
-    text = format_drafted_map(
-        draft_column_map(tmp_path / "log.bag", robot), path, robot
-    )
+    text = drafted_map(draft_column_map(tmp_path / "log.bag", robot), path, robot)
     line = 'bag = {topic = "/arm", joints = ["arm_shoulder_pan", "arm_elbow"]}'
     assert line in text
     (tmp_path / "C.toml").write_text(text)

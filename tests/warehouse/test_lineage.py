@@ -53,9 +53,7 @@ def test_what_a_record_or_an_alarm_refers_to_stays(store):
         assert opened.sql(NAMED["old_runs"][1], {"days": "90000"}).num_rows == 0
 
 
-def test_a_run_that_is_moved_by_the_list_is_whole_in_the_other_folder(
-    store, tmp_path, capsys
-):
+def test_a_run_that_is_moved_by_list_is_whole_in_other_folder(store, tmp_path, capsys):
     id = run(store, 1)
     kept = run(store, 2, recorded_at=None)
     before = read_run(store, id)

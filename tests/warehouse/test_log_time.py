@@ -55,8 +55,7 @@ def test_metadata_of_parquet_say_when(samples, robot, tmp_path):
 
 
 def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path):
-    names = list(robot.model.names)[1:]
-    stamps = {"/js": files.messages(samples, names, START)}
+    stamps = {"/js": files.messages(samples, list(robot.model.names)[1:], START)}
     files.write_mcap(tmp_path / "run.mcap", stamps)
     assert when(tmp_path / "run.mcap", robot).startswith("2025-11-20T14:03:00.00")
 

@@ -8,12 +8,8 @@ import pytest
 from flows.cli import main
 from tests.warehouse import store_samples as samples
 from warehouse import code_provenance
-from warehouse.code_provenance import (
-    ROOT,
-    format_uncommitted_change,
-    hash_plant_code,
-    list_plant_files,
-)
+from warehouse.code_provenance import ROOT, hash_plant_code, list_plant_files
+from warehouse.code_provenance import format_uncommitted_change as uncommitted_change
 from warehouse.runs import read_manifest
 
 FILES = {
@@ -32,11 +28,8 @@ FILES = {
     "residual/effects.py": "from residual.recording import Recording\n",
     "flows/steps.py": "from residual import effects\n",
 }
-COUNTED = set(FILES) - {
-    "sim/__pycache__/plant.pyc",
-    "residual/effects.py",
-    "flows/steps.py",
-}
+UNCOUNTED = {"sim/__pycache__/plant.pyc", "residual/effects.py", "flows/steps.py"}
+COUNTED = set(FILES) - UNCOUNTED
 
 
 @pytest.fixture
@@ -106,7 +99,7 @@ def root(tmp_path):
 def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
     (root / "notes.txt").write_text("not code")
     assert captured(root) == {"sha256": None, "count": 0, "files": []}
-    assert "none" in format_uncommitted_change({"uncommitted": captured(root)})
+    assert "none" in uncommitted_change({"uncommitted": captured(root)})
     hashes = set()
     for name, text in (
         ("sim/plant.py", "a = 3\n"),
@@ -117,15 +110,13 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
         uncommitted = captured(root)
         hashes.add(uncommitted["sha256"])
     assert len(hashes) == 3
-    assert (uncommitted["count"], uncommitted["files"]) == (
-        2,
-        ["sim/plant.py", "sim/new.py"],
-    )
-    assert "sim/plant.py, sim/new.py, on" in format_uncommitted_change(
+    assert uncommitted["count"] == 2
+    assert uncommitted["files"] == ["sim/plant.py", "sim/new.py"]
+    assert "sim/plant.py, sim/new.py, on" in uncommitted_change(
         {"uncommitted": uncommitted}
     )
     assert captured(tmp_path) is None
-    assert "unknown" in format_uncommitted_change({"uncommitted": None})
+    assert "unknown" in uncommitted_change({"uncommitted": None})
 
 
 def test_the_packages_of_a_record_are_kept_once(tmp_path):

@@ -59,9 +59,7 @@ def test_a_csv_of_another_form_has_the_same_samples(
     assert understood.ignored == ignored
 
 
-def test_decimal_comma_and_skipped_lines_only_by_the_map(
-    robot, samples, write, tmp_path
-):
+def test_decimal_comma_and_skipped_lines_only_by_map(robot, samples, write, tmp_path):
     text = Path(write(samples, separator=";")).read_text().replace(".", ",")
     path = tmp_path / "german.csv"
     path.write_text("Regler 7\n\nAchsen 2\n" + text)
@@ -82,9 +80,7 @@ def test_parquet_is_known_by_its_content(robot, samples, tmp_path):
     assert understood.ignored == ("note",)
 
 
-def test_optional_signals_are_read_where_whole_and_named_where_not(
-    robot, samples, write
-):
+def test_optional_signals_are_read_if_whole_and_named_if_not(robot, samples, write):
     names = (*NAMES, "qd1", "qd2", "q_ref1", "q_out1", "temp")
     table = np.column_stack([samples, samples[:, :5]])
     recording, understood = read_log(write(table, names), robot)
@@ -151,9 +147,7 @@ def test_bad_samples_are_refused(robot, samples, write, spoil, message):
     assert str(caught.value).count("\n") <= 1
 
 
-def test_degrees_of_a_continuous_joint_show_by_their_speed(
-    make_robot, samples, write, tmp_path
-):
+def test_degrees_of_a_turning_joint_show_by_speed(make_robot, samples, write, tmp_path):
     make_robot()
     file = tmp_path / "arm" / "arm.urdf"
     file.write_text(file.read_text().replace('"revolute"', '"continuous"'))
@@ -207,9 +201,7 @@ def test_bad_column_names_are_refused(robot, samples, write, names, message):
         ("q2", "'q2' stands twice"),
     ],
 )
-def test_joint_columns_that_do_not_fit_are_refused(
-    robot, samples, write, extra, message
-):
+def test_joint_columns_that_misfit_are_refused(robot, samples, write, extra, message):
     table = np.column_stack([samples, samples[:, 1]])
     with pytest.raises(InputError, match=message):
         read_log(write(table, (*NAMES, extra)), robot)
@@ -284,7 +276,7 @@ def test_rows_that_stand_twice_are_read_once(samples, write, make_robot, again):
         (1, 0.005, 1, 0.2),
     ],
 )
-def test_two_arms_in_one_log_are_refused(
+def test_two_arms_in_a_log_are_refused(
     samples, write, make_robot, every, apart, sign, off
 ):
     other = samples[::every].copy()

@@ -122,8 +122,7 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
 
 
 def test_a_torn_run_is_told_when_it_is_committed_again(tmp_path):
-    id = samples.commit(tmp_path)
-    find_run(tmp_path, id).row.write_bytes(b"PAR1")
+    find_run(tmp_path, samples.commit(tmp_path)).row.write_bytes(b"PAR1")
     with pytest.raises(InputError, match=r"_run\.parquet is damaged.*Take its folder"):
         samples.commit(tmp_path)
 

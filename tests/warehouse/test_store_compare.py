@@ -9,11 +9,8 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from warehouse.query.store import build_lineage_tree, open_store
 from warehouse.store_catalogue import find_record, list_record_ancestry
-from warehouse.verification import (
-    compare_channels,
-    compare_values,
-    select_differing_channels,
-)
+from warehouse.verification import compare_channels, compare_values
+from warehouse.verification import select_differing_channels as differing_channels
 
 T = np.arange(100) / 50
 
@@ -27,7 +24,7 @@ def test_where_and_how_far_values_part():
     tau = np.ones((100, 2))
     tau[40:, 1] += 3e-3
     tau[60, 1] -= 8e-3
-    (bad,) = select_differing_channels(compare_channels(channels(), channels(tau=tau)))
+    (bad,) = differing_channels(compare_channels(channels(), channels(tau=tau)))
     assert (bad.name, bad.unit, bad.differing) == ("tau2", "N m", 60)
     assert bad.first == T[40]
     assert bad.largest == pytest.approx(5e-3)
@@ -37,20 +34,18 @@ def test_where_and_how_far_values_part():
 
 def test_other_lengths_and_missing_channels_are_told():
     one, two = channels(), channels(q_ref=np.ones((100, 2)))
-    bad = select_differing_channels(compare_channels(one, two))
+    bad = differing_channels(compare_channels(one, two))
     assert [(c.name, c.note) for c in bad] == [
         ("q_ref1", "only the second has it"),
         ("q_ref2", "only the second has it"),
     ]
-    short = {"t": T[:90]}
-    (bad,) = compare_channels({"t": T}, short)
+    (bad,) = compare_channels({"t": T}, {"t": T[:90]})
     assert (bad.equal, bad.rows, bad.note) == (False, 90, "100 and 90 samples")
 
 
 def test_records_are_compared_value_by_value():
     one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
-    two = {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]}
-    changes = compare_values(one, two)
+    changes = compare_values(one, {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]})
     assert [(c.name, c.largest) for c in changes] == [("a.b[1]", 0.5), ("c", None)]
     assert compare_values(json.loads("[0.1]"), [0.1]) == []
     assert len(compare_values({"x": 0.0}, {"x": -0.0})) == 1
@@ -70,20 +65,16 @@ def test_a_record_comes_after_what_it_was_made_from(store):
     kinds = [found.kind for found in list_record_ancestry(folder, id)]
     assert kinds == ["runs", "runs", "models", "diagnoses"]
     with open_store(folder) as opened:
-        up, down = (
-            build_lineage_tree(opened, id),
-            build_lineage_tree(opened, runs[0], down=True),
-        )
+        up = build_lineage_tree(opened, id)
+        down = build_lineage_tree(opened, runs[0], down=True)
     assert {each.id for each in up.relatives} >= set(runs)
     assert {each.kind for each in down.relatives} == {"models", "diagnoses"}
-    again = [each for each in down.relatives if each.again]
-    assert len(again) <= 1
+    assert len([each for each in down.relatives if each.again]) <= 1
 
 
 def test_a_lost_parent_is_named(store, tmp_path):
     folder, runs, id = store
-    place = find_record(folder, runs[0]).folder
-    place.rename(tmp_path / "gone")
+    find_record(folder, runs[0]).folder.rename(tmp_path / "gone")
     with pytest.raises(InputError, match=f"made from {runs[0]}, which is not in"):
         list_record_ancestry(folder, id)
     with open_store(folder) as opened:

@@ -10,12 +10,8 @@ from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import flip
 from warehouse.runs import quarantine_run
 from warehouse.store_catalogue import find_run
-from warehouse.store_files import (
-    SUMS,
-    read_unverified_parquet,
-    write_check_sums,
-    write_parquet,
-)
+from warehouse.store_files import SUMS, write_check_sums, write_parquet
+from warehouse.store_files import read_unverified_parquet as unverified_parquet
 from warehouse.verification import verify_store
 
 SUM = "SELECT sum(q1) AS s FROM samples WHERE run_id = $id"
@@ -114,7 +110,7 @@ def test_a_file_that_a_query_names_is_checked_before_it_is_read(store):
 def test_a_row_of_another_version_is_refused_in_one_sentence(store):
     folder, runs, _ = store
     run = find_run(folder, runs[1])
-    write_parquet(run.row, read_unverified_parquet(run.row).drop_columns(["commit"]))
+    write_parquet(run.row, unverified_parquet(run.row).drop_columns(["commit"]))
     write_check_sums(run.folder)
     with (
         warehouse.open(folder) as opened,
@@ -160,7 +156,7 @@ def louder(table):
 def test_verify_names_what_is_not_as_its_id_says(store, name, change, match):
     folder, _, _ = store
     path = next(folder.rglob(f"{name}.parquet"))
-    write_parquet(path, change(read_unverified_parquet(path)))
+    write_parquet(path, change(unverified_parquet(path)))
     write_check_sums(path.parent)  # a stranger's sums fit
     (wrong,) = damaged(folder)
     assert match in wrong.faults[0]

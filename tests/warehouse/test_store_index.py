@@ -45,10 +45,8 @@ def test_a_full_disk_fails_the_run_and_not_the_store(tmp_path):
     assert [r["run_id"] for r in ask(tmp_path, QUERY)] == [first]
     assert list((tmp_path / "_staging").iterdir()) == []
     again = samples.commit(tmp_path, 1, rows=5000)
-    assert {r["run_id"]: r["n"] for r in ask(tmp_path, QUERY)} == {
-        first: 50,
-        again: 5000,
-    }
+    counts = {r["run_id"]: r["n"] for r in ask(tmp_path, QUERY)}
+    assert counts == {first: 50, again: 5000}
 
 
 def test_a_full_disk_does_not_stop_questions(tmp_path):

@@ -44,17 +44,13 @@ def check(store):
 def content(store):
     """Every value in the store, but for the times of the commits."""
     with warehouse.open(store) as opened:
-        tables = {
-            view: opened.sql(f"FROM {view} ORDER BY ALL")
-            for view in ("samples", "errors")
-        }
+        views = ("samples", "errors")
+        tables = {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in views}
         tables["runs"] = opened.sql("SELECT * EXCLUDE created FROM runs ORDER BY ALL")
         return {name: table.to_pylist() for name, table in tables.items()}
 
 
-def test_killed_at_any_moment_it_is_consistent_and_can_be_completed(
-    tmp_path, processes
-):
+def test_killed_at_any_moment_it_is_consistent_and_completable(tmp_path, processes):
     rng = random.Random(7)
     calm, killed = tmp_path / "calm", tmp_path / "killed"
     last = campaign(calm)

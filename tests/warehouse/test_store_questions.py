@@ -129,8 +129,7 @@ def identified(store, serial, day, value):
         for view, each in (("parameters", row), ("errors", error))
     }
     record = {"robot": "two_link", "stage": "identified", "day": day}
-    roles = {"fit": [run]}
-    return run, commit_record(store, "models", record, tables, roles)
+    return run, commit_record(store, "models", record, tables, {"fit": [run]})
 
 
 @pytest.fixture(scope="module")
@@ -162,10 +161,8 @@ def test_two_arms_of_one_kind_are_two_and_nights_go_by_their_recording(fleet):
         assert max(abs(r["moved"]) for r in mine) < 0.1
         assert mine[1]["deviations"] == pytest.approx(mine[1]["moved"] / 0.02**0.5)
     limits = named(fleet[0], "control_limits")
-    assert {(r["serial"], r["beyond"]) for r in limits} == {
-        ("A7", False),
-        ("B18", False),
-    }
+    beyond = {(r["serial"], r["beyond"]) for r in limits}
+    assert beyond == {("A7", False), ("B18", False)}
     nights = [(r["night"], r["recorded"].day) for r in limits if r["serial"] == "A7"]
     assert nights == [(k, k) for k in range(1, 9)]
 

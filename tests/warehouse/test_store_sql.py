@@ -19,11 +19,8 @@ from warehouse.store_files import write_check_sums
 
 
 def listing(folder):
-    return {
-        p: (p.stat().st_size, p.stat().st_mtime_ns)
-        for p in folder.rglob("*")
-        if p.is_file()
-    }
+    files = {p: p.stat() for p in folder.rglob("*") if p.is_file()}
+    return {p: (stat.st_size, stat.st_mtime_ns) for p, stat in files.items()}
 
 
 @pytest.fixture(scope="module")
@@ -90,8 +87,7 @@ def test_an_id_of_digits_alone_stays_a_text(store):
         shutil.copytree(folder, folder.with_name(f"run_id={digits}"))
         path = folder.with_name(f"run_id={digits}") / "_run.parquet"
         row = pq.read_table(path)
-        changed = row.set_column(0, row.field(0), [[digits]])
-        pq.write_table(changed, path)
+        pq.write_table(row.set_column(0, row.field(0), [[digits]]), path)
         write_check_sums(path.parent)
     ids = [r["run_id"] for r in ask(store, "SELECT DISTINCT run_id FROM samples")]
     assert {"00000000000000000012", "1" * 20, "1e10".zfill(20)} < set(ids)
@@ -118,8 +114,7 @@ def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
         assert opened.sql(count).to_pylist() == [{"n": 3}]
         id = samples.commit(store, 8)
         assert opened.sql(count).to_pylist() == [{"n": 4}]
-        rows = opened.sql(f"FROM samples WHERE run_id = '{id}'")
-        assert rows.num_rows == 50
+        assert opened.sql(f"FROM samples WHERE run_id = '{id}'").num_rows == 50
         path = quarantine_run(store, id[:10], "gripper was loose")
         assert path == store / "quarantine" / f"run_id={id}.json"
         assert quarantine_run(store, id, "another reason") == path
@@ -266,10 +261,10 @@ def test_what_does_not_is_refused_in_one_line(opened, monkeypatch, query):
     store, folder = opened.path, str(opened.path).replace("'", "''")
     monkeypatch.chdir(store.parent)
     copying = f"WITH x AS (COPY (SELECT 1) TO '{folder}/samples/x.parquet') FROM x"
-    serialized = duckdb.execute("SELECT json_serialize_sql(?)", [copying]).fetchall()[
-        0
-    ][0]
-    serialized = serialized.replace("'", "'" * (4 if "query(" in query else 2))
+    answer = duckdb.execute("SELECT json_serialize_sql(?)", [copying])
+    serialized = answer.fetchall()[0][0].replace(
+        "'", "'" * (4 if "query(" in query else 2)
+    )
     before = listing(store.parent)
     with pytest.raises(InputError) as refused:
         opened.sql(query.replace("STORE", folder).replace("SERIALISED", serialized))
@@ -305,10 +300,8 @@ def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
     damage(path, how)
     with pytest.raises(InputError, match="is damaged"):
         read_run(tmp_path, id)
-    query = (
-        "SELECT run_id, sum(COLUMNS(* EXCLUDE (robot, run_id))) FROM samples "
-        "GROUP BY run_id"
-    )
+    total = "sum(COLUMNS(* EXCLUDE (robot, run_id)))"
+    query = f"SELECT run_id, {total} FROM samples GROUP BY run_id"
     with warehouse.open(tmp_path) as opened:
         for _ in range(2):
             with pytest.raises(InputError, match=f"{id}.* is damaged"):
@@ -338,9 +331,8 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
 
 
 def test_a_path_in_a_text_blames_no_file(store):
-    path = (
-        find_run(store, ask(store, "FROM runs")[0]["run_id"]).folder / "part-0.parquet"
-    )
+    run = find_run(store, ask(store, "FROM runs")[0]["run_id"])
+    path = run.folder / "part-0.parquet"
     told = str(path).replace("'", "''")
     with warehouse.open(store) as opened:
         with pytest.raises(InputError, match="Conversion Error"):

@@ -40,9 +40,7 @@ def test_a_verdict_fills_the_views(tmp_path, runs):
     }
 
 
-def test_a_finding_has_a_row_per_parameter_and_per_joint_with_its_own_value(
-    tmp_path, runs
-):
+def test_a_finding_has_a_row_per_parameter_and_joint_with_its_own_value(tmp_path, runs):
     id = samples.store_verdict(tmp_path, samples.verdict(runs[:1]), MODEL, runs)
     rows = ask(tmp_path, 'FROM effects ORDER BY "order", joints')
     assert rows == [
@@ -73,9 +71,7 @@ def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
     ("held_out", "run", "motion"),
     [((1, 3), None, "welding"), ((1, 2), None, None), ((), None, None)],
 )
-def test_errors_over_several_runs_name_none_of_them(
-    tmp_path, runs, held_out, run, motion
-):
+def test_errors_over_several_runs_name_none(tmp_path, runs, held_out, run, motion):
     logs = [runs[k] for k in held_out]
     roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
     id = samples.store_verdict(tmp_path, samples.verdict(logs), MODEL, roles)

@@ -7,12 +7,8 @@ from pathlib import Path
 from flows.storage.diagnosis import store_report
 from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as samples
-from warehouse.record_commit import (
-    ADOPTED,
-    ModelAdoption,
-    commit_adoption,
-    commit_record,
-)
+from warehouse.record_commit import ADOPTED, ModelAdoption, commit_record
+from warehouse.record_commit import commit_adoption as adopt_model
 from warehouse.store_catalogue import read_record
 from warehouse.view_schema import build_view_table
 
@@ -74,6 +70,6 @@ def alarm(run: str) -> dict:
 def adopt(store: Path, diagnosis: str, note: str = "") -> str:
     model = read_record(store, diagnosis)["model_id"]
     who = {"who": "ann", "note": note, "before": 20.0, "after": 5.6}
-    return commit_adoption(
+    return adopt_model(
         store, ModelAdoption("two_link", None, ADOPTED, model, diagnosis, None, **who)
     )

@@ -86,9 +86,7 @@ def test_every_link_opens_at_both_widths_and_nothing_goes_beyond(served, tab):
     hosts = {url.split("/")[2] for url in tab.asked.values() if "://" in url}
     assert hosts == {f"127.0.0.1:{served.running.port}"}
     # The one thing that is said is what was refused to the page of the stranger.
-    ours = [
-        said for said in tab.said if "sandbox" not in said and "connect" not in said
-    ]
+    ours = [x for x in tab.said if "sandbox" not in x and "connect" not in x]
     assert ours == []
 
 
@@ -113,7 +111,5 @@ def test_a_reader_narrows_the_index_and_the_address_keeps_it(tmp_path, tab, widt
 def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
     tab.log_in(served.running.ui, served.key)
     opened(tab, f"{served.running.pages}/report_id={served.nights.report}/report.html")
-    document = json.loads(
-        tab.wait("document.title[0] === '{' && document.title", "tried")
-    )
-    assert document == {"key": "refused", "asked": "refused"}
+    doc = json.loads(tab.wait("document.title[0] === '{' && document.title", "tried"))
+    assert doc == {"key": "refused", "asked": "refused"}

@@ -9,12 +9,8 @@ import pytest
 
 from flows.cli import main
 from flows.inbox.batches import find_new_runs, find_project_robot
-from flows.inbox.import_logs import (
-    import_inbox_logs,
-    list_inboxes,
-    list_logs,
-    strip_option_hints,
-)
+from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
+from flows.inbox.import_logs import strip_option_hints as strip_hints
 from flows.project.read import read_project
 from flows.report.store_index import list_refused_logs, read_page
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
@@ -89,8 +85,7 @@ def morning(project):
     (inbox, _) = list_inboxes(project)
     (taken,) = import_inbox_logs(inbox, list_logs(folder), lambda runs: None)
     assert taken.status == "refused"
-    verdict = samples.verdict(robot=arm.name)
-    id = diagnose(store, loads, verdict)
+    id = diagnose(store, loads, samples.verdict(robot=arm.name))
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
     commit_record(
         store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)}
@@ -155,7 +150,7 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    reason = strip_option_hints(why)
+    reason = strip_hints(why)
     assert there in reason
     assert gone not in reason
     assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)

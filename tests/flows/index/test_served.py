@@ -5,13 +5,8 @@ from html.parser import HTMLParser
 import pytest
 
 from flows.report.page import hash_script, read_page_script
-from flows.service.access_guard import (
-    MADE,
-    STORED,
-    Guard,
-    add_security_headers,
-    add_store_pages,
-)
+from flows.service.access_guard import MADE, STORED, Guard, add_store_pages
+from flows.service.access_guard import add_security_headers as add_headers
 from tests.flows.asgi import OURS, SECRET, answer, origin, prefect, scope, signed
 from tests.flows.index.stores import STORED as PAGE
 from tests.flows.index.stores import fill
@@ -34,9 +29,7 @@ class Attributes(HTMLParser):
 
 @pytest.fixture
 def app(nights):
-    return Guard(
-        add_security_headers(add_store_pages(prefect, OURS, nights.store)), OURS
-    )
+    return Guard(add_headers(add_store_pages(prefect, OURS, nights.store)), OURS)
 
 
 def get(app, path: str, *given, **more):
@@ -105,7 +98,7 @@ def test_an_application_behind_the_guard_chooses_none_but_known_policies(nights)
 
     ((_, given),) = [
         (k, v)
-        for k, v in answer(add_security_headers(loose), scope(path="/"))[0]["headers"]
+        for k, v in answer(add_headers(loose), scope(path="/"))[0]["headers"]
         if k == b"content-security-policy"
     ]
     assert b"*" not in given

@@ -6,11 +6,8 @@ from types import SimpleNamespace
 
 import pytest
 
-from flows.project.deployments import (
-    build_deployments,
-    find_inbox_deployment,
-    list_nightly_deployments,
-)
+from flows.project.deployments import build_deployments, find_inbox_deployment
+from flows.project.deployments import list_nightly_deployments as nightly_deployments
 from flows.project.read import read_current_project, read_project
 from flows.service import api
 from flows.service.state import ServiceRequest
@@ -61,7 +58,7 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
     assert set(deployed["alarm"]["triggers"][0]["parameters"]) == {"runs", "good"}
     assert deployed["inbox"]["schedules"][0]["cron"] == "*/5 * * * *"
     assert find_inbox_deployment(project) == "inbox/inbox"
-    assert list_nightly_deployments(project) == ("diagnose-new/cell", "nightly/trial")
+    assert nightly_deployments(project) == ("diagnose-new/cell", "nightly/trial")
 
 
 def test_a_simulated_robot_runs_its_campaign(project):
@@ -75,15 +72,14 @@ def test_the_night_of_the_built_in_arm_is_not_that_of_a_project(project):
     own, program = by_name(project), by_name(None)
     assert "nightly" in program
     assert set(program) - set(own) == {"nightly"}
-    assert list_nightly_deployments(None) == ("nightly/nightly",)
+    assert nightly_deployments(None) == ("nightly/nightly",)
     assert find_inbox_deployment(None) is None
 
 
 def test_every_entrypoint_of_a_project_is_a_flow(project):
     for each in build_deployments(project)["deployments"]:
         module, _, name = each["entrypoint"].rpartition(".")
-        text = (ROOT / f"{module.replace('.', '/')}.py").read_text()
-        body = ast.parse(text).body
+        body = ast.parse((ROOT / f"{module.replace('.', '/')}.py").read_text()).body
         defined = {n.name for n in body if isinstance(n, ast.FunctionDef)}
         targets = (t for n in body if isinstance(n, ast.Assign) for t in n.targets)
         defined |= {target.id for target in targets if isinstance(target, ast.Name)}

@@ -55,11 +55,8 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
     text = re.sub(r"@([A-Z]+)@", "", _TEMPLATE.read_text())
     parts = re.split(r"^(?:# )?\[\[?(\w+)\]?\]", text, flags=re.M)
     sections = dict(zip(["", *parts[1::2]], parts[::2], strict=True))
-    kinds = {
-        "": tables.ProjectTable,
-        "robot": tables.RobotTable,
-        "inbox": tables.InboxTable,
-    }
+    kinds = {"": tables.ProjectTable, "robot": tables.RobotTable}
+    kinds["inbox"] = tables.InboxTable
     own = {"robot", "inbox"}
     for name, kind in kinds.items():
         defaults = dict(

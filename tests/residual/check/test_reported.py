@@ -46,11 +46,9 @@ def test_currents_are_told_with_the_factor_of_each_joint(example, loaded):
 def test_currents_are_mended_by_the_constants_of_the_robot_file():
     robot, logs = clean_logs("irb140")
     amperes = edited(logs, tau=times(1 / CONSTANTS))
-    known = replace(robot, torque_per_unit=CONSTANTS)
-    (fault,) = check_logs(known, amperes).faults
-    assert fault.repairs == (
-        Repair("tau", (1, 2, 3, 4, 5, 6), scale=tuple(CONSTANTS.tolist())),
-    )
+    (fault,) = check_logs(replace(robot, torque_per_unit=CONSTANTS), amperes).faults
+    scale = tuple(CONSTANTS.tolist())
+    assert fault.repairs == (Repair("tau", (1, 2, 3, 4, 5, 6), scale=scale),)
 
 
 @pytest.mark.parametrize("factor", [10.1972, 1 / 12])
@@ -148,13 +146,11 @@ def negative(model):
     model.inertias[2] = pin.Inertia.FromDynamicParameters(parameters)
 
 
-def in_millimetres_per_second_squared(model):
+def in_mm_per_s2(model):
     model.gravity.linear = np.array([0, 0, -9810.0])
 
 
-@pytest.mark.parametrize(
-    "change", [grams, millimetres, negative, in_millimetres_per_second_squared]
-)
+@pytest.mark.parametrize("change", [grams, millimetres, negative, in_mm_per_s2])
 def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     robot, logs = clean_logs("irb140")
     model = pin.Model(robot.model)

@@ -8,11 +8,8 @@ import pytest
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.check.check import check_logs
-from residual.check.kinematics import (
-    find_time_unit,
-    find_uneven_time_steps,
-    find_velocity_faults,
-)
+from residual.check.kinematics import find_time_unit, find_velocity_faults
+from residual.check.kinematics import find_uneven_time_steps as uneven_time_steps
 from residual.check.result import Repair
 from residual.check.sample_faults import find_frozen_signals
 from residual.errors import InputError
@@ -37,10 +34,8 @@ def test_a_spike_of_any_size_is_found_with_its_joint_and_log(size):
     logs = plain_logs(arm(), [0, 1], 0.0, count=2)
     tau = np.array(logs[1].tau)
     tau[400, 1] = size
-    report = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
-    assert [(f.kind, f.joints, f.log) for f in report.faults] == [
-        ("spike", (2,), "log1")
-    ]
+    page = check_logs(arm(), [logs[0], replace(logs[1], tau=tau)])
+    assert [(f.kind, f.joints, f.log) for f in page.faults] == [("spike", (2,), "log1")]
 
 
 def test_noise_and_friction_are_no_fault_and_no_log_is_an_error():
@@ -92,16 +87,14 @@ def test_what_stands_is_said_with_its_joint(signal, change, said):
 
 def test_an_encoder_that_wraps_is_not_taken_for_degrees():
     robot, logs = clean_logs("small")
-    damaged = edited(
-        logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)])
-    )
-    faults = check_logs(robot, damaged).faults
+    bad = edited(logs, q=lambda q: np.column_stack([q[:, 0], q[:, 1:] % (2 * np.pi)]))
+    faults = check_logs(robot, bad).faults
     assert {(f.kind, f.certain) for f in faults} == {("out_of_range", True)}
     assert set(faults[0].joints) <= {2, 3}
     (repair,) = faults[0].repairs
     assert (repair.signal, repair.unwrap) == ("q", True)
     signal = replace(build_default_signal("q", 3), unwrap=True)
-    for own, log in zip(logs, damaged, strict=True):
+    for own, log in zip(logs, bad, strict=True):
         mended = convert_to_link_side("q", log.q, signal, robot)
         turns = (mended - own.q) / (2 * np.pi)  # the first sample may be a turn off
         assert np.ptp(turns, axis=0).max() < 1e-9
@@ -133,9 +126,7 @@ def with_velocity(logs):
         ({"t": times(2)}, "time_unit", (), Repair("t", scale=0.5)),
     ],
 )
-def test_another_velocity_is_certain_and_comes_with_its_repair(
-    changes, kind, joints, repair
-):
+def test_another_velocity_is_certain_and_has_its_repair(changes, kind, joints, repair):
     _, logs = clean_logs("small")
     (fault,) = find_velocity_faults(edited(with_velocity(logs), **changes))
     assert (fault.kind, fault.joints, fault.certain) == (kind, joints, True)
@@ -156,12 +147,10 @@ def test_gaps_and_uneven_steps_are_said():
     rng = np.random.default_rng(2)
     step = np.median(np.diff(log.t))
     late = log.t + np.where(np.arange(len(log.t)) > 700, 0.5, 0.0)
-    uneven_steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
-    assert find_uneven_time_steps(log) == []
-    assert [f.kind for f in find_uneven_time_steps(replace(log, t=late))] == ["clock"]
-    assert [f.kind for f in find_uneven_time_steps(replace(log, t=uneven_steps))] == [
-        "clock"
-    ]
+    steps = log.t + step * rng.uniform(0, 0.9, len(log.t))
+    assert uneven_time_steps(log) == []
+    assert [f.kind for f in uneven_time_steps(replace(log, t=late))] == ["clock"]
+    assert [f.kind for f in uneven_time_steps(replace(log, t=steps))] == ["clock"]
 
 
 def dead(log, joint):
@@ -174,9 +163,8 @@ def dead(log, joint):
 def test_an_angle_that_never_changes_while_its_torque_moves_is_told(joint):
     robot, logs = clean_logs("irb140")
     faults = check_logs(robot, [dead(logs[0], joint), *logs[1:]]).faults
-    assert [(f.kind, f.joints, f.log) for f in faults] == [
-        ("constant", (joint,), logs[0].id)
-    ]
+    (fault,) = faults
+    assert (fault.kind, fault.joints, fault.log) == ("constant", (joint,), logs[0].id)
     assert "columns of q in --map" in faults[0].evidence
 
 
@@ -204,8 +192,7 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
         )
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
-        still = replace(motion, q=q, qd=qd, qdd=qdd)
-        tau = true_torque(plant, still, family).tau
+        tau = true_torque(plant, replace(motion, q=q, qd=qd, qdd=qdd), family).tau
         noise = draw_torque_noise(
             len(tau),
             estimate_typical_sizes(robot).torque,

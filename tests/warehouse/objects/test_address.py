@@ -51,9 +51,7 @@ def test_an_address_is_a_bucket_and_a_prefix(word, address):
         "s3://robots/a?x=1",
     ],
 )
-def test_any_other_scheme_or_form_is_refused_and_no_folder_is_made(
-    word, tmp_path, monkeypatch
-):
+def test_any_other_scheme_is_refused_and_no_folder_is_made(word, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     with pytest.raises(InputError, match=r"xpected|may have"):
         resolve_store_folder(word)

@@ -42,11 +42,10 @@ def began(store):
 
 def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
     more = fill(store, 2, 3)
-    other = folder_for(memory, tmp_path / "cache" / "other")
-    assert listed(other) == began | more
+    assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began | more
 
 
-def test_of_two_that_join_at_once_no_record_is_lost(
+def test_of_two_that_join_no_record_is_lost(
     store, memory, began, tmp_path, monkeypatch
 ):
     monkeypatch.setattr(store_catalogue, "_SPARE", 0)
@@ -81,9 +80,7 @@ def test_the_whole_index_may_be_deleted_or_damaged(store, memory, began, tmp_pat
     assert row_count(memory, tmp_path) == 3
 
 
-def test_rows_of_another_version_are_read_from_their_records(
-    store, memory, began, tmp_path
-):
+def test_rows_of_another_version_are_read_from_records(store, memory, began, tmp_path):
     path = tmp_path / "runs.parquet"
     path.write_bytes(memory.get("_index/runs.parquet"))
     pq.write_table(pq.read_table(path).drop_columns(["seed"]), path)

@@ -38,9 +38,7 @@ def keys(bucket, prefix=""):
     return bucket.keys(prefix)
 
 
-def test_a_run_has_the_id_and_the_bytes_that_it_has_in_a_folder(
-    store, memory, tmp_path
-):
+def test_a_run_has_id_and_the_bytes_that_it_has_in_a_folder(store, memory, tmp_path):
     here, there = samples.commit(tmp_path / "folder", 3), samples.commit(store, 3)
     assert there == here
     folder = find_record(tmp_path / "folder", here).folder
@@ -184,13 +182,10 @@ def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
     assert sorted(list_record_folders(store, "adoptions")) == ["000001", "000002"]
 
 
-def test_another_store_at_the_same_address_is_not_taken_for_the_first(
-    store, memory, tmp_path
-):
+def test_another_store_at_same_address_is_not_taken_for_first(store, memory, tmp_path):
     run = samples.commit(store)
     memory.delete(keys(memory))
-    place = folder_for(memory, store)
-    assert not place.is_dir()
+    assert not folder_for(memory, store).is_dir()
     remote_store.close_buckets()
     folder_for(memory, store)
     new = samples.commit(store, 7)
