@@ -12,7 +12,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from types import SimpleNamespace
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
@@ -70,7 +69,7 @@ class Figure:
         if self.value is None:  # the direction of the bar is not recorded
             sign = ""
         text = f"{low} to {high}" if "low" in entry else sign + high
-        return text + {False: " **missed**", None: " –"}.get(entry["ok"], "")
+        return text + {False: " **missed**", None: " *undecided*"}.get(entry["ok"], "")
 
     @property
     def interval(self) -> str:
@@ -117,19 +116,16 @@ def page() -> str:
 
 def readme_table() -> str:
     """Return the table of results of the README, between its two comments."""
-    every = {
-        name: SimpleNamespace(**{k: f for k, (_, f) in figures(name, content).items()})
-        for name, content in results().items()
-    }
+    every = {name: figures(name, content) for name, content in results().items()}
     shared, used = descriptions()["page"], {}
-    rows = [("tested on", "result", "target"), ("---", "---", "---")]
+    rows = [("tested on", "counted", "result", "bar"), ("---",) * 4]
     for row in shared["readme"]:
-        pairs = [key.split(".") for key in row["bars"]]
-        used |= {file: results()[file] for file, _ in pairs}
-        bars = "; ".join(getattr(every[file], key).bar for file, key in pairs)
-        rows.append((row["on"], row["figure"].format(**every), bars))
+        file, key = row["figure"].split(".")
+        used[file] = results()[file]
+        shown = every[file][key][1]
+        rows.append((row["on"], row["counted"], str(shown), shown.bar))
     origin = "; ".join(f"{k} ({_origin(k, v)})" for k, v in used.items())
-    oks = [f.entry["ok"] for file in every.values() for f in vars(file).values()]
+    oks = [f.entry["ok"] for file in every.values() for _, f in file.values()]
     missed, met = oks.count(False), oks.count(True)
     below = shared["below"].format(missed=missed, all=missed + met, origin=origin)
     return FENCES[0] + _table(rows) + below + FENCES[1]
