@@ -4,7 +4,7 @@
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 154101:154103 decide and are used for nothing else; 1 to 99 are for development.
+Seeds 155101:155103 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are in minimum detectable ones, as the diagnosis states them for an arm with
 nothing hidden in the same motions.
 """
@@ -36,7 +36,7 @@ from benchmarks.harness.shell import run_command
 from benchmarks.synthetic.logs import standard_case
 from residual.robot.robot import load_robot
 
-_SEEDS = "154101:154103"
+_SEEDS = "155101:155103"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 

@@ -158,7 +158,7 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
     path.write_text("[trajectory]\nduration = 2.0\n[grid]\nseed = [1, 2, 3]\n")
     ids = flows.campaign(str(path), store=str(stores[0]))
     monkeypatch.setenv(RUNNER, "dask")
-    by_dask = flows.campaign.with_options(task_runner=flows.tasks.task_runner())
+    by_dask = flows.campaign.with_options(task_runner=flows.tasks.choose_task_runner())
     assert by_dask(str(path), store=str(stores[1])) == ids
     assert len(ids) == 3
     for id in ids:

@@ -78,7 +78,8 @@ def test_it_says_its_commit_and_diagnoses(clone, program, tmp_path):
     head = _run("git", "rev-parse", "HEAD", cwd=clone).strip()
     version = _run(program, "--version", cwd=tmp_path).strip()
     assert re.fullmatch(rf"\S+ \(commit {head[:12]}\)", version)
-    assert "hides from its model" in _run(program, "demo", "--help", cwd=tmp_path)
+    help_text = _run(program, "demo", "--help", cwd=tmp_path)
+    assert "hidden effect of a simulated arm" in help_text
     own = ROOT / "examples" / "own_robot"
     logs = [own / f"{day}.csv" for day in ("monday", "tuesday", "thursday")]
     options = ("--robot", own / "arm", "--map", own / "COLUMNS.toml")

@@ -183,7 +183,7 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
     capsys.readouterr()
     assert main(["inbox", "--once"]) == 0
     output = capsys.readouterr().out
-    assert "4 of 4 new runs alarm" in output
+    assert "alarms in 4 of 4 new runs" in output
     assert "lacks a payload at the flange" in output
     assert "(4 new runs against 8 healthy runs)" in output
     with open_store(project.store) as opened:
