@@ -16,7 +16,7 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.effects.base import State
-from residual.model.model import Model, format_model_file
+from residual.model.model import Model
 from residual.quantity import check_rows, convert_to_plain_values
 from residual.recording import Array, Recording
 from residual.signals.track import Track, build_tracks, interpolate_torque
@@ -297,7 +297,7 @@ class CorrectedModel:
 
     def save(self, path: str | Path) -> None:
         """Write model and tables into a JSON file, which ``load_model`` reads."""
-        Path(path).write_text(format_model_file(self.to_record(), self.model.robot))
+        Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
 
     @classmethod
     def from_record(cls, record: Mapping) -> "CorrectedModel":

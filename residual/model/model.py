@@ -404,9 +404,12 @@ class Model:
     def to_record(self) -> dict:
         """The whole model as plain values: it is read back without any file."""
         floor = self.speed_floor
+        robot = {k: getattr(self.robot, k) for k in ("name", "urdf", "toml")}
+        if self.robot.locked:
+            robot["locked"] = dict(self.robot.locked)
         return {
             "form": FORM,
-            "robot": {k: getattr(self.robot, k) for k in ("name", "urdf", "toml")},
+            "robot": robot,
             "inertial": self.inertial.tolist(),
             "terms": [t.to_record() for t in self.terms],
             "background": [t.to_record() for t in self.tables],
@@ -442,14 +445,7 @@ class Model:
 
     def save(self, path: str | Path) -> None:
         """Write the model into a JSON file, which ``load_model`` reads."""
-        Path(path).write_text(format_model_file(self.to_record(), self.robot))
-
-
-def format_model_file(record: Mapping, robot: Robot) -> str:
-    """Return the record of a model as the text of a file, with the locked joints."""
-    if robot.locked:
-        record = {**record, "robot": record["robot"] | {"locked": dict(robot.locked)}}
-    return json.dumps(record, allow_nan=False) + "\n"
+        Path(path).write_text(json.dumps(self.to_record(), allow_nan=False) + "\n")
 
 
 def _robot_of(record: Mapping) -> Robot:

@@ -11,7 +11,7 @@ import tomli_w
 from residual.effects.base import EffectTrait
 from residual.errors import InputError, check_nesting
 from residual.model.lookup import AnyModel, CorrectedModel
-from residual.model.model import Model, Term, format_model_file
+from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import write_urdf_with_inertias
 from residual.signals.track import CHOICES
@@ -83,7 +83,7 @@ _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, Valu
 
 def format_model(model: AnyModel) -> str:
     """Return a model as the text of a file, which ``load_model`` reads."""
-    return format_model_file(model.to_record(), getattr(model, "model", model).robot)
+    return json.dumps(model.to_record(), allow_nan=False) + "\n"
 
 
 def model_from_record(record: Mapping) -> AnyModel:
