@@ -9,6 +9,7 @@ direction.
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from threading import Lock
 
 import numpy as np
 import pinocchio as pin
@@ -182,7 +183,11 @@ def compute_body_evidence(robot: Robot, motion: CheckMotion) -> float:
     return _gravity_fit(robot, motion, np.asarray(robot.model.gravity.linear)).nats
 
 
-@cached(LRUCache(32), key=lambda robot, g: build_motion_key(robot, np.array(g, float)))
+@cached(
+    LRUCache(32),
+    key=lambda robot, g: build_motion_key(robot, np.array(g, float)),
+    lock=Lock(),
+)
 def copy_with_gravity(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
     """Return the arm under another gravity [m/s^2]. (3,)."""
     model = pin.Model(robot.model)

@@ -8,6 +8,7 @@ explain more than all of these can.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from threading import Lock
 
 import numpy as np
 from cachetools import LRUCache, cached
@@ -101,13 +102,17 @@ class PriorColumns:
     rows: Array  # rows that are used. Shape of all rows, bool
 
 
-# Many readings of a log, and directions of gravity, look at the same motion.
+# Many readings of a log, and directions of gravity, look at the same motion. A cache
+# does not guard itself, and the steps of a night run in threads.
 _TORQUES: LRUCache = LRUCache(128)
+_LOCK = Lock()
 
 
 def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> Array:
     """Return the torque of the robot file [N m]. Shape (n, dof)."""
-    known = _TORQUES.get(build_motion_key(robot, motion.q, motion.qd, motion.qdd))
+    key = build_motion_key(robot, motion.q, motion.qd, motion.qdd)
+    with _LOCK:
+        known = _TORQUES.get(key)
     return _inertial_columns(robot, motion)[1] if known is None else known
 
 
@@ -116,7 +121,8 @@ def _inertial_columns(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
     parts = motion.q, motion.qd, motion.qdd
     y = compute_inertial_regressor(robot.model, *parts)
     torque = make_read_only(y @ read_inertial_parameters(robot.model))
-    _TORQUES[build_motion_key(robot, *parts)] = torque
+    with _LOCK:
+        _TORQUES[build_motion_key(robot, *parts)] = torque
     return y, torque
 
 
@@ -177,13 +183,13 @@ def _mass(robot: Robot) -> float:
     return sum(body.mass for body in list(robot.model.inertias)[1:])
 
 
-@cached(LRUCache(64), key=build_motion_key)
+@cached(LRUCache(64), key=build_motion_key, lock=Lock())
 def _tilt_torque(robot: Robot, q: Array, direction: Array) -> Array:
     """Torques that hold the arm in a field of gravity. Shape (n, dof)."""
     return compute_gravity_torque(robot.model, q, direction)
 
 
-@cached(LRUCache(64), key=build_motion_key)
+@cached(LRUCache(64), key=build_motion_key, lock=Lock())
 def _pull_torques(robot: Robot, q: Array) -> Array:
     """Torques of a force of 1 N on the flange along each axis. Shape (n, dof, 3)."""
     return compute_flange_jacobian(robot.model, q)[:, :3].transpose(0, 2, 1)

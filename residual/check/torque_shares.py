@@ -14,6 +14,7 @@ noise of its sensor, and what no model has.
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from threading import Lock
 
 import numpy as np
 from cachetools import LRUCache, cached
@@ -118,7 +119,11 @@ def _joint(
 
 
 # Changes of the arm, and of the columns of other joints, leave these rows as they are.
-@cached(LRUCache(256), key=lambda spread, *rows: (spread, *(x.tobytes() for x in rows)))
+@cached(
+    LRUCache(256),
+    key=lambda spread, *rows: (spread, *(x.tobytes() for x in rows)),
+    lock=Lock(),
+)
 def _fit_friction(
     spread: float, tau: Array, qd: Array, qdd: Array
 ) -> tuple[Array, float]:

@@ -8,6 +8,8 @@ The derivatives are those of the recursive Newton-Euler algorithm (Carpentier an
 Mansard 2018, as Pinocchio has them), computed once per log.
 """
 
+from threading import Lock
+
 import numpy as np
 import pinocchio as pin
 from cachetools import LRUCache, cached
@@ -29,7 +31,7 @@ def _key(state: State) -> tuple:
     return *build_motion_key(state.robot, state.q, state.qd, state.qdd), own
 
 
-@cached(LRUCache(KEPT, getsizeof=lambda slopes: slopes.nbytes), key=_key)
+@cached(LRUCache(KEPT, getsizeof=lambda slopes: slopes.nbytes), key=_key, lock=Lock())
 def compute_torque_derivatives(state: State) -> Array:
     """Derivatives of the rigid torque to q, qd and qdd. Shape (3, n, dof, dof).
 

@@ -13,6 +13,7 @@ Y pi = Y_b theta_b,    theta_b = K pi,    Y_b = Y[:, columns],    K[:, columns] 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from threading import Lock
 
 import numpy as np
 import pinocchio as pin
@@ -302,6 +303,7 @@ def build_motion_key(robot: Robot, *motion: Array) -> tuple:
 @cached(
     LRUCache(KEPT, getsizeof=lambda blocks: sum(x.nbytes for x in blocks)),
     key=lambda lazy: build_motion_key(lazy.robot, *lazy.motion),
+    lock=Lock(),
 )
 def _kept_links(lazy: LazyRegressor) -> tuple[Array, ...]:
     return lazy._by_link()
