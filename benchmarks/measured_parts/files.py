@@ -3,7 +3,7 @@
 A file is read if it is an arm or names its arms, one of which is then taken; files that
 are no arm must be refused with an InputError. It is right if the torque at random
 states equals that of Pinocchio's own reading of the file, of the same joints, with the
-others at zero.
+others at zero, or where the robot is locked if its limits exclude zero.
 """
 
 from importlib.util import find_spec
@@ -81,12 +81,17 @@ def _is_right(path: Path, robot: Robot) -> bool:
     if not all(whole.existJointName(name) for name in names):
         return False
     joints = [whole.joints[whole.getJointId(name)] for name in names]
+    rest = pin.neutral(whole)
+    for name, angle in robot.locked.items():
+        joint = whole.joints[whole.getJointId(name)]
+        if joint.nq == 1:  # continuous joints rest at zero
+            rest[joint.idx_q] = angle
     data, other = whole.createData(), robot.model.createData()
     whole.gravity = robot.model.gravity
     rng, worst, largest = np.random.default_rng(0), 0, 0
     for _ in range(_STATES):
         q, v, a = rng.uniform(-1, 1, (3, robot.dof))
-        full = [pin.neutral(whole), np.zeros(whole.nv), np.zeros(whole.nv)]
+        full = [rest.copy(), np.zeros(whole.nv), np.zeros(whole.nv)]
         for k, joint in enumerate(joints):
             if joint.nq == 2:  # a continuous joint by cosine and sine
                 full[0][joint.idx_q : joint.idx_q + 2] = np.cos(q[k]), np.sin(q[k])

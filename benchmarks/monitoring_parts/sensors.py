@@ -50,7 +50,7 @@ class Case:
 
 def sensor_figures(quick: bool) -> Figures:
     """Measure shares found in time and named, and false alarms per hour."""
-    arms = (41,) if quick else (41, 42, 43)
+    arms = (61,) if quick else (61, 62, 63)
     healthy, faulty = (2, 1) if quick else (5, 3)  # of each family, and of each fault
     context = multiprocessing.get_context("spawn")
     rows, alarms, hours = [], 0, 0.0
@@ -74,6 +74,7 @@ def sensor_figures(quick: bool) -> Figures:
             ):
                 found = monitor.watch(log)
                 alarms += sum(a.time < onset for a in found)
+                hours += (onset - log.t[0]) / 3600
                 first = next((a for a in found if a.time >= onset), None)
                 sensor = "encoder" if case.fault in ENCODERS else "torque"
                 limit = FAULTS[case.fault][2]

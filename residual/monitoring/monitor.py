@@ -304,7 +304,8 @@ def calibrate_monitor(
     limits = np.array(
         [fit_score_limits(own, probability) for own in zip(*peaks, strict=True)]
     )
-    limits[BIAS:] *= MONITOR.wider
+    limits[BIAS:SCALE] *= MONITOR.wider_bias
+    limits[SCALE:] *= MONITOR.wider_motion
     # A reading without noise rests while its joint does, however long that is.
     limits[STILL, limits[STILL] > MONITOR.still * rate] = np.inf
     return Monitor(
