@@ -52,7 +52,8 @@ class Figure:
             return f"{_number(self.hits)} of {_number(self.n)}"
         if self.unit == "share":
             return f"{self.hits} of {self.n} ({_number(100 * self.hits / self.n)} %)"
-        return f"{_number(self.value)} {self.unit}".strip()
+        repeats = f" (n = {_number(self.n)})" if self.n > 1 else ""
+        return f"{_number(self.value)} {self.unit}".strip() + repeats
 
     @property
     def bar(self) -> str:
@@ -85,13 +86,9 @@ def descriptions() -> dict[str, dict]:
         path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
         for path in (ROOT / "benchmarks" / "words").glob("*.toml")
     }
-    # Several programs have the same figures, which are described once.
     for text in texts.values():
-        text["figures"] = {
-            f"{program}_{key}": entry | {"is": f"{title}: {entry['is']}"}
-            for program, title in text.get("programs", {}).items()
-            for key, entry in text["of_each"].items()
-        } | text.get("figures", {})
+        # The value of each program on one case: a pattern of the key, and a title.
+        text.setdefault("columns", {"{}": "value"})
     return texts
 
 
@@ -102,11 +99,19 @@ def results() -> dict[str, dict]:
 
 
 def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
-    texts = descriptions()[name]["figures"]
+    """Return all figures of a results file with their descriptions."""
+    text = descriptions()[name]
     return {
-        key: (texts[key]["is"], Figure(content["figures"][key], texts[key]["unit"]))
-        for key in sorted(content["figures"], key=list(texts).index)
+        full: (entry["is"], Figure(content["figures"][full], entry["unit"]))
+        for key, entry in text["figures"].items()
+        for full in dict.fromkeys([*_keys(text, key), key])
+        if full in content["figures"]
     }
+
+
+def _keys(text: Mapping, key: str) -> list[str]:
+    """Return the names of one figure of each program."""
+    return [pattern.format(key) for pattern in text["columns"]]
 
 
 def page() -> str:
@@ -139,11 +144,18 @@ def main() -> int:
 
 
 def _section(name: str, content: Mapping) -> str:
-    text = descriptions()[name]
-    rows = [("what", "value", "n", "bar", "95 %"), ("---", "---", "---:", "---", "---")]
-    for description, entry in figures(name, content).values():
-        cells = (str(entry), _number(entry.n), entry.bar, entry.interval)
-        rows.append((description, *cells))
+    text, entries = descriptions()[name], figures(name, content)
+    titles = tuple(text["columns"].values())
+    rows = [("what", *titles, "bar", "95 %"), ("---",) * (len(titles) + 3)]
+    for key, entry in text["figures"].items():
+        keys = _keys(text, key)
+        shown = [k for k in (*keys, key) if k in entries]
+        if shown:
+            cells = [str(entries[k][1]) if k in entries else "" for k in keys]
+            if key not in keys:  # not of any program
+                cells[0] = cells[0] or str(entries[shown[0]][1])
+            figure = entries[shown[0]][1]
+            rows.append((entry["is"], *cells, figure.bar, figure.interval))
     file = f"benchmarks/results/{name}.json"
     facts = (
         f"`results/{name}.json`: {_origin(name, content)}, {content['cores']} cores "

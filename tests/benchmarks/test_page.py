@@ -38,8 +38,8 @@ def _figure(unit="", **entry):
         (_figure("share", value=0.125), "25 of 200 (12.5 %)"),
         (_figure("share", value=25), "25 of 200 (12.5 %)"),
         (_figure("count", value=0), "0 of 200"),
-        (_figure("N m", value=3.1e-14), "3.1e-14 N m"),
-        (_figure("", value=13379700.0), "13 400 000"),
+        (_figure("N m", value=3.1e-14, n=1), "3.1e-14 N m"),
+        (_figure("", value=13379700.0), "13 400 000 (n = 200)"),
         (_figure("s", value=None), "not measured"),
     ],
 )

@@ -102,7 +102,7 @@ def test_figures_are_described_and_the_table_has_intervals():
     row = judge.compare(TRUTHS["none"], Answer((), False)) | {"seconds": 1.0}
     rows = {program: [row, {"error": "x"}] for program in bars.TITLES}
     figures = bars.all_figures(rows)
-    assert set(page.descriptions()["peers"]["figures"]) == set(figures)
+    assert set(page.figures("peers", {"figures": figures})) == set(figures)
     assert figures["ours_exact_name"]["value"] == 1.0
     assert figures["crashes"]["value"] == 3
     (_, line, *_) = bars.table(rows)["rows"]
