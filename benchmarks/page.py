@@ -116,7 +116,12 @@ def _keys(text: Mapping, key: str) -> list[str]:
 
 def page() -> str:
     sections = [_section(name, content) for name, content in results().items()]
-    return "\n".join([descriptions()["page"]["head"].lstrip(), *sections])
+    machines = dict.fromkeys(
+        f"{content['cores']} cores ({content['machine']}), Python {content['python']}"
+        for content in results().values()
+    )
+    head = descriptions()["page"]["head"].format(machines="; ".join(machines))
+    return "\n".join([head.lstrip(), *sections])
 
 
 def readme_table() -> str:
@@ -156,12 +161,7 @@ def _section(name: str, content: Mapping) -> str:
                 cells[0] = cells[0] or str(entries[shown[0]][1])
             figure = entries[shown[0]][1]
             rows.append((entry["is"], *cells, figure.bar, figure.interval))
-    file = f"benchmarks/results/{name}.json"
-    facts = (
-        f"`results/{name}.json`: {_origin(name, content)}, {content['cores']} cores "
-        f"({content['machine']}), Python {content['python']}; "
-        f"`python {' '.join(PLAN[name])} --full-json {file}`"
-    )
+    facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]
     for table in content.get("tables", ()):
         head, *lines = map(tuple, table["rows"])
