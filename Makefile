@@ -7,12 +7,12 @@ UV_LOCK := uv pip compile --no-config --quiet --no-header --generate-hashes \
 	--universal --python-version 3.11 --group build $(UPGRADE) pyproject.toml
 
 help:
-	@echo "make demo    find an effect that a model was not told of; writes a report"
+	@echo "make demo    find an effect that a model lacks; writes a report"
 	@echo "make docs    the pages as a site in site/, offline, links checked"
-	@echo "make test    what every change must pass (ARGS='-k signals -x' for some)"
-	@echo "make test-all  that and what is thorough and slow: more cases, pages, browser, installation"
-	@echo "make bench   every figure of the README and docs anew, on one commit; up to three"
-	@echo "             hours (QUICK=1: ten minutes; said again, it goes on where it was)"
+	@echo "make test    the checks of every change (ARGS='-k signals -x' for some)"
+	@echo "make test-all  these and the slow ones: more cases, pages, browser, installation"
+	@echo "make bench   measure every figure of README and docs on one commit; up to three"
+	@echo "             hours (QUICK=1: ten minutes); an interrupted run continues"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
 	@echo "make audit   known vulnerabilities of the locked packages; needs pip-audit, network"
 	@echo "make lint    style, format, import directions"
