@@ -10,8 +10,9 @@ an interrupted one continues where it stopped (store/benchmarks): repeat the com
 the end benchmarks/page.py writes docs/benchmarks.md and the table of the README. A
 quick run writes no result. Measured logs are read from $MODELGAP_DATA (else
 ../shared/data), robot files also from the package example-robot-data (pip install
---no-deps example-robot-data); without them these figures are not measured. The last line of a benchmark is one JSON object. Exit code
-1: a bar is missed; 2: a benchmark failed.
+--no-deps example-robot-data); without them these figures are not measured. The last
+line of a benchmark is one JSON object. Exit code 1: a bar is missed; 2: a benchmark
+failed.
 """
 
 import argparse
