@@ -326,7 +326,7 @@ def test_no_parameter_is_a_bag_of_unlike_things():
     for path in _modules().values():
         aliases = {
             target.id: node.value
-            for node in ast.parse(path.read_text(encoding="utf-8")).body
+            for node in _nodes(path)[0].body
             if isinstance(node, ast.Assign)
             for target in node.targets
             if isinstance(target, ast.Name)

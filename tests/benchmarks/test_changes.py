@@ -12,7 +12,7 @@ from residual.robot.dynamics import compute_inverse_dynamics as inverse_dynamics
 
 
 def test_a_change_has_its_size_in_the_recorded_logs_and_is_drawn_again_alike():
-    slot = draw.Slot(draw.CHANGE, 1, 0, 0.10)
+    slot = draw.Slot(draw.CHANGE, 1, 2, 0.10)  # two logs on each side
     case, logs = answers.record(slot)
     assert draw.draw(slot) == case
     model = arms.true_model(case)

@@ -22,20 +22,21 @@ from tests.sim.plant_cases import ROBOT
 SPEED = 0.2  # rad/s
 
 
-def slow(seed: int = 1, duration: float = 10.0, rate: float = 100.0):
-    rows = draw_slow_coefficients(ROBOT, duration, SPEED, make_rng(seed, "slow"))
-    spec = TrajectorySpec("fourier", duration, 1, seed, rows)
-    return plan_motion(ROBOT, spec, rate)
+@pytest.fixture(scope="module")
+def stages():
+    """A motion that creeps, and one with stops that comes later."""
+    rows = draw_slow_coefficients(ROBOT, 10.0, SPEED, make_rng(1, "slow"))
+    slow = plan_motion(ROBOT, TrajectorySpec("fourier", 10.0, 1, 1, rows), 100.0)
+    stops = plan_motion(ROBOT, TrajectorySpec("move_stop_move", 10.0, seed=1), 100.0)
+    return [Stage.of(ROBOT, slow), Stage.of(ROBOT, stops, 30.0)]
 
 
 @pytest.mark.parametrize("name", list_drawable_effects()[::4])
-def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name):
-    stops = plan_motion(ROBOT, TrajectorySpec("move_stop_move", 10.0, seed=1), 100.0)
-    creeps, hurries = Stage.of(ROBOT, slow()), Stage.of(ROBOT, stops, 30.0)
-    hidden = draw_visible(ROBOT, make_rng(0, "hidden"), [creeps, hurries], name)
+def test_whatever_is_drawn_is_five_per_cent_of_a_joint_that_moves(name, stages):
+    hidden = draw_visible(ROBOT, make_rng(0, "hidden"), stages, name)
     check_effect(hidden, ROBOT)
     assert hidden.name == name
-    assert share(ROBOT, hidden, [creeps, hurries]) >= VISIBLE
+    assert share(ROBOT, hidden, stages) >= VISIBLE
 
 
 TABLE = demo.list_visible_sizes()

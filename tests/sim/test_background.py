@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import (
     Plant,
     background_of,
@@ -14,8 +13,7 @@ from benchmarks.synthetic.quasi_static import (
     true_torque,
 )
 from residual.errors import InputError
-from residual.robot.robot import load_robot
-from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.engine.plant_records import SyntheticEffect
 from sim.plant.joint_background import (
     FrictionMotion,
     compute_background_torque,
@@ -23,16 +21,10 @@ from sim.plant.joint_background import (
     draw_background,
     simulate_torque_logging,
 )
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import estimate_typical_sizes
+from tests.sim.plant_cases import ROBOT, motion
 
-ROBOT = load_robot("irb140")
-MOTION = make_motion(
-    "fourier",
-    compute_usual_motion_range(ROBOT),
-    6.0,
-    250.0,
-    create_random_stream(1, "motion"),
-)
+MOTION = motion(duration=6.0, rate=250.0)
 SEEDS = range(1, 5)
 SCALE = {"workshop": 1.0, "worn": 2.0}
 every_arm = pytest.mark.parametrize(

@@ -7,7 +7,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.effects import load_effects as sought
 from residual.errors import InputError
@@ -18,7 +17,6 @@ from sim.engine.plant_records import PlantSpec, SensorNoise, create_random_strea
 from sim.experiment import run_experiment
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
 from sim.plant.effect_catalogue import list_named_effects as named_effects
-from sim.plant.typical_sizes import compute_usual_motion_range
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
@@ -74,13 +72,7 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
 
 
 def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():
-    moved = make_motion(
-        "fourier",
-        compute_usual_motion_range(ROBOT),
-        4.0,
-        125.0,
-        create_random_stream(1, "motion"),
-    )
+    moved = motion(duration=4.0, rate=125.0)
     hidden = draw_effect(ROBOT, "x_wall", create_random_stream(1, "hidden"))
     with pytest.raises(InputError, match="x_wall"):
         true_torque(Plant(ROBOT, (hidden,), 1), moved, "log")

@@ -62,9 +62,9 @@ def test_painting_stays_in_the_plane_of_the_panel():
 
 
 def test_seams_are_straight_and_even():
-    r = plan_reference_motion(ROBOT, TrajectorySpec("welding", seed=3), 500.0)
+    r = plan_reference_motion(ROBOT, TrajectorySpec("welding", seed=3), 250.0)
     points = np.array([pose(IRB, q).translation for q in r.q])
-    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) * 500.0
+    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) * 250.0
     still = np.flatnonzero((r.qd == 0).all(axis=1))
     # From the end of the first dwell to the beginning of the second: the first seam.
     first = still[np.flatnonzero(np.diff(still) > 1)[0]]

@@ -1,5 +1,7 @@
 """Each effect shows where and as its level says."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose, assert_array_equal
@@ -15,6 +17,11 @@ from tests.sim.plant_cases import ROBOT, drive, effect, motion, standing
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 MOVE = motion("move_stop_move", 4.0)
+
+
+@cache
+def plain():
+    return drive(reference=MOVE)
 
 
 def friction(trace, joint):
@@ -229,6 +236,6 @@ def test_reports_of_torque_come_late_and_end_at_their_range():
 )
 def test_nothing_happens_before_the_onset(hidden):
     with_it = drive(hidden, reference=MOVE).rows
-    without = drive(reference=MOVE).rows
+    without = plain().rows
     assert_array_equal(with_it[:500, : at.CHANNELS], without[:500, : at.CHANNELS])
     assert np.abs(with_it[500:, at.DRIVE] - without[500:, at.DRIVE]).max() > 1.0

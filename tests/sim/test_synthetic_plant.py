@@ -2,31 +2,24 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_model
 from benchmarks.synthetic.quasi_static import true_torque as torque
 from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
-from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.effects.base import compute_bristle_states
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_unnamed_effects as unnamed_effects
-from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
+from sim.plant.typical_sizes import scatter_inertias
+from tests.sim import plant_cases
+from tests.sim.plant_cases import ROBOT
 
-ROBOT = load_robot("irb140")
 IN_ENGINE = ("x_dead_zone", "x_wall")
 LOCAL = sorted({*list_drawable_effects(), *unnamed_effects()} - {"payload", *IN_ENGINE})
 
 
-def motion(family="fourier", seed=1):
-    return make_motion(
-        family,
-        compute_usual_motion_range(ROBOT),
-        8.0,
-        250.0,
-        create_random_stream(seed, "motion"),
-    )
+def motion(family="fourier"):
+    return plant_cases.motion(family, 8.0, rate=250.0)
 
 
 def dahl(x, displacement):
@@ -60,11 +53,17 @@ def test_bristles_follow_dahls_equation():
     np.testing.assert_allclose(z, dahl(x, 2e-4), atol=2e-3)
 
 
-@pytest.mark.parametrize("name", LOCAL)
-def test_an_effect_changes_torque_on_its_joints_only(name):
-    hidden = draw_effect(ROBOT, name, create_random_stream(2, name))
+@pytest.fixture(scope="module")
+def plain():
+    """A motion and its torque without a hidden effect."""
     m = motion()
-    without = torque(Plant(ROBOT, (), 2), m, "log").tau
+    return m, torque(Plant(ROBOT, (), 2), m, "log").tau
+
+
+@pytest.mark.parametrize("name", LOCAL)
+def test_an_effect_changes_torque_on_its_joints_only(name, plain):
+    hidden = draw_effect(ROBOT, name, create_random_stream(2, name))
+    m, without = plain
     change = torque(Plant(ROBOT, (hidden,), 2), m, "log").tau - without
     rows = np.zeros(6, dtype=bool)
     rows[[j - 1 for j in hidden.joints]] = True

@@ -26,7 +26,7 @@ POSES = ("cyclic", "welding")
 def moved(request, tmp_path_factory):
     """An arm and a motion of each family, with periods of 10 s."""
     robot = arm(request.param, tmp_path_factory.mktemp("arm"))
-    specs = {kind: TrajectorySpec(kind, 21.0) for kind in KINDS}
+    specs = {kind: TrajectorySpec(kind, 11.0, 1) for kind in KINDS}
     return robot, {
         kind: plan_reference_motion(robot, spec, 100.0, optimised=False)
         for kind, spec in specs.items()

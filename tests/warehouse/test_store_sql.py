@@ -162,7 +162,6 @@ REFUSED = {
     "SELECT 1; SELECT 2": "got 2 statements",
     "SELECT 1; DROP TABLE catalogue.runs": "got 2 statements",
     "CREATE TABLE a (i INTEGER)": "got CREATE",
-    "CREATE TEMP VIEW a AS FROM runs": "got CREATE",
     "CREATE MACRO a(x) AS x": "got CREATE",
     "INSERT INTO catalogue.runs (run_id) VALUES ('a')": "got INSERT",
     "UPDATE catalogue.runs SET seed = 1": "got UPDATE",
@@ -173,14 +172,11 @@ REFUSED = {
     "COPY (SELECT 1) TO 'STORE/_index/runs.parquet'": "got COPY",
     "EXPORT DATABASE 'STORE/samples'": "got EXPORT",
     "IMPORT DATABASE 'STORE/samples'": "got",
-    "ATTACH 'x.duckdb'": "got ATTACH",
     "ATTACH 'STORE/samples/x.duckdb'": "got ATTACH",
     "DETACH memory": "got DETACH",
     "INSTALL httpfs": "got LOAD",
     "LOAD httpfs": "got LOAD",
     "PRAGMA database_list": "got PRAGMA",
-    "PRAGMA enable_profiling": "got PRAGMA",
-    "SET threads = 1": "got",
     "SET enable_external_access = true": "got",
     "RESET lock_configuration": "got",
     "USE catalogue": "got",
@@ -214,7 +210,6 @@ REFUSED = {
     "FROM read_text('/etc/hostname')": "not 'read_text()'",
     "FROM read_blob('STORE/sealed/*/spec.json')": "not 'read_blob()'",
     "FROM glob('/etc/*')": "not 'glob()'",
-    "FROM sniff_csv('/etc/passwd')": "not 'sniff_csv()'",
     "FROM '/etc/passwd'": "does not exist",
     "FROM 'STORE/sealed/*/spec.json'": "nothing else",
     "FROM read_parquet('STORE/sealed/*/truth.parquet')": "nothing else",
@@ -223,9 +218,6 @@ REFUSED = {
     "FROM 'STORE/**/truth.parquet'": "nothing else",
     "FROM made": "does not exist",
     "SELECT getenv('HOME')": "does not exist",
-    "FROM read_csv_auto('/etc/passwd')": "not 'read_csv_auto()'",
-    "FROM read_json('STORE/sealed/*/spec.json')": "not 'read_json()'",
-    "FROM read_json_auto('/proc/self/environ')": "not 'read_json_auto()'",
     "FROM read_parquet('https://example.org/x.parquet')": "nothing else",
     "FROM 's3://bucket/x.parquet'": "nothing else",
     "FROM read_parquet(['STORE/samples/../../x.parquet'])": "nothing else",
@@ -235,22 +227,15 @@ REFUSED = {
     "SELECT 1 WHERE EXISTS (FROM glob('STORE/sealed/*'))": "not 'glob()'",
     "WITH RECURSIVE f AS (FROM glob('/etc/*') UNION ALL FROM f) FROM f": "'glob()'",
     "FROM query_table('runs')": "not 'query_table()'",
-    "FROM sqlite_scan('x.db', 'a')": "not 'sqlite_scan()'",
     "FROM duckdb_secrets()": "not 'duckdb_secrets()'",
-    "FROM duckdb_settings()": "not 'duckdb_settings()'",
-    "FROM pragma_database_list()": "not 'pragma_database_list()'",
-    "FROM duckdb_extensions()": "not 'duckdb_extensions()'",
     "FROM which_secret('s3://a', 's3')": "not 'which_secret()'",
     "CREATE SECRET a (TYPE s3)": "got",
     "SET VARIABLE a = 1": "got",
     "FORCE INSTALL httpfs": "got LOAD",
     "LOAD '/tmp/evil.duckdb_extension'": "got LOAD",
     "SELECT 1 /* ; */ ; /* */ COPY runs TO 'x.csv'": "got 2 statements",
-    "SELECT 1; -- one\n; DROP VIEW runs": "got 2 statements",
-    "EXECUTE a(1)": "got EXECUTE",
     "MERGE INTO catalogue.runs USING runs ON true WHEN MATCHED THEN DELETE": "got",
     "ALTER VIEW runs RENAME TO a": "got ALTER",
-    "COMMENT ON VIEW runs IS 'a'": "got",
     "SELECT $a": "Values were not provided",
     "SELECT * FROM runs WHERE seed = 'x'": "Conversion Error",
 }
@@ -291,18 +276,16 @@ def damage(path, how):
     ("how", "which"),
     [("torn", 2), ("empty", 0), ("gone", 0), (0.5, 0)],
 )
-def test_a_damaged_file_is_named_and_the_others_are_read(tmp_path, how, which):
-    for seed in range(3):
-        samples.commit(tmp_path, seed, rows=1000)
-    ids = [r["run_id"] for r in ask(tmp_path, "FROM runs")]
+def test_a_damaged_file_is_named_and_the_others_are_read(store, how, which):
+    ids = [r["run_id"] for r in ask(store, "FROM runs")]
     id = sorted(ids)[which]
-    path = find_run(tmp_path, id).folder / "part-0.parquet"
+    path = find_run(store, id).folder / "part-0.parquet"
     damage(path, how)
     with pytest.raises(InputError, match="is damaged"):
-        read_run(tmp_path, id)
+        read_run(store, id)
     total = "sum(COLUMNS(* EXCLUDE (robot, run_id)))"
     query = f"SELECT run_id, {total} FROM samples GROUP BY run_id"
-    with warehouse.open(tmp_path) as opened:
+    with warehouse.open(store) as opened:
         for _ in range(2):
             with pytest.raises(InputError, match=f"{id}.* is damaged"):
                 opened.sql(query)
