@@ -19,7 +19,10 @@ def _with_constants(logs):
 
 @pytest.mark.parametrize(
     "hidden",
-    [None, SyntheticEffect("quadratic_viscous", (1,), {"coefficient": 4.0})],
+    [
+        pytest.param(None, marks=pytest.mark.long),
+        SyntheticEffect("quadratic_viscous", (1,), {"coefficient": 4.0}),
+    ],
     ids=["alone", "beside friction"],
 )
 def test_they_are_one_finding_with_their_values_beside_another_effect(hidden):

@@ -39,15 +39,11 @@ def negated(recordings):
     return [replace(r, tau=-r.tau) for r in recordings]
 
 
-@pytest.fixture(scope="module")
-def upside_down():
-    """An arm whose torques all have the wrong sign, nothing else wrong with it."""
+def test_finding_nothing_in_what_cannot_be_is_no_answer():
+    """All torques have the wrong sign, and nothing else is wrong with the arm."""
     case = short_case(arm(), seed=50)
-    held_out = negated(case.held_out)
-    return diagnose_case(case, fit=negated(case.fit), held_out=held_out).verdict
-
-
-def test_finding_nothing_in_what_cannot_be_is_no_answer(upside_down):
+    fit, held_out = negated(case.fit), negated(case.held_out)
+    upside_down = diagnose_case(case, fit=fit, held_out=held_out).verdict
     assert upside_down.effects == ()
     assert upside_down.verdict == "unknown"
     contradiction = upside_down.contradictions[0]
