@@ -6,11 +6,7 @@ import numpy as np
 import pytest
 
 from residual.model.compare import compute_joint_error_rises as joint_error_rises
-from residual.verdict.result import Splits
-from sim.engine.plant_records import SyntheticEffect
-from tests.residual.arms import arm, diagnose_case, names, short_case
-
-OFFSET = SyntheticEffect("offset", (1,), {"torque": 4.0})
+from tests.residual.arms import arm, diagnose_case, short_case
 
 
 def seconds(*sizes):
@@ -48,11 +44,3 @@ def test_finding_nothing_in_what_cannot_be_is_no_answer():
     assert upside_down.verdict == "unknown"
     contradiction = upside_down.contradictions[0]
     assert "fitted friction of joints 1, 2 drives the arm" in contradiction
-
-
-def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():
-    verdict = diagnose_case(short_case(arm(), OFFSET, seed=51)).verdict
-    assert names(verdict) == [("offset", (1,))]
-    assert verdict.effects[0].evidence.splits == Splits(3, 3)
-    assert verdict.effects[0].parameters["torque"].determined
-    assert verdict.contradictions == ()

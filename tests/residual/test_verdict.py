@@ -12,6 +12,7 @@ from residual.diagnosis.diagnose import diagnose
 from residual.effects import list_effect_parameters, load_effects
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Splits
 from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.exports.bodies import refusals
 from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
@@ -255,6 +256,14 @@ def test_no_relative_error_is_given_for_a_torque_that_is_zero_or_never_moves():
     assert 1 not in mute["unexplained"]["joints"]
     assert ("offset", (1,)) in names(from_json(mute))
     assert names(from_json(dead)) == [("offset", (1,))]
+
+
+def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():
+    verdict = outcome_of("effects").verdict
+    assert {e.evidence.splits for e in verdict.effects} == {Splits(3, 3)}
+    assert verdict.effects[0].parameters
+    assert all(p.determined for e in verdict.effects for p in e.parameters.values())
+    assert verdict.contradictions == ()
 
 
 def tried(verdict):

@@ -129,7 +129,7 @@ def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
 
 def test_currents_beside_another_order_or_mounting_are_two_faults():
     robot, logs = clean_logs("irb140")
-    amperes = edited(logs[:1], tau=times(1 / np.array([8.0, 15, 10, 12, 9, 14])))
+    amperes = edited(logs, tau=times(1 / np.array([8.0, 15, 10, 12, 9, 14])))
     both = edited(amperes, q=swapped(1, 3), tau=swapped(1, 3))
     order, unit = check_logs(robot, both).faults
     assert (order.kind, order.joints, order.certain) == ("joint_order", (1, 3), True)
