@@ -179,6 +179,7 @@ def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, see
     assert (diagnosis.to_json()["error"]["overall"]["augmented"] is None) == mixed
 
 
+@pytest.mark.long
 def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     robot = arm("rail")
     true = true_model(robot, np.random.default_rng(5))
