@@ -114,10 +114,6 @@ def names(verdict) -> list[tuple[str, tuple[int, ...]]]:
     return [(f.name, f.joints) for f in verdict.effects]
 
 
-def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
-    return {(e.name, e.joints) for e in (effect, *effect.equivalent)}
-
-
 def smooth_motion(robot: Robot, t):
     """Slow sines with exact derivatives, different for every joint."""
     w = 2 * np.pi * (0.2 + 0.07 * np.arange(robot.dof))

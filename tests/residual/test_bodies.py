@@ -107,9 +107,8 @@ def test_what_moves_no_torque_moves_first(rng):
     assert np.abs(base.mapping @ (solution - true)).max() < 1e-5 * size
 
 
-@pytest.mark.parametrize(
-    "case", [FEW[0], *(pytest.param(c, marks=pytest.mark.long) for c in FEW[1:])]
-)
+@pytest.mark.long  # of arms of two joints, in test_verdict
+@pytest.mark.parametrize("case", FEW)
 def test_every_model_of_a_drawn_arm_loads_elsewhere(case):
     """MuJoCo and Pinocchio take it, and it moves there with the same torque."""
     pytest.importorskip("mujoco")

@@ -31,7 +31,7 @@ def changed(*hidden, seed):
     ("name", "joint", "values"),
     [
         ("payload", 2, {"mass": 1.5, "com_x": 0.1, "com_y": 0, "com_z": 0.05}),
-        ("encoder_offset", 2, {"angle": 0.08}),
+        pytest.param("encoder_offset", 2, {"angle": 0.08}, marks=pytest.mark.long),
     ],
 )
 def test_a_change_is_named_with_its_size(name, joint, values):
@@ -57,16 +57,9 @@ def adopted():
     return diagnosis.adoptable, before, now
 
 
-@pytest.fixture(scope="module")
-def since(adopted):
-    """What is new since then, and the new logs by themselves, as planning sees them."""
+def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted):
     model, before, now = adopted
-    given = {"baseline": before.fit, "declared": model}
-    return [diagnose_case(now, **given, ignore_baseline=one) for one in (False, True)]
-
-
-def test_since_a_model_was_adopted_only_what_is_new_is_named(adopted, since):
-    model, (diagnosis, _) = adopted[0], since
+    diagnosis = diagnose_case(now, baseline=before.fit, declared=model)
     assert names(diagnosis.verdict) == [("coulomb", (2,))]
     assert "spring" in diagnosis.verdict.declared
     assert {t.effect.name for t in model.terms} <= set(diagnosis.verdict.declared)

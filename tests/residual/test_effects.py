@@ -245,10 +245,6 @@ def test_friction_takes_power_and_never_gives_any(name, seed):
     assert power.max() > 0
 
 
-def backwards(seen):
-    return replace(seen, qd=-seen.qd, sign=-seen.sign)
-
-
 ODD = sorted({*LOSSES, "position_friction"})
 
 
@@ -256,10 +252,11 @@ ODD = sorted({*LOSSES, "position_friction"})
 def test_friction_turns_round_with_the_motion_and_stands_with_it(name):
     seen = state(arm())
     still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
+    back = replace(seen, qd=-seen.qd, sign=-seen.sign)
     for term in terms(name, arm()):
         if name == "coupled_friction":
             term = replace(term, theta=np.array([1.0, 1.0, 0.0]))
-        assert_allclose(term.torque(backwards(seen)), -term.torque(seen), atol=ROUNDING)
+        assert_allclose(term.torque(back), -term.torque(seen), atol=ROUNDING)
         if name != "coupled_friction":
             np.testing.assert_array_equal(term.torque(still), 0)
 

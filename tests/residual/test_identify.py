@@ -12,6 +12,7 @@ from residual.identification.estimate import Options
 from residual.identification.identify import identify
 from residual.identification.observability import JointRows, build_joint_rows
 from residual.recording import Recording
+from tests.residual.arms import arm, plain_logs
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 
 FRICTION = [*VISCOUS, *COULOMB, *ROTOR]
@@ -138,7 +139,7 @@ def still(seconds=12.0):
 BAD = {
     "no log": (lambda: identify(truth().robot, []), "No log to identify from"),
     "another arm": (
-        lambda: identify(truth().robot, [replace_dof(logs(1)[0])]),
+        lambda: identify(truth().robot, plain_logs(arm(), [0, 1], 0.0, count=1)),
         "has 2 joints, small_arm has 3",
     ),
     "nothing moves": (
@@ -161,10 +162,6 @@ BAD = {
         "exclude each other",
     ),
 }
-
-
-def replace_dof(log):
-    return Recording("two", "any", log.t, log.q[:, :2], log.tau[:, :2])
 
 
 @pytest.mark.parametrize("what", BAD)

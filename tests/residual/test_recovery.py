@@ -12,8 +12,9 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.synthetic.logs import CHANGES
+from benchmarks.synthetic.quasi_static import Plant, true_friction
 from sim.engine.plant_records import SyntheticEffect as Effect
-from tests.residual.arms import Y, Z, arm, diagnose_case, doubts, names, short_case
+from tests.residual.arms import Y, Z, arm, diagnose_case, doubts, short_case
 from tests.residual.arms import bare_irb140 as irb140
 
 # Seed of the draw, and how near each parameter must come (relative to the truth).
@@ -43,7 +44,17 @@ OF_THE_WHOLE = {"coupled_friction", "load_friction", "payload", "torque_gain"}
 THREE = (Z, Y, Y)
 
 
-@pytest.mark.parametrize("effect", sorted(set(CASES) - set(CHANGES)))
+# Like another of the list, or recovered elsewhere: on short logs, since a baseline.
+LIKE = {"balancer", "coupled_friction", "payload", "power_viscous"}
+LIKE |= {"viscous_asymmetry", "delay", "encoder_eccentricity"}
+
+
+def quick_first(effects):
+    marks = {True: [pytest.mark.long], False: []}
+    return [pytest.param(e, marks=marks[e in LIKE]) for e in sorted(effects)]
+
+
+@pytest.mark.parametrize("effect", quick_first(set(CASES) - set(CHANGES)))
 def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
     seed, tolerances = CASES[effect]
     robot = irb140() if effect in OF_THE_WHOLE else arm(THREE)
@@ -64,7 +75,9 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
 
 
 # Coulomb friction that grows: below, and in test_change.
-@pytest.mark.parametrize("effect", ["rotor_inertia", "viscous"])
+@pytest.mark.parametrize(
+    "effect", ["rotor_inertia", pytest.param("viscous", marks=pytest.mark.long)]
+)
 def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
     seed, tolerances = CASES[effect]
     case = short_case(arm(THREE), effect, seed=seed, duration=8.0)
@@ -83,40 +96,29 @@ def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
     assert diagnosis.task.prior.scale <= 0.1
 
 
-@pytest.mark.parametrize(
-    ("effect", "seed"), [("x_square_wave", 36), ("x_friction_jump", 38)]
-)
-def test_what_has_no_name_is_flagged_on_its_joint_without_one(effect, seed):
-    case = short_case(irb140(), effect, seed=seed, duration=8.0)
+def test_what_has_no_name_is_flagged_on_its_joint_without_one():
+    case = short_case(irb140(), "x_friction_jump", seed=38, duration=8.0)
     diagnosis, findings = doubts(case)
     assert findings == []
     assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
 
 
-@pytest.mark.parametrize(
-    ("first", "second", "seed"),
-    [("offset", "ripple", 36), ("payload", "quadratic_viscous", 37)],
-)
-def test_two_effects_at_once_are_both_found(first, second, seed):
-    case = short_case(irb140(), first, second, seed=seed, duration=8.0)
-    _, findings = doubts(case)
-    assert len(findings) == 2
-    named = {f.effect.name: f for f in findings}
-    offset_class = {"offset", "coulomb_asymmetry"}
-    first_names = offset_class if first == "offset" else {first}
-    assert first_names & set(named)
-    assert second in named
+def test_two_effects_at_once_are_both_found():
+    hidden = ("payload", "quadratic_viscous")
+    case = short_case(irb140(), *hidden, seed=37, duration=8.0)
+    assert sorted(f.effect.name for f in doubts(case)[1]) == [*hidden]
 
 
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
-    case = short_case(irb140(), seed=40, duration=8.0)
-    _, findings = doubts(case, ("viscous", "rotor_inertia"))
-    (finding,) = findings
-    assert (finding.effect.name, finding.joints) == ("coulomb", (1, 2, 3, 4, 5, 6))
-    levels, sds, unit, _ = findings[0].parameters["level"]
+    robot = arm(THREE)
+    case = short_case(robot, seed=40, duration=8.0)
+    (finding,) = doubts(case, ("viscous", "rotor_inertia"))[1]
+    assert (finding.effect.name, finding.joints) == ("coulomb", (1, 2, 3))
+    levels, sds, unit, _ = finding.parameters["level"]
     assert unit == "N m"
-    assert levels.shape == sds.shape == (6,)
-    np.testing.assert_allclose(levels, [12, 14, 9, 4, 3.5, 2.5], rtol=0.35)
+    assert levels.shape == sds.shape == (3,)
+    truth = true_friction(Plant(robot, (), 40)).coulomb
+    np.testing.assert_allclose(levels, truth, rtol=0.1)
 
 
 # On the small arm of two parallel axes: joints from 1, size, seed, and how near the
@@ -133,7 +135,7 @@ WEAK = {
 }
 
 
-@pytest.mark.parametrize("effect", sorted(WEAK))
+@pytest.mark.parametrize("effect", quick_first(WEAK))
 def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
     joints, size, seed, share = WEAK[effect]
     case = short_case(arm(), Effect(effect, joints, size), seed=seed, duration=8.0)
@@ -169,18 +171,3 @@ def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
     (finding,) = doubts(short_case(robot, changed, seed=51, duration=8.0))[1]
     assert (finding.effect.name, finding.joints) == ("link_inertia", (6,))
     assert [*finding.equivalent] == others
-
-
-def test_a_change_against_a_baseline_is_found_and_proved():
-    """Coulomb friction that was there already grew by a known amount on joint 2."""
-    grown = Effect("coulomb", (2,), {"level": 3.0})
-    verdict = diagnose_case(short_case(arm(), grown, seed=43)).verdict
-    assert names(verdict) == [("coulomb", (2,))]
-    (effect,) = verdict.effects
-    level = effect.parameters["level"]
-    assert level.value == pytest.approx(3.0, abs=4 * level.std + 0.1)
-    assert effect.evidence.held_out == "confirmed"
-    moving = verdict.error.moving
-    assert moving["augmented"][1] < 0.6 * moving["nominal"][1]
-    # As good as the new logs' own fit, of which nobody can say what changed.
-    assert moving["augmented"][1] < moving["identified"][1] + 1

@@ -38,13 +38,10 @@ def judged(rng):
     return judge
 
 
-def stop(q):
-    return 12 * np.maximum(q - 0.2, 0)
-
-
 def test_names_that_together_draw_a_stop_are_a_curve(judged):
     series = [("spring", ()), ("ripple", (3.1,)), ("ripple", (5.2,))]
-    assert judged(stop, series) == ["spring", "ripple", "ripple"]
+    stop = judged(lambda q: 12 * np.maximum(q - 0.2, 0), series)
+    assert stop == ["spring", "ripple", "ripple"]
 
 
 def test_a_spring_and_a_ripple_that_are_there_stand(judged):

@@ -25,12 +25,14 @@ COUPLING = SyntheticEffect(
 
 
 @pytest.mark.parametrize(
-    ("hidden", "expected"),
-    [((COUPLING,), [("coupled_friction", (4, 5))]), ((), [])],
+    ("robot", "hidden", "expected"),
+    [
+        (load_robot("irb140"), (COUPLING,), [("coupled_friction", (4, 5))]),
+        (arm(), (), []),
+    ],
     ids=["a coupling of the wrist", "nothing"],
 )
-def test_a_coupling_is_named_on_five_seconds(hidden, expected):
-    robot = load_robot("irb140")
+def test_what_is_there_is_named_on_five_seconds(robot, hidden, expected):
     fit, held_out = make(Plant(robot, hidden, 41), PLAN, 41)
     verdict = diagnose(robot, [fit], held_out=[held_out]).verdict
     assert names(verdict) == expected

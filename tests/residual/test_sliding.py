@@ -30,10 +30,15 @@ def arm(name):
     return build_robot(name, sliding_arm(name), "{}")
 
 
-@pytest.mark.parametrize("name", SLIDING)
+# The SCARA has joints of both kinds.
+ONE = ["scara", *(pytest.param(n, marks=pytest.mark.long) for n in ("gantry", "rail"))]
+
+
+@pytest.mark.parametrize("name", ONE)
 def test_an_identified_model_is_pinocchios_regressor_times_its_parameters(name):
     robot = arm(name)
-    model = mg.identify(robot, logs(robot, robot.model, ["a", "b"], 3)).best
+    short = logs(robot, robot.model, ["a", "b"], 3, seconds=6.0)
+    model = mg.identify(robot, short).best
     q, qd, qdd = np.random.default_rng(1).normal(size=(3, 50, robot.dof))
     rigid = replace(model, terms=()).torque(q, qd, qdd)
     data = robot.model.createData()
@@ -58,7 +63,7 @@ def test_where_joints_and_flange_are(name):
 EFFECTS = ("viscous", "coulomb", "rotor_inertia", "spring", "encoder_offset", "payload")
 
 
-@pytest.mark.parametrize("name", SLIDING)
+@pytest.mark.parametrize("name", ONE)
 @pytest.mark.parametrize(
     ("to", "back", "effects"),
     [
@@ -145,8 +150,10 @@ def hidden(name, joint):
 @pytest.mark.parametrize(
     ("name", "effect", "seed"),
     [
-        *(("scara", "spring", 1), ("gantry", "stribeck", 2), ("rail", "ripple", 3)),
-        *(("scara", "viscous", 4), ("rail", "coulomb", 5)),
+        *(("scara", "spring", 1), ("gantry", "stribeck", 2)),
+        pytest.param("rail", "ripple", 3, marks=pytest.mark.long),
+        pytest.param("rail", "coulomb", 5, marks=pytest.mark.long),
+        pytest.param("scara", "viscous", 4, marks=pytest.mark.long),
     ],
 )
 def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, seed):
@@ -172,6 +179,7 @@ def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, see
     assert (diagnosis.to_json()["error"]["overall"]["augmented"] is None) == mixed
 
 
+@pytest.mark.long
 def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     robot = arm("rail")
     true = true_model(robot, np.random.default_rng(5))

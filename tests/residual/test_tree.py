@@ -270,7 +270,7 @@ def test_all_that_is_wrong_with_a_file_is_said_at_once(tmp_path):
 def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path):
     file, store = write(tmp_path, MANY), tmp_path / "store"
     arm = load_arm(file, chain=("j1", "j2", "j3", "j4"))
-    for n, log in enumerate(logs(arm, arm.model, "abc", 3)):
+    for n, log in enumerate(logs(arm, arm.model, "abc", 3, seconds=8.0)):
         names = ["t", *(f"{s}{j}" for s in ("q", "tau") for j in range(1, 5))]
         table = np.column_stack([log.t, log.q, log.tau])
         path = tmp_path / f"{n}.csv"

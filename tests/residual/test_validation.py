@@ -31,15 +31,6 @@ def test_the_identified_model_beats_the_nominal_both_ways(identification, held_o
     assert both[1] < 0.1 * both[0]
 
 
-def test_acceleration_of_exact_torque_is_exact():
-    model = identify(truth().robot, logs()).model
-    (log,) = logs(1, seed=3)
-    predicted = replace(log, tau=model.predict(log))
-    error = compute_acceleration_error(model, [predicted])
-    assert error.overall < 0.5
-    assert np.all(error.per_joint < 0.5)
-
-
 def test_a_joint_that_stands_has_no_acceleration_error(identification):
     error = compute_acceleration_error(identification.model, logs(1, joints=(0, 1)))
     assert np.isnan(error.per_joint[2])

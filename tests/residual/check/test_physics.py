@@ -53,7 +53,9 @@ def test_joints_in_a_circle_are_put_back_in_order():
     assert fault.repairs == (Repair("q", order=order), Repair("tau", order=order))
 
 
-@pytest.mark.parametrize("effect", ["payload", "base_tilt"])
+@pytest.mark.parametrize(
+    "effect", ["payload", pytest.param("base_tilt", marks=pytest.mark.long)]
+)
 def test_an_arm_that_hides_something_has_a_clean_log(effect):
     robot, _ = clean_logs("irb140")
     hidden = (draw_effect(robot, effect, create_random_stream(1, effect)),)
@@ -116,7 +118,7 @@ def test_velocity_and_reference_are_mended_with_their_angle():
     assert {r.signal for r in fault.repairs} == {"q", "q_ref"}
 
 
-@pytest.mark.parametrize("degrees", [15, 180])
+@pytest.mark.parametrize("degrees", [15, pytest.param(180, marks=pytest.mark.long)])
 def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
     robot, logs = clean_logs("irb140")
     angle = np.deg2rad(degrees)
@@ -127,14 +129,23 @@ def test_another_mounting_is_certain_and_its_line_is_the_direction(degrees):
     assert np.degrees(np.arccos(min(1.0, -direction[2]))) < 3.0  # masses are off by 2 %
 
 
-def test_currents_beside_another_order_or_mounting_are_two_faults():
-    robot, logs = clean_logs("irb140")
-    amperes = edited(logs, tau=times(1 / np.array([8.0, 15, 10, 12, 9, 14])))
+@pytest.fixture
+def amperes():
+    _, logs = clean_logs("irb140")
+    return edited(logs, tau=times(1 / np.array([8.0, 15, 10, 12, 9, 14])))
+
+
+def test_currents_beside_another_order_are_two_faults(amperes):
+    robot, _ = clean_logs("irb140")
     both = edited(amperes, q=swapped(1, 3), tau=swapped(1, 3))
     order, unit = check_logs(robot, both).faults
     assert (order.kind, order.joints, order.certain) == ("joint_order", (1, 3), True)
     assert (unit.kind, unit.certain) == ("torque_unit", True)
-    wall = replace_gravity(robot, [9.81, 0.0, 0.0])
+
+
+@pytest.mark.long
+def test_currents_beside_another_mounting_are_two_faults(amperes):
+    wall = replace_gravity(clean_logs("irb140")[0], [9.81, 0.0, 0.0])
     mounted, unit = check_logs(wall, amperes).faults
     assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
     assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))
