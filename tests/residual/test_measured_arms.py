@@ -1,0 +1,65 @@
+"""Measured logs of two arms; they are no part of the project, and skipped without."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from residual.diagnosis.diagnose import diagnose
+from residual.robot.robot import load_robot
+from tests.residual.arms import classes, names
+from warehouse.logs import read_log
+
+ROOT = Path(__file__).parents[2]
+DATA = Path(os.environ.get("MODELGAP_DATA") or ROOT.parent / "shared" / "data")
+pytestmark = [
+    pytest.mark.long,
+    pytest.mark.skipif(
+        not (DATA / "kr300" / "kr300.urdf").exists(),
+        reason="no measured logs: neither ../shared/data nor $MODELGAP_DATA",
+    ),
+]
+BALANCER = ("balancer", (2,))
+DAYS = ("feb19", "feb19_load")  # the second with a load, which its owners weighed
+WEIGHED = 2.805  # kg
+REACHED = np.array((7.7, 12.8, 6.4, 19.1, 11.2, 14.8))  # by an earlier version [%]
+
+
+def verdict_of(name, *files):
+    robot = load_robot(DATA / name / f"{name}.urdf")
+    *fit, last = (read_log(str(DATA / name / f"{f}.csv"), robot)[0] for f in files)
+    return diagnose(robot, fit, held_out=[last]).verdict
+
+
+def test_kr300_has_a_balancer_on_axis_2_and_its_error_there_falls():
+    verdict = verdict_of("kr300", "run_A", "run_B", "run_C")
+    assert BALANCER in classes(verdict.effects[0])
+    assert all(2 in e.joints for e in verdict.effects if BALANCER in classes(e))
+    moving = verdict.error.moving
+    assert moving["identified"][1] > 20
+    assert moving["augmented"][1] < 8
+    for j in (0, 2, 3, 4, 5):
+        assert moving["augmented"][j] < 1.02 * moving["identified"][j]
+    assert (np.array(verdict.error.filtered["augmented"]) < 1.05 * REACHED).all()
+
+
+def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
+    verdict = verdict_of("ur10e", "feb10", "feb12")
+    assert names(verdict) == [("load_friction", (2, 3))]
+    moving = verdict.error.moving
+    for joint in (1, 2):
+        assert moving["augmented"][joint] < 0.7 * moving["identified"][joint]
+    assert verdict.error.worse == ()
+
+
+@pytest.mark.long
+@pytest.mark.parametrize(("days", "sign"), [(DAYS, 1), (DAYS[::-1], -1)])
+def test_a_load_that_came_or_went_is_a_payload_of_its_weight(days, sign):
+    robot = load_robot(DATA / "ur10e" / "ur10e.urdf")
+    before, now = (read_log(f"{DATA}/ur10e/{d}.csv", robot)[0] for d in days)
+    verdict = diagnose(robot, [now], [before]).verdict
+    assert names(verdict) == [("payload", (6,))]
+    assert verdict.effects[0].evidence.held_out == "confirmed"
+    mass = verdict.effects[0].parameters["mass"].value
+    assert mass == pytest.approx(sign * WEIGHED, rel=0.1)
