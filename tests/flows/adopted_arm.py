@@ -37,7 +37,7 @@ def night(store, number, effects=(SPRING,)):
 
 
 def unchecked():
-    """Leave out the check of the logs: it takes half of the time, and they are sound."""
+    """Leave out the check of the logs, half of the time: they are sound."""
     return patch("flows.steps.check.check_logs", lambda *_: LogCheck(()))
 
 
