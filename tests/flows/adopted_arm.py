@@ -2,11 +2,13 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from unittest.mock import patch
 
 from flows.requests import Diagnose
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_stored_runs
+from residual.check.result import LogCheck
 
 ROBOT = "irb140"
 SPRING = {"name": "spring", "joints": [2], "stiffness": 60.0}
@@ -34,10 +36,16 @@ def night(store, number, effects=(SPRING,)):
     return tuple(ids[: len(FIT)]), tuple(ids[len(FIT) :])
 
 
+def unchecked():
+    """Leave out the check of the logs, half of the time: they are sound."""
+    return patch("flows.steps.check.check_logs", lambda *_: LogCheck(()))
+
+
 def diagnosed(store, runs, model=None):
     fit, held_out = runs
     request = Diagnose(fit, robot=ROBOT, held_out=held_out, store=store, model=model)
-    return diagnose_stored_runs(request)[0]
+    with unchecked():
+        return diagnose_stored_runs(request)[0]
 
 
 @dataclass(frozen=True)

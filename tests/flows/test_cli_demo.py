@@ -10,7 +10,9 @@ from flows.cli import main
 from flows.report.diagnosis import print_truth
 from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
 from flows.steps import demo as steps
+from flows.steps import experiment
 from flows.steps.demo import Demo
+from flows.workers import InlineExecutor
 from tests.verdict_documents import typed
 
 # Short, and with families of motion that need no search: of eight experiments each
@@ -22,9 +24,10 @@ FIT, HELD_OUT, DURATION = ("cyclic", "move_stop_move"), ("cyclic",), 6.0
 def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     tmp_path, compiled_plant, monkeypatch, capsys
 ):
-    """The whole of it, with physics and nothing faked, on fewer motions."""
+    """The whole of it with its physics, on fewer motions, in this one process."""
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("HOME", str(tmp_path / "home"))
+    monkeypatch.setattr(experiment, "ProcessExecutor", lambda _: InlineExecutor())
     for name in ("FIT", "HELD_OUT", "DURATION"):
         monkeypatch.setattr(steps, name, globals()[name])
     assert main(["demo", "--effect", "payload", "--store", "store"]) == 0

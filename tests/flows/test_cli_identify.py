@@ -2,6 +2,7 @@
 
 import json
 import re
+from contextlib import chdir
 from pathlib import Path
 
 import duckdb
@@ -10,6 +11,7 @@ import pytest
 from flows.cli import main
 from residual.errors import InputError
 from residual.robot.robot import load_robot
+from tests.flows.adopted_arm import unchecked
 from tests.residual.identified import workplace
 from warehouse.query.store import query_store_rows, select_run_ids
 from warehouse.store_catalogue import read_record
@@ -27,7 +29,8 @@ def run(words):
 
 @pytest.fixture
 def place(own_folder):
-    return workplace(own_folder, "ABC", 8.0)
+    with unchecked():
+        yield workplace(own_folder, "ABC", 8.0)
 
 
 def test_parameters_and_errors_are_shown_and_written(place, capsys):
@@ -75,14 +78,23 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     assert "positive definite" in capsys.readouterr().out
 
 
+@pytest.fixture(scope="module")
+def imported(tmp_path_factory):
+    """A folder with a store of three runs; these by the word for their motion."""
+    folder = workplace(tmp_path_factory.mktemp("runs"), "ABC", 8.0)
+    with chdir(folder), unchecked():
+        for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
+            words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
+            assert run(f"{words} --trajectory {motion}") == 0
+    rows = query_store_rows(folder / "s", "FROM runs")
+    return folder, {row["run_id"]: row["trajectory"] for row in rows}
+
+
 @pytest.fixture
-def runs(place, capsys):
-    """Three runs in the store, by the word for their motion."""
-    for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
-        words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
-        assert run(f"{words} --trajectory {motion}") == 0
-    rows = query_store_rows(Path("s"), "FROM runs")
-    return {row["run_id"]: row["trajectory"] for row in rows}
+def runs(imported, monkeypatch):
+    monkeypatch.chdir(imported[0])
+    with unchecked():
+        yield imported[1]
 
 
 def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
@@ -104,7 +116,7 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
 def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):
     # The order of its declared effects is in the sums.
     log = Path(__file__).parents[2] / "examples/hidden/fit_1.csv"
-    assert run(f"import {log}@0:8 --robot irb140 --serial B-18 --store s") == 0
+    assert run(f"import {log}@0:6 --robot irb140 --serial B-18 --store s") == 0
     assert run("identify --where true --robot irb140 --store s") == 0
     (model,) = query_store_rows(Path("s"), "FROM models")
     assert model["serial"] == "B-18"
