@@ -258,7 +258,7 @@ class Map(RobotRequest):
 
     Attributes:
         format: Format of the log, where it is not recognized: ur-rtde, franka,
-            kuka-fri, robotstudio or ros.
+            kuka-fri, robotstudio, mujoco, plotjuggler, lerobot or ros.
     """
 
     log: GivenWord = ""
