@@ -8,7 +8,7 @@ import pytest
 
 from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
-from tests.residual.arms import classes, names
+from tests.residual.arms import names
 from warehouse.logs import read_log
 
 ROOT = Path(__file__).parents[2]
@@ -24,6 +24,10 @@ BALANCER = ("balancer", (2,))
 DAYS = ("feb19", "feb19_load")  # the second with a load, which its owners weighed
 WEIGHED = 2.805  # kg
 REACHED = np.array((7.7, 12.8, 6.4, 19.1, 11.2, 14.8))  # by an earlier version [%]
+
+
+def classes(effect) -> set[tuple[str, tuple[int, ...]]]:
+    return {(e.name, e.joints) for e in (effect, *effect.equivalent)}
 
 
 def verdict_of(name, *files):
