@@ -33,7 +33,12 @@ _ROOMS = {
     ),
     "identification": (*_METHOD, "residual/identification"),
     "store": ("warehouse",),
-    "pipelines": ("warehouse", "flows/settings.py", "flows/workers"),
+    "pipelines": (
+        "warehouse",
+        "flows/settings.py",
+        "flows/workers.py",
+        "flows/pipelines",
+    ),
 }
 
 

@@ -102,6 +102,8 @@ def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
     size = -(-len(missing) // _MOST) or 1
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     failed: dict[str, str] = {}
+    # A server that gets all task runs at once has no time for those that run.
+    ahead = 4 * count_cores()
     with (
         ProcessExecutor(count_cores())
         if read_runner_setting() is None
@@ -111,6 +113,8 @@ def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
         for batch in batches:
             more = f" and {len(batch) - 1} more" if len(batch) > 1 else ""
             label = f"{batch[0].label}{more}"
+            if executor and len(futures) >= ahead:
+                futures[-ahead].wait()
             futures.append(tasks.experiment.submit(label, batch, place, executor))
         for batch, future in zip(batches, futures, strict=True):
             outcome = future.result(raise_on_failure=False)

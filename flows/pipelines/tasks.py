@@ -153,7 +153,8 @@ def choose_task_runner() -> TaskRunner:
     """Return the task runner of flows: threads here, or Dask ($MODELGAP_RUNNER)."""
     address = read_runner_setting()
     if address is None:
-        return ThreadPoolTaskRunner(max_workers=max(4, count_cores()))
+        # Most of them wait: for a process, or for the server, which stalls for a second.
+        return ThreadPoolTaskRunner(max_workers=max(16, 4 * count_cores()))
     from prefect_dask import DaskTaskRunner
 
     if address != DASK:
