@@ -153,7 +153,7 @@ def choose_task_runner() -> TaskRunner:
     """Return the task runner of flows: threads here, or Dask ($MODELGAP_RUNNER)."""
     address = read_runner_setting()
     if address is None:
-        # Most of them wait: for a process, or for the server, which stalls for a second.
+        # Most of them wait: for a process, or for the server, which stalls at times.
         return ThreadPoolTaskRunner(max_workers=max(16, 4 * count_cores()))
     from prefect_dask import DaskTaskRunner
 
