@@ -121,7 +121,9 @@ def page() -> str:
         for content in results().values()
     )
     head = descriptions()["page"]["head"].format(machines="; ".join(machines))
-    return "\n".join([head.lstrip(), *sections])
+    return "\n".join(
+        [head.lstrip(), *sections, descriptions()["page"]["worse"].lstrip()]
+    )
 
 
 def readme_table() -> str:

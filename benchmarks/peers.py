@@ -43,8 +43,8 @@ def main() -> int:
         program: [done[t.name].get(program, done[t.name]) for t in tasks]
         for program in programs
     }
-    figures, tables = bars.all_figures(rows), [bars.table(rows)]
-    harness.save_rows(args, figures, cases=rows, tables=tables)
+    figures = bars.all_figures(rows)
+    harness.save_rows(args, figures, cases=rows)
     return finish(figures)
 
 

@@ -1,4 +1,4 @@
-"""Figures of each program, and the table of all."""
+"""Figures of each program."""
 
 from collections.abc import Mapping
 
@@ -6,29 +6,9 @@ import numpy as np
 
 from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure
-from benchmarks.harness.rates import Rows, at_least, share, wilson
-from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN
+from benchmarks.harness.rates import Rows, at_least, share
+from benchmarks.hidden.score import NOTHING, UNKNOWN
 from benchmarks.peers_parts.judge import LEVELS
-
-TITLES = {"ours": "modelgap", "squares": "least squares", "sparse": "sparse selection"}
-KINDS = {
-    SINGLE: "one effect",
-    PAIR: "two effects",
-    NOTHING: "nothing",
-    UNKNOWN: "no name",
-    "all": "all",
-}
-_RATES = {
-    "exact_name": "exact set, by name or a stated equivalent",
-    "exact_class": "exact set, by class",
-    "named": "named",
-    "flagged": "unknown stated",
-    "joint": "on a right joint",
-}
-_RATIOS = {
-    "held_out": "held-out error over oracle",
-    "edits": "edit error over oracle",
-}
 
 
 def all_figures(rows: Mapping[str, Rows]) -> Figures:
@@ -50,22 +30,8 @@ def all_figures(rows: Mapping[str, Rows]) -> Figures:
     return out | crash_figures(rows)
 
 
-def table(rows: Mapping[str, Rows]) -> dict:
-    """Return the table of programs by kind of case: title and rows of texts."""
-    lines = [["program", "hidden", *_RATES.values(), *_RATIOS.values()]]
-    for program, of_program in rows.items():
-        good = [row for row in of_program if "kind" in row]
-        for kind, name in KINDS.items():
-            if some := _of(good, kind):
-                ratios = [_median(some, key) for key in _RATIOS]
-                shown = [f"{value:.3g} ({n})" if n else "–" for value, n in ratios]
-                cells = [_cell(some, key) for key in _RATES]
-                lines.append([TITLES[program], name, *cells, *shown])
-    return {"title": "By program and kind of case", "rows": lines}
-
-
 def _of(rows: Rows, kind: str) -> Rows:
-    return [row for row in rows if kind in ("all", row["kind"])]
+    return [row for row in rows if row["kind"] == kind]
 
 
 def _counts(rows: Rows, key: str) -> tuple[int, int]:
@@ -77,12 +43,6 @@ def _median(rows: Rows, key: str) -> tuple[float | None, int]:
     values = np.concatenate([np.atleast_1d(row[key]) for row in rows] or [[]])
     values = values.astype(float)[~np.isnan(values.astype(float))]
     return (float(np.median(values)) if len(values) else None), len(values)
-
-
-def _cell(rows: Rows, key: str) -> str:
-    hits, n = _counts(rows, key)
-    low, high = (round(100 * x) for x in wilson(hits, n))
-    return f"{hits} of {n} ({low} to {high} %)" if n else "–"
 
 
 def _rate(rows: Rows, key: str) -> dict:

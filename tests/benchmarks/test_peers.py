@@ -98,12 +98,10 @@ def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
     assert [level for level in judge.LEVELS if row[f"exact_{level}"]] == right
 
 
-def test_figures_are_described_and_the_table_has_intervals():
+def test_figures_are_described_and_crashes_are_counted():
     row = judge.compare(TRUTHS["none"], Answer((), False)) | {"seconds": 1.0}
     rows = {program: [row, {"error": "x"}] for program in bars.TITLES}
     figures = bars.all_figures(rows)
     assert set(page.figures("peers", {"figures": figures})) == set(figures)
     assert figures["ours_exact_name"]["value"] == 1.0
     assert figures["crashes"]["value"] == 3
-    (_, line, *_) = bars.table(rows)["rows"]
-    assert line[:3] == ["modelgap", "nothing", "1 of 1 (21 to 100 %)"]
