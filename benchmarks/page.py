@@ -77,7 +77,7 @@ class Figure:
         """The 95 % Wilson interval of a share, else empty."""
         if self.unit != "share" or "interval" not in self.entry:
             return ""
-        return "{} to {} %".format(*(_number(100 * x) for x in self.entry["interval"]))
+        return "{}–{} %".format(*(_number(100 * x) for x in self.entry["interval"]))
 
 
 @cache
