@@ -30,6 +30,7 @@ from warehouse.record_ids import (
 )
 from warehouse.remote_store import (
     PRIVATE,
+    check_store_folder,
     fetch_file,
     fetch_record,
     find_bucket_key,
@@ -216,6 +217,7 @@ def create_staging_folder(store: Path, label: str) -> Iterator[Path]:
         store: The store; made where there is none, for its owner alone.
 
     Raises:
+        InputError: If the folder has other files and is no store.
         ReadOnlyStoreError: If nothing may be written there.
     """
     name = f"{label}.{os.getpid()}.{uuid.uuid4().hex[:8]}"
@@ -223,7 +225,9 @@ def create_staging_folder(store: Path, label: str) -> Iterator[Path]:
     if find_store_bucket(store):
         open_bucket_for_writing(store)
     try:
-        if not store.exists():
+        if store.exists():
+            check_store_folder(store)
+        else:
             store.mkdir(PRIVATE, parents=True, exist_ok=True)
         folder.mkdir(parents=True)
     except OSError as error:

@@ -32,6 +32,13 @@ def test_a_new_store_is_its_owners_and_one_that_is_there_keeps_its_rights(tmp_pa
     assert modes == [0o700, 0o755]
 
 
+def test_nothing_is_written_among_the_files_of_another_folder(tmp_path):
+    (tmp_path / "notes.txt").touch()
+    with pytest.raises(InputError, match=r"is no store: .* got 'notes.txt'"):
+        samples.commit(tmp_path)
+    assert os.listdir(tmp_path) == ["notes.txt"]
+
+
 def test_a_run_lies_where_the_layout_says(tmp_path):
     id = samples.commit(tmp_path)
     assert tree(tmp_path) == [

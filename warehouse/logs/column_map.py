@@ -31,7 +31,7 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "q_ref": _ANGLE,
     "qd": {"rad/s": 1.0, "deg/s": _DEGREE},
     "qdd": {"rad/s^2": 1.0, "deg/s^2": _DEGREE},
-    "tau": {"N m": 1.0, "Nm": 1.0, **dict.fromkeys(LOGGED_UNITS, 1.0)},
+    "tau": {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, **dict.fromkeys(LOGGED_UNITS, 1.0)},
 }
 
 # TOML has types, so "7" for 7 or true for 1 is a slip and not a wish.

@@ -116,6 +116,7 @@ _WRITTEN = {
     "rad/s^2": ("rad/s^2", "rad/s2", "rad/s²"),
     "deg/s^2": ("deg/s^2", "deg/s2", "°/s²"),
     "N m": ("nm", "n m", "n·m", "n*m"),
+    "N mm": ("nmm", "n mm", "n·mm", "n*mm"),
     "A": ("a",),
     "%": ("%",),
 }
