@@ -78,7 +78,7 @@ FAULTS = {
     "N mm": (
         lambda t: t * np.array([1] * 7 + [1000] * 3),
         [Repair("tau", scale=1e-3)],
-        'tau = {columns = ["tau1", "tau2", "tau3"], scale = [0.001, 0.001, 0.001]}',
+        'tau = {columns = ["tau1", "tau2", "tau3"], unit = "N mm"}',
     ),
     "degrees": (
         lambda t: t * np.array([1] + [180 / np.pi] * 6 + [1] * 3),
