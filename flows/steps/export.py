@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 
-from flows.inputs.read import load_command_robot, read_log_sets
+from flows.inputs.read import read_log_sets
 from flows.requests import Export
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import read_model
@@ -34,7 +34,6 @@ from residual.quantity import convert_to_plain_values
 from residual.recording import Array, Recording
 from residual.robot.dynamics import build_kinematic_chain
 from residual.signals.track import build_tracks
-from warehouse.store_catalogue import find_record, read_record
 
 _FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
 
@@ -182,32 +181,12 @@ def export(request: Export) -> ModelExport:
     """
     check_name(request.to, list_export_targets(), "target")
     store = resolve_store_folder(request.store)
-    model = _add_locked_joints(read_model(store, request.model, request.which), request)
+    model = read_model(store, request.model, request.which)
     if request.log is None:
         return export_model(model, request.to)
     sets, robot = ((request.log,), (), ()), remove_tables(model).robot
     (log,) = read_log_sets(sets, robot, request.columns, store).fit
     return export_model(model, request.to, log)
-
-
-def _add_locked_joints(model: AnyModel, request: Export) -> AnyModel:
-    """Return a stored model with the locked joints of its robot's file, if it is there.
-
-    The URDF of a record has them as fixed joints.
-    """
-    bare = remove_tables(model)
-    if bare.robot.locked or Path(request.model).is_file():
-        return model
-    store = resolve_store_folder(request.store)
-    record = read_record(store, find_record(store, request.model).id)
-    try:
-        robot = load_command_robot(record["request"]["robot"])
-    except (InputError, KeyError, TypeError):
-        return model
-    if robot.urdf != bare.robot.urdf:
-        return model
-    whole = replace(bare, robot=replace(bare.robot, locked=robot.locked))
-    return whole if bare is model else replace(model, model=whole)
 
 
 def export_model(model: AnyModel, to: str, log: Recording | None = None) -> ModelExport:
