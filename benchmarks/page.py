@@ -159,9 +159,9 @@ def _section(name: str, content: Mapping) -> str:
         shown = [k for k in (*keys, key) if k in entries]
         if shown:
             cells = [str(entries[k][1]) if k in entries else "" for k in keys]
-            if key not in keys:  # not of any program
-                cells[0] = cells[0] or str(entries[shown[0]][1])
             figure = entries[shown[0]][1]
+            if shown == [key]:  # of no program
+                cells[0] = str(figure)
             rows.append((entry["is"], *cells, figure.bar, figure.interval))
     facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]

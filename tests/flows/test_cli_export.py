@@ -232,10 +232,9 @@ def test_fingers_that_become_fixed_joints_are_named(tmp_path, capsys, to, told):
     (arm / "robot.toml").write_text("[locked]\nfinger = 0.01\n")
     model = model_with(load_robot(arm), "viscous")
     model.save(tmp_path / "m.json")
-    request = {"request": {"robot": str(arm)}}
     record = {"robot": "arm", "stage": "identified", "model": model.to_record()}
     store = tmp_path / "store"
-    id = commit_record(store, "models", record | request)
+    id = commit_record(store, "models", record)
     for number, word in enumerate((str(tmp_path / "m.json"), id)):
         words = ["export", word, "--to", to, "--out", str(tmp_path / f"o{number}")]
         assert main([*words, "--store", str(store)]) == 0
