@@ -5,15 +5,15 @@ The commit of the program is what git says in a checkout; a wheel has it in a fi
 was written when it was built (`setup.py`).
 """
 
+import ast
 import hashlib
 import platform
 import subprocess
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import asdict, dataclass
 from functools import cache
 from importlib.metadata import PackageNotFoundError, distributions, version
-from modulefinder import ModuleFinder
 from pathlib import Path
 
 from residual.errors import InputError
@@ -29,6 +29,8 @@ _NAMED = 20  # files that are named; the others are counted
 # Named in the manifest; all others are in the hash of the environment.
 _TOLD = ("modelgap", "numpy", "scipy", "numba", "pin", "pybullet", "pyarrow", "duckdb")
 BUILT = Path(__file__).with_name("commit.txt")
+# What `setup.py` adds to a wheel.
+_BUILT = ("warehouse/commit.txt", "flows/shared/")
 MADE_WITH = "made_with"
 
 
@@ -142,8 +144,8 @@ def list_installed_packages() -> bytes:
 @cache
 def hash_program_code(root: Path = ROOT) -> str:
     """Return the hash of all our code, 64 hex digits."""
-    files = {p for name in PACKAGES for p in (root / name).rglob("*") if _counts(p)}
-    return _hash_files(files, root)
+    files = (p for name in PACKAGES for p in (root / name).rglob("*"))
+    return _hash_files({p for p in files if _counts(p, root)}, root)
 
 
 @cache
@@ -165,19 +167,44 @@ def _hash_files(files: Iterable[Path], root: Path) -> str:
 
 
 def list_plant_files(root: Path = ROOT) -> tuple[Path, ...]:
-    """Return the files that ``plant_code_hash`` is of, in order."""
-    files = {p for p in (root / "sim").rglob("*") if _counts(p)}
-    finder = ModuleFinder([str(root)])
-    for path in files:
-        if path.suffix == ".py":
-            parts = path.relative_to(root).with_suffix("").parts
-            finder.import_hook(".".join(parts).removesuffix(".__init__"))
-    files |= {Path(m.__file__) for m in finder.modules.values() if m.__file__}
+    """Return the files that ``plant_code_hash`` is of, in order.
+
+    Imports are followed into our own packages only, by the text of the files: what
+    lies beside them in a site-packages is neither read nor counted.
+    """
+    files = {p for p in (root / "sim").rglob("*") if _counts(p, root)}
+    unread = [p for p in files if p.suffix == ".py"]
+    while unread:
+        new = set(_list_imports(unread.pop(), root)) - files
+        files |= new
+        unread += new
     return tuple(sorted(files, key=lambda p: p.relative_to(root).as_posix()))
 
 
-def _counts(path: Path) -> bool:
-    return path.is_file() and "__pycache__" not in path.parts
+def _list_imports(path: Path, root: Path) -> Iterator[Path]:
+    """Yield the files of ours that a module imports, with those of their packages."""
+    package = path.relative_to(root).parent.parts
+    for node in ast.walk(ast.parse(path.read_bytes())):
+        base: tuple[str, ...] = ()
+        if isinstance(node, ast.ImportFrom):
+            if node.level:
+                base = package[: len(package) + 1 - node.level]
+            base += tuple(node.module.split(".") if node.module else ())
+        elif not isinstance(node, ast.Import):
+            continue
+        for alias in node.names:
+            parts = (*base, *alias.name.split("."))
+            for end in range(1, len(parts) + 1) if parts[0] in PACKAGES else ():
+                place = root.joinpath(*parts[:end])
+                both = (place / "__init__.py", place.with_suffix(".py"))
+                yield from filter(Path.is_file, both)
+
+
+def _counts(path: Path, root: Path) -> bool:
+    """Whether a file counts: one of the checkout, not what a build adds to a wheel."""
+    name = path.relative_to(root).as_posix()
+    built = "/__pycache__/" in name or name.startswith(_BUILT)
+    return path.is_file() and not built
 
 
 @cache

@@ -54,6 +54,30 @@ def test_only_the_code_of_the_plant_changes_the_hash(tree):
     assert code_hash(tree) == before
 
 
+def test_the_hash_of_a_tree_is_that_of_the_first_version(tree):
+    # The ids of all runs hang on it: as ab4d41df computed it.
+    hash = "f2fd29d0946fe1f9ba64f4c030608b8e02d5eb2d39697e7cc9d083c4d4396e4f"
+    assert code_hash(tree) == hash
+
+
+def test_beside_its_libraries_a_program_has_the_hashes_of_its_checkout(tree):
+    program_hash = code_provenance.hash_program_code.__wrapped__
+    before = (code_hash(tree), program_hash(tree))
+    beside = {
+        "numpy/__init__.py": "from numpy import broken\nimport residual.effects\n",
+        "numpy/broken.py": "import nothing.of.the.kind\nthis is no Python\n",
+        "warehouse/commit.txt": "0123",
+        "flows/shared/prefect.yaml": "name: modelgap",
+        "flows/__pycache__/steps.pyc": "x",
+    }
+    for name, text in beside.items():
+        (tree / name).parent.mkdir(parents=True, exist_ok=True)
+        (tree / name).write_text(text)
+    assert (code_hash(tree), program_hash(tree)) == before
+    (tree / "flows" / "steps.py").write_text("")
+    assert program_hash(tree) != before[1]
+
+
 def test_the_diagnosis_is_no_part_of_our_plant():
     names = {p.relative_to(ROOT).as_posix() for p in list_plant_files()}
     assert {"sim/__init__.py", "residual/__init__.py"} <= names

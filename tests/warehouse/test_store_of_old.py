@@ -1,7 +1,7 @@
 """A store that commit ab4d41df wrote: it opens, verifies, reruns, answers.
 
-Its campaign has two runs, with a payload that no model declares; the measured log
-beside them was identified, diagnosed and calibrated, its model adopted, a run validated.
+Its campaign has two runs, with a payload that no model declares, one of them validated;
+the measured log was identified, diagnosed and calibrated, its model adopted.
 """
 
 import shutil
