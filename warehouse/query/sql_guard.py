@@ -229,6 +229,8 @@ def limit_query_time(
         raise
     finally:
         timer.cancel()
+        # A thread that outlives the program keeps the connection, a leak to nanobind.
+        timer.join()
 
 
 def explain_error(error: Exception) -> str:
