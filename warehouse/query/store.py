@@ -124,10 +124,11 @@ def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
 class Store:
     """An open store. Every query sees what was committed before it.
 
-    DuckDB reads the files itself and logs which of them it opens. After every query
-    these are hashed and compared with the sums of their records, so that no answer
-    comes from a damaged file. ``_index/hashed.json`` lists the files that were found
-    whole: one is hashed again only if its inode, size or time of change is another one.
+    Catalogue rows are in memory; the files of samples DuckDB reads itself, and logs
+    which of them it opens. After a query over samples these are hashed and compared
+    with the sums of their records, so that no answer comes from a damaged file.
+    ``_index/hashed.json`` lists the files that were found whole: one is hashed again
+    only if its inode, size or time of change is another one.
     """
 
     def __init__(self, path: Path) -> None:
@@ -179,22 +180,17 @@ class Store:
             while True:
                 if samples:
                     self._view_samples()
+                    self._connection.execute("CALL truncate_duckdb_logs()")
                 if not without_damaged:
                     self._need_whole(names)
                 answer = error = None
-                self._connection.execute("CALL truncate_duckdb_logs()")
                 try:
                     answer = self._read(query, values)
                 except duckdb.InterruptException:
                     raise
                 except _FAILURES as failure:
                     error = failure
-                files = set(self._files())
-                opened = [path for (path,) in self._connection.sql(_OPENED).fetchall()]
-                gone = [f for f in files if samples and error and not os.path.exists(f)]
-                broken = self._faults([*opened, *gone])
-                if other := broken.keys() - files:
-                    raise InputError(broken[min(other)])
+                broken = self._find_broken_samples(error) if samples else {}
                 if not broken and error:
                     raise InputError(explain_error(error)) from error
                 if not broken:
@@ -268,6 +264,16 @@ class Store:
                 f"The answer needs damaged files. {' '.join(lines[:3])}{more} Answer "
                 "without them: --without-damaged."
             )
+
+    def _find_broken_samples(self, error: Exception | None) -> dict[str, str]:
+        """Return what is wrong with the files that the last query read, by path."""
+        files = set(self._files())
+        opened = [path for (path,) in self._connection.sql(_OPENED).fetchall()]
+        gone = [f for f in files if error and not os.path.exists(f)]
+        broken = self._faults([*opened, *gone])
+        if other := broken.keys() - files:
+            raise InputError(broken[min(other)])
+        return broken
 
     def _files(self) -> list[str]:
         """Return the files that the view samples should have."""
