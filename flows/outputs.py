@@ -14,7 +14,6 @@ from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
 from rich.progress import Progress as Bar
 
 from residual.errors import InputError, strip_control_characters
-from residual.robot.robot import parse_robot_reference
 
 
 def json_text(document: Mapping) -> str:
@@ -81,6 +80,8 @@ def check_new_folder(option: str, place: Path) -> None:
 
 def list_input_files(words: Iterable[str], *files: str | None) -> list[Path]:
     """Return the files that a command may read, with and without a log window."""
+    from residual.robot.robot import parse_robot_reference
+
     words = [
         place for word in words for place in {word, parse_robot_reference(word)[0]}
     ]

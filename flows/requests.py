@@ -13,7 +13,6 @@ from typing import Annotated, Any, Literal, Self
 from cyclopts import Parameter, Token
 
 from residual.errors import InputError
-from residual.robot.robot import format_robot_reference
 
 _PLACES = ("columns", "store")
 _OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")  # go into the robot word
@@ -237,6 +236,8 @@ class RobotRequest(Request):
     def __post_init__(self) -> None:
         how = [getattr(self, name) for name in _OF_ROBOT]
         if any(how) and self.robot:
+            from residual.robot.robot import format_robot_reference
+
             object.__setattr__(self, "robot", format_robot_reference(self.robot, *how))
             for field in fields(RobotRequest)[1:]:
                 object.__setattr__(self, field.name, field.default)
@@ -495,3 +496,40 @@ class Predict(Request):
     without: Annotated[Words, Parameter(metavar="EFFECT...")] = ()
     columns: Columns = None
     store: Store = None
+
+
+@dataclass(frozen=True, slots=True)
+class Adopt(Request):
+    """Which model a robot is to get.
+
+    Attributes:
+        model: Id of a diagnosis, of the model that it ended with, or of an adoption.
+        note: A note that is stored with the adoption.
+        force: Adopt it against the gate; that needs a --note.
+    """
+
+    model: GivenWord = ""
+    note: Text = ""
+    force: Flag = False
+    store: Store = None
+
+
+@dataclass(frozen=True, slots=True)
+class Demo(Request):
+    """Which demonstration.
+
+    Attributes:
+        seed: Seed of the arm, the motions, the noise, and of what is hidden.
+        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
+            It is as large as the motions of the arm can show.
+        background: What all joints have beside it: nothing, that of an arm in use, or
+            twice as much.
+    """
+
+    seed: Number = 7
+    effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None
+    store: Store = None
+    # As sim.engine.plant_records.BACKGROUNDS, which loads numerics.
+    background: Annotated[
+        Literal["clean", "workshop", "worn"], Parameter(metavar="NAME")
+    ] = "clean"

@@ -190,17 +190,38 @@ def test_no_folder_has_more_files_than_a_reader_takes_in():
     assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
 
 
-def test_commands_load_no_plotting_library_engine_or_scheduler_that_they_do_not_use():
+def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
+    commands = [f"flows.cli.{p.stem}" for p in (ROOT / "flows" / "cli").glob("*.py")]
+    slow = {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect", "matplotlib"}
+    code = f"import sys, {', '.join(commands)}\nprint({slow!r} & set(sys.modules))"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("set()\n", "")
+
+
+def test_steps_load_no_engine_or_scheduler_that_they_do_not_use():
     code = (
-        "import sys, flows.cli.diagnose, flows.cli.fit\n"
+        "import sys, flows.steps.calibrate, flows.report.models\n"
         "print('matplotlib' in sys.modules)\n"
-        "import flows.steps.diagnose, flows.cli.logs, flows.cli.experiment\n"
+        "import flows.steps.diagnose, flows.steps.imports, flows.steps.experiment\n"
         "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
     )
     done = subprocess.run(
         [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
     )
     assert (done.stdout, done.stderr) == ("False\n[]\n", "")
+
+
+def test_a_query_loads_no_robot_and_no_functions_of_arrow():
+    code = (
+        "import sys, flows.report.query_results, warehouse.query.store\n"
+        "print(sorted({'pinocchio', 'pyarrow.compute', 'pydantic'} & set(sys.modules)))"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
 def _strings(path: Path) -> set[str]:

@@ -16,7 +16,6 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import pyarrow as pa
-import pyarrow.compute as pc
 
 from residual.errors import InputError
 from warehouse.record_ids import ID_DIGITS, check_record_id
@@ -224,11 +223,12 @@ def _rows(
 ) -> tuple[pa.Table, tuple[str, ...]]:
     """Return the rows of a kind, and messages about those that cannot be read."""
     listed = before.rows[kind.name] if before else _read_index(store, kind)
-    ids = listed.column(kind.key)
-    kept = listed.filter(pc.is_in(ids, pa.array(list(folders), pa.string())))
-    missing = sorted(folders.keys() - set(kept.column(kind.key).to_pylist()))
-    if not missing and len(kept) == len(listed):
-        return listed, ()
+    ids = listed.column(kind.key).to_pylist()
+    missing = sorted(folders.keys() - set(ids))
+    kept = [row for row, id in enumerate(ids) if id in folders]
+    if not missing and len(kept) == len(ids):
+        return listed, ()  # the usual case, before Arrow loads its functions
+    kept = listed.take(pa.array(kept, pa.int64()))
     paths = [Path(folders[id], kind.row) for id in missing]
     with ThreadPoolExecutor(_AT_ONCE if find_store_bucket(store) else 1) as pool:
         read = list(pool.map(lambda path: _read_row(path, kind), paths))

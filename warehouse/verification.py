@@ -26,7 +26,8 @@ from warehouse.remote_store import (
     list_folder_names,
     open_fresh_copy,
 )
-from warehouse.runs import ROBOTS, open_seal
+from warehouse.robots import ROBOTS
+from warehouse.runs import open_seal
 from warehouse.store_catalogue import StoredRecord, list_record_folders
 from warehouse.store_files import (
     find_damaged_record_files,

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -15,22 +15,10 @@ from flows.cli.app import (
     Outputs,
     check_option_range,
 )
-from flows.inputs.read import load_command_robot, query_run_ids
 from flows.outputs import list_input_files, print_plain, show_progress_bar
-from flows.report import experiments
-from flows.report.diagnosis import print_diagnosis, print_truth
-from flows.report.document import print_parts
-from flows.report.experiments import (
-    build_alarm_table,
-    build_motion_parts,
-    describe_alarms,
-    draw_motion_png,
-)
-from flows.report.experiments import draw_monitoring_png as draw
-from flows.report.phrases import Demonstration
-from flows.report.stored_pages import parse_hidden_effects, store_demo_page
 from flows.requests import (
     Campaign,
+    Demo,
     File,
     Flag,
     Hertz,
@@ -45,21 +33,10 @@ from flows.requests import (
     Where,
 )
 from flows.settings import resolve_store_folder
-from flows.specs import load_campaign, load_spec
-from flows.steps import demo as demonstration
-from flows.steps import experiment as steps
-from flows.steps import monitor as monitoring
-from flows.steps import validate as trial
-from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
-from flows.steps.experiment import explain_infeasible_motion, format_reference_csv
-from flows.steps.model_choice import choose_monitor_model
-from flows.storage.diagnosis import read_outcome
 from residual.errors import InputError, RunError
-from sim.engine.plant_records import TrajectorySpec
-from sim.engine.pybullet_world import animate_reference
-from sim.trajectories import plan_reference_motion
-from sim.trajectories.excitation import compute_limit_usage
-from warehouse.remote_store import format_store_name
+
+if TYPE_CHECKING:
+    from flows.steps.experiment import PlannedExperiment
 
 DryRun = Annotated[
     Flag,
@@ -85,6 +62,10 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     Args:
         spec: SPEC.toml with robot, trajectory, plant with hidden effects, and rates.
     """
+    from flows.specs import load_spec
+    from flows.steps import experiment as steps
+    from warehouse.remote_store import format_store_name
+
     place, console = resolve_store_folder(store), Console()
     (planned,) = steps.plan_experiments([(spec, load_spec(spec))], place)
     _list([planned], console, dry_run)
@@ -118,6 +99,10 @@ def campaign(
     Args:
         spec: The campaign file.
     """
+    from flows.specs import load_campaign
+    from flows.steps import experiment as steps
+    from warehouse.remote_store import format_store_name
+
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = resolve_store_folder(request.store), out.console
     planned = steps.plan_experiments(load_campaign(spec), place, Path(spec).stem)
@@ -146,9 +131,11 @@ def campaign(
 
 
 def _list(
-    planned: list[steps.PlannedExperiment], console: Console, rehearsed: bool
+    planned: list["PlannedExperiment"], console: Console, rehearsed: bool
 ) -> dict[str, str]:
     """List experiments, with their motions planned; returns why some will fail."""
+    from flows.steps.experiment import explain_infeasible_motion
+
     failing = {}
     with show_progress_bar() as tell:
         for number, each in enumerate(planned):
@@ -193,6 +180,12 @@ def validate(
         runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
+    from flows.inputs.read import query_run_ids
+    from flows.report import experiments
+    from flows.report.document import print_parts
+    from flows.steps import validate as trial
+    from warehouse.remote_store import format_store_name
+
     out, place = Outputs({"--report": report}), resolve_store_folder(request.store)
     console, found = out.console, {}
     runs = (*runs, *query_run_ids(request.store, where))
@@ -261,6 +254,15 @@ def trajectory(
         plot: PNG file for the curves.
         gif: GIF file of the moving arm.
     """
+    from flows.inputs.read import load_command_robot
+    from flows.report.document import print_parts
+    from flows.report.experiments import build_motion_parts, draw_motion_png
+    from flows.steps.experiment import format_reference_csv
+    from sim.engine.plant_records import TrajectorySpec
+    from sim.engine.pybullet_world import animate_reference
+    from sim.trajectories import plan_reference_motion
+    from sim.trajectories.excitation import compute_limit_usage
+
     files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
     out = Outputs(files, list_input_files([request.robot]))
     check_option_range("--duration", request.duration, 0.1, LONGEST)
@@ -284,10 +286,10 @@ def trajectory(
     out.finish()
 
 
-_DEMO = demonstration.Demo()
+_DEMO = Demo()
 
 
-def demo(*, request: demonstration.Demo = _DEMO) -> None:
+def demo(*, request: Demo = _DEMO) -> None:
     """Find the hidden effect of a simulated arm.
 
     Runs six experiments of three motion families in a physics engine, and two held-out
@@ -299,6 +301,14 @@ def demo(*, request: demonstration.Demo = _DEMO) -> None:
     modelgap demo --effect spring --seed 3
     ```
     """
+    from flows.report.diagnosis import print_diagnosis, print_truth
+    from flows.report.phrases import Demonstration
+    from flows.report.stored_pages import parse_hidden_effects, store_demo_page
+    from flows.steps import demo as demonstration
+    from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
+    from flows.storage.diagnosis import read_outcome
+    from warehouse.remote_store import format_store_name
+
     place, console = resolve_store_folder(request.store), Console()
     check_option_range("--seed", request.seed, 0, SEEDS)
     request = replace(request, store=place)
@@ -351,6 +361,13 @@ def monitor(
         nominal: Use the nominal model of the robot, also where one is adopted.
         plot: PNG file for the scores over time.
     """
+    from flows.report.document import print_parts
+    from flows.report.experiments import build_alarm_table, describe_alarms
+    from flows.report.experiments import draw_monitoring_png as draw
+    from flows.steps import monitor as monitoring
+    from flows.steps.model_choice import choose_monitor_model
+    from warehouse.remote_store import format_store_name
+
     place = resolve_store_folder(request.store)
     out = Outputs({"--plot": plot})
     choice = choose_monitor_model(model, place, nominal, runs)

@@ -4,15 +4,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.inputs.read import load_request_robot, select_request_runs
 from flows.outputs import (
     check_new_folder,
     list_input_files,
     place_in_folder,
     show_progress_bar,
 )
-from flows.report.document import print_parts, widen_piped_console
-from flows.report.models import build_identification_parts as identified
 from flows.requests import (
     Calibrate,
     File,
@@ -23,15 +20,6 @@ from flows.requests import (
     Log,
     Where,
 )
-from flows.steps import calibrate as calibration
-from flows.steps import identify as identification
-from flows.steps.model_choice import choose_request_model
-from flows.storage.calibration import build_calibration_document as calibration_document
-from flows.storage.calibration import build_calibration_files
-from flows.storage.identification_record import (
-    build_identification_document as identification_document,
-)
-from residual.model.model_files import build_robot_folder
 
 
 def identify(
@@ -59,6 +47,16 @@ def identify(
             runs.
         export: New folder for the identified URDF and robot.toml, for --robot.
     """
+    from flows.inputs.read import load_request_robot, select_request_runs
+    from flows.report.document import print_parts, widen_piped_console
+    from flows.report.models import build_identification_parts as identified
+    from flows.steps import identify as identification
+    from flows.steps.model_choice import choose_request_model
+    from flows.storage.identification_record import (
+        build_identification_document as identification_document,
+    )
+    from residual.model.model_files import build_robot_folder
+
     request = select_request_runs(request, logs, where, held_out_where)
     robot = load_request_robot(request)
     choice = choose_request_model(request, robot)
@@ -106,11 +104,18 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it alone.
         export: New folder for the tables, their model, and evaluators in NumPy and C.
     """
+    from flows.inputs.read import select_request_runs
     from flows.report.calibration import (
         build_terminal_parts,
         describe_calibration,
         render_calibration_page,
     )
+    from flows.report.document import print_parts, widen_piped_console
+    from flows.steps import calibrate as calibration
+    from flows.storage.calibration import (
+        build_calibration_document as calibration_document,
+    )
+    from flows.storage.calibration import build_calibration_files
 
     request = select_request_runs(request, logs, where)
     inputs = list_input_files((*request.logs, request.robot), request.columns)

@@ -5,20 +5,9 @@ from dataclasses import asdict
 
 from rich.console import Console
 
-from flows.report.document import print_parts, widen_piped_console
-from flows.report.records import (
-    build_diff_record,
-    build_diff_tables,
-    build_rerun_record,
-    describe_rerun,
-    print_tree,
-)
 from flows.requests import Flag, Store, TableFormat, TextFormat
 from flows.settings import resolve_store_folder
-from flows.steps import diff as steps
-from flows.steps import rerun as reruns
 from residual.errors import RunError
-from warehouse.query.store import build_lineage_tree, open_store
 
 
 def diff(
@@ -39,6 +28,10 @@ def diff(
         two: Id of a second record of the same kind.
         format: Format of the output.
     """
+    from flows.report.document import print_parts, widen_piped_console
+    from flows.report.records import build_diff_record, build_diff_tables
+    from flows.steps import diff as steps
+
     difference = steps.diff_records(one, two, resolve_store_folder(store))
     if format == "json":
         print(json.dumps(build_diff_record(difference), indent=2, ensure_ascii=False))
@@ -70,6 +63,10 @@ def lineage(
         down: Only the records made from it.
         format: Format of the output.
     """
+    from flows.report.document import widen_piped_console
+    from flows.report.records import print_tree
+    from warehouse.query.store import build_lineage_tree, open_store
+
     directions = {"made from": up or not down, "gave": down or not up}
     with open_store(resolve_store_folder(store)) as opened:
         trees = {
@@ -118,6 +115,9 @@ def rerun(
             of its values.
         format: Format of the output.
     """
+    from flows.report.records import build_rerun_record, describe_rerun
+    from flows.steps import rerun as reruns
+
     place = resolve_store_folder(store)
     outcome = reruns.rerun(id, place, verify)
     if format == "json":

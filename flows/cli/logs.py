@@ -7,15 +7,9 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import list_input_files, print_plain
-from flows.report.document import print_parts
-from flows.report.records import build_channel_table, describe_imported_log
-from flows.report.sentences import describe_check
 from flows.requests import Check, File, Flag, Import, Json, Log, Map
 from flows.settings import resolve_store_folder
-from flows.steps import check as checking
-from flows.steps import imports
 from residual.errors import InputError
-from warehouse.remote_store import format_store_name
 
 
 def check(*logs: Log, request: Check, json: Json = None) -> None:
@@ -34,6 +28,9 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
         logs: Logs: CSV, Parquet, ROS bag or MCAP files, windows (FILE@0:16.5,
             FILE@60%:) or ids of stored runs.
     """
+    from flows.report.sentences import describe_check
+    from flows.steps import check as checking
+
     request = replace(request, logs=logs)
     out = Outputs(
         {"--json": json}, list_input_files((*logs, request.robot), request.columns)
@@ -65,6 +62,8 @@ def map_(log: Log, /, *, request: Map, out: File = None) -> None:
         log: CSV, Parquet, ROS bag or MCAP file.
         out: File for the map; default: print it.
     """
+    from flows.steps import check as checking
+
     files = list_input_files((log, request.robot))
     outputs = Outputs({"--out": out}, files)
     text = checking.draft_map(replace(request, log=log))
@@ -100,6 +99,11 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         logs: Log files; FILE@0:16.5 is a window in seconds from the first sample.
         dry_run: Show the columns and the id, store nothing.
     """
+    from flows.report.document import print_parts
+    from flows.report.records import build_channel_table, describe_imported_log
+    from flows.steps import imports
+    from warehouse.remote_store import format_store_name
+
     place, console = resolve_store_folder(request.store), Console()
     request = replace(request, logs=logs, store=place)
     arm, read = imports.read_logs(request)

@@ -9,21 +9,10 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
-from flows.report.document import print_parts, widen_piped_console
-from flows.report.models import (
-    ADOPTED_KEY,
-    build_adoption_table,
-    build_prediction_table,
-    describe_adoption,
-)
-from flows.requests import Export, File, Log, Predict, RobotName, Store, Text
+from flows.requests import Adopt, Export, File, Log, Predict, RobotName, Store, Text
 from flows.settings import resolve_store_folder
-from flows.steps import adopt as steps
-from flows.steps import export as exporting
-from flows.steps import predict as predicting
-from warehouse.remote_store import format_store_name
 
-_DEFAULT = steps.Adopt()
+_DEFAULT = Adopt()
 
 
 def models(*, robot: RobotName = None, store: Store = None) -> None:
@@ -40,6 +29,11 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     Args:
         robot: List one robot only: its name, file or folder.
     """
+    from flows.report.document import print_parts, widen_piped_console
+    from flows.report.models import ADOPTED_KEY, build_adoption_table
+    from flows.steps import adopt as steps
+    from warehouse.remote_store import format_store_name
+
     console, listed = widen_piped_console(Console()), steps.list_adoptions(store, robot)
     if not listed:
         subject = f"{robot} has" if robot else "Every robot has"
@@ -52,7 +46,7 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     print_parts(console, build_adoption_table(listed), ADOPTED_KEY)
 
 
-def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
+def adopt(id: str, /, *, request: Adopt = _DEFAULT) -> None:
     """Make the augmented model of a diagnosis the current model of its robot.
 
     ```
@@ -67,6 +61,9 @@ def adopt(id: str, /, *, request: steps.Adopt = _DEFAULT) -> None:
     Args:
         id: Id of a diagnosis, or of its model.
     """
+    from flows.report.models import describe_adoption
+    from flows.steps import adopt as steps
+
     number, judgment = steps.adopt(replace(request, model=id))
     print_plain(Console(), *describe_adoption(number, judgment))
 
@@ -82,6 +79,8 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
         robot: The robot; not needed if only one has an adopted model.
         note: Reason, which is stored.
     """
+    from flows.steps import adopt as steps
+
     number, restored = steps.roll_back(robot, note, store)
     now = "its nominal model"
     if restored.diagnosis_id is not None:
@@ -119,6 +118,8 @@ def export(
         out: New folder for the files.
         json: File for the list of what is not exported; "-" prints it alone.
     """
+    from flows.steps import export as exporting
+
     check_outside("--out", out, resolve_store_folder(request.store))
     check_new_folder("--out", Path(out))
     inputs = list_input_files((model, request.log or ""), request.columns)
@@ -151,6 +152,10 @@ def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -
             and tau_edited1... with --without.
         json: File for the errors as JSON; "-" prints it alone.
     """
+    from flows.report.document import print_parts
+    from flows.report.models import build_prediction_table
+    from flows.steps import predict as predicting
+
     check_outside("--out", out, resolve_store_folder(request.store))
     request = replace(request, logs=logs)
     inputs = list_input_files((*logs, request.model), request.columns)

@@ -4,20 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import FASTEST, SEEDS, Outputs, check_option_range
-from flows.inputs.read import is_run_id
 from flows.outputs import list_input_files, show_progress_bar
-from flows.report.document import print_parts
-from flows.report.experiments import (
-    build_ranking_table,
-    describe_best_motion,
-    explain_no_experiment,
-)
-from flows.report.sentences import list_headline_sentences
 from flows.requests import File, Hertz, Log, Next
-from flows.steps.experiment import format_reference_csv
-from flows.steps.next import rank_motions, reopen_diagnosis
-from residual.verdict.document import to_json
-from sim.trajectories import plan_reference_motion
 
 _DEFAULT = Next()
 
@@ -56,6 +44,19 @@ def next_(
             (rad/s^2).
         json: File for the verdict with its next_experiment; "-" prints it alone.
     """
+    from flows.inputs.read import is_run_id
+    from flows.report.document import print_parts
+    from flows.report.experiments import (
+        build_ranking_table,
+        describe_best_motion,
+        explain_no_experiment,
+    )
+    from flows.report.sentences import list_headline_sentences
+    from flows.steps.experiment import format_reference_csv
+    from flows.steps.next import rank_motions, reopen_diagnosis
+    from residual.verdict.document import to_json
+    from sim.trajectories import plan_reference_motion
+
     request = replace(request, verdict=verdict, logs=logs)
     words = (*request.logs, *request.baseline, *request.held_out)
     read = [] if is_run_id(verdict) else [Path(verdict)]

@@ -5,26 +5,16 @@ from collections import Counter
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
-from flows.inbox.batches import diagnose_new_runs
-from flows.inbox.import_logs import (
-    KNOWN,
-    REFUSED,
-    STORED,
-    WAITING,
-    Inbox,
-    import_inbox_logs,
-    list_inboxes,
-    list_logs,
-    wait_for_unchanged_logs,
-)
 from flows.outputs import show_progress_bar
-from flows.project.read import Project, create_project, read_project
-from flows.report.sentences import format_headline
 from flows.requests import Flag, RobotName
 from flows.settings import PROJECT
-from flows.steps.monitor import monitor_new_runs
 from residual.errors import InputError, strip_control_characters
+
+if TYPE_CHECKING:
+    from flows.inbox.import_logs import Inbox
+    from flows.project.read import Project
 
 _PAUSE = 5.0  # s between two looks
 
@@ -48,6 +38,8 @@ def init(
         robot: Robot file, folder or built-in name. Default: the simulated IRB140.
         simulated: Run a nightly campaign on a simulated arm of this robot.
     """
+    from flows.project.read import create_project
+
     project = create_project(folder, robot, simulated)
     print(f"wrote {project.folder / PROJECT}")
     for inbox in project.table.inbox:
@@ -77,6 +69,16 @@ def inbox(
         once: Return after the logs that are there now; default: run until Ctrl-C.
         import_only: Do not monitor or diagnose.
     """
+    from flows.inbox.import_logs import (
+        KNOWN,
+        REFUSED,
+        STORED,
+        WAITING,
+        list_inboxes,
+        list_logs,
+    )
+    from flows.project.read import read_project
+
     project = read_project(folder)
     of = list_inboxes(project)
     if not of:
@@ -95,7 +97,14 @@ def inbox(
             time.sleep(_PAUSE)
 
 
-def _import_round(project: Project, of: Sequence[Inbox], import_only: bool) -> Counter:
+def _import_round(
+    project: "Project", of: Sequence["Inbox"], import_only: bool
+) -> Counter:
+    from flows.inbox.batches import diagnose_new_runs
+    from flows.inbox.import_logs import import_inbox_logs, wait_for_unchanged_logs
+    from flows.report.sentences import format_headline
+    from flows.steps.monitor import monitor_new_runs
+
     counts: Counter = Counter()
 
     def monitor(robot: str, runs: Sequence[str]) -> None:

@@ -11,16 +11,7 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 
-from flows.inbox.import_logs import list_inboxes
 from flows.outputs import json_text, print_plain
-from flows.project.deployments import build_deployments
-from flows.project.read import read_current_project
-from flows.report.document import (
-    ReportTable,
-    build_text_table,
-    print_parts,
-    widen_piped_console,
-)
 from flows.requests import Flag, Seconds, Store
 from flows.service.state import CLIENT, DATABASE, KEY, ServiceRequest, check_request
 from flows.settings import (
@@ -31,7 +22,6 @@ from flows.settings import (
     resolve_store_folder,
 )
 from residual.errors import InputError, RunError
-from warehouse.remote_store import format_store_name
 
 if TYPE_CHECKING:
     from flows.service.api import Status
@@ -57,6 +47,11 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
     Args:
         foreground: Run until Ctrl-C, then stop everything; for service managers.
     """
+    from flows.inbox.import_logs import list_inboxes
+    from flows.project.deployments import build_deployments
+    from flows.project.read import read_current_project
+    from warehouse.remote_store import format_store_name
+
     place = resolve_store_folder(request.store)
     project = read_current_project(place)
     database = os.environ.get(DATABASE) or None
@@ -107,6 +102,8 @@ def status(*, json: Flag = False, store: Store = None) -> None:
     Args:
         json: Print JSON.
     """
+    from warehouse.remote_store import format_store_name
+
     place = resolve_store_folder(store)
     home = place / PREFECT
     if not home.is_dir():
@@ -140,6 +137,8 @@ def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
     Args:
         wait: Longest time for flow runs to finish, in seconds.
     """
+    from warehouse.remote_store import format_store_name
+
     if not 0 <= wait < 1e6:
         raise InputError(f"--wait {wait:g}: expected 0 or more seconds.")
     place = resolve_store_folder(store)
@@ -161,6 +160,14 @@ def _say(text: str) -> None:
 
 
 def _print_status(state: "Status", store: Path) -> None:
+    from flows.report.document import (
+        ReportTable,
+        build_text_table,
+        print_parts,
+        widen_piped_console,
+    )
+    from warehouse.remote_store import format_store_name
+
     console = widen_piped_console(Console())
     running = state.running
     if running is None or running.stopped:

@@ -5,24 +5,13 @@ import sys
 import threading
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
-import pyarrow as pa
 from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import STDOUT
 from flows.outputs import check_outside, check_writable, print_plain, write_files
-from flows.report.document import print_parts, widen_piped_console
-from flows.report.query_results import (
-    describe_query_values,
-    encode_query_result,
-    list_named_queries,
-    list_schema_columns,
-    print_damaged_files,
-    print_query_result,
-    refuse_binary_on_terminal,
-)
 from flows.requests import (
     File,
     Flag,
@@ -38,14 +27,11 @@ from flows.requests import (
 )
 from flows.settings import resolve_store_folder
 from residual.errors import InputError, check_name
-from warehouse.query import store as opening
-from warehouse.query.sql_guard import LONGEST
-from warehouse.query.sql_views import NAMED
-from warehouse.query.sql_views import quote_sql_text as quoted
-from warehouse.query.store import open_store
-from warehouse.runs import quarantine_run as set_aside
-from warehouse.runs import read_manifest, read_quarantine_reason
-from warehouse.store_catalogue import find_record, read_record
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from warehouse.query.store import Store as Opened
 
 _COLUMNS = (
     "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
@@ -64,6 +50,14 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         limit: Number of runs.
         format: Format of the output.
     """
+    from flows.report.query_results import (
+        print_damaged_files,
+        print_query_result,
+        refuse_binary_on_terminal,
+    )
+    from warehouse.query.store import open_store
+    from warehouse.runs import read_manifest
+
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
     refuse_binary_on_terminal(format, None)
@@ -112,6 +106,11 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
+    from warehouse.query.store import open_store
+    from warehouse.runs import quarantine_run as set_aside
+    from warehouse.runs import read_quarantine_reason
+    from warehouse.store_catalogue import find_record
+
     with open_store(resolve_store_folder(store)) as opened:
         run_id = find_record(opened.path, id).id
         reason_before = read_quarantine_reason(opened.path, run_id)
@@ -139,6 +138,11 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
+    from flows.report.query_results import print_damaged_files
+    from warehouse.query.store import open_store
+    from warehouse.runs import read_quarantine_reason
+    from warehouse.store_catalogue import find_record, read_record
+
     with open_store(resolve_store_folder(store)) as opened:
         place = find_record(opened.path, id)
         record = {
@@ -162,6 +166,7 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.diagnosis import build_summary_parts
+    from flows.report.document import print_parts, widen_piped_console
     from flows.steps.adopt import describe_diagnosis_adoption
     from flows.storage.diagnosis import parse_verdict
 
@@ -179,7 +184,9 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
 
 
-def _relatives(store: opening.Store, id: str) -> dict:
+def _relatives(store: "Opened", id: str) -> dict:
+    from warehouse.query.sql_views import quote_sql_text as quoted
+
     queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
@@ -232,6 +239,15 @@ def sql(
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
     """
+    from flows.report.query_results import (
+        list_named_queries,
+        list_schema_columns,
+        print_damaged_files,
+        print_query_result,
+        refuse_binary_on_terminal,
+    )
+    from warehouse.query.store import open_store
+
     place = resolve_store_folder(store)
     if json is not None:
         if out or format != "table":
@@ -264,6 +280,10 @@ def sql(
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
+    from flows.report.query_results import describe_query_values
+    from warehouse.query.sql_guard import LONGEST
+    from warehouse.query.sql_views import NAMED
+
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
         if not query.strip():
@@ -280,7 +300,9 @@ def _query(
     return NAMED[name][1], values
 
 
-def _write(rows: pa.Table, format: str, out: str | None) -> None:
+def _write(rows: "pa.Table", format: str, out: str | None) -> None:
+    from flows.report.query_results import encode_query_result, print_query_result
+
     if out is None:
         print_query_result(rows, format)
         return

@@ -17,14 +17,13 @@ from importlib.util import find_spec
 from pathlib import Path
 from tempfile import mkstemp
 from time import monotonic, sleep
-from typing import Annotated
+from typing import Annotated, Any
 from urllib.parse import urlsplit
 
 from cyclopts import Parameter
 from pydantic import TypeAdapter
 
 from flows.outputs import json_text, write_files
-from flows.project.read import Project
 from flows.requests import Count, Flag, Request, Store
 from flows.settings import (
     API,
@@ -216,7 +215,8 @@ class ServiceRequest(Request):
     trust_network: Flag = False
     # $MODELGAP_DATABASE_URL: others on the machine can read command lines.
     database: Annotated[str | None, Parameter(parse=False)] = None
-    project: Annotated[Project | None, Parameter(parse=False)] = None
+    # Any: what reads a project takes longer to load than a typing error may take.
+    project: Annotated[Any, Parameter(parse=False)] = None
 
 
 def check_request(request: ServiceRequest) -> None:

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flows.inputs.read import load_command_robot
-from flows.requests import Flag, GivenWord, Request, Store, Text
+from flows.requests import Adopt
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
 from flows.storage.diagnosis import (
@@ -111,22 +111,6 @@ def _of_verdict(verdict: Verdict) -> list[str]:
                 f"and of their own model {edit.reference:.3g} %"
             )
     return out
-
-
-@dataclass(frozen=True, slots=True)
-class Adopt(Request):
-    """Which model a robot is to get.
-
-    Attributes:
-        model: Id of a diagnosis, of the model that it ended with, or of an adoption.
-        note: A note that is stored with the adoption.
-        force: Adopt it against the gate; that needs a --note.
-    """
-
-    model: GivenWord = ""
-    note: Text = ""
-    force: Flag = False
-    store: Store = None
 
 
 def adopt(request: Adopt) -> tuple[str, Judgment]:

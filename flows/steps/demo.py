@@ -8,16 +8,12 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 import json
 from collections.abc import Iterator, Mapping
 from concurrent.futures import Executor
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Annotated
-
-from cyclopts import Parameter
 
 from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
-from flows.requests import Number, Request, Store
+from flows.requests import Demo
 from flows.settings import resolve_store_folder
 from flows.specs import ExperimentSpec, derive_seed
 from flows.steps.experiment import (
@@ -30,9 +26,7 @@ from residual.errors import InputError, RunError, check_name
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     BACKGROUNDS,
-    CLEAN,
     HIDDEN,
-    BackgroundWord,
     create_random_stream,
 )
 from sim.plant.effect_catalogue import check_effect_name
@@ -48,24 +42,6 @@ DURATION, PAUSE = 20.0, 10.0  # s
 CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
 
 Runs = dict[str, list[str]]
-
-
-@dataclass(frozen=True, slots=True)
-class Demo(Request):
-    """Which demonstration.
-
-    Attributes:
-        seed: Seed of the arm, the motions, the noise, and of what is hidden.
-        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
-            It is as large as the motions of the arm can show.
-        background: What all joints have beside it: nothing, that of an arm in use, or
-            twice as much.
-    """
-
-    seed: Number = 7
-    effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None
-    store: Store = None
-    background: Annotated[BackgroundWord, Parameter(metavar="NAME")] = CLEAN
 
 
 def build_demo_specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:

@@ -47,7 +47,7 @@ from warehouse.code_provenance import hash_plant_code
 from warehouse.record_commit import SealedTruth, commit_run, hash_sealed_spec
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
-from warehouse.runs import store_robot_description
+from warehouse.robots import store_robot_description
 from warehouse.store_catalogue import find_record
 
 _LATER = ("background", "worked_before")

@@ -32,7 +32,8 @@ from warehouse.record_commit import commit_run, compute_imported_run_id
 from warehouse.record_ids import build_record_path
 from warehouse.record_ids import convert_to_json_types as plain_json
 from warehouse.remote_store import record_exists
-from warehouse.runs import read_manifest, store_robot_description
+from warehouse.robots import store_robot_description
+from warehouse.runs import read_manifest
 
 LONGEST = 60
 _KEY = re.compile(r"[\w.-]+")

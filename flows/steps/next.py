@@ -34,7 +34,7 @@ from sim.engine.plant_records import TrajectorySpec, create_random_stream
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace
 from sim.trajectories.reference_planning import plan_motion
-from warehouse.runs import find_used_robot
+from warehouse.robots import find_used_robot
 from warehouse.store_catalogue import read_record
 
 SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion

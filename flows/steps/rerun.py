@@ -43,7 +43,8 @@ from warehouse.code_provenance import (
 from warehouse.record_commit import commit_record
 from warehouse.record_ids import ID_DIGITS, convert_to_json_types, hash_arrays
 from warehouse.remote_store import fetch_record, record_exists
-from warehouse.runs import find_used_robot, open_seal, read_manifest
+from warehouse.robots import find_used_robot
+from warehouse.runs import open_seal, read_manifest
 from warehouse.store_catalogue import (
     RERUN_OF,
     StoredRecord,

@@ -9,9 +9,9 @@ import pytest
 from flows.cli import main
 from flows.report.diagnosis import print_truth
 from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
+from flows.requests import Demo
 from flows.steps import demo as steps
 from flows.steps import experiment
-from flows.steps.demo import Demo
 from flows.workers import InlineExecutor
 from tests.verdict_documents import typed
 

@@ -14,7 +14,8 @@ from residual.robot.robot import set_serial_number
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
-from warehouse.runs import find_robot_by_hash, read_run, store_robot_description
+from warehouse.robots import find_robot_by_hash, store_robot_description
+from warehouse.runs import read_run
 from warehouse.store_catalogue import read_record
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]

@@ -20,7 +20,7 @@ from residual.robot.dynamics import (
 from residual.robot.robot import build_robot, load_robot
 from residual.robot.urdf import ArmChoice, read_urdf
 from tests.plain_arm import logs
-from warehouse.runs import find_robot_by_hash
+from warehouse.robots import find_robot_by_hash
 
 LIMIT = '<limit lower="{low}" upper="{high}" velocity="2" effort="90"/>'
 

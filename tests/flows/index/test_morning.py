@@ -21,7 +21,7 @@ from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as samples
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_record, commit_run
-from warehouse.runs import store_robot_description
+from warehouse.robots import store_robot_description
 from warehouse.view_schema import build_view_table
 
 TEXT = """schema = 1
