@@ -6,9 +6,10 @@ events follow a commit; the store knows nothing of them.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from prefect import get_run_logger
@@ -117,10 +118,10 @@ def send_notice(
     ids: Sequence[str] = (),
     page: str = "",
 ) -> None:
-    """Send an event for people, on which an automation of Prefect notifies them.
+    """Send an event for people, which [notify] of a project passes on to them.
 
     Args:
-        kind: "alarm", "finding", "refused" or "failed".
+        kind: "alarm", "finding", "proposal", "refused" or "failed".
         title: In one line.
         text: All of it.
         ids: Ids of the records that it is about.
@@ -236,24 +237,11 @@ def validate(
     """
     place = resolve_store_folder(store)
     queue = (requests.Validate(id, window, place) for id in runs)
-    results = {request.run: validation.validate(request) for request in queue}
-    ids = [id for id, _ in results.values()]
-    publish_text("validate", ids, build_validation_parts(results))
+    results = [(request.run, *validation.validate(request)) for request in queue]
+    ids = [id for _, id, _ in results]
+    parts = (experiments.build_validation_parts(run, made) for run, _, made in results)
+    publish_text("validate", ids, [*chain.from_iterable(parts)])
     return ids
-
-
-def build_validation_parts(
-    validations: Mapping[str, tuple[str, validation.Validation]],
-) -> list:
-    """Return the tables and sentences of validations by run."""
-    parts = []
-    for run, (_, found) in validations.items():
-        parts += [f"Run {run}:", experiments.build_validation_table(found)]
-        parts += [
-            experiments.build_model_table(found),
-            experiments.describe_validation(found),
-        ]
-    return parts
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])

@@ -12,6 +12,7 @@ COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
+POOL = "modelgap"  # work pool, and tag of our deployments
 _EXAMPLE_NIGHT = "nightly"  # of the built-in arm; a project has its own
 _WITH_PROJECT = ("monitor", "alarm")  # get the folder of the project
 _ENTRY = "flows.pipelines.project."
@@ -113,8 +114,8 @@ def _deployment(
         "name": name,
         "entrypoint": f"{entry}{flow}",
         "description": about,
-        "tags": ["modelgap"],
-        "work_pool": {"name": "modelgap"},
+        "tags": [POOL],
+        "work_pool": {"name": POOL},
         "parameters": dict(parameters),
         "concurrency_limit": {"limit": 1, "collision_strategy": strategy},
         "schedules": [],

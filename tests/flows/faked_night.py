@@ -59,8 +59,11 @@ def faked(monkeypatch, tmp_path):
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])
-    for name in ("identified_parts", "calibrated_parts", "build_validation_parts"):
+    for name in ("identified_parts", "calibrated_parts"):
         monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
+    monkeypatch.setattr(
+        tasks.experiments, "build_validation_parts", lambda *_: ["All of it.", table]
+    )
     take(identify, "identify", (SimpleNamespace(), "ff"))
     take(calibrate, "calibrate", SCORES)
     take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))
