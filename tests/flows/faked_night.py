@@ -1,5 +1,6 @@
 """The flows without their steps: what is taken, and in which order."""
 
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -36,6 +37,9 @@ def faked(monkeypatch, tmp_path):
 
         monkeypatch.setattr(module, name, step)
 
+    due = datetime(2026, 11, 22, 2, tzinfo=UTC)
+    clock = SimpleNamespace(scheduled_start_time=due)
+    monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored_pages, "store_diagnosis_page", page)
     take(stored_pages, "read_verdict_headline", "Nothing is missing.")
