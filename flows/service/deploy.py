@@ -7,20 +7,13 @@ To be imported under `flows.settings.build_prefect_environment`.
 import hashlib
 import json
 import os
+from uuid import UUID
 
 from prefect.blocks.webhook import Webhook
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate
-from prefect.client.schemas.objects import ConcurrencyOptions
-from prefect.client.schemas.schedules import CronSchedule, IntervalSchedule
-from prefect.events import (
-    AutomationCore,
-    DeploymentEventTrigger,
-    EventTrigger,
-    Posture,
-    ResourceSpecification,
-)
-from prefect.events.actions import CallWebhook, ChangeFlowRunState, SendNotification
+from prefect.client.schemas.schedules import IntervalSchedule
+from prefect.events import AutomationCore, DeploymentEventTrigger
 from prefect.exceptions import ObjectNotFound
 from prefect.flows import load_flow_from_entrypoint
 from prefect.settings import (
@@ -47,11 +40,11 @@ _MESSAGE = """{%- set p = event.payload -%}
 
 def hash_deployments(project: Project | None) -> str:
     """Return a hash of the deployments, to know whether a server has those of now."""
-    content = json.dumps(build_deployments(project)), str(ROOT), _notice(project)
+    content = json.dumps(build_deployments(project)), str(ROOT), _read_notify(project)
     return hashlib.sha256(repr(content).encode()).hexdigest()[:20]
 
 
-def _notice(project: Project | None) -> tuple[NotifyTable, str] | None:
+def _read_notify(project: Project | None) -> tuple[NotifyTable, str] | None:
     """Return what [notify] says, and the address of its webhook."""
     if project is None or project.table.notify is None:
         return None
@@ -72,30 +65,32 @@ def deploy(client: SyncPrefectClient, project: Project | None, key: str) -> None
     for each in client.read_deployments():
         if POOL in (each.tags or ()) and each.id not in kept:
             client.delete_deployment(each.id)
-    _replace_automation(client, _STALE, build_stale_run_automation())
-    _replace_automation(client, _NOTIFY, _build_notification(client, project, key))
+    _replace_rule(client, _STALE, _build_stale_run_rule())
+    _replace_rule(client, _NOTIFY, _build_notify_rule(client, project, key))
 
 
-def _deploy(client: SyncPrefectClient, each: dict):
-    flow, limit = (
-        load_flow_from_entrypoint(each["entrypoint"]),
-        each.get("concurrency_limit"),
-    )
+def _deploy(client: SyncPrefectClient, each: dict) -> UUID:
+    flow = load_flow_from_entrypoint(each["entrypoint"])
+    limit = each.get("concurrency_limit") or {}
+    when = ("cron", "timezone")
+    schedules = [
+        {"schedule": {key: each.pop(key) for key in when}, **each}
+        for each in map(dict, each["schedules"])
+    ]
     id = client.create_deployment(
         client.create_flow(flow),
         each["name"],
-        entrypoint=each["entrypoint"],
-        description=each["description"],
-        tags=each["tags"],
+        schedules=schedules,
+        concurrency_limit=limit.get("limit"),
+        concurrency_options={k: v for k, v in limit.items() if k != "limit"} or None,
         parameters=each.get("parameters"),
+        description=each["description"],
+        work_pool_name=POOL,
+        tags=each["tags"],
+        entrypoint=each["entrypoint"],
         parameter_openapi_schema=parameter_schema(flow).model_dump(exclude_unset=True),
         enforce_parameter_schema=True,
-        work_pool_name=POOL,
         job_variables={"working_dir": str(SHARED)},  # where the examples are
-        schedules=[_schedule(**schedule) for schedule in each["schedules"]],
-        concurrency_limit=limit and limit["limit"],
-        concurrency_options=limit
-        and ConcurrencyOptions(collision_strategy=limit["collision_strategy"]),
     )
     client.delete_resource_owned_automations(f"prefect.deployment.{id}")
     for trigger in each.get("triggers", ()):
@@ -103,11 +98,6 @@ def _deploy(client: SyncPrefectClient, each: dict):
         rule.set_deployment_id(id)
         client.create_automation(rule.as_automation())
     return id
-
-
-def _schedule(cron: str, timezone: str, **more) -> DeploymentScheduleCreate:
-    when = CronSchedule(cron=cron, timezone=timezone)
-    return DeploymentScheduleCreate(schedule=when, **more)
 
 
 def schedule_every(
@@ -127,46 +117,42 @@ def schedule_every(
         client.create_deployment_schedules(target.id, [new])
 
 
-def _replace_automation(
-    client: SyncPrefectClient, name: str, automation: AutomationCore | None
-) -> None:
+def _replace_rule(client: SyncPrefectClient, name: str, rule: dict | None) -> None:
     for old in client.read_automations_by_name(name):
         client.delete_automation(old.id)
-    if automation:
-        client.create_automation(automation)
+    if rule:
+        rule["trigger"] |= {"type": "event", "threshold": 1}
+        client.create_automation(AutomationCore.model_validate(rule | {"name": name}))
 
 
-def build_stale_run_automation() -> AutomationCore:
+def _build_stale_run_rule() -> dict:
     """Return the automation that closes flow runs without heartbeat.
 
     A suspended run, which waits for an answer, has no process and no heartbeat.
     """
     rests = ("Completed", "Failed", "Cancelled", "Crashed", "Suspended", "Paused")
     beat = "prefect.flow-run.heartbeat"
-    trigger = EventTrigger(
-        match=ResourceSpecification({"prefect.resource.id": "prefect.flow-run.*"}),
-        after={beat},
-        expect={beat, *(f"prefect.flow-run.{rest}" for rest in rests)},
-        for_each={"prefect.resource.id"},
-        posture=Posture.Proactive,
-        threshold=1,
+    trigger = {
+        "match": {"prefect.resource.id": "prefect.flow-run.*"},
+        "after": [beat],
+        "expect": [beat, *(f"prefect.flow-run.{rest}" for rest in rests)],
+        "for_each": ["prefect.resource.id"],
+        "posture": "Proactive",
         # Two heartbeats may get lost, and a busy machine is late.
-        within=4 * BEAT,
-    )
-    close = ChangeFlowRunState(
-        state="CRASHED", name="Crashed", message=f"No sign of life for {4 * BEAT} s."
-    )
+        "within": 4 * BEAT,
+    }
+    message = f"No sign of life for {4 * BEAT} s."
+    close = {"type": "change-flow-run-state", "state": "CRASHED", "message": message}
     about = "A killed process cannot report its end."
-    return AutomationCore(
-        name=_STALE, description=about, trigger=trigger, actions=[close]
-    )
+    action = {**close, "name": "Crashed"}
+    return {"description": about, "trigger": trigger, "actions": [action]}
 
 
-def _build_notification(
+def _build_notify_rule(
     client: SyncPrefectClient, project: Project | None, key: str
-) -> AutomationCore | None:
+) -> dict | None:
     """Return the automation of [notify]; None where the project has none."""
-    if (asked := _notice(project)) is None:
+    if (asked := _read_notify(project)) is None:
         return None
     (notify, address), actions = asked, []
     if notify.block:
@@ -179,21 +165,16 @@ def _build_notification(
                 "Create it in Prefect's page under Blocks, then: modelgap up."
             ) from None
         text = "{{ event.payload.text }}\n{{ event.payload.page }}"
-        title = "{{ event.payload.title }}"
-        actions.append(SendNotification(block_document_id=id, subject=title, body=text))
+        words = {"subject": "{{ event.payload.title }}", "body": text}
+        notice = {"type": "send-notification", "block_document_id": id}
+        actions.append(notice | words)
     if notify.webhook:
-        # Blocks take address and key of the server from the settings.
-        with temporary_settings(
-            {PREFECT_API_URL: str(client.api_url), PREFECT_API_AUTH_STRING: key}
-        ):
-            block = Webhook(
-                url=address, headers={"Content-Type": "application/json"}
-            ).save(_BLOCK, overwrite=True)
-        actions.append(CallWebhook(block_document_id=block, payload=_MESSAGE))
-    trigger = EventTrigger(
-        expect={f"{NOTICE}.{kind}" for kind in notify.kinds},
-        posture=Posture.Reactive,
-        threshold=1,
-        within=0,
-    )
-    return AutomationCore(name=_NOTIFY, trigger=trigger, actions=actions)
+        server = {PREFECT_API_URL: str(client.api_url), PREFECT_API_AUTH_STRING: key}
+        block = Webhook(url=address, headers={"Content-Type": "application/json"})
+        with temporary_settings(server):  # a block takes them from nowhere else
+            id = block.save(_BLOCK, overwrite=True)
+        call = {"type": "call-webhook", "block_document_id": id, "payload": _MESSAGE}
+        actions.append(call)
+    expect = [f"{NOTICE}.{kind}" for kind in notify.kinds]
+    trigger = {"expect": expect, "posture": "Reactive", "within": 0}
+    return {"trigger": trigger, "actions": actions}

@@ -38,7 +38,7 @@ def nights(server, night_store, monkeypatch):
     monkeypatch.setattr(
         adoption_flow.tasks,
         "send_event",
-        lambda event, about: events.append(about["diagnosis"]),
+        lambda event, about: events.append((event, *about.get("ids", about.values()))),
     )
     yield adoption_flow, night_store, events
     store = night_store[0]
@@ -56,14 +56,15 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     tasks, (store, _, id), events = nights
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
     assert "Comparison" in Path(page).read_text(encoding="utf-8")
-    assert events == [id]
+    told = [("modelgap.model.proposed", id), ("modelgap.notice.proposal", id)]
+    assert events == told
     assert (
         find_last_adoption(store, ROBOT) is None
         or find_last_adoption(store, ROBOT)[1].model_id is None
     )
     # The same finding of another night, unanswered as yet, is no new proposal.
     assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
-    assert events == [id]
+    assert events == told
 
 
 def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
