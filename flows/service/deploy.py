@@ -14,6 +14,7 @@ from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import DeploymentScheduleCreate
 from prefect.client.schemas.schedules import IntervalSchedule
 from prefect.events import AutomationCore, DeploymentEventTrigger
+from prefect.events.actions import CallWebhook, SendNotification
 from prefect.exceptions import ObjectNotFound
 from prefect.flows import load_flow_from_entrypoint
 from prefect.settings import (
@@ -164,17 +165,15 @@ def _build_notify_rule(
                 f"{PROJECT}: [notify] block: this server has no '{notify.block}'. "
                 "Create it in Prefect's page under Blocks, then: modelgap up."
             ) from None
-        text = "{{ event.payload.text }}\n{{ event.payload.page }}"
-        words = {"subject": "{{ event.payload.title }}", "body": text}
-        notice = {"type": "send-notification", "block_document_id": id}
-        actions.append(notice | words)
+        title, text = "{{ event.payload.title }}", "{{ event.payload.text }}"
+        text += "\n{{ event.payload.page }}"
+        actions.append(SendNotification(block_document_id=id, subject=title, body=text))
     if notify.webhook:
         server = {PREFECT_API_URL: str(client.api_url), PREFECT_API_AUTH_STRING: key}
         block = Webhook(url=address, headers={"Content-Type": "application/json"})
         with temporary_settings(server):  # a block takes them from nowhere else
             id = block.save(_BLOCK, overwrite=True)
-        call = {"type": "call-webhook", "block_document_id": id, "payload": _MESSAGE}
-        actions.append(call)
+        actions.append(CallWebhook(block_document_id=id, payload=_MESSAGE))
     expect = [f"{NOTICE}.{kind}" for kind in notify.kinds]
     trigger = {"expect": expect, "posture": "Reactive", "within": 0}
     return {"trigger": trigger, "actions": actions}
