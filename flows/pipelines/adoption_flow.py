@@ -6,6 +6,7 @@ To be imported under `flows.settings.build_prefect_environment`.
 from pathlib import Path
 
 from prefect import flow, get_run_logger
+from prefect.artifacts import create_markdown_artifact
 from prefect.client.orchestration import get_client
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
@@ -66,9 +67,10 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = render_proposal_markdown(proposal)
-    tasks.publish_link("proposal", page, text, "Side by side", about)
-    tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
     robot, link = proposal.verdict.robot, tasks.build_page_link(page)
+    text += f"\n\n[Side by side]({link})"
+    create_markdown_artifact(text, "proposal", about)
+    tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
     title = f"{robot}: {about}"
     tasks.send_notice("proposal", robot, title, ids=[diagnosis], page=link)
     return str(page)

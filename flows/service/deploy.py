@@ -76,7 +76,7 @@ def _deploy(client: SyncPrefectClient, each: dict) -> UUID:
     when = ("cron", "timezone")
     schedules = [
         {"schedule": {key: each.pop(key) for key in when}, **each}
-        for each in map(dict, each["schedules"])
+        for each in map(dict, each.get("schedules", ()))
     ]
     id = client.create_deployment(
         client.create_flow(flow),

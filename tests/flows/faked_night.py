@@ -22,7 +22,6 @@ def faked(monkeypatch, tmp_path):
     To be called when Prefect has its settings.
     """
     from flows.pipelines import adoption_flow, nightly, tasks
-    from flows.pipelines import project as projects
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -45,7 +44,7 @@ def faked(monkeypatch, tmp_path):
     take(stored_pages, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
-    monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
+    monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
         (

@@ -193,14 +193,13 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
 
 
 def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
-    from flows.pipelines import project as projects
     from flows.pipelines import tasks
 
     events = []
     monkeypatch.setattr(tasks, "send_event", lambda name, about: events.append(name))
     verdict = SimpleNamespace(effects=("spring",), robot="irb140")
-    monkeypatch.setattr(projects, "read_verdict", lambda *_: verdict)
-    monkeypatch.setattr(projects, "format_headline", lambda _: "a spring on joint 2")
+    monkeypatch.setattr(tasks, "read_verdict", lambda *_: verdict)
+    monkeypatch.setattr(tasks, "format_headline", lambda _: "a spring on joint 2")
     flows.nightly("CAMPAIGN.toml", store=str(tmp_path))
     assert events == ["modelgap.notice.finding"]
 
