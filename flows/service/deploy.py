@@ -91,6 +91,7 @@ def _deploy(client: SyncPrefectClient, each: dict) -> UUID:
         entrypoint=each["entrypoint"],
         parameter_openapi_schema=parameter_schema(flow).model_dump(exclude_unset=True),
         enforce_parameter_schema=True,
+        pull_steps=[],  # those of `prefect deploy` name a folder that may be gone
         job_variables={"working_dir": str(SHARED)},  # where the examples are
     )
     client.delete_resource_owned_automations(f"prefect.deployment.{id}")
