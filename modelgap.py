@@ -21,6 +21,7 @@ if TYPE_CHECKING:  # for editors
         check,
         compare,
         export,
+        import_logs,
         load_robot,
         read_logs,
         recording,
@@ -45,7 +46,7 @@ if TYPE_CHECKING:  # for editors
     from residual.verdict.result import ErrorTables, Finding, Parameter, Verdict
 
 _NAMES = {
-    "flows.api.logs": "check compare export load_robot read_logs recording",
+    "flows.api.logs": "check compare export import_logs load_robot read_logs recording",
     "flows.api.loop": "Experiment monitor next_experiment simulate",
     "flows.api.results": "Calibration Diagnosis Identification calibrate diagnose "
     "identify",

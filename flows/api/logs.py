@@ -10,6 +10,9 @@ import numpy as np
 from flows.inputs.read import LogSets, read_log_sets
 from flows.inputs.read import load_command_robot as load_robot
 from flows.outputs import check_new_folder, write_files
+from flows.requests import Import
+from flows.settings import resolve_store_folder
+from flows.steps import imports
 from flows.steps.check import check_log_sets as check_sets
 from flows.steps.export import export_model, place_export_files
 from residual.check.result import LogCheck
@@ -29,7 +32,15 @@ from warehouse.logs import (
     read_memory_log,
 )
 
-__all__ = ["check", "compare", "export", "load_robot", "read_logs", "recording"]
+__all__ = [
+    "check",
+    "compare",
+    "export",
+    "import_logs",
+    "load_robot",
+    "read_logs",
+    "recording",
+]
 Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
 
@@ -106,6 +117,58 @@ def _is_table(log: Any) -> bool:
     """Whether a log has columns by name: a mapping or a frame, no list or array."""
     frame = hasattr(log, "columns") or hasattr(log, "column_names")
     return isinstance(log, Mapping) or (frame and hasattr(log, "__getitem__"))
+
+
+def import_logs(
+    logs: str | Path | Iterable[str | Path],
+    robot: str | Path,
+    store: str | Path | None = None,
+    *,
+    columns: str | Path | None = None,
+    trajectory: str | None = None,
+    kind: str = "log",
+    serial: str | None = None,
+    tags: Sequence[str] = (),
+    recorded_at: str | None = None,
+    trust_log: bool = False,
+) -> tuple[str, ...]:
+    """Check logs and store them as runs, as ``modelgap import`` does; return their ids.
+
+    A log that is stored already is not stored again. Warnings are Python warnings.
+
+    Args:
+        logs: Files, or windows of files ("run.csv@0:60%").
+        robot: Built-in name, robot file or folder; its description is stored too.
+        store: Folder of the store; None for $MODELGAP_STORE, else ./store.
+        columns: COLUMNS.toml (docs/logs.md).
+        trajectory, kind: Words for the kind of motion and the purpose, for queries.
+        serial: Serial number of the arm, as in its robot.toml.
+        tags: Words, or KEY=VALUE, such as "cell=4".
+        recorded_at: Time of the first sample of one log, in ISO 8601.
+        trust_log: Store logs with a certain fault too (``check``).
+
+    Raises:
+        InputError: If a log is not usable, or has a certain fault; then none is stored.
+    """
+    words = [logs] if isinstance(logs, str | Path) else logs
+    request = Import(
+        tuple(map(str, words)),
+        robot=str(robot),
+        columns=columns and str(columns),
+        trajectory=trajectory,
+        kind=kind,
+        store=resolve_store_folder(store and str(store)),
+        trust_log=trust_log,
+        serial=serial,
+        tags=tuple(tags),
+        recorded_at=recorded_at,
+    )
+    arm, read = imports.read_logs(request)
+    sound, report = imports.check_logs(request, arm, read)
+    of_files = (line for log in read for line in log.summary.warnings)
+    for line in (*of_files, *report.sentences):
+        warnings.warn(line, stacklevel=2)
+    return tuple(imports.store_log(log, request, arm) for log in sound)
 
 
 def recording(

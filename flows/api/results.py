@@ -10,11 +10,20 @@ import pyarrow as pa
 
 from flows.api.logs import check_recordings, check_robot
 from flows.api.store import Table
-from flows.inputs.read import LogSets
+from flows.inputs.read import LogSets, is_run_id
 from flows.outputs import Progress, write_files
+from flows.settings import resolve_store_folder
 from flows.steps.calibrate import calibrate_logs
-from flows.steps.diagnose import apply_known_values, diagnose_logs
+from flows.steps.diagnose import (
+    apply_known_values,
+    build_diagnose_request,
+    diagnose_logs,
+    read_stored_runs,
+    store_diagnosis,
+)
+from flows.steps.diagnose import diagnose as diagnose_request
 from flows.steps.identify import identify_logs
+from flows.steps.model_choice import choose_request_model
 from flows.storage import calibration as calibrated
 from flows.storage import identification_record as identified
 from residual.calibration import calibrate as core
@@ -35,6 +44,7 @@ from residual.robot.robot import Robot
 from residual.verdict import result
 from residual.verdict.document import to_json
 from warehouse.logs import check_logs_distinct
+from warehouse.runs import read_run
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
 _FINDINGS = pa.schema(
@@ -74,10 +84,15 @@ def build_log_sets(
     return sets
 
 
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Diagnosis(result.Diagnosis):
-    """The result of a diagnosis, with its report, JSON and tables."""
+    """The result of a diagnosis, with its report, JSON and tables.
 
-    __slots__ = ()
+    Attributes:
+        id: Its id in the store; None where it is not stored.
+    """
+
+    id: str | None = None
 
     def save_report(self, path: str | Path) -> None:
         """Write the report as one self-contained HTML file."""
@@ -133,6 +148,7 @@ def diagnose(
     progress: Progress | None = None,
     trust_log: bool = False,
     known: Mapping[str, float] | None = None,
+    store: str | Path | None = None,
 ) -> Diagnosis:
     """Find the effects missing from a robot model, and test them on held-out motion.
 
@@ -147,16 +163,62 @@ def diagnose(
         trust_log: Continue although a fault of the logs is certain (``check``); the
             verdict is then "unknown".
         known: Values that are known for sure, such as {"payload.mass": 2.8} [SI].
+        store: Store of the runs that the logs are (``import_logs``, then ``read_logs``
+            with their ids). The diagnosis goes by the adopted model of the robot, as
+            ``modelgap diagnose`` on runs does, and is stored: ``id``.
 
     Raises:
         InputError: If a log or a name is not usable, two logs share samples, or a fault
             of the logs is certain.
     """
     logs = build_log_sets(robot, fit, baseline, held_out)
+    if store is not None:
+        how = {"declared": declared, "trust_log": trust_log, "known": known or {}}
+        return _diagnose_runs(logs, resolve_store_folder(str(store)), progress, **how)
     logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
     return convert_to_subclass(
         Diagnosis,
         diagnose_logs(logs, declared=declared, trust_log=trust_log, progress=progress),
+    )
+
+
+def _diagnose_runs(
+    logs: LogSets,
+    store: Path,
+    progress: Progress | None,
+    *,
+    declared: Sequence[str] | None,
+    trust_log: bool,
+    known: Mapping[str, float],
+) -> Diagnosis:
+    """Diagnose runs of a store by the steps of the command, and store the result."""
+    roles = ("fit", "held_out", "baseline")
+    ids = {
+        role: [_find_run(log, store) for log in getattr(logs, role)] for role in roles
+    }
+    request = replace(
+        build_diagnose_request(ids, store),
+        declared=None if declared is None else tuple(declared),
+        trust_log=trust_log,
+        known=tuple(f"{name}={value!r}" for name, value in known.items()),
+    )
+    choice = choose_request_model(request, logs.robot)
+    request = replace(request, model=choice.diagnosis)
+    read = read_stored_runs(request)
+    outcome = diagnose_request(request, read, progress)
+    stored, _ = store_diagnosis(request, read, outcome)
+    return convert_to_subclass(Diagnosis, outcome, id=stored)
+
+
+def _find_run(log: Recording, store: Path) -> str:
+    """Return the id of the run that a recording is; InputError where it is none."""
+    if is_run_id(log.id):
+        run = read_run(store, log.id)
+        if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
+            return run.id
+    raise InputError(
+        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
+        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
     )
 
 

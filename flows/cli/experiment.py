@@ -195,12 +195,8 @@ def validate(
         id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
         stored = f"stored in {format_store_name(place)}: modelgap show {id}"
-        told = experiments.describe_validation(made)
-        figures = (
-            experiments.build_validation_table(made),
-            experiments.build_model_table(made),
-        )
-        print_parts(console, *figures, told, *made.notes, stored)
+        parts = experiments.build_validation_parts(run, made)
+        print_parts(console, *parts, *made.notes, stored)
     out.write({"--report": lambda: experiments.render_validation_page(found)})
     out.finish()
 

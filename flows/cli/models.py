@@ -8,6 +8,7 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import Outputs
+from flows.cli.service import settle_proposals
 from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
 from flows.requests import Adopt, Export, File, Log, Predict, RobotName, Store, Text
 from flows.settings import resolve_store_folder
@@ -66,6 +67,7 @@ def adopt(id: str, /, *, request: Adopt = _DEFAULT) -> None:
 
     number, judgment = steps.adopt(replace(request, model=id))
     print_plain(Console(), *describe_adoption(number, judgment))
+    settle_proposals(resolve_store_folder(request.store))
 
 
 def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
@@ -86,6 +88,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
     if restored.diagnosis_id is not None:
         now = f"the model of diagnosis {restored.diagnosis_id[:8]}"
     print_plain(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
+    settle_proposals(resolve_store_folder(store))
 
 
 def export(

@@ -4,16 +4,23 @@ import os
 import sys
 from collections.abc import Mapping
 from dataclasses import replace
-from datetime import UTC
 from pathlib import Path
 from shlex import quote
-from typing import TYPE_CHECKING
 
 from rich.console import Console
 
 from flows.outputs import json_text, print_plain
 from flows.requests import Flag, Seconds, Store
-from flows.service.state import CLIENT, DATABASE, KEY, ServiceRequest, check_request
+from flows.service.state import (
+    CLIENT,
+    DATABASE,
+    KEY,
+    ServiceRequest,
+    check_request,
+    is_process_running,
+    read_access_key,
+    read_running,
+)
 from flows.settings import (
     API,
     PREFECT,
@@ -22,9 +29,6 @@ from flows.settings import (
     resolve_store_folder,
 )
 from residual.errors import InputError, RunError
-
-if TYPE_CHECKING:
-    from flows.service.api import Status
 
 _DEFAULT, NOTHING = ServiceRequest(), "nothing runs"
 
@@ -110,17 +114,17 @@ def status(*, json: Flag = False, store: Store = None) -> None:
         print('{"schema": 1, "healthy": false, "stopped": true}' if json else NOTHING)
         raise RunError(f"{format_store_name(place)} is stopped. Start it: modelgap up")
     _prepare(home)
-    from flows.service.api import read_status as state_of
+    from flows.service.api import read_status
 
-    state = state_of(home)
+    found = read_status(home)
     if json:
-        print(json_text(state.document()), end="")
+        print(json_text(found), end="")
     else:
-        _print_status(state, place)
-    if state.running is None or state.running.stopped:
+        _print_status(found, place)
+    if found["stopped"]:
         raise RunError(f"{format_store_name(place)} is stopped. Start it: modelgap up")
-    if state.wrong:
-        raise RunError(f"{format_store_name(place)}: {'; '.join(state.wrong)}.")
+    if found["wrong"]:
+        raise RunError(f"{format_store_name(place)}: {'; '.join(found['wrong'])}.")
 
 
 def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
@@ -151,6 +155,23 @@ def down(*, wait: Seconds = 60.0, store: Store = None) -> None:
     print(f"{format_store_name(place)}: {'stopped' if stopped else NOTHING}")
 
 
+def settle_proposals(store: Path) -> None:
+    """Cancel in Prefect, if its server runs, the proposals that an adoption settled."""
+    home = store / PREFECT
+    running = read_running(home)
+    if running is None or not is_process_running(home, "server"):
+        return
+    _prepare(home)
+    from flows.pipelines.proposals import cancel_settled_proposals
+    from flows.service.api import Api
+
+    try:
+        with Api(running.url, read_access_key(home)).client() as client:
+            cancel_settled_proposals(client, store)
+    except RunError as error:
+        _say(f"{error} The next modelgap up cancels settled proposals.")
+
+
 def _prepare(home: Path) -> None:
     os.environ.update(build_prefect_environment(home))
 
@@ -159,7 +180,7 @@ def _say(text: str) -> None:
     print(f"modelgap: {text}", file=sys.stderr, flush=True)
 
 
-def _print_status(state: "Status", store: Path) -> None:
+def _print_status(status: Mapping, store: Path) -> None:
     from flows.report.document import (
         ReportTable,
         build_text_table,
@@ -169,21 +190,28 @@ def _print_status(state: "Status", store: Path) -> None:
     from warehouse.remote_store import format_store_name
 
     console = widen_piped_console(Console())
-    running = state.running
-    if running is None or running.stopped:
+    if status["stopped"]:
         print_plain(console, f"{format_store_name(store)}: {NOTHING}")
         return
-    word = "answers" if state.server else "does not answer"
-    lines = [f"server   {word}: {running.ui} (history: {running.database})"]
-    lines += [f"worker   {state.worker}, {running.workers} flow(s) at once"]
-    lines += [f"{name:8} {address}" for name, address in state.pages.items()]
-    lines += [f"refused  {row['robot']}: {row['why']}" for row in state.refused]
+    word = "answers" if status["server"] else "does not answer"
+    lines = [f"server   {word}: {status['ui']} (history: {status['database']})"]
+    lines += [f"worker   {status['worker']}, {status['workers']} flow(s) at once"]
+    lines += [f"{name:8} {address}" for name, address in status["pages"].items()]
+    lines += [f"refused  {row['robot']}: {row['why']}" for row in status["refused"]]
     print_plain(console, *lines)
-    if state.deployments:
-        rows = [(d["name"], _due(d)) for d in state.deployments]
+    if status["deployments"]:
+        rows = [(d["name"], _due(d)) for d in status["deployments"]]
         print_parts(console, build_text_table(("deployment", "due next (UTC)"), rows))
-    if state.runs:
-        rows = [_run(run) for run in state.runs]
+    if status["runs"]:
+        rows = [
+            (
+                r["name"],
+                r["state"],
+                _second(r["start_time"]),
+                f"{r['total_run_time']:.1f}",
+            )
+            for r in status["runs"]
+        ]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 
@@ -192,10 +220,14 @@ def _due(deployment: Mapping) -> str:
     if deployment["paused"]:
         return "paused"
     if deployment["due"]:
-        return deployment["due"].astimezone(UTC).isoformat(" ", "seconds")[:19]
+        return _second(deployment["due"])
     return "soon" if deployment["schedules"] else "on an event, or by hand"
 
 
+def _second(time: str | None) -> str:
+    return (time or "–")[:19].replace("T", " ")
+
+
 def _run(run: Mapping) -> tuple[str, str, str, str]:
-    begun = (run["start_time"] or "–")[:19].replace("T", " ")
+    begun = _second(run["start_time"])
     return run["name"], run["state"], begun, f"{run['total_run_time']:.1f}"

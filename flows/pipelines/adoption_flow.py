@@ -6,10 +6,13 @@ To be imported under `flows.settings.build_prefect_environment`.
 from pathlib import Path
 
 from prefect import flow, get_run_logger
+from prefect.artifacts import create_markdown_artifact
+from prefect.client.orchestration import get_client
 from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 
 from flows.pipelines import tasks
+from flows.pipelines.proposals import cancel_settled_proposals
 from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
 from flows.report.models import (
@@ -64,8 +67,12 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = render_proposal_markdown(proposal)
-    tasks.publish_link("proposal", page, text, "Side by side", about)
+    robot, link = proposal.verdict.robot, tasks.build_page_link(page)
+    text += f"\n\n[Side by side]({link})"
+    create_markdown_artifact(text, "proposal", about)
     tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
+    title = f"{robot}: {about}"
+    tasks.send_notice("proposal", robot, title, ids=[diagnosis], page=link)
     return str(page)
 
 
@@ -95,6 +102,9 @@ def _adopt(diagnosis: str, store: Path, note: str) -> str:
     for line in lines:
         get_run_logger().info(line)
     tasks.publish_text("adoption", (diagnosis,), lines)
+    # This may have settled other proposals of the robot.
+    with get_client(sync_client=True) as client:
+        cancel_settled_proposals(client, store)
     return number
 
 

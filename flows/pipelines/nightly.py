@@ -70,7 +70,6 @@ def nightly(
     ]
     ids = tasks.diagnose(runs, place, adoption_flow.find_adopted_model(runs, place))
     page = tasks.report(ids, place)
-    projects.report_finding(ids[0], place, page)
     adoption_flow.adopt_or_propose(ids[0], place, auto)
     for future in beside:
         future.result()

@@ -5,7 +5,6 @@ To be imported under `flows.settings.build_prefect_environment`;
 """
 
 from collections import Counter
-from pathlib import Path
 
 from prefect import flow, get_run_logger
 
@@ -26,9 +25,8 @@ from flows.project.deployments import STORED as ARRIVED
 from flows.project.deployments import build_robot_resource
 from flows.project.read import read_project
 from flows.report.document import build_text_table
-from flows.report.sentences import format_headline
 from flows.settings import HEALTHY, resolve_store_folder
-from flows.storage.diagnosis import read_verdict
+from flows.steps.monitor import find_diagnosis, find_healthy_runs
 from residual.errors import InputError
 
 _LIMIT = 12 * tasks.HOUR
@@ -96,15 +94,6 @@ def find_healthy_tag(folder: str, runs: list[str]) -> str:
     return table.healthy if table else HEALTHY
 
 
-def report_finding(diagnosis: str, store: str, page: str) -> None:
-    """Send the notice of a diagnosis that names effects."""
-    verdict = read_verdict(Path(store), diagnosis)
-    if verdict.effects:
-        title = f"{verdict.robot}: {format_headline(verdict)}"
-        link = tasks.build_page_link(Path(page))
-        tasks.send_notice("finding", verdict.robot, title, ids=[diagnosis], page=link)
-
-
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)
 def inbox(project: str) -> dict:
     """Check and import the logs in the inboxes of a project; return their counts.
@@ -141,17 +130,17 @@ def diagnose_new(
         if not ids:
             return None
         page = tasks.report(ids, str(read.store))
-        report_finding(ids[0], str(read.store), page)
         adoption_flow.adopt_or_propose(ids[0], str(read.store), read.robot(robot).auto)
         return page
     if not runs:
         raise InputError("diagnose-new needs a project with its robot, or runs.")
-    place = str(resolve_store_folder(store))
-    if tasks.find_existing_diagnosis(runs, place):
+    place = resolve_store_folder(store)
+    if known := find_diagnosis(runs, place):
+        name = tasks.format_run_name(known, place)
+        tasks.rename_flow_run(f"explained already: {name}")
+        get_run_logger().info(f"diagnosis {known} has these runs")
         return None
-    roles = {"fit": runs, "held_out": []}
-    roles["baseline"] = tasks.select_healthy_runs(runs, good or [], place)
-    ids = tasks.diagnose(roles, place)
-    page = tasks.report(ids, place)
-    report_finding(ids[0], place, page)
-    return page
+    healthy = find_healthy_runs(runs, place)
+    healthy = healthy or [run for run in good or [] if run not in runs]
+    roles = {"fit": runs, "held_out": [], "baseline": list(healthy)}
+    return tasks.report(tasks.diagnose(roles, str(place)), str(place))

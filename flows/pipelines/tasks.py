@@ -6,9 +6,10 @@ events follow a commit; the store knows nothing of them.
 """
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from concurrent.futures import Executor
 from functools import partial
+from itertools import chain
 from pathlib import Path
 
 from prefect import get_run_logger
@@ -28,7 +29,7 @@ from flows.report.calibration import build_terminal_parts as calibrated_parts
 from flows.report.document import ReportTable
 from flows.report.experiments import build_alarm_table, describe_alarms
 from flows.report.models import build_identification_parts as identified_parts
-from flows.report.sentences import format_brief_claim
+from flows.report.sentences import format_brief_claim, format_headline
 from flows.report.store_index import INDEX, title_diagnosis
 from flows.settings import (
     HEALTHY,
@@ -87,12 +88,6 @@ def publish_verdict(name: str, page: Path, words: str) -> None:
     create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
-def publish_link(key: str, page: Path, words: str, link: str, about: str) -> None:
-    """Show a text with a link to its page."""
-    text = f"{words}\n\n[{link}]({build_page_link(page)})"
-    create_markdown_artifact(text, key=key, description=about)
-
-
 def build_page_link(page: Path) -> str:
     """Return where a browser finds a page that is a file of a report."""
     return build_page_address(f"{page.parent.name}/{page.name}", page)
@@ -117,10 +112,10 @@ def send_notice(
     ids: Sequence[str] = (),
     page: str = "",
 ) -> None:
-    """Send an event for people, on which an automation of Prefect notifies them.
+    """Send an event for people, which [notify] of a project passes on to them.
 
     Args:
-        kind: "alarm", "finding", "refused" or "failed".
+        kind: "alarm", "finding", "proposal", "refused" or "failed".
         title: In one line.
         text: All of it.
         ids: Ids of the records that it is about.
@@ -236,24 +231,11 @@ def validate(
     """
     place = resolve_store_folder(store)
     queue = (requests.Validate(id, window, place) for id in runs)
-    results = {request.run: validation.validate(request) for request in queue}
-    ids = [id for id, _ in results.values()]
-    publish_text("validate", ids, build_validation_parts(results))
+    results = [(request.run, *validation.validate(request)) for request in queue]
+    ids = [id for _, id, _ in results]
+    parts = (experiments.build_validation_parts(run, made) for run, _, made in results)
+    publish_text("validate", ids, [*chain.from_iterable(parts)])
     return ids
-
-
-def build_validation_parts(
-    validations: Mapping[str, tuple[str, validation.Validation]],
-) -> list:
-    """Return the tables and sentences of validations by run."""
-    parts = []
-    for run, (_, found) in validations.items():
-        parts += [f"Run {run}:", experiments.build_validation_table(found)]
-        parts += [
-            experiments.build_model_table(found),
-            experiments.describe_validation(found),
-        ]
-    return parts
 
 
 @task(name="diagnose", task_run_name="diagnose", tags=["analysis"])
@@ -261,22 +243,6 @@ def diagnose(runs: dict, store: str, model: str | None = None) -> list[str]:
     """Diagnose runs and store the verdict."""
     request = diagnosis.build_diagnose_request(runs, Path(store), model)
     return list(diagnosis.diagnose_stored_runs(request))
-
-
-def find_existing_diagnosis(runs: list[str], store: str) -> str | None:
-    """Return the diagnosis of some runs, None if there is none."""
-    diagnosis = monitoring.find_diagnosis(runs, Path(store))
-    if diagnosis:
-        name = format_run_name(diagnosis, Path(store))
-        rename_flow_run(f"explained already: {name}")
-        get_run_logger().info(f"diagnosis {diagnosis} has these runs")
-    return diagnosis
-
-
-def select_healthy_runs(runs: list[str], good: list[str], store: str) -> list[str]:
-    """Return the tagged healthy runs of an arm, else the given ones without `runs`."""
-    tagged = monitoring.find_healthy_runs(runs, Path(store))
-    return list(tagged) or [run for run in good if run not in runs]
 
 
 @task(name="watch", task_run_name="watch", tags=["monitoring"])
@@ -310,9 +276,19 @@ def watch(
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
-    """Write the report; it and the sentences of the verdict become artifacts."""
+    """Write the report, of whose findings people get a notice; return its page.
+
+    It and the sentences of the verdict become artifacts.
+    """
     page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
-    name = format_run_name(ids[0], Path(store))
+    name, verdict = (
+        format_run_name(ids[0], Path(store)),
+        read_verdict(Path(store), ids[0]),
+    )
     publish_verdict(name, page, stored_pages.read_verdict_headline(ids[1], Path(store)))
     rename_flow_run(name)
+    if verdict.effects:
+        title = f"{verdict.robot}: {format_headline(verdict)}"
+        link = build_page_link(page)
+        send_notice("finding", verdict.robot, title, ids=ids[:1], page=link)
     return str(page)

@@ -1,20 +1,20 @@
 """The deployments of prefect.yaml and of a project."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from typing import Any
 
 import yaml
 
-from flows.project.read import Project, RobotTable
+from flows.project.read import Project
 from flows.settings import SHARED
 
 COMMITTED = "modelgap.run.committed"
 ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
 STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
 NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
+POOL = "modelgap"  # work pool, and tag of our deployments
 _EXAMPLE_NIGHT = "nightly"  # of the built-in arm; a project has its own
 _WITH_PROJECT = ("monitor", "alarm")  # get the folder of the project
-_ENTRY = "flows.pipelines.project."
 
 
 def build_deployments(project: Project | None) -> dict[str, Any]:
@@ -54,70 +54,48 @@ def build_robot_resource(robot: str) -> str:
 
 
 def _project_deployments(project: Project) -> Iterator[dict]:
-    for robot in project.table.robot:
-        yield _simulated(project, robot) if robot.simulated else _real(project, robot)
-    folder = {"project": str(project.folder)}
-    if project.table.inbox:
+    table, folder = project.table, {"project": str(project.folder)}
+    for robot in table.robot:
+        night = _cron(robot.nightly, robot.timezone, "nightly")
+        if robot.simulated:
+            about = f"New runs of the simulated arm {robot.name}; identify, diagnose, "
+            words = {"held_out": robot.held_out, "auto": robot.auto}
+            words["campaign_file"] = str(project.campaign(robot))
+            more = {"schedules": night, "parameters": words}
+            yield _deployment(robot.name, "nightly.nightly", about + "report.", **more)
+            continue
+        stored = {
+            "type": "event",
+            "match": {"prefect.resource.id": build_robot_resource(robot.name)},
+            "expect": [STORED],
+            "posture": "Reactive",
+            "threshold": 1,
+            "within": 0,
+        }
         yield _deployment(
-            "inbox",
-            "inbox",
-            "Checks and stores the logs that dropped into the inboxes.",
-            folder,
-            schedules=_cron(project.table.poll, "UTC", "poll"),
+            robot.name,
+            "project.diagnose_new",
+            f"Diagnoses what has come in of {robot.name} since the last time.",
+            parameters=folder | {"robot": robot.name},
+            schedules=night,
+            triggers=[stored] if robot.batch else [],
         )
+    if table.inbox:
+        about = "Checks and stores the logs that dropped into the inboxes."
+        more = {"schedules": _cron(table.poll, "UTC", "poll"), "parameters": folder}
+        yield _deployment("inbox", "project.inbox", about, **more)
 
 
-def _simulated(project: Project, robot: RobotTable) -> dict:
-    return _deployment(
-        robot.name,
-        "nightly",
-        f"New runs of the simulated arm {robot.name}; identify, diagnose, report.",
-        {
-            "campaign_file": str(project.campaign(robot)),
-            "held_out": robot.held_out,
-            "auto": robot.auto,
-        },
-        entry="flows.pipelines.nightly.",
-        schedules=_cron(robot.nightly, robot.timezone, "nightly"),
-    )
-
-
-def _real(project: Project, robot: RobotTable) -> dict:
-    stored = {
-        "type": "event",
-        "enabled": True,
-        "match": {"prefect.resource.id": build_robot_resource(robot.name)},
-        "expect": [STORED],
-        "posture": "Reactive",
-        "threshold": 1,
-        "within": 0,
-        "parameters": {},
-    }
-    return _deployment(
-        robot.name,
-        "diagnose_new",
-        f"Diagnoses what has come in of {robot.name} since the last time.",
-        {"project": str(project.folder), "robot": robot.name},
-        schedules=_cron(robot.nightly, robot.timezone, "nightly"),
-        triggers=[stored] if robot.batch else [],
-    )
-
-
-def _deployment(
-    name: str, flow: str, about: str, parameters: Mapping, **more: Any
-) -> dict:
-    entry = more.pop("entry", _ENTRY)
+def _deployment(name: str, flow: str, about: str, **more: Any) -> dict:
     # An inbox run that lasts until the next one is not repeated.
-    strategy = "CANCEL_NEW" if flow in ("inbox", "nightly") else "ENQUEUE"
+    strategy = "ENQUEUE" if flow == "project.diagnose_new" else "CANCEL_NEW"
     return {
         "name": name,
-        "entrypoint": f"{entry}{flow}",
+        "entrypoint": f"flows.pipelines.{flow}",
         "description": about,
-        "tags": ["modelgap"],
-        "work_pool": {"name": "modelgap"},
-        "parameters": dict(parameters),
+        "tags": [POOL],
+        "work_pool": {"name": POOL},
         "concurrency_limit": {"limit": 1, "collision_strategy": strategy},
-        "schedules": [],
         **more,
     }
 

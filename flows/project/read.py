@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from datetime import datetime
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Literal, get_args
 from zoneinfo import available_timezones
 
 from cronsim import CronSim, CronSimError
@@ -62,6 +62,8 @@ def _tag(text: str) -> str:
 
 Cron = Annotated[str, AfterValidator(_cron)]
 Tags = tuple[Annotated[str, AfterValidator(_tag)], ...]
+NoticeKind = Literal["alarm", "finding", "proposal", "refused", "failed"]
+NOTICE_KINDS = get_args(NoticeKind)
 _Path = Annotated[str, Field(min_length=1)]
 
 
@@ -107,6 +109,24 @@ class InboxTable:
 
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
+class NotifyTable:
+    """Whom the server tells of events, through Prefect."""
+
+    # Notification block of this server: "TYPE/NAME", such as "slack-webhook/lab".
+    block: Annotated[str, Field(pattern=r"^([\w-]+/[\w-]+)?$")] = ""
+    # Environment variable with the address that gets each event as JSON; the address
+    # is a secret, and not for a file.
+    webhook: Annotated[str, Field(pattern=r"^([A-Za-z_]\w*)?$")] = ""
+    kinds: tuple[NoticeKind, ...] = NOTICE_KINDS
+
+    @model_validator(mode="after")
+    def _check(self) -> "NotifyTable":
+        if not (self.block or self.webhook) or not self.kinds:
+            raise ValueError("names nobody, expected block or webhook, and kinds")
+        return self
+
+
+@tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class ProjectTable:
     """The content of a modelgap.toml."""
 
@@ -118,6 +138,7 @@ class ProjectTable:
     poll: Cron = "*/5 * * * *"  # times of the inbox runs
     robot: tuple[RobotTable, ...] = ()
     inbox: tuple[InboxTable, ...] = ()
+    notify: NotifyTable | None = None
 
     @model_validator(mode="after")
     def _check(self) -> "ProjectTable":

@@ -92,6 +92,16 @@ def draw_panels_png(
 _TEXT = read_page_texts()["validation"]
 
 
+def build_validation_parts(run: str, result: Validation) -> list[str | ReportTable]:
+    """Return which run a validation is of, its tables and its sentence."""
+    return [
+        f"Run {run}:",
+        build_validation_table(result),
+        build_model_table(result),
+        describe_validation(result),
+    ]
+
+
 def build_validation_table(result: Validation) -> ReportTable:
     """Return the errors of a validation, a joint a row."""
     columns = {

@@ -22,6 +22,7 @@ from flows.report.document import (
 )
 from flows.report.page import render_html
 from flows.report.phrases import count_noun
+from flows.report.record_page import render_record_page
 from flows.report.sentences import format_claim, format_error_change, list_wrong_values
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
@@ -42,6 +43,7 @@ STATES = {
 }
 MOST = 2000  # rows of each kind, the latest; all others are in SQL
 _HALF_A_DAY = timedelta(hours=12)
+_RECORD = re.compile(rf"record_id=(\w{{1,{ID_DIGITS}}})\.html")
 _FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
 _HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
 
@@ -85,6 +87,47 @@ _ALARMS = f"""
     GROUP BY ALL ORDER BY v.created DESC, id
 """
 
+# What has no row of its own above: models outside diagnoses, validations, adoptions.
+# Of a batch its diagnosis has one.
+_RECORDS = f"""
+    WITH record AS (
+        SELECT model_id AS id, {_ROBOT.format("m")} AS robot, created,
+               CASE stage WHEN 'identified' THEN 'identification'
+                    WHEN 'calibrated' THEN 'calibration' ELSE stage END AS state,
+               NULL AS words
+        FROM models m
+        WHERE NOT EXISTS (FROM diagnoses d WHERE d.model_id = m.model_id)
+        UNION ALL
+        SELECT validation_id, {_ROBOT.format("v")}, created,
+               CASE WHEN kind = 'monitor' THEN 'no alarm'
+                    WHEN kind = 'calibration' THEN 'calibration check'
+                    WHEN starts_with(kind, 'open_loop') THEN 'validation'
+                    ELSE kind END, verdict
+        FROM validations v
+        WHERE kind NOT IN ('batch', 'refused')
+          AND NOT EXISTS (FROM alarms a WHERE a.validation_id = v.validation_id)
+        UNION ALL
+        SELECT adoption_id, {_ROBOT.format("a")}, created, concat('model ', action),
+               concat_ws(': ', concat('adoption ', adoption_id::INT), nullif(note, ''))
+        FROM adoptions a
+        UNION ALL
+        SELECT decision_id, {_ROBOT.format("e")}, created, 'decision', reason
+        FROM decisions e
+    )
+    SELECT record.*, (SELECT list(DISTINCT parent ORDER BY parent) FROM lineage
+                      WHERE child = id AND parent IN (SELECT run_id FROM runs)) AS runs
+    FROM record ORDER BY created DESC, id
+"""
+
+# Runs by robot, night and motion.
+_RUNS = f"""
+    SELECT {_ROBOT.format("r")} AS robot, max(created) AS created, count(*) AS runs,
+           any_value(run_id) AS id, source, trajectory
+    FROM runs r GROUP BY robot, serial, source, trajectory,
+                         (created + INTERVAL 12 HOUR)::DATE
+    ORDER BY created DESC, id
+"""
+
 # Logs that an inbox refused, with the reason (`flows.inbox.import_logs`).
 _REFUSED = """
     SELECT validation_id AS id, robot, verdict AS why, created
@@ -112,10 +155,17 @@ def read_page(store: Path, address: str) -> bytes | None:
     of a path.
 
     Args:
-        address: Address in a link of the index, "index.html" or "report_id=.../...".
+        address: Address in a link of the index: "index.html", "report_id=.../..." or
+            "record_id=....html", a page that is not on disk.
     """
     if address == INDEX:
-        return write_index(store).read_bytes()
+        with open_store(store) as opened:
+            return render_html(build_index_document(opened, served=True)).encode()
+    if record_match := _RECORD.fullmatch(address):
+        try:
+            return render_record_page(store, record_match[1]).encode()
+        except InputError:
+            return None
     match = _FILE.fullmatch(address)
     try:
         record = find_record(store, match[1]) if match else None
@@ -128,9 +178,9 @@ def read_page(store: Path, address: str) -> bytes | None:
         return None
 
 
-def build_index_document(opened: Store) -> Document:
-    """Return the index of a store."""
-    rows = sorted(_rows(opened), key=lambda row: row[0], reverse=True)
+def build_index_document(opened: Store, served: bool = False) -> Document:
+    """Return the index of a store; `served` pages are also links to other records."""
+    rows = sorted(_rows(opened, served), key=lambda row: row[0], reverse=True)
     cells = [
         (
             html_tag("time", f"{row[0]:%Y-%m-%d %H:%M}"),
@@ -192,7 +242,7 @@ def list_refused_logs(store: Path, since: datetime) -> list[dict]:
     return [row for row in rows if row["created"] and row["created"] > since]
 
 
-def _rows(opened: Store) -> Iterator[Row]:
+def _rows(opened: Store, served: bool) -> Iterator[Row]:
     diagnoses = _ask(opened, _DIAGNOSES)
     titles = {each["id"]: _title(each) for each in diagnoses}
     for each in diagnoses[:MOST]:
@@ -216,6 +266,17 @@ def _rows(opened: Store) -> Iterator[Row]:
         yield each["created"], each["robot"], "alarm", words, ""
     for each in _ask(opened, _REFUSED)[:MOST]:
         yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
+    for each in _ask(opened, _RECORDS)[:MOST]:
+        runs = each["runs"] or ()
+        of = f"of run {runs[0][:8]}" if len(runs) == 1 else f"of {len(runs)} runs"
+        words = each["words"] or f"{each['state']} {of if runs else each['id'][:8]}"
+        text = _link(served, each["id"], words)
+        yield each["created"], each["robot"], each["state"], text, ""
+    for each in _ask(opened, _RUNS)[:MOST]:
+        motion = f": {each['trajectory']}" if each["trajectory"] else ""
+        words = f"{count_noun(each['runs'], each['source'] + ' run')}{motion}"
+        text = _link(served, each["id"], words) if each["runs"] == 1 else words
+        yield each["created"], each["robot"], "runs", text, ""
 
 
 def _ask(opened: Store, query: str, **values: object) -> list[dict]:
@@ -225,6 +286,13 @@ def _ask(opened: Store, query: str, **values: object) -> list[dict]:
 
 def _title(diagnosis: Mapping) -> str:
     return f"{diagnosis['robot']} #{diagnosis['number']}"
+
+
+def _link(served: bool, id: str, words: str) -> Markup:
+    """Return words that link to the page of a record; a file has its command."""
+    if served:
+        return Markup('<a href="record_id={}.html">{}</a>').format(id, words)
+    return Markup("{} {}").format(words, html_tag("kbd", f"modelgap show {id[:8]}"))
 
 
 def _report(id: str, file: str, words: str) -> Markup:

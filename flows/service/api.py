@@ -3,7 +3,7 @@
 To be imported under `flows.settings.build_prefect_environment`.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime, timedelta
@@ -13,28 +13,21 @@ from time import monotonic, sleep
 import httpx
 from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.actions import WorkPoolCreate, WorkPoolUpdate
-from prefect.client.schemas.filters import (
-    FlowFilter,
-    FlowRunFilter,
-    WorkPoolFilter,
-)
-from prefect.client.schemas.objects import FlowRun as Run
+from prefect.client.schemas.filters import FlowFilter, FlowRunFilter
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectException
 
+from flows.project.deployments import POOL
 from flows.report.store_index import INDEX, list_refused_logs
 from flows.service.state import (
     PROCESSES,
-    RunningService,
     is_process_running,
     read_access_key,
     read_running,
 )
 from residual.errors import RunError
 
-POOL = "modelgap"
 INBOX = "inbox"  # name of the flow of the inboxes
-ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 _AT_ONCE = 200  # rows of one answer of the server
 _LATELY = timedelta(days=1)
 _WAIT = 60.0  # s for an answer
@@ -48,9 +41,9 @@ class Api:
     key: str = field(repr=False)
 
     @contextmanager
-    def client(self, wait: float = _WAIT) -> Iterator[SyncPrefectClient]:
+    def client(self) -> Iterator[SyncPrefectClient]:
         """Yield a Prefect client; RunError if the server refuses or does not answer."""
-        settings = {"timeout": wait}
+        settings = {"timeout": _WAIT}
         try:
             with SyncPrefectClient(
                 self.url, auth_string=self.key, httpx_settings=settings
@@ -59,11 +52,11 @@ class Api:
         except httpx.HTTPStatusError as error:
             place, code = error.request.url.path, error.response.status_code
             reason = " ".join(error.response.text.split())[:300]
-            words = f"The server refused {place} ({code}): {reason}"
-            raise RunError(words) from error
+            raise RunError(f"The server refused {place} ({code}): {reason}") from error
         except (httpx.HTTPError, PrefectException, OSError, RuntimeError) as error:
-            words = f"The server at {self.url} does not answer: {error}"
-            raise RunError(words) from error
+            raise RunError(
+                f"The server at {self.url} does not answer: {error}"
+            ) from error
 
 
 def is_server_up(url: str, timeout: float = 10.0) -> bool:
@@ -84,13 +77,6 @@ def create_work_pool(
     client.update_work_pool(POOL, update)
 
 
-def list_active_runs(client: SyncPrefectClient) -> list[Run]:
-    """Return the active flow runs of our pool."""
-    pool = WorkPoolFilter(name={"any_": [POOL]})
-    states = FlowRunFilter(state={"type": {"any_": ACTIVE}})
-    return client.read_flow_runs(flow_run_filter=states, work_pool_filter=pool)
-
-
 def is_worker_online(client: SyncPrefectClient) -> bool:
     """Return whether a worker is online."""
     try:
@@ -100,7 +86,7 @@ def is_worker_online(client: SyncPrefectClient) -> bool:
     return any(worker.status == "ONLINE" for worker in workers)
 
 
-def list_deployments(client: SyncPrefectClient) -> list[Mapping]:
+def _list_deployments(client: SyncPrefectClient) -> list[dict]:
     """Return all deployments by "flow/name", with the time of the next run."""
     flows = {flow.id: flow.name for flow in client.read_flows()}
     due: dict = {}
@@ -109,7 +95,7 @@ def list_deployments(client: SyncPrefectClient) -> list[Mapping]:
         sort=FlowRunSort.EXPECTED_START_TIME_ASC,
         limit=_AT_ONCE,
     ):
-        due.setdefault(run.deployment_id, run.expected_start_time)
+        due.setdefault(run.deployment_id, _iso(run.expected_start_time))
     rows = [
         {
             "name": f"{flows.get(each.flow_id, '?')}/{each.name}",
@@ -119,20 +105,10 @@ def list_deployments(client: SyncPrefectClient) -> list[Mapping]:
         }
         for each in client.read_deployments()
     ]
-    return sorted(rows, key=lambda d: d["name"])
+    return sorted(rows, key=lambda row: row["name"])
 
 
-def delete_other_deployments(
-    client: SyncPrefectClient, deployed: Sequence[Mapping]
-) -> None:
-    """Remove our deployments that are not in the list."""
-    ours = {(each["name"], each["entrypoint"]) for each in deployed}
-    for each in client.read_deployments():
-        if POOL in (each.tags or ()) and (each.name, each.entrypoint) not in ours:
-            client.delete_deployment(each.id)
-
-
-def list_last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
+def _list_last_runs(client: SyncPrefectClient, most: int) -> list[dict]:
     """Return the latest flow runs that have begun, latest first.
 
     Runs of the flow that looks into the inboxes are left out: there are too many.
@@ -150,8 +126,8 @@ def list_last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
         {
             "id": str(run.id),
             "name": run.name,
-            "start_time": run.start_time and run.start_time.isoformat(),
-            "end_time": run.end_time and run.end_time.isoformat(),
+            "start_time": _iso(run.start_time),
+            "end_time": _iso(run.end_time),
             "total_run_time": run.total_run_time.total_seconds(),
             "state": run.state_name,
             "message": run.state.message if run.state else None,
@@ -160,81 +136,60 @@ def list_last_runs(client: SyncPrefectClient, most: int = 10) -> list[Mapping]:
     ]
 
 
-@dataclass(frozen=True, slots=True)
-class Status:
-    """State of the service of a store."""
-
-    running: RunningService | None  # None if it was never started
-    wrong: tuple[str, ...] = ()  # problems, as text
-    server: bool = False  # the server answers
-    worker: str = "gone"  # "online", "starting" or "gone"
-    deployments: tuple[Mapping, ...] = ()
-    runs: tuple[Mapping, ...] = ()  # the last flow runs (`last_runs`)
-    refused: tuple[Mapping, ...] = ()  # logs refused within a day, latest first
-
-    @property
-    def healthy(self) -> bool:
-        """Whether the next scheduled run will start."""
-        return self.running is not None and not self.running.stopped and not self.wrong
-
-    @property
-    def pages(self) -> Mapping[str, str]:
-        """Address of the index of all reports, none if no server answers."""
-        if self.running is None or not self.server:
-            return {}
-        return {"reports": f"{self.running.pages}/{INDEX}"}
-
-    def document(self) -> dict:
-        """Return the JSON document; times are UTC in ISO 8601."""
-        running = self.running
-        return {
-            "schema": 1,
-            "healthy": self.healthy,
-            "stopped": running is None or running.stopped,
-            "wrong": list(self.wrong),
-            "ui": running.ui if running else None,
-            "pages": dict(self.pages),
-            "api": running.url if running else None,
-            "database": running.database if running else None,
-            "server": self.server,
-            "worker": self.worker,
-            "deployments": [
-                {**d, "due": d["due"].isoformat() if d["due"] else None}
-                for d in self.deployments
-            ],
-            "runs": list(self.runs),
-            "refused": [
-                {"robot": r["robot"], "why": r["why"], "at": r["created"].isoformat()}
-                for r in self.refused
-            ],
-        }
+def _iso(time: datetime | None) -> str | None:
+    return time.astimezone(UTC).isoformat() if time else None
 
 
-def read_status(home: Path, most: int = 10) -> Status:
-    """Return the status of a store; waits for a busy server."""
+def read_status(home: Path, most: int = 10) -> Mapping:
+    """Return the status of a store as its JSON document; waits for a busy server.
+
+    It is healthy where the next scheduled run will start. Times are UTC in ISO 8601.
+    """
     running = read_running(home)
+    status = {
+        "schema": 1,
+        "healthy": False,
+        "stopped": running is None or running.stopped,
+        "wrong": [],
+        "ui": running and running.ui,
+        "pages": {},
+        "api": running and running.url,
+        "database": running and running.database,
+        "server": False,
+        "worker": "gone",
+        "workers": running.workers if running else 0,
+        "deployments": [],
+        "runs": [],
+        "refused": [],
+    }
     if running is None or running.stopped:
-        return Status(running)
+        return status
     ended = [name for name in PROCESSES if not is_process_running(home, name)]
-    wrong = tuple(f"the {name} has ended; see {home}/{name}.log" for name in ended)
-    worker = "gone" if "worker" in ended else "starting"
+    wrong = [f"the {name} has ended; see {home}/{name}.log" for name in ended]
+    status |= {"wrong": wrong, "worker": "gone" if "worker" in ended else "starting"}
     if "server" in ended:
-        return Status(running, wrong, worker=worker)
+        return status
     try:
         with Api(running.url, read_access_key(home)).client() as client:
             if is_worker_online(client):
-                worker = "online"
-            elif worker == "starting":
-                wrong = (*wrong, "the worker has not reported yet")
-            due = tuple(list_deployments(client))
-            runs = tuple(list_last_runs(client, most))
+                status["worker"] = "online"
+            elif "worker" not in ended:
+                wrong.append("the worker has not reported yet")
+            status["deployments"] = _list_deployments(client)
+            status["runs"] = _list_last_runs(client, most)
     except RunError as error:
-        return Status(running, (*wrong, str(error)), worker=worker)
-    if not due:
-        wrong = (*wrong, "it has no deployments")
+        wrong.append(str(error))
+        return status
+    if not status["deployments"]:
+        wrong.append("it has no deployments")
     lately = datetime.now(UTC).replace(tzinfo=None) - _LATELY
-    turned_away = tuple(list_refused_logs(home.parent, lately))
-    return Status(running, wrong, True, worker, due, runs, turned_away)
+    refused = [
+        {"robot": row["robot"], "why": row["why"], "at": row["created"].isoformat()}
+        for row in list_refused_logs(home.parent, lately)
+    ]
+    pages = {"reports": f"{running.pages}/{INDEX}"}
+    more = {"healthy": not wrong, "pages": pages, "server": True, "refused": refused}
+    return status | more
 
 
 def wait_until(ready: Callable[[], bool], seconds: float, otherwise: str) -> None:

@@ -186,11 +186,7 @@ def read_access_key(home: Path) -> str:
 
 DATABASE = "MODELGAP_DATABASE_URL"
 PORT = 4200
-_DRIVERS = {
-    "postgresql": "postgresql+asyncpg",
-    "postgres": "postgresql+asyncpg",
-    "postgresql+asyncpg": "postgresql+asyncpg",
-}
+_DRIVER = "postgresql+asyncpg"
 BEAT = 30  # s between heartbeats of a flow run; the smallest that Prefect takes
 
 
@@ -221,10 +217,10 @@ class ServiceRequest(Request):
 
 def check_request(request: ServiceRequest) -> None:
     """Raise InputError for values out of range, and for an open network."""
-    if request.port is not None and not 1 <= request.port <= 65535:
-        raise InputError(f"--port {request.port}: expected 1 to 65535.")
-    if request.workers is not None and not 1 <= request.workers <= 64:
-        raise InputError(f"--workers {request.workers}: expected 1 to 64.")
+    for name, most in (("port", 65535), ("workers", 64)):
+        value = getattr(request, name)
+        if value is not None and not 1 <= value <= most:
+            raise InputError(f"--{name} {value}: expected 1 to {most}.")
     if request.every is not None and request.every != 0 and request.every < 10:
         raise InputError(f"--every {request.every}: expected 10 seconds or more, or 0.")
     if request.database is not None:
@@ -252,7 +248,8 @@ def database_url(url: str) -> str:
     """Return the address of a PostgreSQL database for Prefect; else InputError."""
     try:
         parts = urlsplit(url)
-        usable = parts.scheme in _DRIVERS and bool(parts.path.strip("/"))
+        schemes = ("postgresql", "postgres", _DRIVER)
+        usable = parts.scheme in schemes and bool(parts.path.strip("/"))
     except ValueError:
         usable = False
     if not usable:
@@ -260,7 +257,7 @@ def database_url(url: str) -> str:
             f"${DATABASE} is not usable, expected "
             "postgresql://USER:PASSWORD@HOST:PORT/NAME."
         )
-    return _DRIVERS[parts.scheme] + url[url.index("://") :]
+    return _DRIVER + url[url.index("://") :]
 
 
 def format_database_label(url: str | None) -> str:

@@ -3,10 +3,8 @@
 To be imported under `flows.settings.build_prefect_environment`.
 """
 
-import hashlib
-import json
 import signal
-import subprocess
+import sqlite3
 import sys
 from collections.abc import Callable
 from dataclasses import replace
@@ -14,21 +12,21 @@ from pathlib import Path
 from threading import Event
 from time import monotonic, sleep
 
+import prefect
 from prefect.client.orchestration import SyncPrefectClient
-from prefect.client.schemas.actions import DeploymentScheduleCreate
+from prefect.client.schemas.filters import FlowRunFilter, WorkPoolFilter
 from prefect.client.schemas.objects import State, StateType
-from prefect.client.schemas.schedules import IntervalSchedule
-from prefect.events import AutomationCore
 
+from flows.pipelines.proposals import cancel_settled_proposals
 from flows.project.deployments import (
-    build_deployments,
+    POOL,
     find_inbox_deployment,
     list_nightly_deployments,
 )
 from flows.service import api
 from flows.service.api import is_server_up, wait_until
+from flows.service.deploy import deploy, hash_deployments, schedule_every
 from flows.service.state import (
-    BEAT,
     DATABASE,
     PORT,
     PROCESSES,
@@ -46,19 +44,20 @@ from flows.service.state import (
     stop_process,
     write_running,
 )
-from flows.settings import PROJECT, ROOT, port_is_free, prefect_home
+from flows.settings import PROJECT, port_is_free, prefect_home
 from residual.errors import InputError, RunError
 
 Say = Callable[[str], None]
 # Bytes of a message on a WebSocket, also of one without the key; an event of Prefect
 # has 1.5 MB at most.
 _MESSAGE = 4 << 20
-_EVERY = "every"  # slug of the schedule of --every
-_PATIENCE = 600.0  # s; the first start creates the database
-_STALE = "close flow runs without a sign of life"
+_PATIENCE = 600.0  # s; a first start on a busy machine
 ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
+_ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 _WAIT = 60.0  # s for flow runs to finish after SIGTERM
 _CANCEL = 30.0  # s for the worker to cancel the remaining ones
+# The SQL of an empty history of the Prefect that is installed.
+_SCHEMA = Path(__file__).with_name(f"prefect-{prefect.__version__}.sql")
 
 
 def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bool]:
@@ -67,36 +66,39 @@ def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bo
     Returns:
         What runs now, and whether all of it ran before.
     """
-    home = prefect_home(request.store)
+    home, project = prefect_home(request.store), request.project
     with lock_service(home):
         running = _settled(request, read_running(home), home)
+        version = hash_deployments(project)
         complete = (
             all(is_process_running(home, name) for name in PROCESSES)
             and running == read_running(home)
-            and running.deployed == hash_deployments(request)
+            and running.deployed == version
             and is_server_up(running.url)
         )
         if complete and request.every is None:
             return running, True
         _start_server(running, home, request, say)
-        with api.Api(running.url, read_access_key(home)).client() as client:
+        key = read_access_key(home)
+        with api.Api(running.url, key).client() as client:
             api.create_work_pool(client, running.workers)
             if not is_process_running(home, "worker"):
                 env = build_worker_environment(running, request.store, home)
                 command = ["-m", "prefect", "worker", "start", "--type", "process"]
-                command = [sys.executable, *command, "--pool", api.POOL]
+                command = [sys.executable, *command, "--pool", POOL]
                 start_process(home, "worker", command, env)
-            running = _deploy(running, home, request, client, say)
+            if running.deployed != version:
+                say(f"deploying {PROJECT if project else 'prefect.yaml'}")
+                deploy(client, project, key)
+                running = replace(running, deployed=version)
+            write_running(home, running)
             if request.every is not None:
-                for name in list_nightly_deployments(request.project):
+                for name in list_nightly_deployments(project):
                     schedule_every(client, name, request.every)
-            if not client.read_automations_by_name(_STALE):
-                client.create_automation(
-                    AutomationCore.model_validate(build_stale_run_automation())
-                )
-            if inbox := find_inbox_deployment(request.project):
+            if inbox := find_inbox_deployment(project):
                 target = client.read_deployment_by_name(inbox)
                 client.create_flow_run_from_deployment(target.id)
+            cancel_settled_proposals(client, request.store)
 
             def online() -> bool:
                 if not is_process_running(home, "worker"):
@@ -106,17 +108,6 @@ def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bo
             why = f"The worker does not report; see {home}/worker.log."
             wait_until(online, _PATIENCE, why)
         return running, False
-
-
-def hash_deployments(request: ServiceRequest) -> str:
-    """Return a hash of the deployments, to know whether a server has those of now."""
-    content = _content(request) + str(ROOT).encode()
-    return hashlib.sha256(content).hexdigest()[:20]
-
-
-def _content(request: ServiceRequest) -> bytes:
-    # JSON is YAML too.
-    return json.dumps(build_deployments(request.project), indent=1).encode()
 
 
 def _settled(
@@ -174,6 +165,8 @@ def _start_server(
                 f"another: modelgap up --port {running.port + 1}."
             )
         say(f"starting the server on port {running.port}")
+        if request.database is None:
+            create_history(home)
         env = build_server_environment(running, home, request.database)
         start_process(home, "server", build_server_command(running), env)
         write_running(home, running)
@@ -186,6 +179,22 @@ def _start_server(
     wait_until(ready, _PATIENCE, f"The server does not answer; see {home}/server.log.")
 
 
+def create_history(home: Path) -> None:
+    """Create the SQLite database of a new store as Prefect's migrations leave it.
+
+    All 113 of them take 9 s of processor time. Where we have no file of the version
+    that is installed, the server runs them; later ones it runs in any case.
+    """
+    database, draft = home / "prefect.db", home / "prefect.db.new"
+    if database.exists() or not _SCHEMA.is_file():
+        return
+    draft.unlink(missing_ok=True)
+    connection = sqlite3.connect(draft)
+    connection.executescript(_SCHEMA.read_text(encoding="utf-8"))
+    connection.close()
+    draft.rename(database)
+
+
 def build_server_command(running: RunningService) -> list[str]:
     """Return the command line of the server; it holds no key and no password.
 
@@ -195,85 +204,6 @@ def build_server_command(running: RunningService) -> list[str]:
     command += ["warning", "--no-proxy-headers", "flows.service.serve:app"]
     command += ["--ws-max-size", str(_MESSAGE)]
     return [*command, "--host", running.host, "--port", str(running.port)]
-
-
-def _deploy(
-    running: RunningService,
-    home: Path,
-    request: ServiceRequest,
-    client: SyncPrefectClient,
-    say: Say,
-) -> RunningService:
-    version = hash_deployments(request)
-    if running.deployed != version:
-        say(f"deploying {PROJECT if request.project else 'prefect.yaml'}")
-        env = build_worker_environment(running, request.store, home)
-        file, log = home / "deployments.yaml", home / "deploy.log"
-        file.write_bytes(_content(request))
-        command = [sys.executable, "-m", "prefect", "--no-prompt", "deploy", "--all"]
-        command += ["--prefect-file", str(file)]
-        with log.open("wb") as output:
-            done = subprocess.run(
-                command, cwd=ROOT, env=env, stdout=output, stderr=output, check=False
-            )
-        if done.returncode:
-            raise RunError(f"The deployments were refused; see {log}.")
-        api.delete_other_deployments(
-            client, build_deployments(request.project)["deployments"]
-        )
-        running = replace(running, deployed=version)
-    write_running(home, running)
-    return running
-
-
-def schedule_every(
-    client: SyncPrefectClient,
-    deployment: str,
-    seconds: int,
-    parameters: dict | None = None,
-) -> None:
-    """Replace the schedule of --every of a deployment; 0 s removes it."""
-    target = client.read_deployment_by_name(deployment)
-    for old in target.schedules:
-        if old.slug == _EVERY:
-            client.delete_deployment_schedule(target.id, old.id)
-    if seconds:
-        new = DeploymentScheduleCreate(
-            schedule=IntervalSchedule(interval=seconds),
-            active=True,
-            slug=_EVERY,
-            parameters=parameters or {},
-        )
-        client.create_deployment_schedules(target.id, [new])
-
-
-def build_stale_run_automation() -> dict:
-    """Return the automation that closes flow runs without heartbeat.
-
-    A suspended run, which waits for an answer, has no process and no heartbeat.
-    """
-    rests = ("Completed", "Failed", "Cancelled", "Crashed", "Suspended", "Paused")
-    beat = "prefect.flow-run.heartbeat"
-    trigger = {
-        "type": "event",
-        "match": {"prefect.resource.id": "prefect.flow-run.*"},
-        "after": [beat],
-        "expect": [beat, *(f"prefect.flow-run.{rest}" for rest in rests)],
-        "for_each": ["prefect.resource.id"],
-        "posture": "Proactive",
-        "threshold": 1,
-        # Two heartbeats may get lost, and a busy machine is late.
-        "within": 4 * BEAT,
-    }
-    action = {
-        "type": "change-flow-run-state",
-        "state": "CRASHED",
-        "name": "Crashed",
-        "message": f"No sign of life for {4 * BEAT} s.",
-    }
-    about = "A killed process cannot report its end."
-    rule = {"name": _STALE, "enabled": True, "description": about}
-    return rule | {"trigger": trigger, "actions": [action]}
 
 
 def stop_service(home: Path, wait: float, say: Say) -> RunningService | None:
@@ -301,19 +231,23 @@ def stop_service(home: Path, wait: float, say: Say) -> RunningService | None:
 
 def _finish_runs(client: SyncPrefectClient, home: Path, wait: float, say: Say) -> None:
     """Wait for flow runs; let the worker cancel the remaining ones, and mark them."""
+    ours = WorkPoolFilter(name={"any_": [POOL]})
+    active = FlowRunFilter(state={"type": {"any_": _ACTIVE}})
 
     def wait_for_runs(seconds: float) -> list:
         until = monotonic() + seconds
-        while (active := api.list_active_runs(client)) and monotonic() < until:
+        while True:
+            runs = client.read_flow_runs(flow_run_filter=active, work_pool_filter=ours)
+            if not runs or monotonic() >= until:
+                return runs
             sleep(0.5)
-        return active
 
     def mark(run, kind: StateType) -> None:
         state = State(type=kind, name=kind.value.title(), message=ENDED)
         client.set_flow_run_state(run.id, state, force=True)
 
-    if active := api.list_active_runs(client):
-        say(f"waiting up to {wait:g} s for {len(active)} flow run(s) to end")
+    if runs := wait_for_runs(0.0):
+        say(f"waiting up to {wait:g} s for {len(runs)} flow run(s) to end")
     remaining = wait_for_runs(wait)
     for run in remaining:
         mark(run, StateType.CANCELLING)

@@ -1,5 +1,6 @@
 """The flows without their steps: what is taken, and in which order."""
 
+from datetime import UTC, datetime
 from types import SimpleNamespace
 
 import numpy as np
@@ -21,7 +22,6 @@ def faked(monkeypatch, tmp_path):
     To be called when Prefect has its settings.
     """
     from flows.pipelines import adoption_flow, nightly, tasks
-    from flows.pipelines import project as projects
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -36,12 +36,15 @@ def faked(monkeypatch, tmp_path):
 
         monkeypatch.setattr(module, name, step)
 
+    due = datetime(2026, 11, 22, 2, tzinfo=UTC)
+    clock = SimpleNamespace(scheduled_start_time=due)
+    monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(stored_pages, "store_diagnosis_page", page)
     take(stored_pages, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
-    monkeypatch.setattr(projects, "read_verdict", lambda *_: typed({}))
+    monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
         (
@@ -59,8 +62,11 @@ def faked(monkeypatch, tmp_path):
     for module in (identify, calibrate):
         monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])
-    for name in ("identified_parts", "calibrated_parts", "build_validation_parts"):
+    for name in ("identified_parts", "calibrated_parts"):
         monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
+    monkeypatch.setattr(
+        tasks.experiments, "build_validation_parts", lambda *_: ["All of it.", table]
+    )
     take(identify, "identify", (SimpleNamespace(), "ff"))
     take(calibrate, "calibrate", SCORES)
     take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))

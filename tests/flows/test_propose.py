@@ -1,14 +1,26 @@
 """The night closes the loop: it proposes or adopts, and the next finds nothing."""
 
+import os
+import sys
 from pathlib import Path
 
 import pytest
 
 from flows.report.models import render_proposal_markdown, render_proposal_page
+from flows.service.state import (
+    KEY,
+    RunningService,
+    start_process,
+    stop_process,
+    write_running,
+)
+from flows.settings import prefect_home
 from flows.steps.adopt import Proposal, judge_adoption, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT
 from warehouse.record_commit import find_last_adoption
+
+SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
 pytestmark = [pytest.mark.prefect, pytest.mark.slow]
 
@@ -26,7 +38,7 @@ def nights(server, night_store, monkeypatch):
     monkeypatch.setattr(
         adoption_flow.tasks,
         "send_event",
-        lambda event, about: events.append(about["diagnosis"]),
+        lambda event, about: events.append((event, *about.get("ids", about.values()))),
     )
     yield adoption_flow, night_store, events
     store = night_store[0]
@@ -44,14 +56,15 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     tasks, (store, _, id), events = nights
     page = in_a_flow(tasks.adopt_or_propose, id, str(store), False)
     assert "Comparison" in Path(page).read_text(encoding="utf-8")
-    assert events == [id]
+    told = [("modelgap.model.proposed", id), ("modelgap.notice.proposal", id)]
+    assert events == told
     assert (
         find_last_adoption(store, ROBOT) is None
         or find_last_adoption(store, ROBOT)[1].model_id is None
     )
     # The same finding of another night, unanswered as yet, is no new proposal.
     assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
-    assert events == [id]
+    assert events == told
 
 
 def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
@@ -65,6 +78,51 @@ def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nig
     before = len(list_adoptions(store))
     assert in_a_flow(tasks.adopt_or_propose, again, str(store), True) is None
     assert (len(list_adoptions(store)), events) == (before, [])
+
+
+@pytest.fixture
+def waiting(server, nights, monkeypatch):
+    """Two suspended proposals at the server of the store: of its diagnosis, of none."""
+    from prefect import get_client
+    from prefect.client.schemas.objects import State, StateType
+
+    tasks, (store, _, id), _ = nights
+    in_a_flow(tasks.adopt_or_propose, id, str(store), False)
+    host, _, port = server.url.removesuffix("/api").rpartition("//")[2].partition(":")
+    home = prefect_home(store)
+    (home / KEY).write_text(f"{server.key}\n")
+    (home / KEY).chmod(0o600)
+    write_running(home, RunningService(host, int(port), "sqlite"))
+    start_process(home, "server", SLEEP, os.environ)
+    with get_client(sync_client=True) as client:
+        place = client.create_deployment(
+            client.create_flow(tasks.propose), "propose-of-a-test"
+        )
+        runs = []
+        for diagnosis in (id, "ab" * 10):
+            run = client.create_flow_run_from_deployment(
+                place, parameters={"diagnosis": diagnosis}
+            )
+            state = State(type=StateType.PAUSED, name="Suspended")
+            client.set_flow_run_state(run.id, state, force=True)
+            runs.append(run.id)
+        yield lambda: [client.read_flow_run(run).state for run in runs]
+    stop_process(home, "server", grace=1.0)
+
+
+def test_a_proposal_that_was_settled_by_the_command_waits_no_longer(
+    nights, waiting, cli, monkeypatch
+):
+    monkeypatch.setattr("flows.cli.service._prepare", lambda home: None)
+    _, (store, _, id), _ = nights
+    assert [state.name for state in waiting()] == ["Suspended", "Suspended"]
+    code, out, err = cli("adopt", id, "--note", "seen", "--store", str(store))
+    assert (code, err) == (0, ""), out
+    settled, other = waiting()
+    number = int(find_last_adoption(store, ROBOT)[0])
+    assert (settled.name, other.name) == ("Cancelled", "Suspended")
+    assert f"Settled by adoption {number} of {ROBOT} (adopted by" in settled.message
+    assert settled.message.endswith(": seen).")
 
 
 def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):

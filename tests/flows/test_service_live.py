@@ -12,10 +12,11 @@ import pytest
 from prefect.client.schemas.filters import DeploymentFilter
 
 from flows.cli import main
+from flows.project.deployments import POOL
 from flows.service import api
+from flows.service.deploy import schedule_every
 from flows.service.state import PROCESSES, read_access_key, read_running
 from flows.service.state import is_process_running as is_running
-from flows.service.up import schedule_every
 from tests.flows.prefect_server import free_port
 from tests.waiting import until
 
@@ -89,13 +90,13 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
     assert f'export PREFECT_API_AUTH_STRING="$(cat {key})"' in again.stdout
     assert "deployed: nightly, monitor, alarm, propose, campaign" in again.stdout
     with service.api.client() as client:
-        assert client.read_work_pool(api.POOL).concurrency_limit == 1
+        assert client.read_work_pool(POOL).concurrency_limit == 1
 
 
 def test_up_with_other_workers_changes_how_many_flows_run_at_once(service):
     assert modelgap("up", "--workers", "2", *service.words).returncode == 0
     with service.api.client() as client:
-        assert client.read_work_pool(api.POOL).concurrency_limit == 2
+        assert client.read_work_pool(POOL).concurrency_limit == 2
 
 
 @pytest.mark.long

@@ -1,6 +1,7 @@
 """The nominal model by itself on a run: open loop, feed-forward, and their record."""
 
 import json
+import re
 import shutil
 from dataclasses import replace
 
@@ -204,5 +205,13 @@ def test_the_command_prints_what_it_means_and_keeps_the_same_record_once(
     assert "arm's own [mrad]" in shown
     assert "a better model can gain" in shown
     assert f"modelgap show {loaded[0]}" in shown
+    assert f"Run {run_store[1][:8]}:" in shown
+    every = ["validate", "--where", "duration_s < 5", *words[2:]]
+    assert main(every) == 0
+    shown = capsys.readouterr().out
+    places = [shown.index(f"Run {id}:") for id in run_store[1:]]
+    tables = [m.start() for m in re.finditer("open loop", shown)]
+    first, second = sorted(places)
+    assert sum(first < place < second for place in tables) == 1
     assert main([*words, "--window", "0"]) == 2
     assert "--window 0" in capsys.readouterr().err

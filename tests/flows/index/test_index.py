@@ -8,7 +8,9 @@ import pytest
 from flows.report.page import read_record_origin
 from flows.report.store_index import date_night, read_page, write_index
 from tests.flows.index.stores import STORED, adopt, fill
+from tests.warehouse import store_samples as samples
 from warehouse.record_commit import commit_record
+from warehouse.view_schema import build_view_table
 
 LINK = re.compile(r'href="([^"#?]+)"')
 
@@ -33,6 +35,7 @@ def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
         "waits for a decision",
         "alarm",
         "log refused",
+        "runs",
     }
     when, night, robot, _, words, error = states["something missing"]
     assert night == f"{date_night(datetime.fromisoformat(when))}"
@@ -43,6 +46,40 @@ def test_it_says_what_was_found_by_robot_and_night_and_what_waits(nights):
     assert states["alarm"][4] == "in 1 run: joint 2: torque gain drop"
     assert states["log refused"][4] == "bad.csv: no &lt;t&gt;"
     assert 'data-filters="1,2,3"' in text
+
+
+def test_every_kind_of_record_has_an_entry_and_a_page(tmp_path):
+    store = tmp_path / "store"
+    run = samples.commit(store, 1)
+    about = {"robot": "two_link", "unit": "rad"}
+    errors = [{"stage": "nominal", "metric": "rms_open_loop_q", "joint": 2}]
+    tables = {"errors": build_view_table("errors", [{**errors[0], "value": 0.0125}])}
+    made = {
+        "identification": ("models", {"stage": "identified"}, {"fit": [run]}),
+        "calibration": ("models", {"stage": "calibrated"}, {"fit": [run]}),
+        "validation": ("validations", {"kind": "open_loop"}, {"run": [run]}),
+        "no alarm": ("validations", {"kind": "monitor"}, {"watched": [run]}),
+    }
+    ids = {
+        state: commit_record(store, kind, about | more, tables, parents)
+        for state, (kind, more, parents) in made.items()
+    }
+    text = page(store)
+    found = {row[3]: row[4] for row in rows(text)}
+    of_run = {state: f"{state} of run {run[:8]}" for state in made}
+    assert found == {**of_run, "runs": found["runs"]}
+    assert found["runs"].startswith("1 simulated run")
+    assert "Nothing is stored yet" not in text
+    links = {f"record_id={id}.html" for id in (*ids.values(), run)}
+    assert set(LINK.findall(text)) == links
+    for link in links:
+        assert read_page(store, link) is not None
+    validation = read_page(store, f"record_id={ids['validation']}.html").decode()
+    assert all(word in validation for word in ("rms_open_loop_q", "0.0125", run))
+    # A file has no server behind it: its entries give the command.
+    on_disk = write_index(store).read_text(encoding="utf-8")
+    assert LINK.findall(on_disk) == []
+    assert f"modelgap show {ids['validation'][:8]}" in on_disk
 
 
 def test_an_adoption_answers_a_proposal(tmp_path):
@@ -83,6 +120,9 @@ def test_every_link_leads_to_a_report_on_disk_and_at_the_server(nights):
         "report_id={report}/..",
         "report_id={run}/part-0.parquet",
         "report_id=zz/report.html",
+        "record_id=zz.html",
+        "record_id=abababababababababab.html",
+        "record_id=../../_prefect/key.html",
         "report_id=" + "ab" * 10 + "/report.html",
         "index.html/",
         "INDEX.html",

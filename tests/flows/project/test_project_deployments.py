@@ -2,16 +2,13 @@
 
 import ast
 from pathlib import Path
-from types import SimpleNamespace
 
 import pytest
 
 from flows.project.deployments import build_deployments, find_inbox_deployment
 from flows.project.deployments import list_nightly_deployments as nightly_deployments
 from flows.project.read import read_current_project, read_project
-from flows.service import api
-from flows.service.state import ServiceRequest
-from flows.service.up import hash_deployments
+from flows.service.deploy import hash_deployments
 from flows.settings import ROOT, resolve_store_folder
 
 TEXT = """schema = 1
@@ -91,25 +88,8 @@ def test_up_in_its_folder_serves_it_and_takes_a_change_over(project):
     assert here is not None
     assert here.folder == project.folder
     assert read_current_project(project.folder / "another") is None
-    before = hash_deployments(ServiceRequest(here.store, project=here))
-    assert before != hash_deployments(ServiceRequest(here.store))
+    before = hash_deployments(here)
+    assert before != hash_deployments(None)
     (project.folder / "modelgap.toml").write_text(TEXT.replace("30 3", "31 3"))
     changed = read_current_project(here.store)
-    assert hash_deployments(ServiceRequest(here.store, project=changed)) != before
-
-
-def test_deployments_that_are_not_wanted_any_more_go():
-    def deployment(name, entrypoint, tags):
-        return SimpleNamespace(name=name, entrypoint=entrypoint, id=name, tags=tags)
-
-    deleted = []
-    client = SimpleNamespace(
-        read_deployments=lambda: [
-            deployment("a", "m.f", ["modelgap"]),
-            deployment("b", "m.f", ["modelgap"]),
-            deployment("c", "x.y", []),
-        ],
-        delete_deployment=deleted.append,
-    )
-    api.delete_other_deployments(client, [{"name": "a", "entrypoint": "m.f"}])
-    assert deleted == ["b"]
+    assert hash_deployments(changed) != before

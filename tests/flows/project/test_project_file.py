@@ -56,8 +56,8 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
     parts = re.split(r"^(?:# )?\[\[?(\w+)\]?\]", text, flags=re.M)
     sections = dict(zip(["", *parts[1::2]], parts[::2], strict=True))
     kinds = {"": tables.ProjectTable, "robot": tables.RobotTable}
-    kinds["inbox"] = tables.InboxTable
-    own = {"robot", "inbox"}
+    kinds |= {"inbox": tables.InboxTable, "notify": tables.NotifyTable}
+    own = {"robot", "inbox", "notify"}
     for name, kind in kinds.items():
         defaults = dict(
             re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M)

@@ -1,0 +1,163 @@
+"""What `up` puts on a server: deployments, automations, notifications, a history."""
+
+import json
+import os
+import re
+import sqlite3
+import subprocess
+import sys
+from contextlib import contextmanager
+from dataclasses import replace
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from threading import Thread
+
+import pytest
+
+from flows.project.read import NotifyTable, Project, ProjectTable, RobotTable
+from flows.settings import ROOT, build_prefect_environment
+from residual.errors import InputError
+from tests.waiting import until
+
+pytestmark = pytest.mark.prefect
+ARM = RobotTable("cell", "irb140", simulated=True)
+WEBHOOK = "LAB_WEBHOOK"
+
+
+@pytest.fixture
+def up(server):
+    """Put a project on the server of the tests, as `modelgap up` does."""
+    from flows.service.api import Api, create_work_pool
+    from flows.service.deploy import deploy
+
+    @contextmanager
+    def client(project):
+        with Api(server.url, server.key).client() as client:
+            create_work_pool(client, 1)
+            deploy(client, project, server.key)
+            yield client
+
+    return client
+
+
+@pytest.fixture
+def chat(monkeypatch):
+    """A web server that keeps what is sent to it; its address is in the environment."""
+    heard = []
+
+    class Chat(BaseHTTPRequestHandler):
+        def do_POST(self):
+            size = int(self.headers["Content-Length"])
+            heard.append((self.path, json.loads(self.rfile.read(size))))
+            self.send_response(204)
+            self.end_headers()
+
+        def log_message(self, *_):
+            pass
+
+    with ThreadingHTTPServer(("127.0.0.1", 0), Chat) as web:
+        Thread(target=web.serve_forever, daemon=True).start()
+        address = f"http://127.0.0.1:{web.server_port}"
+        monkeypatch.setenv(WEBHOOK, f"{address}/secret")
+        yield heard, address
+        web.shutdown()
+
+
+def project(folder, robots=(ARM,), **notify) -> Project:
+    table = NotifyTable(**notify) if notify else None
+    return Project(folder, ProjectTable(1, robot=robots, notify=table))
+
+
+def test_deployments_that_are_not_wanted_any_more_go(up, tmp_path):
+    both = project(tmp_path, (ARM, replace(ARM, name="trial", nightly="")))
+    with up(both) as client:
+        first = {each.name: each for each in client.read_deployments()}
+    assert {"cell", "trial", "monitor"} <= set(first)
+    cell = first["cell"]
+    assert [s.schedule.cron for s in cell.schedules] == ["0 2 * * *"]
+    assert cell.parameter_openapi_schema["properties"]["seed"]["title"] == "seed"
+    assert cell.concurrency_options.collision_strategy.value == "CANCEL_NEW"
+    with up(project(tmp_path)) as client:
+        second = {each.name: each for each in client.read_deployments()}
+        rules = [rule.name for rule in client.read_automations()]
+    assert set(first) - set(second) == {"trial"}
+    assert second["cell"].id == cell.id  # so its history stays
+    assert len(set(rules)) == len(rules)  # nothing starts twice
+
+
+def test_people_are_notified_by_webhook_and_by_a_block(up, chat, tmp_path):
+    from prefect.blocks.notifications import CustomWebhookNotificationBlock
+
+    from flows.pipelines.tasks import send_notice
+
+    heard, address = chat
+    form = {"title": "{{subject}}", "text": "{{body}}"}
+    url = f"{address}/block"
+    block = CustomWebhookNotificationBlock(name="lab", url=url, json_data=form)
+    block.save("lab", overwrite=True)
+    kinds = ("alarm", "refused")
+    asked = {"block": "custom-webhook/lab", "webhook": WEBHOOK, "kinds": kinds}
+    with up(project(tmp_path, **asked)):
+        send_notice("finding", "irb140", "was not asked for")
+        send_notice("alarm", "irb140", 'a "spike" on joint 2', "by 5 N m", ["ab"], "p")
+        until(lambda: len(heard) == 2, "both have it")
+    message = dict(heard)
+    assert message["/secret"] == {
+        "kind": "alarm",
+        "robot": "irb140",
+        "title": 'a "spike" on joint 2',
+        "text": 'a "spike" on joint 2\nby 5 N m\np',
+        "ids": ["ab"],
+        "page": "p",
+    }
+    assert message["/block"] == {"title": 'a "spike" on joint 2', "text": "by 5 N m\np"}
+    with up(project(tmp_path)) as client:
+        assert not [r for r in client.read_automations() if r.name.startswith("notify")]
+
+
+@pytest.mark.parametrize(
+    ("notify", "words"),
+    [
+        ({"webhook": "NOT_SET"}, "NOT_SET has no value"),
+        ({"webhook": "HOME"}, "HOME has another value"),
+        ({"block": "slack-webhook/none"}, "has no 'slack-webhook/none'"),
+    ],
+)
+def test_nobody_is_left_without_notice_in_silence(up, tmp_path, notify, words):
+    with pytest.raises(InputError, match=words), up(project(tmp_path, **notify)):
+        pass
+
+
+@pytest.mark.parametrize("notify", [{}, {"block": "lab"}, {"webhook": "http://a/b"}])
+def test_a_notification_names_whom(notify):
+    with pytest.raises(ValueError, match=r"names nobody|pattern"):
+        NotifyTable(**notify)
+
+
+@pytest.mark.slow
+def test_a_new_history_is_as_the_migrations_of_prefect_leave_it(server, tmp_path):
+    from flows.service.up import create_history
+
+    for name in ("ours", "theirs"):
+        (tmp_path / name).mkdir()
+    create_history(tmp_path / "ours")
+    code = "import asyncio, prefect.server.database as database\n"
+    code += "asyncio.run(database.provide_database_interface().create_db())"
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT")}
+    env = kept | build_prefect_environment(tmp_path / "theirs")
+    subprocess.run([sys.executable, "-c", code], cwd=ROOT, env=env, check=True)
+    ours, theirs = (
+        _schema(tmp_path / name / "prefect.db") for name in ("ours", "theirs")
+    )
+    assert ours == theirs
+    assert len(ours) > 200
+
+
+def _schema(path) -> dict:
+    with sqlite3.connect(path) as history:
+        rows = dict(history.execute("SELECT name, sql FROM sqlite_master"))
+        rows["revision"] = str(
+            history.execute("SELECT version_num FROM alembic_version").fetchall()
+        )
+    # The migrations write the constraints of a table in another order each time.
+    bare = {name: re.sub(r"\s+", "", sql or "") for name, sql in rows.items()}
+    return {k: sorted(sql.removesuffix(")").split(",")) for k, sql in bare.items()}
