@@ -36,6 +36,8 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import (
     KINDS,
+    NOT_HASHED,
+    OPENED,
     QUARANTINE,
     SAMPLES_FILE,
     SEALED,
@@ -212,7 +214,7 @@ def read_catalogue_row(record: StoredRecord) -> dict:
 
 def read_nested_tables(record: StoredRecord) -> dict[str, pa.Table]:
     """Return the rows of views that lie in a record's own row, such as its errors."""
-    lists = sorted(set(KINDS[record.kind].nested_views) - {"lineage"})
+    lists = sorted(set(KINDS[record.kind].nested_views) - NOT_HASHED)
     row = read_parquet(record.row, lists).to_pylist()[0]
     schemas = {view: build_arrow_schema(VIEWS[view][1:]) for view in lists}
     return {
@@ -294,7 +296,7 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
             folder = place / ROBOTS / name
             bad = find_damaged_record_files(folder) or _complaint(_check_robot, folder)
             yield IntegrityResult(ROBOTS, name, bad)
-        for top in (MADE_WITH, QUARANTINE):
+        for top in (MADE_WITH, QUARANTINE, OPENED):
             for name in list_folder_names(place, top):
                 yield IntegrityResult(
                     top, name, _complaint(_check_file, place / top / name)
@@ -312,7 +314,7 @@ def _check_robot(folder: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    """Check a list of packages, or that a tombstone is about the run of its name."""
+    """Check a list of packages, or that a mark is about the run of its name."""
     fetch_file(path)
     content = path.read_bytes()
     if path.parent.name == MADE_WITH:

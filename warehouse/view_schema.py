@@ -16,7 +16,9 @@ JOINT = pa.int32()
 
 # The view samples has columns for at least as many joints, null where there are fewer.
 DEFAULT_DOF = 6
-STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
+STAGING, INDEX, SEALED = "_staging", "_index", "sealed"
+# Of runs: a mark is a file of its own, so that the run itself never changes.
+QUARANTINE, OPENED = "quarantine", "opened"
 SAMPLES_FILE = "part-0.parquet"
 
 
@@ -124,6 +126,7 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         *_ORIGIN,
         ViewColumn("log", TEXT, "file that it was imported from; null for none"),
         ViewColumn("quarantined", FLAG, "whether a tombstone says not to use it"),
+        ViewColumn("opened", FLAG, "whether its seal was opened by sql --truth"),
     ),
     "channels": (
         ViewColumn("run_id", TEXT, "the run"),
@@ -299,12 +302,45 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         _CREATED,
         *_CODE,
     ),
+    "campaigns": (
+        ViewColumn("campaign_id", TEXT, "id of the campaign"),
+        _ROBOT,
+        ViewColumn("name", TEXT, "its name, which its runs have as campaign"),
+        ViewColumn("file", TEXT, "name of its file"),
+        _CREATED,
+        *_CODE,
+    ),
+    "points": (
+        ViewColumn("campaign_id", TEXT, "the campaign"),
+        ViewColumn("run_id", TEXT, "the run at this point"),
+        ViewColumn("axis", TEXT, "what is varied, such as trajectory.kind"),
+        ViewColumn("value", NUMBER, "its value where that is a number", "by row"),
+        ViewColumn("word", TEXT, "its value where that is none"),
+        _UNIT,
+    ),
+    "timings": (
+        ViewColumn("id", TEXT, "the run, model, diagnosis or validation"),
+        ViewColumn("step", TEXT, "reference, plant, identify, diagnose ..."),
+        ViewColumn("seconds", NUMBER, "time that the step took", "s"),
+    ),
     "lineage": (
         ViewColumn("child", TEXT, "id of what was made"),
         ViewColumn("parent", TEXT, "id of what it was made from"),
         ViewColumn("role", TEXT, "what the parent was to it, such as fit or held_out"),
     ),
 }
+
+# The view of the connection of `sql --truth` alone; no other has it.
+TRUTH = (
+    ViewColumn("run_id", TEXT, "the simulated run"),
+    ViewColumn("effect", TEXT, "name of a hidden effect"),
+    ViewColumn("joints", pa.list_(JOINT), "its joints; [] for the whole arm"),
+    ViewColumn("parameter", TEXT, "name of the parameter; null for none"),
+    ViewColumn("value", NUMBER, "its value", "by row"),
+    _UNIT,
+    ViewColumn("onset", NUMBER, "time from which it acts", "s"),
+    ViewColumn("sealed", FLAG, "whether no campaign of the run publishes its plant"),
+)
 
 # Columns that are computed, and stored nowhere; behind those of `VIEWS`.
 _RECORDED = ViewColumn(
@@ -391,7 +427,8 @@ class RecordKind:
     row: str = field(init=False)  # the file of a record with its one catalogue row
 
     def __post_init__(self) -> None:
-        fields = [c.to_arrow_field for c in VIEWS[self.name] if c.name != "quarantined"]
+        marks = ("quarantined", "opened")
+        fields = [c.to_arrow_field for c in VIEWS[self.name] if c.name not in marks]
         if self.name == "runs":
             fields.append(pa.field("signals", pa.list_(TEXT)))
         rows = (pa.field(view, build_nested_type(view)) for view in self.nested_views)
@@ -408,6 +445,7 @@ KINDS = {
         RecordKind(
             "runs",
             "run_id",
+            ("errors", "lineage", "timings"),
             required_columns=(
                 "created",
                 "robot",
@@ -418,11 +456,18 @@ KINDS = {
                 "dof",
             ),
         ),
-        RecordKind("models", "model_id", ("parameters", "errors", "lineage")),
-        RecordKind("diagnoses", "diagnosis_id", ("effects", "errors", "lineage")),
         RecordKind(
-            "validations", "validation_id", ("errors", "alarms", "lineage", "blind")
+            "models", "model_id", ("parameters", "errors", "lineage", "timings")
         ),
+        RecordKind(
+            "diagnoses", "diagnosis_id", ("effects", "errors", "lineage", "timings")
+        ),
+        RecordKind(
+            "validations",
+            "validation_id",
+            ("errors", "alarms", "lineage", "blind", "timings"),
+        ),
+        RecordKind("campaigns", "campaign_id", ("points", "lineage")),
         RecordKind("reports", "report_id"),
         # Its id is its number: nobody else can have taken that.
         RecordKind("adoptions", "adoption_id", ("lineage",)),
@@ -431,8 +476,10 @@ KINDS = {
     )
 }
 
+# Nested rows that are no part of what the id of a record is the hash of.
+NOT_HASHED = {"lineage", "timings"}
 # All that a store has, by the names of its folders; nobody else writes there.
 FOLDERS = frozenset(
-    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
+    {STAGING, INDEX, SEALED, QUARANTINE, OPENED, "made_with", "robots", "_prefect"}
     | {kind.folder for kind in KINDS.values()}
 )

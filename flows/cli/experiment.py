@@ -135,6 +135,7 @@ def campaign(
         out.write(document=lambda: steps.build_campaign_document(summary, done=False))
         out.finish()
         return
+    steps.store_campaign(planned, spec, place)
     with show_progress_bar() as bar:
         summary = steps.run_campaign_experiments(planned, place, bar)
     out.write(document=lambda: steps.build_campaign_document(summary))

@@ -326,6 +326,9 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
             with suppress(InputError):  # of one that was not kept the word says all
                 named.append(load_command_robot(find_robot_by_hash(place, hash)).joints)
         robot = _of_names(word, list(dict.fromkeys(named)))
+    plants = {id for id, m in manifests.items() if "spec" in m and m.get("serial")}
+    if plants:  # robot.toml describes them all, so its own number is of none of them
+        robot = replace(robot, serial=None)
     for run, manifest in manifests.items():
         serial = manifest.get("serial")
         if serial is not None and robot.serial not in (None, serial):
@@ -333,7 +336,11 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
                 f"Run {run} is of {robot.name} {serial}, expected one of {robot.name} "
                 f"{robot.serial} like the rest. Give runs of one arm."
             )
-        robot = set_serial_number(robot, serial)
+        # That of a plant is no part of its description, whose hash its runs have.
+        if run in plants:
+            robot = replace(robot, serial=serial)
+        else:
+            robot = set_serial_number(robot, serial)
     return robot
 
 

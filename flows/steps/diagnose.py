@@ -64,11 +64,11 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     runs = [run for run in request.baseline if is_run_id(run)]
     serials = {run: read_run_serial(run, request.store) for run in runs}
     return [
-        f"baseline run {run} is of {robot.name} {serial}, not of "
+        f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not of "
         f"{robot.serial or 'an arm without a number'}: differences between the two "
         "arms are findings too"
         for run, serial in serials.items()
-        if serial not in (None, robot.serial)
+        if (serial or robot.file_serial) != robot.serial
     ]
 
 

@@ -81,8 +81,10 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     if diagnosis:
         model = read_models(store, diagnosis)[AUGMENTED]
         robot = model.robot
+        serial = read_record(store, diagnosis).get("serial")
     else:
         robot = load_run_robot(request.model, (*healthy, *watched), store)
+        serial = robot.serial
     for run in (*healthy.values(), *watched.values()):
         if robot.name != run.robot:
             raise InputError(
@@ -90,7 +92,14 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
                 "of the robot, or its own model."
             )
         by = "the model" if diagnosis else request.model
-        check_description(robot, run, read_manifest(store, run.id), by)
+        manifest = read_manifest(store, run.id)
+        check_description(robot, run, manifest, by)
+        arm = manifest.get("serial") or robot.file_serial
+        if arm != serial:
+            raise InputError(
+                f"Run {run.id} is of the arm {arm or 'without a number'}, {by} of the "
+                f"arm {serial or 'without a number'}. Give runs and a model of one arm."
+            )
     if not diagnosis:
         model = identify(robot, list(healthy.values())).model
     result = monitor_recordings(model, healthy, watched, request.per_hour)
@@ -192,6 +201,15 @@ def monitor_new_runs(
             why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed."
         )
     return NewRunsMonitoring(*monitor(Request(model, new, good=healthy, store=store)))
+
+
+def group_runs_by_arm(runs: Sequence[str], store: Path) -> list[list[str]]:
+    """Return runs in groups of one arm each: a robot with its serial number."""
+    arms: dict[tuple, list[str]] = {}
+    for run in runs:
+        robot = find_run(store, run).folder.parent.name
+        arms.setdefault((robot, read_run_serial(run, store)), []).append(run)
+    return list(arms.values())
 
 
 def find_healthy_runs(

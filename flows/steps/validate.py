@@ -130,7 +130,8 @@ def validate(request: Request) -> tuple[str, Validation]:
     robot = load_command_robot(word)
     check_description(robot, log, manifest, word)
     strayed, used = compute_open_loop_error(robot, log, window)
-    request = _with_ids(request, store, robot)
+    serial = manifest.get("serial") or robot.serial
+    request = _with_ids(request, store, replace(robot, serial=serial))
     nominal = build_nominal_model(robot, [log])
     models: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
