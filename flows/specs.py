@@ -256,6 +256,7 @@ class CampaignEntry(NamedTuple):
     label: str  # its changes, for people
     spec: ExperimentSpec
     points: Mapping[str, Any]  # those of its changes that the store may show, by axis
+    sealed: tuple[str, ...]  # the other axes
 
 
 def load_campaign(
@@ -375,7 +376,8 @@ def _entry(
         _put(changed, keys, value, axis)
         axes[axis] = value
     points = {axis: value for axis, value in axes.items() if _is_open(axis, sealed)}
-    return CampaignEntry(format_point(axes), parse_spec(changed, path), points)
+    spec, hidden = parse_spec(changed, path), tuple(a for a in axes if a not in points)
+    return CampaignEntry(format_point(axes), spec, points, hidden)
 
 
 def _is_open(axis: str, sealed: bool) -> bool:

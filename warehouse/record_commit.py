@@ -381,7 +381,10 @@ class DiagnosisRecords:
 
 
 def commit_diagnosis(
-    store: Path, rows: DiagnosisRecords, runs: Mapping[str, Sequence[str]]
+    store: Path,
+    rows: DiagnosisRecords,
+    runs: Mapping[str, Sequence[str]],
+    seconds: Mapping[str, float] | None = None,
 ) -> str:
     """Put a diagnosis and its model into the store.
 
@@ -420,7 +423,7 @@ def commit_diagnosis(
     }
     record = {**rows.record, "model_id": model_id}
     parents = {**roles, **before, "model": [model_id]}
-    return commit_record(store, "diagnoses", record, tables, parents)
+    return commit_record(store, "diagnoses", record, tables, parents, None, seconds)
 
 
 ADOPTIONS = "adoptions"

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 
 from flows.inputs import read as inputs
 from flows.inputs.read import (
@@ -171,17 +172,19 @@ def diagnose_stored_runs(
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
     """
-    logs = read_stored_runs(request)
-    return store_diagnosis(request, logs, diagnose(request, logs, progress))
+    logs, begun = read_stored_runs(request), perf_counter()
+    result = diagnose(request, logs, progress)
+    return store_diagnosis(request, logs, result, perf_counter() - begun)
 
 
 def store_diagnosis(
-    request: Diagnose, logs: LogSets, result: Diagnosis
+    request: Diagnose, logs: LogSets, result: Diagnosis, seconds: float
 ) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
         logs: The runs, called by their whole ids (`as_stored`).
+        seconds: Time that the diagnosis took [s].
 
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
@@ -193,7 +196,12 @@ def store_diagnosis(
     hash = {"robot_hash": logs.robot.content_hash}
     store, record = resolve_store_folder(request.store), record | hash
     return records.store_outcome(
-        store, result, parents, record, (*logs.fit, *logs.held_out)
+        store,
+        result,
+        parents,
+        record,
+        (*logs.fit, *logs.held_out),
+        {"diagnose": seconds},
     )
 
 

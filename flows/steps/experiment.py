@@ -115,7 +115,7 @@ def plan_experiments(
         if id not in planned:
             stored = is_stored(store, spec, id)
             known = (label, spec, id, stored, campaign)
-            planned[id] = PlannedExperiment(*known, *points)
+            planned[id] = PlannedExperiment(*known, *points[:1])
     return list(planned.values())
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from time import perf_counter
 
 from flows.inputs.read import is_run_id, load_run_robot, read_run_serial
 from flows.requests import Monitor as Request
@@ -60,7 +61,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     Returns:
         The id of the record, the result, and the watched runs by their id.
     """
-    store = resolve_store_folder(request.store)
+    store, begun = resolve_store_folder(request.store), perf_counter()
     diagnosis = _diagnosis_in(request.model, store)
     good = request.good or (diagnosis and _behind(diagnosis, store)) or ()
     healthy = read_usable_runs(store, good)
@@ -129,7 +130,9 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     if diagnosis:
         parents["diagnosis"] = [diagnosis]
     tables = {"alarms": build_view_table("alarms", rows)}
-    return commit_record(store, "validations", record, tables, parents), result, watched
+    took = {"monitor": perf_counter() - begun}
+    id = commit_record(store, "validations", record, tables, parents, seconds=took)
+    return id, result, watched
 
 
 @one_blas_thread

@@ -221,6 +221,7 @@ def store_outcome(
     runs: Mapping[str, list[str]],
     request: Mapping | None = None,
     logs: Sequence[Recording] = (),
+    seconds: Mapping[str, float] | None = None,
 ) -> tuple[str, str]:
     """Put a diagnosis, its models and the proof of it into the store.
 
@@ -255,7 +256,7 @@ def store_outcome(
         errors=[*build_error_view_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
     )
-    diagnosis_id = commit_diagnosis(store, rows, runs)
+    diagnosis_id = commit_diagnosis(store, rows, runs, seconds)
     proof, curves = diagnosis_to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header
