@@ -202,6 +202,7 @@ def store_diagnosis(
         record,
         (*logs.fit, *logs.held_out),
         {"diagnose": seconds},
+        logs.robot.serial,
     )
 
 

@@ -222,11 +222,14 @@ def store_outcome(
     request: Mapping | None = None,
     logs: Sequence[Recording] = (),
     seconds: Mapping[str, float] | None = None,
+    serial: str | None = None,
 ) -> tuple[str, str]:
     """Put a diagnosis, its models and the proof of it into the store.
 
     Args:
         logs: The logs behind its model, which goes with their motion.
+        seconds: Time that each step took [s].
+        serial: Serial number of the arm.
 
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
@@ -237,7 +240,6 @@ def store_outcome(
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
-    serial = next((m.robot.serial for m in diagnosis.models.values()), None)
     serial_entry = {"serial": serial} if serial else {}
     motion = build_states_table(logs)
     rows = DiagnosisRecords(

@@ -278,6 +278,7 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
         declared=declared,
         locked=robot.locked,
         notes=robot.notes,
+        serial=robot_new.serial or robot.serial,
     )
 
 

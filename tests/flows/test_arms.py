@@ -120,6 +120,8 @@ def test_an_adopted_model_is_of_one_plant_alone(arm_nights, other):
     serial = read_manifest(store, arm_nights.first[0][0])["serial"]
     assert read_record(store, arm_nights.id)["serial"] == serial
     assert judge_adoption(store, arm_nights.id).serial == serial
+    # Of the second night by the model of the first, which has no number with it.
+    assert read_record(store, arm_nights.again)["serial"] == serial
     adopt(Adopt(arm_nights.id, note="try", force=True, store=store))
     assert find_last_adoption(store, "irb140", serial)
     assert find_last_adoption(store, "irb140") is None
