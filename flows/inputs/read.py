@@ -1,5 +1,6 @@
 """Read the logs (files, or ids of runs of the store) and the robot of a command."""
 
+import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -342,6 +343,11 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
         else:
             robot = set_serial_number(robot, serial)
     return robot
+
+
+def read_file_serial(robot: Robot) -> str | None:
+    """Return the serial number by robot.toml; that of a plant stands nowhere in it."""
+    return json.loads(robot.toml).get("robot", {}).get("serial")
 
 
 def read_run_serial(run: str, store: str | Path | None) -> str | None:

@@ -11,6 +11,7 @@ from flows.inputs.read import (
     is_run_id,
     load_request_robot,
     parse_known_values,
+    read_file_serial,
     read_run_robot,
     read_run_serial,
 )
@@ -53,7 +54,8 @@ def apply_known_values(
     Raises:
         InputError: If one cannot be known, or there is a baseline.
     """
-    robot = add_known_values(robot, known)
+    # The serial number of a plant is in no file that the robot is built from again.
+    robot = replace(add_known_values(robot, known), serial=robot.serial)
     list_known_values(robot)
     if baseline:
         refuse_known_values_with_baseline(robot)
@@ -69,7 +71,7 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
         f"{robot.serial or 'an arm without a number'}: differences between the two "
         "arms are findings too"
         for run, serial in serials.items()
-        if (serial or robot.file_serial) != robot.serial
+        if (serial or read_file_serial(robot)) != robot.serial
     ]
 
 

@@ -5,7 +5,12 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.read import is_run_id, load_run_robot, read_run_serial
+from flows.inputs.read import (
+    is_run_id,
+    load_run_robot,
+    read_file_serial,
+    read_run_serial,
+)
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
 from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model
@@ -95,7 +100,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         by = "the model" if diagnosis else request.model
         manifest = read_manifest(store, run.id)
         check_description(robot, run, manifest, by)
-        arm = manifest.get("serial") or robot.file_serial
+        arm = manifest.get("serial") or read_file_serial(robot)
         if arm != serial:
             raise InputError(
                 f"Run {run.id} is of the arm {arm or 'without a number'}, {by} of the "

@@ -124,11 +124,6 @@ class Robot:
         return hashlib.sha256(f"{self.urdf}\0{self.toml}".encode()).hexdigest()
 
     @property
-    def file_serial(self) -> str | None:
-        """Serial number by its robot.toml; that of a simulated arm stands nowhere."""
-        return json.loads(self.toml).get("robot", {}).get("serial")
-
-    @property
     def transmission(self) -> Array | None:
         """Motor speeds from joint speeds: couplings, else gears. (dof, dof) or None."""
         if self.motor_from_joint is None and self.gear_ratio is not None:
@@ -278,7 +273,6 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
         declared=declared,
         locked=robot.locked,
         notes=robot.notes,
-        serial=robot_new.serial or robot.serial,
     )
 
 
