@@ -216,56 +216,6 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         ViewColumn("verdict", TEXT, "of a rerun: what is not the same, and why"),
         *_CODE,
     ),
-    "blind": (
-        ViewColumn("validation_id", TEXT, "id of the validation of one blind case"),
-        ViewColumn("study_seed", WHOLE, "seed of the study", "1"),
-        ViewColumn("case_index", WHOLE, "its number in the study, from 0", "1"),
-        ViewColumn("drawn", TEXT, "what was drawn: single, pair, none or unknown"),
-        ViewColumn("effect", TEXT, "name of the hidden effect; null for none"),
-        ViewColumn("joints", pa.list_(JOINT), "its joints; [] for the whole arm"),
-        ViewColumn(
-            "size", NUMBER, "how much of it there is, where one number says it", "SI"
-        ),
-        _UNIT,
-        ViewColumn("multiple", NUMBER, "that size in minimum detectable ones", "1"),
-        ViewColumn("second_effect", TEXT, "the other effect of a pair"),
-        ViewColumn("second_joints", pa.list_(JOINT), "its joints"),
-        ViewColumn("second_size", NUMBER, "its size", "SI"),
-        ViewColumn("second_unit", TEXT, "unit of that"),
-        ViewColumn(
-            "second_multiple", NUMBER, "that size in minimum detectable ones", "1"
-        ),
-        ViewColumn("verdict", TEXT, "effects, none or unknown"),
-        ViewColumn("named_first", TEXT, "first name of the verdict; null for none"),
-        ViewColumn("named_joints", pa.list_(JOINT), "its joints"),
-        ViewColumn("named", WHOLE, "how many names there are, one per place", "1"),
-        ViewColumn("outcome", TEXT, "right, class, part, wrong, nothing or flagged"),
-        ViewColumn(
-            "found", WHOLE, "how many hidden effects are named, class included", "1"
-        ),
-        ViewColumn("extra", WHOLE, "how many names are none of what is hidden", "1"),
-        ViewColumn(
-            "joint_right", FLAG, "whether first name or flag is on a right joint"
-        ),
-        ViewColumn("unexplained", pa.list_(JOINT), "joints with something left over"),
-        ViewColumn("parameter", TEXT, "main parameter of what was rightly named"),
-        ViewColumn("value", NUMBER, "its value in the verdict, SI", "SI"),
-        ViewColumn("std", NUMBER, "its standard deviation there", "SI"),
-        ViewColumn("truth", NUMBER, "what it is", "SI"),
-        ViewColumn("z", NUMBER, "deviation in standard deviations", "1"),
-        ViewColumn("error_before", NUMBER, "held-out error of the nominal model", "%"),
-        ViewColumn("error_refit", NUMBER, "the same after a refit alone", "%"),
-        ViewColumn("error_after", NUMBER, "with what was found", "%"),
-        ViewColumn("error_oracle", NUMBER, "with the true effects fitted", "%"),
-        ViewColumn(
-            "gap_closed", NUMBER, "share of refit to oracle that is closed", "1"
-        ),
-        ViewColumn("experiments", WHOLE, "number of runs that were fitted", "1"),
-        ViewColumn("torque_noise", NUMBER, "noise of the torque over its range", "1"),
-        ViewColumn("seconds", NUMBER, "time of the diagnosis", "s"),
-        ViewColumn("method_hash", TEXT, "hash of the code that diagnosed and judged"),
-        ViewColumn("diagnosis_id", TEXT, "the diagnosis"),
-    ),
     "alarms": (
         ViewColumn("validation_id", TEXT, "the monitoring that raised it"),
         ViewColumn("run_id", TEXT, "the run that was watched"),
@@ -288,20 +238,6 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
     ),
     "adoptions": (*_ADOPTION, *_CODE),
     "adopted": _ADOPTION,
-    "decisions": (
-        ViewColumn("decision_id", TEXT, "id of the decision"),
-        ViewColumn("loop", TEXT, "id of the loop that decided it"),
-        ViewColumn("number", WHOLE, "its place in the loop, from 1", "1"),
-        _ROBOT,
-        ViewColumn("serial", TEXT, "serial number of the arm"),
-        ViewColumn("action", TEXT, "run, diagnose, adopt, drive or stop"),
-        ViewColumn("reason", TEXT, "why, in a sentence"),
-        ViewColumn("outcome", TEXT, "what came of it"),
-        ViewColumn("made", TEXT, "id of the record that it left; null for none"),
-        ViewColumn("seconds", NUMBER, "motion of the arm so far", "s"),
-        _CREATED,
-        *_CODE,
-    ),
     "campaigns": (
         ViewColumn("campaign_id", TEXT, "id of the campaign"),
         _ROBOT,
@@ -411,6 +347,9 @@ def build_nested_type(view: str) -> pa.DataType:
     return pa.list_(pa.struct([column.to_arrow_field for column in VIEWS[view][1:]]))
 
 
+_NESTED = ("errors", "lineage", "timings")
+
+
 @dataclass(frozen=True, slots=True)
 class RecordKind:
     """One kind of record."""
@@ -418,9 +357,7 @@ class RecordKind:
     name: str  # its name, which is that of its view
     key: str  # column with its id
     # Views whose rows lie nested in its catalogue row.
-    nested_views: tuple[str, ...] = ("errors", "lineage")
-    # Columns of that row that have a value in every record.
-    required_columns: tuple[str, ...] = ("created",)
+    nested_views: tuple[str, ...] = _NESTED
     # That row: columns of the view, then the nested ones.
     fields: pa.Schema = field(init=False, compare=False)
     folder: str = field(init=False)  # in the store
@@ -442,37 +379,14 @@ class RecordKind:
 KINDS = {
     kind.name: kind
     for kind in (
-        RecordKind(
-            "runs",
-            "run_id",
-            ("errors", "lineage", "timings"),
-            required_columns=(
-                "created",
-                "robot",
-                "source",
-                "kind",
-                "duration_s",
-                "rows",
-                "dof",
-            ),
-        ),
-        RecordKind(
-            "models", "model_id", ("parameters", "errors", "lineage", "timings")
-        ),
-        RecordKind(
-            "diagnoses", "diagnosis_id", ("effects", "errors", "lineage", "timings")
-        ),
-        RecordKind(
-            "validations",
-            "validation_id",
-            ("errors", "alarms", "lineage", "blind", "timings"),
-        ),
+        RecordKind("runs", "run_id"),
+        RecordKind("models", "model_id", ("parameters", *_NESTED)),
+        RecordKind("diagnoses", "diagnosis_id", ("effects", *_NESTED)),
+        RecordKind("validations", "validation_id", ("alarms", *_NESTED)),
         RecordKind("campaigns", "campaign_id", ("points", "lineage")),
         RecordKind("reports", "report_id"),
         # Its id is its number: nobody else can have taken that.
         RecordKind("adoptions", "adoption_id", ("lineage",)),
-        # Its id is made of its loop and its number, for the same reason.
-        RecordKind("decisions", "decision_id", ("lineage",)),
     )
 }
 
