@@ -187,7 +187,8 @@ def commit_record(
 
 
 def _timing_rows(seconds: Mapping[str, float]) -> list[dict]:
-    return [{"step": step, "seconds": value} for step, value in seconds.items()]
+    rounded = {step: round(value, 3) for step, value in seconds.items()}
+    return [{"step": step, "seconds": value} for step, value in rounded.items()]
 
 
 def commit_catalogue_row(

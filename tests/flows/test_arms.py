@@ -2,6 +2,7 @@
 
 import pytest
 
+from flows.cli import main
 from flows.inputs.read import load_run_robot
 from flows.pipelines import nightly
 from flows.requests import Monitor
@@ -12,9 +13,11 @@ from flows.steps.diagnose import build_diagnose_request, read_logs
 from flows.steps.model_choice import choose_model, resolve_adopted_model
 from flows.steps.monitor import find_latest_diagnosis, group_runs_by_arm
 from flows.steps.rerun import rerun_experiment
+from flows.workers import InlineExecutor
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.flows import adopted_arm
+from warehouse.query.store import query_store_rows
 from warehouse.record_commit import find_last_adoption
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import read_record
@@ -96,6 +99,34 @@ def test_runs_of_two_plants_are_not_fitted_together(tmp_path, plant):
 def test_plants_without_a_seed_are_fitted_together_as_ever(tmp_path, plant):
     runs = [run(tmp_path, seed, {}) for seed in (1, 2)]
     assert load_run_robot("irb140", runs, tmp_path).serial is None
+
+
+RANDOM = """
+[trajectory]
+kind = "cyclic"
+duration = 4.0
+[[plant.effect]]
+name = "coulomb"
+joints = [2]
+[random]
+count = 2
+plant.effect.level = {low = 1.0, high = 8.0}
+"""
+
+
+def test_a_random_campaign_is_identified_by_a_condition_as_ever(
+    tmp_path, compiled_plant, monkeypatch, capsys
+):
+    monkeypatch.setattr(experiment, "ProcessExecutor", lambda _: InlineExecutor())
+    (tmp_path / "R.toml").write_text(RANDOM)
+    words = ["--store", str(tmp_path / "store")]
+    assert main(["campaign", str(tmp_path / "R.toml"), *words]) == 0
+    where = ["--where", "campaign = 'R'", "--robot", "irb140"]
+    assert main(["identify", *where, *words]) == 0
+    assert "stored as a model" in capsys.readouterr().out
+    steps = query_store_rows(tmp_path / "store", "SELECT step FROM timings")
+    assert [row["step"] for row in steps].count("plant") == 2
+    assert {"step": "identify"} in steps
 
 
 def test_a_baseline_of_another_plant_or_of_none_gets_a_warning(tmp_path, plant):
