@@ -5,6 +5,7 @@ arguments are set by the command. The record of a stored result holds its reques
 says how to repeat it; store and column map are not part of that.
 """
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
@@ -27,6 +28,8 @@ Words = Annotated[
 ]
 # One word at a time; the option may be repeated.
 Tags = Annotated[tuple[str, ...], Parameter(negative="", metavar="TAG")]
+LONGEST_WORD = 60
+_KEY = re.compile(r"[\w.-]+")
 # A positional argument.
 Log = Annotated[str, Parameter(name="LOG")]
 # The name of a value in the help.
@@ -533,3 +536,25 @@ class Demo(Request):
     background: Annotated[
         Literal["clean", "workshop", "worn"], Parameter(metavar="NAME")
     ] = "clean"
+
+
+def check_tags(tags: Sequence[str]) -> list[str]:
+    """Return tags in the order of the alphabet, each once."""
+    values: dict[str, str] = {}
+    for tag in tags:
+        key, _, _ = tag.partition("=")
+        if not is_short_word(tag) or not _KEY.fullmatch(key):
+            raise InputError(
+                f"tag '{tag[:LONGEST_WORD]}': expected a word, or KEY=VALUE, such as "
+                "cell=4; a key has letters, digits, '.', '_' and '-'."
+            )
+        if values.setdefault(key, tag) != tag:
+            raise InputError(
+                f"tags '{values[key]}' and '{tag}' set one key twice. Keep one."
+            )
+    return sorted(values.values())
+
+
+def is_short_word(word: str) -> bool:
+    """Return whether a word is one that names something."""
+    return 0 < len(word) <= LONGEST_WORD and word.isprintable() and word == word.strip()

@@ -2,7 +2,7 @@
 
 import hashlib
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from copy import deepcopy
 from itertools import product
 from math import exp, log, prod
@@ -10,10 +10,19 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, model_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    field_validator,
+    model_validator,
+)
 
+from flows.requests import check_tags
 from residual.errors import InputError, check_keys, quote_value, shorten_value
 from residual.model.dynamics import AS_MEASURED
+from residual.robot.files import SERIAL
 from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
@@ -138,7 +147,8 @@ class ControllerTable(SpecTable):
 class ExperimentSpec(SpecTable):
     """One experiment: SPEC.toml with its defaults.
 
-    `start` is the time of the session at which the motion begins [s].
+    `start` is the time of the session at which the motion begins [s]. `serial` and
+    `tags` go into the record of the run and are in neither half of its spec.
     """
 
     schema_: Literal[1] = Field(1, alias="schema")
@@ -149,6 +159,16 @@ class ExperimentSpec(SpecTable):
     plant: PlantTable = PlantTable()
     rates: RatesTable = RatesTable()
     controller: ControllerTable = ControllerTable()
+    serial: Annotated[str, Field(pattern=f"^({SERIAL.pattern})$")] | None = None
+    tags: Annotated[tuple[str, ...], _List] = ()
+
+    @field_validator("tags")
+    @classmethod
+    def _check_tags(cls, tags: tuple[str, ...]) -> tuple[str, ...]:
+        try:
+            return tuple(check_tags(tags))
+        except InputError as error:
+            raise ValueError(str(error).removesuffix(".")) from error
 
     def reference(self) -> TrajectorySpec:
         """The reference motion."""
@@ -214,8 +234,20 @@ def _exists(path: Path) -> bool:
 
 MOST = 10_000  # runs
 _CHANGES = ("grid", "random")  # tables of a campaign
+# What `[campaign] sealed = false` opens: not what tells the draws of the plant.
+_OPENABLE = ("plant.effect.", "plant.background", "plant.worked_before")
 _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
+
+
+class CampaignTable(SpecTable):
+    """[campaign]: whether what is varied under [plant] is sealed from queries."""
+
+    sealed: bool = True
+
+
+class _CampaignFile(SpecTable):
+    campaign: CampaignTable = CampaignTable()
 
 
 class CampaignEntry(NamedTuple):
@@ -223,6 +255,8 @@ class CampaignEntry(NamedTuple):
 
     label: str  # its changes, for people
     spec: ExperimentSpec
+    points: Mapping[str, Any]  # those of its changes that the store may show, by axis
+    sealed: tuple[str, ...]  # the other axes
 
 
 def load_campaign(
@@ -235,6 +269,8 @@ def load_campaign(
     a seed under [trajectory] or [plant] keeps motion or arm the same.
     """
     content = read_toml(path) | ({} if seed is None else {"seed": seed})
+    table = {"campaign": content.pop("campaign", {})}
+    sealed = build_toml_record(_CampaignFile, table, Path(path).name).campaign.sealed
     grid, draws = content.pop("grid", None), content.pop("random", None)
     if (grid is None) == (draws is None):
         raise InputError(
@@ -242,7 +278,7 @@ def load_campaign(
             "and [random], expected one of them. modelgap experiment runs a single one."
         )
     changes = _grid_changes(grid) if draws is None else _random_changes(draws, content)
-    return tuple(_entry(content, change, path) for change in changes)
+    return tuple(_entry(content, change, path, sealed) for change in changes)
 
 
 Change = list[tuple[tuple[str, ...], Any]]
@@ -329,17 +365,32 @@ def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
             yield (key,), value
 
 
-def _entry(content: dict, change: Change, path: str | Path) -> CampaignEntry:
-    changed = deepcopy(content)
+def _entry(
+    content: dict, change: Change, path: str | Path, sealed: bool
+) -> CampaignEntry:
+    changed, axes = deepcopy(content), {}
     for keys, value in change:
-        _put(changed, keys, value, ".".join(keys))
-    words = (
-        f"{'.'.join(keys)}={value:.4g}"
-        if isinstance(value, float)
-        else f"{'.'.join(keys)}={value}"
-        for keys, value in change
-    )
-    return CampaignEntry(" ".join(words), parse_spec(changed, path))
+        axis = ".".join(keys)
+        if keys[0] in ("serial", "tags"):
+            raise InputError(f"{axis} moves no id, so it is no axis of a campaign.")
+        _put(changed, keys, value, axis)
+        axes[axis] = value
+    points = {axis: value for axis, value in axes.items() if _is_open(axis, sealed)}
+    spec, hidden = parse_spec(changed, path), tuple(a for a in axes if a not in points)
+    return CampaignEntry(format_point(axes), spec, points, hidden)
+
+
+def _is_open(axis: str, sealed: bool) -> bool:
+    """Whether the store may show an axis; what the plant draws from it never does."""
+    if axis.startswith(_OPENABLE):
+        return not sealed
+    return axis != "seed" and not axis.startswith("plant.")
+
+
+def format_point(axes: Mapping[str, Any]) -> str:
+    """Return the changes of an experiment in one line."""
+    words = (f"{v:.4g}" if isinstance(v, float) else str(v) for v in axes.values())
+    return " ".join(f"{axis}={word}" for axis, word in zip(axes, words, strict=True))
 
 
 def _put(place: Any, keys: tuple[str, ...], value: Any, name: str) -> None:

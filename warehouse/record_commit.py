@@ -37,7 +37,13 @@ from warehouse.store_files import (
     read_row_text,
     write_parquet,
 )
-from warehouse.view_schema import KINDS, SAMPLES_FILE, SIGNALS, build_view_table
+from warehouse.view_schema import (
+    KINDS,
+    NOT_HASHED,
+    SAMPLES_FILE,
+    SIGNALS,
+    build_view_table,
+)
 
 Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
@@ -77,9 +83,9 @@ def commit_run(
         manifest: How it came to be. Keys that a caller gives: ``spec`` (the open half:
             robot, trajectory, declared effects, rates, reference seed), ``source``,
             ``kind``, ``trajectory``, ``seed``, ``robot_hash``, ``seed_streams``,
-            ``timings``, ``parents``; of a measured run ``serial``, ``recorded_at`` (of
-            its first sample, ISO 8601, UTC) and ``tags`` (texts), where they are
-            known; others are kept as they are. The commit adds ``sealed_sha256``,
+            ``timings``, ``parents``, ``serial``, ``tags`` (texts) and ``recorded_at``
+            (of the first sample, ISO 8601, UTC), where they are known; others are
+            kept as they are. The commit adds ``sealed_sha256``,
             ``provenance``, ``data_hash``, ``truth_hash`` and ``units``. With ``spec``
             it is a simulated run; without, a measured one, which needs ``robot_hash``.
     """
@@ -143,8 +149,9 @@ def commit_record(
     tables: Mapping[str, pa.Table] | None = None,
     parents: Parents = (),
     files: Mapping[str, bytes] | None = None,
+    seconds: Mapping[str, float] | None = None,
 ) -> str:
-    """Put a model, diagnosis, validation or report into the store.
+    """Put a model, diagnosis, validation, campaign or report into the store.
 
     Args:
         record: All there is to say, as JSON can hold it; what has the name of a column
@@ -152,6 +159,7 @@ def commit_record(
         tables: ``errors`` and ``effects`` become rows of these views (columns as in
             ``schema.VIEWS``, without the record's own id); others become files.
         files: Other files by name, such as the page of a report.
+        seconds: Time that each step took [s], which is no part of the id.
 
     Returns:
         Its id: a hash of all of that, so the same record is kept once.
@@ -167,16 +175,20 @@ def commit_record(
     sums |= {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     id = record_ids.hash_values(kind, record, lineage, sums)[: record_ids.ID_DIGITS]
     if not _is_there(build_record_path(store, kind, id), kind):
-        views = set(KINDS[kind].nested_views) - {"lineage"}
+        views = set(KINDS[kind].nested_views) - NOT_HASHED
         lists = {v: tables.pop(v).to_pylist() if v in tables else [] for v in views}
+        lists |= {"lineage": lineage, "timings": _timing_rows(seconds or {})}
         for name in (*tables, *files):
             if name != Path(name).name or name.startswith((".", "_")):
                 raise InputError(f"'{name}' is not a file name for a record.")
         beside = {f"{name}.parquet": table for name, table in tables.items()} | files
-        commit_catalogue_row(
-            store, kind, id, record, {**lists, "lineage": lineage}, beside
-        )
+        commit_catalogue_row(store, kind, id, record, lists, beside)
     return id
+
+
+def _timing_rows(seconds: Mapping[str, float]) -> list[dict]:
+    rounded = {step: round(value, 3) for step, value in seconds.items()}
+    return [{"step": step, "seconds": value} for step, value in rounded.items()]
 
 
 def commit_catalogue_row(
@@ -305,6 +317,9 @@ def _run_row(id: str, recording: Recording, full: Mapping, arrays: Mapping) -> p
         "data_hash": full["data_hash"],
         "signals": list(arrays),
         "lineage": build_lineage_rows(full.get("parents") or ()),
+        "timings": _timing_rows(
+            {k.removesuffix("_s"): v for k, v in (full.get("timings") or {}).items()}
+        ),
         # Root mean square of each error against the twin, joint by joint.
         "errors": [
             {**same, "joint": joint, "metric": f"rms_{name}", "value": float(value)}
@@ -367,7 +382,10 @@ class DiagnosisRecords:
 
 
 def commit_diagnosis(
-    store: Path, rows: DiagnosisRecords, runs: Mapping[str, Sequence[str]]
+    store: Path,
+    rows: DiagnosisRecords,
+    runs: Mapping[str, Sequence[str]],
+    seconds: Mapping[str, float] | None = None,
 ) -> str:
     """Put a diagnosis and its model into the store.
 
@@ -406,7 +424,7 @@ def commit_diagnosis(
     }
     record = {**rows.record, "model_id": model_id}
     parents = {**roles, **before, "model": [model_id]}
-    return commit_record(store, "diagnoses", record, tables, parents)
+    return commit_record(store, "diagnoses", record, tables, parents, None, seconds)
 
 
 ADOPTIONS = "adoptions"

@@ -29,14 +29,14 @@ from warehouse.bucket import (
     read_endpoint_url,
 )
 from warehouse.record_ids import SUMS, read_local_sums
-from warehouse.view_schema import FOLDERS, INDEX, QUARANTINE
+from warehouse.view_schema import FOLDERS, INDEX, OPENED, QUARANTINE
 
 IDENTITY, COMMITS, CACHE = "_store.json", "commits", "MODELGAP_CACHE"
 PRIVATE = 0o700
 _FORM = 2
 _AT_ONCE = 8
 # What lies in the bucket by its own name, and not as the file of a record.
-_PLAIN = (QUARANTINE, "made_with")
+_PLAIN = (QUARANTINE, OPENED, "made_with")
 # Names in a bucket become paths here, so they are what we write, letter by letter.
 _RECORD = re.compile(r"[a-z]+(/robot=[a-z0-9_-]{1,40})?/[a-z0-9_]+=[0-9a-f]{1,64}")
 _THERE = {name for name in FOLDERS if not name.startswith("_")}

@@ -1,6 +1,7 @@
 """Read runs from the store, their seals and robots, and mark those not to be used."""
 
 import json
+from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -19,7 +20,7 @@ from warehouse.remote_store import (
     list_folder_names,
     record_exists,
 )
-from warehouse.store_catalogue import find_run
+from warehouse.store_catalogue import StoredRecord, find_run
 from warehouse.store_files import (
     read_parquet,
     read_row_text,
@@ -79,25 +80,35 @@ def open_seal(store: Path, run_id: str) -> SealedTruth:
         InputError: If the run has no seal, or the seal is not the one that was hashed.
     """
     run = find_run(store, run_id)
-    folder = build_seal_path(store, run.id)
-    if not record_exists(folder):
+    spec, path = read_sealed_spec(store, run), build_seal_path(store, run.id) / TRUTH
+    truth = table_to_arrays(read_parquet(path))
+    if hash_arrays(truth) != _manifest(run.folder)["truth_hash"]:
+        raise _broken(run, path)
+    return SealedTruth(spec, truth)
+
+
+def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
+    """Open the hidden spec of a run, without what no robot logs."""
+    path = build_seal_path(store, run.id) / SPEC
+    if not record_exists(path.parent):
         raise InputError(
             f"Run {run.id} has no sealed half in {format_store_name(store)}."
         )
-    verify_file(folder / SPEC)
+    verify_file(path)
     try:
-        spec = json.loads((folder / SPEC).read_bytes())
+        spec = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(f"{folder / SPEC} is damaged: it is no JSON.") from error
-    manifest = _manifest(run.folder)
-    truth = table_to_arrays(read_parquet(folder / TRUTH))
-    hashed = manifest["sealed_sha256"], manifest["truth_hash"]
-    if (hash_sealed_spec(spec), hash_arrays(truth)) != hashed:
-        raise InputError(
-            f"The seal of run {run.id} is broken: {folder} is not the seal that was "
-            "hashed when the run was made."
-        )
-    return SealedTruth(spec, truth)
+        raise InputError(f"{path} is damaged: it is no JSON.") from error
+    if hash_sealed_spec(spec) != read_row_text(run.row, "sealed_sha256"):
+        raise _broken(run, path)
+    return spec
+
+
+def _broken(run: StoredRecord, path: Path) -> InputError:
+    return InputError(
+        f"The seal of run {run.id} is broken: {path.parent} is not the seal that was "
+        "hashed when the run was made."
+    )
 
 
 def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
@@ -109,17 +120,22 @@ def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
     if not reason.strip():
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id
-    target = _tombstone(store, id)
+    return mark_run(store, QUARANTINE, id, {"reason": reason})
+
+
+def mark_run(store: Path, mark: str, run_id: str, about: Mapping) -> Path:
+    """Put a mark on a run, such as QUARANTINE; one that is there already stays."""
+    target = _mark(store, mark, run_id)
     fetch_file(target)
     if not target.exists():
-        content = {"run_id": id, "reason": reason, "at": datetime.now(UTC).isoformat()}
+        content = {"run_id": run_id, **about, "at": datetime.now(UTC).isoformat()}
         replace_file(store, target, (json.dumps(content) + "\n").encode())
     return target
 
 
-def list_quarantined_runs(store: Path) -> frozenset[str]:
-    """Return the ids of all runs with a tombstone."""
-    names = list_folder_names(store, QUARANTINE)
+def list_marked_runs(store: Path, mark: str) -> frozenset[str]:
+    """Return the ids of all runs with a mark, such as QUARANTINE."""
+    names = list_folder_names(store, mark)
     names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
     ids = (name.removeprefix("run_id=") for name in names)
     return frozenset(check_record_id(id) for id in ids if len(id) == ID_DIGITS)
@@ -127,7 +143,7 @@ def list_quarantined_runs(store: Path) -> frozenset[str]:
 
 def read_quarantine_reason(store: Path, run_id: str) -> str | None:
     """Return why a run should not be used, None where it may be."""
-    path = _tombstone(store, run_id)
+    path = _mark(store, QUARANTINE, run_id)
     fetch_file(path)
     try:
         return str(json.loads(path.read_bytes()).get("reason"))
@@ -137,5 +153,5 @@ def read_quarantine_reason(store: Path, run_id: str) -> str | None:
         return "its tombstone cannot be read"
 
 
-def _tombstone(store: Path, run_id: str) -> Path:
-    return store / QUARANTINE / f"run_id={check_record_id(run_id)}.json"
+def _mark(store: Path, mark: str, run_id: str) -> Path:
+    return store / mark / f"run_id={check_record_id(run_id)}.json"

@@ -251,6 +251,10 @@ def _read_row(path: Path, kind: RecordKind) -> pa.Table | str:
         table = read_parquet(path, kind.fields.names)
     except InputError as error:
         return str(error)
+    if "timings" in kind.fields.names and "timings" not in table.column_names:
+        # Records of 0.1.0 have none.
+        none = pa.nulls(len(table), kind.fields.field("timings").type)
+        table = table.append_column("timings", none)
     if lacking := sorted(set(kind.fields.names) - set(table.column_names)):
         return (
             f"{path} is of another version: it lacks {', '.join(lacking)}, which every "

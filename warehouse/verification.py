@@ -18,7 +18,7 @@ from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
 from warehouse import record_ids
 from warehouse.code_provenance import MADE_WITH, check_package_list
-from warehouse.record_commit import compute_manifest_id
+from warehouse.record_commit import ADOPTIONS, compute_manifest_id
 from warehouse.record_ids import SUMS
 from warehouse.remote_store import (
     fetch_file,
@@ -37,6 +37,8 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import (
     KINDS,
+    NOT_HASHED,
+    OPENED,
     QUARANTINE,
     SAMPLES_FILE,
     SEALED,
@@ -176,7 +178,6 @@ def _channel(
 _OPEN_TO_OTHERS = 0o077
 # What a row of another form may raise.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
-_NUMBERED = ("adoptions", "decisions")  # their ids are no hashes
 
 
 def find_record_faults(record: StoredRecord) -> tuple[str, ...]:
@@ -192,7 +193,7 @@ def find_record_faults(record: StoredRecord) -> tuple[str, ...]:
         key = KINDS[record.kind].key
         if row.get(key) != record.id:
             return (f"its row says {row.get(key)}, its folder {record.id}",)
-        if record.kind in _NUMBERED:
+        if record.kind == ADOPTIONS:  # its id is a number and no hash
             return ()
         check = _run_fault if record.kind == "runs" else _record_fault
         fault = check(record, row)
@@ -213,7 +214,7 @@ def read_catalogue_row(record: StoredRecord) -> dict:
 
 def read_nested_tables(record: StoredRecord) -> dict[str, pa.Table]:
     """Return the rows of views that lie in a record's own row, such as its errors."""
-    lists = sorted(set(KINDS[record.kind].nested_views) - {"lineage"})
+    lists = sorted(set(KINDS[record.kind].nested_views) - NOT_HASHED)
     row = read_parquet(record.row, lists).to_pylist()[0]
     schemas = {view: build_arrow_schema(VIEWS[view][1:]) for view in lists}
     return {
@@ -295,7 +296,7 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
             folder = place / ROBOTS / name
             bad = find_damaged_record_files(folder) or _complaint(_check_robot, folder)
             yield IntegrityResult(ROBOTS, name, bad)
-        for top in (MADE_WITH, QUARANTINE):
+        for top in (MADE_WITH, QUARANTINE, OPENED):
             for name in list_folder_names(place, top):
                 yield IntegrityResult(
                     top, name, _complaint(_check_file, place / top / name)
@@ -313,7 +314,7 @@ def _check_robot(folder: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    """Check a list of packages, or that a tombstone is about the run of its name."""
+    """Check a list of packages, or that a mark is about the run of its name."""
     fetch_file(path)
     content = path.read_bytes()
     if path.parent.name == MADE_WITH:

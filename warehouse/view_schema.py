@@ -16,7 +16,9 @@ JOINT = pa.int32()
 
 # The view samples has columns for at least as many joints, null where there are fewer.
 DEFAULT_DOF = 6
-STAGING, INDEX, SEALED, QUARANTINE = "_staging", "_index", "sealed", "quarantine"
+STAGING, INDEX, SEALED = "_staging", "_index", "sealed"
+# Of runs: a mark is a file of its own, so that the run itself never changes.
+QUARANTINE, OPENED = "quarantine", "opened"
 SAMPLES_FILE = "part-0.parquet"
 
 
@@ -124,6 +126,7 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         *_ORIGIN,
         ViewColumn("log", TEXT, "file that it was imported from; null for none"),
         ViewColumn("quarantined", FLAG, "whether a tombstone says not to use it"),
+        ViewColumn("opened", FLAG, "whether its seal was opened by sql --truth"),
     ),
     "channels": (
         ViewColumn("run_id", TEXT, "the run"),
@@ -213,56 +216,6 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         ViewColumn("verdict", TEXT, "of a rerun: what is not the same, and why"),
         *_CODE,
     ),
-    "blind": (
-        ViewColumn("validation_id", TEXT, "id of the validation of one blind case"),
-        ViewColumn("study_seed", WHOLE, "seed of the study", "1"),
-        ViewColumn("case_index", WHOLE, "its number in the study, from 0", "1"),
-        ViewColumn("drawn", TEXT, "what was drawn: single, pair, none or unknown"),
-        ViewColumn("effect", TEXT, "name of the hidden effect; null for none"),
-        ViewColumn("joints", pa.list_(JOINT), "its joints; [] for the whole arm"),
-        ViewColumn(
-            "size", NUMBER, "how much of it there is, where one number says it", "SI"
-        ),
-        _UNIT,
-        ViewColumn("multiple", NUMBER, "that size in minimum detectable ones", "1"),
-        ViewColumn("second_effect", TEXT, "the other effect of a pair"),
-        ViewColumn("second_joints", pa.list_(JOINT), "its joints"),
-        ViewColumn("second_size", NUMBER, "its size", "SI"),
-        ViewColumn("second_unit", TEXT, "unit of that"),
-        ViewColumn(
-            "second_multiple", NUMBER, "that size in minimum detectable ones", "1"
-        ),
-        ViewColumn("verdict", TEXT, "effects, none or unknown"),
-        ViewColumn("named_first", TEXT, "first name of the verdict; null for none"),
-        ViewColumn("named_joints", pa.list_(JOINT), "its joints"),
-        ViewColumn("named", WHOLE, "how many names there are, one per place", "1"),
-        ViewColumn("outcome", TEXT, "right, class, part, wrong, nothing or flagged"),
-        ViewColumn(
-            "found", WHOLE, "how many hidden effects are named, class included", "1"
-        ),
-        ViewColumn("extra", WHOLE, "how many names are none of what is hidden", "1"),
-        ViewColumn(
-            "joint_right", FLAG, "whether first name or flag is on a right joint"
-        ),
-        ViewColumn("unexplained", pa.list_(JOINT), "joints with something left over"),
-        ViewColumn("parameter", TEXT, "main parameter of what was rightly named"),
-        ViewColumn("value", NUMBER, "its value in the verdict, SI", "SI"),
-        ViewColumn("std", NUMBER, "its standard deviation there", "SI"),
-        ViewColumn("truth", NUMBER, "what it is", "SI"),
-        ViewColumn("z", NUMBER, "deviation in standard deviations", "1"),
-        ViewColumn("error_before", NUMBER, "held-out error of the nominal model", "%"),
-        ViewColumn("error_refit", NUMBER, "the same after a refit alone", "%"),
-        ViewColumn("error_after", NUMBER, "with what was found", "%"),
-        ViewColumn("error_oracle", NUMBER, "with the true effects fitted", "%"),
-        ViewColumn(
-            "gap_closed", NUMBER, "share of refit to oracle that is closed", "1"
-        ),
-        ViewColumn("experiments", WHOLE, "number of runs that were fitted", "1"),
-        ViewColumn("torque_noise", NUMBER, "noise of the torque over its range", "1"),
-        ViewColumn("seconds", NUMBER, "time of the diagnosis", "s"),
-        ViewColumn("method_hash", TEXT, "hash of the code that diagnosed and judged"),
-        ViewColumn("diagnosis_id", TEXT, "the diagnosis"),
-    ),
     "alarms": (
         ViewColumn("validation_id", TEXT, "the monitoring that raised it"),
         ViewColumn("run_id", TEXT, "the run that was watched"),
@@ -285,19 +238,26 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
     ),
     "adoptions": (*_ADOPTION, *_CODE),
     "adopted": _ADOPTION,
-    "decisions": (
-        ViewColumn("decision_id", TEXT, "id of the decision"),
-        ViewColumn("loop", TEXT, "id of the loop that decided it"),
-        ViewColumn("number", WHOLE, "its place in the loop, from 1", "1"),
+    "campaigns": (
+        ViewColumn("campaign_id", TEXT, "id of the campaign"),
         _ROBOT,
-        ViewColumn("serial", TEXT, "serial number of the arm"),
-        ViewColumn("action", TEXT, "run, diagnose, adopt, drive or stop"),
-        ViewColumn("reason", TEXT, "why, in a sentence"),
-        ViewColumn("outcome", TEXT, "what came of it"),
-        ViewColumn("made", TEXT, "id of the record that it left; null for none"),
-        ViewColumn("seconds", NUMBER, "motion of the arm so far", "s"),
+        ViewColumn("name", TEXT, "its name, which its runs have as campaign"),
+        ViewColumn("file", TEXT, "name of its file"),
         _CREATED,
         *_CODE,
+    ),
+    "points": (
+        ViewColumn("campaign_id", TEXT, "the campaign"),
+        ViewColumn("run_id", TEXT, "the run at this point"),
+        ViewColumn("axis", TEXT, "what is varied, such as trajectory.kind"),
+        ViewColumn("value", NUMBER, "its value where that is a number", "by row"),
+        ViewColumn("word", TEXT, "its value where that is none"),
+        _UNIT,
+    ),
+    "timings": (
+        ViewColumn("id", TEXT, "the run, model, diagnosis or validation"),
+        ViewColumn("step", TEXT, "reference, plant, identify, diagnose ..."),
+        ViewColumn("seconds", NUMBER, "time that the step took", "s"),
     ),
     "lineage": (
         ViewColumn("child", TEXT, "id of what was made"),
@@ -305,6 +265,18 @@ VIEWS: dict[str, tuple[ViewColumn, ...]] = {
         ViewColumn("role", TEXT, "what the parent was to it, such as fit or held_out"),
     ),
 }
+
+# The view of the connection of `sql --truth` alone; no other has it.
+TRUTH = (
+    ViewColumn("run_id", TEXT, "the simulated run"),
+    ViewColumn("effect", TEXT, "name of a hidden effect"),
+    ViewColumn("joints", pa.list_(JOINT), "its joints; [] for the whole arm"),
+    ViewColumn("parameter", TEXT, "name of the parameter; null for none"),
+    ViewColumn("value", NUMBER, "its value", "by row"),
+    _UNIT,
+    ViewColumn("onset", NUMBER, "time from which it acts", "s"),
+    ViewColumn("sealed", FLAG, "whether no campaign of the run publishes its plant"),
+)
 
 # Columns that are computed, and stored nowhere; behind those of `VIEWS`.
 _RECORDED = ViewColumn(
@@ -375,6 +347,9 @@ def build_nested_type(view: str) -> pa.DataType:
     return pa.list_(pa.struct([column.to_arrow_field for column in VIEWS[view][1:]]))
 
 
+_NESTED = ("errors", "lineage", "timings")
+
+
 @dataclass(frozen=True, slots=True)
 class RecordKind:
     """One kind of record."""
@@ -382,16 +357,15 @@ class RecordKind:
     name: str  # its name, which is that of its view
     key: str  # column with its id
     # Views whose rows lie nested in its catalogue row.
-    nested_views: tuple[str, ...] = ("errors", "lineage")
-    # Columns of that row that have a value in every record.
-    required_columns: tuple[str, ...] = ("created",)
+    nested_views: tuple[str, ...] = _NESTED
     # That row: columns of the view, then the nested ones.
     fields: pa.Schema = field(init=False, compare=False)
     folder: str = field(init=False)  # in the store
     row: str = field(init=False)  # the file of a record with its one catalogue row
 
     def __post_init__(self) -> None:
-        fields = [c.to_arrow_field for c in VIEWS[self.name] if c.name != "quarantined"]
+        marks = ("quarantined", "opened")
+        fields = [c.to_arrow_field for c in VIEWS[self.name] if c.name not in marks]
         if self.name == "runs":
             fields.append(pa.field("signals", pa.list_(TEXT)))
         rows = (pa.field(view, build_nested_type(view)) for view in self.nested_views)
@@ -405,34 +379,21 @@ class RecordKind:
 KINDS = {
     kind.name: kind
     for kind in (
-        RecordKind(
-            "runs",
-            "run_id",
-            required_columns=(
-                "created",
-                "robot",
-                "source",
-                "kind",
-                "duration_s",
-                "rows",
-                "dof",
-            ),
-        ),
-        RecordKind("models", "model_id", ("parameters", "errors", "lineage")),
-        RecordKind("diagnoses", "diagnosis_id", ("effects", "errors", "lineage")),
-        RecordKind(
-            "validations", "validation_id", ("errors", "alarms", "lineage", "blind")
-        ),
+        RecordKind("runs", "run_id"),
+        RecordKind("models", "model_id", ("parameters", *_NESTED)),
+        RecordKind("diagnoses", "diagnosis_id", ("effects", *_NESTED)),
+        RecordKind("validations", "validation_id", ("alarms", *_NESTED)),
+        RecordKind("campaigns", "campaign_id", ("points", "lineage")),
         RecordKind("reports", "report_id"),
         # Its id is its number: nobody else can have taken that.
         RecordKind("adoptions", "adoption_id", ("lineage",)),
-        # Its id is made of its loop and its number, for the same reason.
-        RecordKind("decisions", "decision_id", ("lineage",)),
     )
 }
 
+# Nested rows that are no part of what the id of a record is the hash of.
+NOT_HASHED = {"lineage", "timings"}
 # All that a store has, by the names of its folders; nobody else writes there.
 FOLDERS = frozenset(
-    {STAGING, INDEX, SEALED, QUARANTINE, "made_with", "robots", "_prefect"}
+    {STAGING, INDEX, SEALED, QUARANTINE, OPENED, "made_with", "robots", "_prefect"}
     | {kind.folder for kind in KINDS.values()}
 )

@@ -84,16 +84,26 @@ class Store:
         self._reader = reader
         self.path = reader.path
 
-    def sql(self, text: str, **values: object) -> Table:
+    def sql(self, text: str, *, truth: bool = False, **values: object) -> Table:
         """Return the answer to one SELECT over the views of the store.
 
         Args:
             text: SQL of DuckDB, or the name of a query of ``named``.
+            truth: Open the seals of all simulated runs, and mark these as opened: this
+                query has the view ``truth``.
             values: Values of the $parameters in it.
 
         Raises:
-            InputError: If it is not one SELECT, or it fails.
+            InputError: If it is not one SELECT, or it fails; with `truth` also if the
+                store cannot be written.
         """
+        if truth:
+            from flows.storage.sealed_truth import show_truth
+            from warehouse.query.store import open_store
+
+            with open_store(self.path) as reader:  # a connection of its own
+                show_truth(reader)
+                return Table(reader.sql(text, values or None))
         text = NAMED[text][1] if text in NAMED else text
         return Table(self._reader.sql(text, values or None))
 

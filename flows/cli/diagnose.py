@@ -1,6 +1,7 @@
 """modelgap diagnose."""
 
 from dataclasses import replace
+from time import perf_counter
 
 from flows.cli.app import Outputs
 from flows.outputs import list_input_files, show_progress_bar
@@ -68,8 +69,10 @@ def diagnose(
     read = steps.read_logs(request, robot)
     out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     stored = steps.resolve_whole_runs(read)
+    begun = perf_counter()
     with show_progress_bar() as progress:
         result = steps.diagnose(request, stored or read, progress)
+    took = perf_counter() - begun
     # Those of the logs were printed before the work.
     out.say(*result.notes[len(read.lines) :])
 
@@ -85,5 +88,5 @@ def diagnose(
         lambda: to_json(result.verdict),
     )
     print_diagnosis(result, out.console)
-    kept = steps.store_diagnosis(request, stored, result)[0] if stored else None
+    kept = steps.store_diagnosis(request, stored, result, took)[0] if stored else None
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))

@@ -105,7 +105,10 @@ def campaign(
 
     out = Outputs({"--json": json}, [Path(spec)])
     place, console = resolve_store_folder(request.store), out.console
-    planned = steps.plan_experiments(load_campaign(spec), place, Path(spec).stem)
+    entries = load_campaign(spec)
+    planned = steps.plan_experiments(entries, place, Path(spec).stem)
+    if sealed := [axis for axis in entries[0].sealed if axis != "seed"]:
+        out.say(f"sealed: {', '.join(sealed)}")
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
@@ -120,6 +123,7 @@ def campaign(
         out.write(document=lambda: steps.build_campaign_document(summary, done=False))
         out.finish()
         return
+    steps.store_campaign(planned, spec, place)
     with show_progress_bar() as bar:
         summary = steps.run_campaign_experiments(planned, place, bar)
     out.write(document=lambda: steps.build_campaign_document(summary))

@@ -212,6 +212,7 @@ def sql(
     json: Json = None,
     timeout: Seconds = 60.0,
     without_damaged: Flag = False,
+    truth: Flag = False,
     store: Store = None,
 ) -> None:
     """Query the store in SQL.
@@ -238,6 +239,8 @@ def sql(
         out: File for the answer, not among the records of the store.
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
+        truth: Open the seals of all simulated runs, and mark these as opened: this
+            query has the view truth (docs/sql.md).
     """
     from flows.report.query_results import (
         list_named_queries,
@@ -256,6 +259,10 @@ def sql(
     choices = [query is not None, named is not None, schema]
     if sum(choices) > 1 or (sys.stdin.isatty() and not any(choices)):
         raise InputError(_ONE_OF)
+    if truth and query is None and (named or schema):
+        raise InputError(
+            "--truth is for a query of your own: no ready one reads truth."
+        )
     if with_ and named is None:
         raise InputError("--with sets a value of a ready query: --named NAME.")
     refuse_binary_on_terminal(format, out)
@@ -272,6 +279,10 @@ def sql(
         return
     text, values = _query(query, named, with_)
     with open_store(place) as opened:
+        if truth:
+            from flows.storage.sealed_truth import show_truth
+
+            show_truth(opened)
         rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
         _write(rows, format, out)
         print_damaged_files(opened)

@@ -1,5 +1,6 @@
 """Read the logs (files, or ids of runs of the store) and the robot of a command."""
 
+import json
 import shlex
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -327,6 +328,9 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
             with suppress(InputError):  # of one that was not kept the word says all
                 named.append(load_command_robot(find_robot_by_hash(place, hash)).joints)
         robot = _of_names(word, list(dict.fromkeys(named)))
+    plants = {id for id, m in manifests.items() if "spec" in m and m.get("serial")}
+    if plants:  # robot.toml describes them all, so its own number is of none of them
+        robot = replace(robot, serial=None)
     for run, manifest in manifests.items():
         serial = manifest.get("serial")
         if serial is not None and robot.serial not in (None, serial):
@@ -334,8 +338,17 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
                 f"Run {run} is of {robot.name} {serial}, expected one of {robot.name} "
                 f"{robot.serial} like the rest. Give runs of one arm."
             )
-        robot = set_serial_number(robot, serial)
+        # That of a plant is no part of its description, whose hash its runs have.
+        if run in plants:
+            robot = replace(robot, serial=serial)
+        else:
+            robot = set_serial_number(robot, serial)
     return robot
+
+
+def read_file_serial(robot: Robot) -> str | None:
+    """Return the serial number by robot.toml; that of a plant stands nowhere in it."""
+    return json.loads(robot.toml).get("robot", {}).get("serial")
 
 
 def read_run_serial(run: str, store: str | Path | None) -> str | None:

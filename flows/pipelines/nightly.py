@@ -17,6 +17,7 @@ from flows.requests import Campaign
 from flows.settings import HEALTHY, count_cores, resolve_store_folder
 from flows.steps import diff as verification
 from flows.steps import experiment as campaigns
+from flows.steps import monitor as monitoring
 from flows.workers import ProcessExecutor, read_runner_setting
 from residual import one_blas_thread
 from residual.errors import RunError
@@ -98,6 +99,7 @@ def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
     planned = campaigns.plan_campaign(request)
     missing = [each for each in planned if not each.stored]
     log.info(f"{len(missing)} to run, {len(planned) - len(missing)} in {place}")
+    campaigns.store_campaign(planned, request.path, resolve_store_folder(place))
     size = -(-len(missing) // _MOST) or 1
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     failed: dict[str, str] = {}
@@ -149,7 +151,10 @@ def monitor(
         The id of the record; none if there was nothing to compare with.
     """
     tag = projects.find_healthy_tag(project, runs) if project else HEALTHY
-    return tasks.watch(runs, model, good or [], str(resolve_store_folder(store)), tag)
+    place = resolve_store_folder(store)
+    arms = monitoring.group_runs_by_arm(runs, place)
+    watched = (tasks.watch(arm, model, good or [], str(place), tag) for arm in arms)
+    return [record for records in watched for record in records]
 
 
 @flow(name="verify", flow_run_name="verify", timeout_seconds=_LIMIT)

@@ -49,6 +49,7 @@ class Judgment:
     diagnosis: str  # id of the diagnosis that found it
     model_id: str
     model: Model
+    serial: str | None  # serial number of the arm
     # The adoption that the robot has, with its number; None for none.
     parent: tuple[str, ModelAdoption] | None
     check: AdoptionCheck | None  # on held-out motion; None without held-out logs
@@ -74,8 +75,10 @@ def judge_adoption(store: Path, word: str) -> Judgment:
     """
     id = resolve_diagnosis_id(store, word)
     verdict, model = read_verdict(store, id), read_adoptable_model(store, id)
-    parent = find_last_adoption(store, model.robot.name, model.robot.serial)
     doubts, check, record = _of_verdict(verdict), None, read_record(store, id)
+    # That of a simulated arm is no part of its description.
+    serial = record.get("serial")
+    parent = find_last_adoption(store, model.robot.name, serial)
     runs = record["request"].get("held_out")
     if not runs:
         doubts.append("no run was held out; diagnose with --holdout RUN")
@@ -86,7 +89,7 @@ def judge_adoption(store: Path, word: str) -> Judgment:
             before = read_models(store, id)["nominal"]
         check = check_adoption(model, before, [read_run(store, run) for run in runs])
         doubts += check.doubts
-    return Judgment(id, record["model_id"], model, parent, check, tuple(doubts))
+    return Judgment(id, record["model_id"], model, serial, parent, check, tuple(doubts))
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
@@ -136,7 +139,7 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
         raise InputError("--force needs a --note: give the reason for the adoption.")
     adoption = ModelAdoption(
         robot=robot.name,
-        serial=robot.serial,
+        serial=judgment.serial,
         action=FORCED if judgment.doubts else ADOPTED,
         model_id=judgment.model_id,
         diagnosis_id=judgment.diagnosis,
@@ -283,7 +286,7 @@ class Proposal:
         parent = self.judgment.parent
         return {
             "robot": self.verdict.robot,
-            "serial": self.judgment.model.robot.serial,
+            "serial": self.judgment.serial,
             "kind": "proposal",
             "parent": parent and parent[0],
             "findings": [[e.name, *e.joints] for e in self.verdict.effects],

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
+from time import perf_counter
 
 from flows.inputs.read import (
     LogSets,
@@ -81,6 +82,7 @@ def calibrate(
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     store, ids = resolve_store_folder(request.store), tuple((logs.runs or {}).values())
+    begun = perf_counter()
     made, warnings = calibrate_logs(
         logs, runs, _settings(request), request.trust_log, progress
     )
@@ -89,7 +91,8 @@ def calibrate(
         "robot_hash": logs.robot.content_hash,
     }
     stored = len(ids) == len(runs)
-    kept = store_calibration(store, made, asked) if stored else {}
+    seconds = {"calibrate": perf_counter() - begun}
+    kept = store_calibration(store, made, asked, seconds) if stored else {}
     return StoredCalibration(made, warnings, kept)
 
 

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 
 from flows.inputs import read as inputs
 from flows.inputs.read import (
@@ -10,6 +11,7 @@ from flows.inputs.read import (
     is_run_id,
     load_request_robot,
     parse_known_values,
+    read_file_serial,
     read_run_robot,
     read_run_serial,
 )
@@ -52,7 +54,8 @@ def apply_known_values(
     Raises:
         InputError: If one cannot be known, or there is a baseline.
     """
-    robot = add_known_values(robot, known)
+    # The serial number of a plant is in no file that the robot is built from again.
+    robot = replace(add_known_values(robot, known), serial=robot.serial)
     list_known_values(robot)
     if baseline:
         refuse_known_values_with_baseline(robot)
@@ -64,11 +67,11 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     runs = [run for run in request.baseline if is_run_id(run)]
     serials = {run: read_run_serial(run, request.store) for run in runs}
     return [
-        f"baseline run {run} is of {robot.name} {serial}, not of "
+        f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not of "
         f"{robot.serial or 'an arm without a number'}: differences between the two "
         "arms are findings too"
         for run, serial in serials.items()
-        if serial not in (None, robot.serial)
+        if (serial or read_file_serial(robot)) != robot.serial
     ]
 
 
@@ -171,17 +174,19 @@ def diagnose_stored_runs(
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
     """
-    logs = read_stored_runs(request)
-    return store_diagnosis(request, logs, diagnose(request, logs, progress))
+    logs, begun = read_stored_runs(request), perf_counter()
+    result = diagnose(request, logs, progress)
+    return store_diagnosis(request, logs, result, perf_counter() - begun)
 
 
 def store_diagnosis(
-    request: Diagnose, logs: LogSets, result: Diagnosis
+    request: Diagnose, logs: LogSets, result: Diagnosis, seconds: float
 ) -> tuple[str, str]:
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
         logs: The runs, called by their whole ids (`as_stored`).
+        seconds: Time that the diagnosis took [s].
 
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
@@ -193,7 +198,13 @@ def store_diagnosis(
     hash = {"robot_hash": logs.robot.content_hash}
     store, record = resolve_store_folder(request.store), record | hash
     return records.store_outcome(
-        store, result, parents, record, (*logs.fit, *logs.held_out)
+        store,
+        result,
+        parents,
+        record,
+        (*logs.fit, *logs.held_out),
+        {"diagnose": seconds},
+        logs.robot.serial,
     )
 
 

@@ -5,9 +5,10 @@ store completely or not at all. So the same command completes an interrupted cam
 """
 
 import io
+import json
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from itertools import pairwise
 from pathlib import Path
@@ -20,7 +21,14 @@ from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
 from flows.requests import Campaign
 from flows.settings import count_cores, resolve_store_folder
-from flows.specs import NOMINAL, ControllerTable, ExperimentSpec, load_campaign
+from flows.specs import (
+    NOMINAL,
+    CampaignEntry,
+    ControllerTable,
+    ExperimentSpec,
+    format_point,
+    load_campaign,
+)
 from flows.steps.model_choice import choose_model, read_controller_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
@@ -33,6 +41,7 @@ from residual.model.dynamics import (
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from sim.effects import find_effect_definition
 from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
@@ -44,11 +53,17 @@ from sim.plant.effect_catalogue import check_effect
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import SealedTruth, commit_run, hash_sealed_spec
+from warehouse.record_commit import (
+    SealedTruth,
+    commit_record,
+    commit_run,
+    hash_sealed_spec,
+)
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
 from warehouse.robots import store_robot_description
 from warehouse.store_catalogue import find_record
+from warehouse.view_schema import build_view_table
 
 _LATER = ("background", "worked_before")
 _PLANT = TypeAdapter(PlantSpec)
@@ -63,6 +78,8 @@ class PlannedExperiment:
     run_id: str  # the id that its run has or will have
     stored: bool  # whether the run is in the store
     campaign: str | None = None  # name of the campaign that it is of, None for none
+    # What the campaign varies and the store may show, by axis.
+    points: Mapping[str, object] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -77,7 +94,7 @@ class SimulatedExperiment:
 
 
 def plan_experiments(
-    specs: Iterable[tuple[str, ExperimentSpec]],
+    specs: Iterable[tuple[str, ExperimentSpec] | CampaignEntry],
     store: Path,
     campaign: str | None = None,
 ) -> list[PlannedExperiment]:
@@ -88,7 +105,7 @@ def plan_experiments(
         campaign: Name of the campaign that they are of.
     """
     planned: dict[str, PlannedExperiment] = {}
-    for label, requested in specs:
+    for label, requested, *points in specs:
         try:
             spec = resolve_controller_model(requested, store)
             id = compute_run_id(spec)
@@ -97,8 +114,65 @@ def plan_experiments(
             raise InputError(f"{where}: {error}") from error
         if id not in planned:
             stored = is_stored(store, spec, id)
-            planned[id] = PlannedExperiment(label, spec, id, stored, campaign)
+            known = (label, spec, id, stored, campaign)
+            planned[id] = PlannedExperiment(*known, *points[:1])
     return list(planned.values())
+
+
+def store_campaign(
+    planned: Sequence[PlannedExperiment], file: str, store: Path
+) -> str | None:
+    """Put the record of a campaign into the store, before its runs; return its id.
+
+    It has the open points of all its runs, also of those that fail; of the sealed ones
+    nothing, neither in a label.
+    """
+    if not planned:
+        return None
+    rows = [
+        {"run_id": each.run_id, **_point_row(axis, value, each.spec)}
+        for each in planned
+        for axis, value in each.points.items()
+    ]
+    record = {
+        "robot": load_spec_robot(planned[0].spec).name,
+        "name": planned[0].campaign,
+        "file": Path(file).name,
+        "labels": {each.run_id: format_point(each.points) for each in planned},
+    }
+    tables = {"points": build_view_table("points", rows)}
+    parents = {"point": [each.run_id for each in planned]}
+    return commit_record(store, "campaigns", record, tables, parents)
+
+
+_UNITS = {"start": "s", "duration": "s", "worked_before": "s", "onset": "s"}
+_UNITS |= {"control": "Hz", "log": "Hz", "encoder_step": "rad", "rise": "s"}
+
+
+def _point_row(axis: str, value: object, spec: ExperimentSpec) -> dict:
+    """Return a value of an axis as the view points has it."""
+    if isinstance(value, bool) or not isinstance(value, int | float):
+        word = value if isinstance(value, str) else json.dumps(value)
+        return {"axis": axis, "word": word}
+    *tables, key = axis.split(".")
+    unit = _UNITS.get(key)
+    if tables[:2] == ["plant", "effect"] and unit is None:
+        number = int(tables[2]) - 1 if len(tables) > 2 else 0
+        name = spec.plant.effect[number].name
+        unit = find_effect_definition(name).parameters.get(key)
+    return {"axis": axis, "value": float(value), "unit": unit}
+
+
+def name_arm(spec: ExperimentSpec, robot: Robot) -> str | None:
+    """Return the serial number of a simulated arm, by what makes it another one.
+
+    None where neither a serial nor the seed of the plant says which arm it is.
+    """
+    plant = spec.plant
+    if spec.serial is not None or plant.seed is None:
+        return spec.serial
+    makes = (plant.scatter, plant.background, plant.seed, plant.salt)
+    return record_ids.hash_values(robot.content_hash, *makes)[:8]
 
 
 def compute_run_id(spec: ExperimentSpec) -> str:
@@ -130,12 +204,11 @@ def simulate_and_store(
     id = compute_run_id(spec)
     if is_stored(store, spec, id):
         return id
-    simulated = simulate_experiment(spec, store)
-    store_robot_description(store, spec.robot, load_spec_robot(spec))
-    if campaign is not None:
-        simulated = replace(
-            simulated, manifest={**simulated.manifest, "campaign": campaign}
-        )
+    simulated, robot = simulate_experiment(spec, store), load_spec_robot(spec)
+    store_robot_description(store, spec.robot, robot)
+    about = {"campaign": campaign, "serial": name_arm(spec, robot), "tags": spec.tags}
+    known = {key: value for key, value in about.items() if value}
+    simulated = replace(simulated, manifest={**simulated.manifest, **known})
     return store_experiment(simulated, store)
 
 
@@ -349,7 +422,9 @@ def resolve_controller_model(spec: ExperimentSpec, store: Path) -> ExperimentSpe
     if word == NOMINAL:
         return spec
     if word == "adopted":
-        word = choose_model(_robot(spec.robot), store=store).diagnosis or NOMINAL
+        robot = _robot(spec.robot)
+        arm = replace(robot, serial=name_arm(spec, robot) or robot.serial)
+        word = choose_model(arm, store=store).diagnosis or NOMINAL
     else:
         word = find_record(store, word).id
     table = spec.controller.model_copy(update={"model": word})

@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from time import perf_counter
 
 from flows.inputs import read as inputs
 from flows.inputs.read import LogSets, is_run_id
@@ -35,7 +36,7 @@ def identify(
     Returns:
         What was identified, and the id of the model; None where it is not stored.
     """
-    known = None
+    known, begun = None, perf_counter()
     if request.model:
         known = read_adoptable_model(resolve_store_folder(request.store), request.model)
     result = identify_logs(
@@ -48,7 +49,8 @@ def identify(
     count = len(request.logs) + len(request.held_out)
     if request.store is None and len(logs.runs) < count:
         return result, None
-    return result, _keep(result, request, logs.runs)
+    seconds = {"identify": perf_counter() - begun}
+    return result, _keep(result, request, logs.runs, seconds)
 
 
 @one_blas_thread
@@ -78,7 +80,10 @@ def _options(request: Identify) -> Options:
 
 
 def _keep(
-    result: ValidatedIdentification, request: Identify, runs: Mapping[str, str]
+    result: ValidatedIdentification,
+    request: Identify,
+    runs: Mapping[str, str],
+    seconds: Mapping[str, float],
 ) -> str:
     # A held-out part of a fitted run is no run of its own.
     roles = {"fit": result.fit, "held_out": () if result.same_run else result.held_out}
@@ -91,7 +96,7 @@ def _keep(
         "robot_hash": result.robot.content_hash,
     }
     return store_identification(
-        resolve_store_folder(request.store), result, record, by_role
+        resolve_store_folder(request.store), result, record, by_role, seconds
     )
 
 

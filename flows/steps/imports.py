@@ -1,7 +1,6 @@
 """Import measured logs into the store as runs."""
 
 import hashlib
-import re
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from flows.inputs.read import (
     require_logs,
     suggest_column_map,
 )
-from flows.requests import Import
+from flows.requests import LONGEST_WORD, Import, check_tags, is_short_word
 from flows.settings import resolve_store_folder
 from flows.steps.check import refuse_faulty_logs
 from residual.check.result import LogCheck
@@ -35,9 +34,6 @@ from warehouse.remote_store import record_exists
 from warehouse.robots import store_robot_description
 from warehouse.runs import read_manifest
 
-LONGEST = 60
-_KEY = re.compile(r"[\w.-]+")
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ImportedLog:
@@ -54,9 +50,10 @@ def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
     """Read logs and say which runs they are; nothing is written."""
     require_logs(request.logs, "to import", "import")
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
-        if word is not None and not _is_word(word):
+        if word is not None and not is_short_word(word):
             raise InputError(
-                f"--{what} '{word[:LONGEST]}': expected a short name such as 'welding'."
+                f"--{what} '{word[:LONGEST_WORD]}': expected a short name such as "
+                "'welding'."
             )
     robot = set_serial_number(
         load_command_robot(request.robot, logs=request.logs), request.serial
@@ -147,23 +144,6 @@ def _read_one(
     )
 
 
-def check_tags(tags: Sequence[str]) -> list[str]:
-    """Return tags in the order of the alphabet, each once."""
-    values: dict[str, str] = {}
-    for tag in tags:
-        key, _, _ = tag.partition("=")
-        if not _is_word(tag) or not _KEY.fullmatch(key):
-            raise InputError(
-                f"tag '{tag[:LONGEST]}': expected a word, or KEY=VALUE, such as "
-                "cell=4; a key has letters, digits, '.', '_' and '-'."
-            )
-        if values.setdefault(key, tag) != tag:
-            raise InputError(
-                f"tags '{values[key]}' and '{tag}' set one key twice. Keep one."
-            )
-    return sorted(values.values())
-
-
 def _printable(value: object) -> object:
     """Return what is kept of a stranger's file so that no terminal obeys it."""
     if isinstance(value, dict):
@@ -200,7 +180,3 @@ def _sha256(path: Path) -> str:
     for part in sorted(part for part in path.rglob("*") if part.is_file()):
         total.update(f"{part.relative_to(path).as_posix()}\0{_sha256(part)}\n".encode())
     return total.hexdigest()
-
-
-def _is_word(word: str) -> bool:
-    return 0 < len(word) <= LONGEST and word.isprintable() and word == word.strip()

@@ -83,6 +83,14 @@ def choose_model(
             )
         id = resolve_diagnosis_id(place, model)
         _check_robot(robot, place, id)
+        serial = read_record(place, id).get("serial")
+        if any(map(is_run_id, logs)) and serial != robot.serial:
+            raise InputError(
+                f"The model of diagnosis {id[:8]} is of the arm "
+                f"{serial or 'without a number'}, the runs are of the arm "
+                f"{robot.serial or 'without a number'}. Give a model of this arm, or "
+                "--model nominal."
+            )
         return ModelChoice(id, f"model: that of diagnosis {id[:8]}, as --model says")
     in_store = store is not None or (logs and all(map(is_run_id, logs)))
     last = in_store and find_last_adoption(place, robot.name, robot.serial)

@@ -3,8 +3,14 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
+from time import perf_counter
 
-from flows.inputs.read import is_run_id, load_run_robot, read_run_serial
+from flows.inputs.read import (
+    is_run_id,
+    load_run_robot,
+    read_file_serial,
+    read_run_serial,
+)
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
 from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model
@@ -60,7 +66,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     Returns:
         The id of the record, the result, and the watched runs by their id.
     """
-    store = resolve_store_folder(request.store)
+    store, begun = resolve_store_folder(request.store), perf_counter()
     diagnosis = _diagnosis_in(request.model, store)
     good = request.good or (diagnosis and _behind(diagnosis, store)) or ()
     healthy = read_usable_runs(store, good)
@@ -81,8 +87,10 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     if diagnosis:
         model = read_models(store, diagnosis)[AUGMENTED]
         robot = model.robot
+        serial = read_record(store, diagnosis).get("serial")
     else:
         robot = load_run_robot(request.model, (*healthy, *watched), store)
+        serial = robot.serial
     for run in (*healthy.values(), *watched.values()):
         if robot.name != run.robot:
             raise InputError(
@@ -90,7 +98,14 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
                 "of the robot, or its own model."
             )
         by = "the model" if diagnosis else request.model
-        check_description(robot, run, read_manifest(store, run.id), by)
+        manifest = read_manifest(store, run.id)
+        check_description(robot, run, manifest, by)
+        arm = manifest.get("serial") or read_file_serial(robot)
+        if arm != serial:
+            raise InputError(
+                f"Run {run.id} is of the arm {arm or 'without a number'}, {by} of the "
+                f"arm {serial or 'without a number'}. Give runs and a model of one arm."
+            )
     if not diagnosis:
         model = identify(robot, list(healthy.values())).model
     result = monitor_recordings(model, healthy, watched, request.per_hour)
@@ -120,7 +135,9 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     if diagnosis:
         parents["diagnosis"] = [diagnosis]
     tables = {"alarms": build_view_table("alarms", rows)}
-    return commit_record(store, "validations", record, tables, parents), result, watched
+    took = {"monitor": perf_counter() - begun}
+    id = commit_record(store, "validations", record, tables, parents, seconds=took)
+    return id, result, watched
 
 
 @one_blas_thread
@@ -192,6 +209,15 @@ def monitor_new_runs(
             why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed."
         )
     return NewRunsMonitoring(*monitor(Request(model, new, good=healthy, store=store)))
+
+
+def group_runs_by_arm(runs: Sequence[str], store: Path) -> list[list[str]]:
+    """Return runs in groups of one arm each: a robot with its serial number."""
+    arms: dict[tuple, list[str]] = {}
+    for run in runs:
+        robot = find_run(store, run).folder.parent.name
+        arms.setdefault((robot, read_run_serial(run, store)), []).append(run)
+    return list(arms.values())
 
 
 def find_healthy_runs(

@@ -292,7 +292,8 @@ def rerun_experiment(
     if halves != (hidden, manifest["spec"]):
         raise InputError(f"Run {run_id} cannot be made again: {_OTHER}")
     run = simulate_experiment(spec, store)
-    return replace(run, manifest={**run.manifest, "robot": manifest["robot"]})
+    same = {k: manifest[k] for k in ("robot", "serial", "tags") if k in manifest}
+    return replace(run, manifest={**run.manifest, **same})
 
 
 def rebuild_spec(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:

@@ -15,6 +15,7 @@ reference of the run, driven once by the torque of each.
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from time import perf_counter
 
 import numpy as np
 from scipy.interpolate import CubicSpline
@@ -124,13 +125,15 @@ def validate(request: Request) -> tuple[str, Validation]:
             the window is not usable, or the seal is broken.
     """
     store, window = resolve_store_folder(request.store), request.window
+    begun = perf_counter()
     log = read_run(store, request.run)
     manifest = read_manifest(store, log.id)
     word = manifest.get("robot", log.robot)
     robot = load_command_robot(word)
     check_description(robot, log, manifest, word)
     strayed, used = compute_open_loop_error(robot, log, window)
-    request = _with_ids(request, store, robot)
+    serial = manifest.get("serial") or robot.serial
+    request = _with_ids(request, store, replace(robot, serial=serial))
     nominal = build_nominal_model(robot, [log])
     models: dict[str, AnyModel] = {NOMINAL: nominal}
     if request.model is not None:
@@ -197,7 +200,9 @@ def validate(request: Request) -> tuple[str, Validation]:
     parents = {"run": [log.id], **({"model": list(ids)} if ids else {})}
     rows = [{**common, **row} for row in _error_rows(result)]
     tables = {"errors": build_view_table("errors", rows)}
-    return commit_record(store, "validations", record, tables, parents), result
+    took = {"validate": perf_counter() - begun}
+    id = commit_record(store, "validations", record, tables, parents, seconds=took)
+    return id, result
 
 
 def validate_model(model: AnyModel, log: Recording) -> ModelValidation:

@@ -110,7 +110,10 @@ def build_calibration_files(calibration: Calibration) -> dict[str, bytes]:
 
 
 def store_calibration(
-    store: Path, calibration: Calibration, request: Mapping
+    store: Path,
+    calibration: Calibration,
+    request: Mapping,
+    seconds: Mapping[str, float],
 ) -> dict[str, str]:
     """Put the tables and the errors into the store.
 
@@ -148,7 +151,9 @@ def store_calibration(
     finite = [row for row in rows if row["value"] == row["value"]]  # no NaN
     tables = {"errors": build_view_table("errors", finite)}
     parents = {"model": [model_id], "run": list(ids)}
-    validation = commit_record(store, "validations", record, tables, parents)
+    validation = commit_record(
+        store, "validations", record, tables, parents, seconds=seconds
+    )
     return {"model": model_id, "validation": validation}
 
 

@@ -221,11 +221,15 @@ def store_outcome(
     runs: Mapping[str, list[str]],
     request: Mapping | None = None,
     logs: Sequence[Recording] = (),
+    seconds: Mapping[str, float] | None = None,
+    serial: str | None = None,
 ) -> tuple[str, str]:
     """Put a diagnosis, its models and the proof of it into the store.
 
     Args:
         logs: The logs behind its model, which goes with their motion.
+        seconds: Time that each step took [s].
+        serial: Serial number of the arm.
 
     Returns:
         The ids of the diagnosis and of the validation, which has the curves.
@@ -236,7 +240,6 @@ def store_outcome(
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
-    serial = next((m.robot.serial for m in diagnosis.models.values()), None)
     serial_entry = {"serial": serial} if serial else {}
     motion = build_states_table(logs)
     rows = DiagnosisRecords(
@@ -255,7 +258,7 @@ def store_outcome(
         errors=[*build_error_view_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
     )
-    diagnosis_id = commit_diagnosis(store, rows, runs)
+    diagnosis_id = commit_diagnosis(store, rows, runs, seconds)
     proof, curves = diagnosis_to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header

@@ -95,6 +95,7 @@ def store_identification(
     outcome: ValidatedIdentification,
     request: Mapping,
     runs: Mapping[str, Sequence[str]],
+    seconds: Mapping[str, float],
 ) -> str:
     """Put an identified model into the store.
 
@@ -124,4 +125,4 @@ def store_identification(
         "parameters": build_view_table("parameters", parameters),
         "errors": build_view_table("errors", errors),
     }
-    return commit_record(store, "models", record, tables, runs)
+    return commit_record(store, "models", record, tables, runs, seconds=seconds)

@@ -9,6 +9,7 @@ from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps.diagnose import diagnose_stored_runs
 from residual.check.result import LogCheck
+from residual.robot.robot import load_robot
 
 ROBOT = "irb140"
 SPRING = {"name": "spring", "joints": [2], "stiffness": 60.0}
@@ -24,6 +25,12 @@ def spec(kind, night, number, effects=(SPRING,)):
         "trajectory": motion | {"seed": 100 * night + number},
         "plant": {"seed": 5, "effect": list(effects)},
     }
+
+
+# Of the arm of all nights, by the seed of its plant.
+SERIAL = experiment.name_arm(
+    parse_spec(spec("cyclic", 1, 0), "SPEC.toml"), load_robot(ROBOT)
+)
 
 
 def night(store, number, effects=(SPRING,)):

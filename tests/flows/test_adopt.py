@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.read import load_command_robot
+from flows.inputs.read import load_run_robot
 from flows.steps import rerun as reruns
 from flows.steps.adopt import (
     Adopt,
@@ -21,7 +21,7 @@ from flows.storage import diagnosis as keep
 from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.held_out import check_adoption
 from residual.errors import InputError
-from tests.flows.adopted_arm import ROBOT, diagnosed, unchecked
+from tests.flows.adopted_arm import ROBOT, SERIAL, diagnosed, unchecked
 from warehouse.query.store import open_store
 from warehouse.record_commit import find_last_adoption
 from warehouse.runs import read_run
@@ -40,7 +40,7 @@ def fresh(night_store):
     """The same with the nominal model in force: tests leave nothing adopted."""
     store = night_store[0]
     yield night_store
-    while (last := find_last_adoption(store, ROBOT)) and last[1].model_id:
+    while (last := find_last_adoption(store, ROBOT, SERIAL)) and last[1].model_id:
         roll_back(None, store=store)
 
 
@@ -64,7 +64,8 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
 def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     store, first, _, id = fresh
     adopt(Adopt(id, store=store))
-    robot, runs = load_command_robot(ROBOT), first[0]
+    runs = first[0]
+    robot = load_run_robot(ROBOT, runs, store)
     on_runs = choose_model(robot, store=store, logs=runs)
     assert on_runs.diagnosis == id
     assert "adoption" in on_runs.line
@@ -80,8 +81,8 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     with pytest.raises(InputError, match="both set the nominal model"):
         choose_model(robot, id, store, runs, "--baseline")
     assert choose_model(robot, id[:6], store, runs).diagnosis == id
-    assert choose_monitor_model(ROBOT, store, nominal=False).diagnosis == id
-    assert choose_monitor_model(ROBOT, store, nominal=True).diagnosis is None
+    assert choose_monitor_model(ROBOT, store, False, runs).diagnosis == id
+    assert choose_monitor_model(ROBOT, store, True, runs).diagnosis is None
     assert choose_monitor_model(id[:8], store, nominal=False).line is None
 
 
@@ -111,7 +112,7 @@ def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
 
 
 def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
-    store, _, _, id = fresh
+    store, (fit, _), _, id = fresh
     before = list_adoptions(store)
     number, _ = adopt(Adopt(id, store=store))
     assert describe_diagnosis_adoption(store, id).endswith("the current model")
@@ -120,7 +121,8 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     assert (now.parent, now.model_id, now.note) == (number, None, "too many alarms")
     listed = [n for n, *_ in list_adoptions(store)]
     assert listed == [*(n for n, *_ in before), number, back]
-    line = choose_model(load_command_robot(ROBOT), store=store).line
+    robot = load_run_robot(ROBOT, fit, store)
+    line = choose_model(robot, store=store).line
     assert f"to which adoption {int(back)} went back" in line
     with pytest.raises(InputError, match="nothing to roll back"):
         roll_back(None, store=store)
@@ -134,7 +136,7 @@ def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh, arm_ni
     with pytest.raises(InputError, match="needs a --note"):
         adopt(Adopt(nothing, force=True, store=store))
     adopt(Adopt(nothing, "asked for by the line", True, store))
-    assert find_last_adoption(store, ROBOT)[1].action == "forced"
+    assert find_last_adoption(store, ROBOT, SERIAL)[1].action == "forced"
     adopt(Adopt(id, "over it", True, store))
     with pytest.raises(InputError, match="has that model already"):
         adopt(Adopt(id, store=store))

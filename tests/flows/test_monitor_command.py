@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
+from flows.inputs.read import load_run_robot
 from flows.report.experiments import describe_alarms
 from flows.requests import Monitor
 from flows.specs import parse_spec
@@ -15,7 +16,6 @@ from flows.storage.diagnosis import store_outcome
 from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
-from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
@@ -80,7 +80,7 @@ def test_the_record_has_alarms_limits_and_lineage(run_store, watched):
 
 def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
     store, good, fine, _ = run_store
-    robot = load_robot(ROBOT)
+    robot = load_run_robot(ROBOT, good, store)
     logs = prepare_fit_logs(
         robot, [read_run(store, id) for id in good], None, FilterSettings()
     )
@@ -96,7 +96,7 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
         typed({"robot": ROBOT, "effects": [{"name": "payload", "joints": [6]}]}),
         {"nominal": nominal, "augmented": augmented},
     )
-    id, _ = store_outcome(store, diagnosis, {"fit": good})
+    id, _ = store_outcome(store, diagnosis, {"fit": good}, serial=robot.serial)
     record_id, watched, _ = monitor.monitor(Monitor(id, (fine,), store=store))
     assert sorted(watched.calibration) == sorted(good)
     assert watched.monitor.model.to_record() == augmented.to_record()

@@ -17,7 +17,7 @@ from flows.service.state import (
 from flows.settings import prefect_home
 from flows.steps.adopt import Proposal, judge_adoption, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
-from tests.flows.adopted_arm import ROBOT
+from tests.flows.adopted_arm import ROBOT, SERIAL
 from warehouse.record_commit import find_last_adoption
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
@@ -42,7 +42,7 @@ def nights(server, night_store, monkeypatch):
     )
     yield adoption_flow, night_store, events
     store = night_store[0]
-    while (last := find_last_adoption(store, ROBOT)) and last[1].model_id:
+    while (last := find_last_adoption(store, ROBOT, SERIAL)) and last[1].model_id:
         roll_back(None, store=store)
 
 
@@ -59,8 +59,8 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
     told = [("modelgap.model.proposed", id), ("modelgap.notice.proposal", id)]
     assert events == told
     assert (
-        find_last_adoption(store, ROBOT) is None
-        or find_last_adoption(store, ROBOT)[1].model_id is None
+        find_last_adoption(store, ROBOT, SERIAL) is None
+        or find_last_adoption(store, ROBOT, SERIAL)[1].model_id is None
     )
     # The same finding of another night, unanswered as yet, is no new proposal.
     assert in_a_flow(tasks.adopt_or_propose, id, str(store), False) is None
@@ -70,7 +70,7 @@ def test_what_passes_the_gate_is_proposed_once_and_nothing_is_adopted(nights):
 def test_auto_adopts_and_the_next_night_finds_nothing_to_propose(nights, arm_nights):
     tasks, (store, _, id), events = nights
     number = in_a_flow(tasks.adopt_or_propose, id, str(store), True)
-    assert find_last_adoption(store, ROBOT)[0] == number
+    assert find_last_adoption(store, ROBOT, SERIAL)[0] == number
     fit = {"fit": list(arm_nights.second[0])}
     assert in_a_flow(tasks.find_adopted_model, fit, str(store)) == id
     again = arm_nights.again
@@ -128,8 +128,8 @@ def test_a_proposal_that_was_settled_by_the_command_waits_no_longer(
 def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
     tasks, (store, _, id), _ = nights
     number = in_a_flow(tasks.adopt, id, str(store), "looked at it")
-    assert find_last_adoption(store, ROBOT)[0] == number
-    assert find_last_adoption(store, ROBOT)[1].note == "looked at it"
+    assert find_last_adoption(store, ROBOT, SERIAL)[0] == number
+    assert find_last_adoption(store, ROBOT, SERIAL)[1].note == "looked at it"
     assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
 
 

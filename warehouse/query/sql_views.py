@@ -24,6 +24,7 @@ _UNIT = """
          WHEN metric = 'energy' THEN 'J'
     END
 """
+_ONCE = "SELECT * EXCLUDE (value), min(value) AS value FROM ({}) GROUP BY ALL"
 
 
 def build_catalogue_views() -> dict[str, str]:
@@ -31,8 +32,9 @@ def build_catalogue_views() -> dict[str, str]:
     views = {"catalogue.arms": _arms()}
     views |= {name: _rows(kind) for name, kind in KINDS.items() if name != "runs"}
     views["runs"] = (
-        f"SELECT {_listed(VIEWS['runs'][:-1])}, "
-        "run_id IN (FROM catalogue.quarantine) AS quarantined FROM catalogue.runs"
+        f"SELECT {_listed(VIEWS['runs'][:-2])}, "
+        "run_id IN (FROM catalogue.quarantine) AS quarantined, "
+        "run_id IN (FROM catalogue.opened) AS opened FROM catalogue.runs"
     )
     views["channels"] = """
         SELECT run_id, concat(signal, joint) AS channel, unit, joint
@@ -50,16 +52,18 @@ def build_catalogue_views() -> dict[str, str]:
         "row_number() OVER (PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
     )
     views["verdicts"] = _verdicts()
-    for view in ("parameters", "effects", "errors", "alarms", "lineage", "blind"):
+    for view in dict.fromkeys(v for kind in KINDS.values() for v in kind.nested_views):
         kinds = [kind for kind in KINDS.values() if view in kind.nested_views]
         parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
         views[view] = " UNION ALL ".join(parts)
+    # Of one held-out run a diagnosis has figures both of the run and of all runs.
+    once = _unnested("errors", "diagnoses", "diagnosis_id")
     views["errors"] = f"""
         SELECT e.* REPLACE (coalesce(e.trajectory, r.trajectory, motion) AS trajectory),
                {_UNIT} AS unit, coalesce(r.robot, a.robot) AS robot,
                coalesce(r.serial, a.serial) AS serial,
                coalesce(r.recorded_at, a.recorded_at) AS recorded_at
-        FROM ({views["errors"]}) e
+        FROM ({views["errors"].replace(once, _ONCE.format(once))}) e
         LEFT JOIN catalogue.runs r USING (run_id)
         LEFT JOIN catalogue.arms a ON a.id = e.source_id
     """
@@ -496,7 +500,8 @@ NAMED = {
         WHERE since < make_timestamp(epoch_us(now())) - to_days(try_cast($days AS INT))
               -- That a run was looked at binds nothing.
               AND run_id NOT IN (
-                  SELECT parent FROM lineage WHERE role NOT IN ('batch', 'watched'))
+                  SELECT parent FROM lineage
+                  WHERE role NOT IN ('batch', 'point', 'watched'))
               AND run_id NOT IN (FROM (SELECT run_id FROM alarms) WHERE run_id NOT NULL)
         ORDER BY since, run_id, folder
         """,

@@ -30,7 +30,7 @@ from warehouse.remote_store import (
     find_store_bucket,
     format_store_name,
 )
-from warehouse.runs import list_quarantined_runs
+from warehouse.runs import list_marked_runs
 from warehouse.store_catalogue import StoreCatalogue, find_record, read_catalogue
 from warehouse.store_files import replace_file, verify_file
 from warehouse.view_schema import (
@@ -38,6 +38,8 @@ from warehouse.view_schema import (
     DEFAULT_DOF,
     INDEX,
     KINDS,
+    OPENED,
+    QUARANTINE,
     SAMPLES_FILE,
     TEXT,
     VIEWS,
@@ -141,7 +143,7 @@ class Store:
             self._hashed = content if isinstance(content, dict) else {}
         self._newly_hashed = 0
         self._viewed = False  # whether the view samples has all files that it should
-        self._quarantined: frozenset[str] = frozenset()
+        self._marked: dict[str, frozenset[str]] = {}  # ids of runs, by mark
         self._catalogue: StoreCatalogue | None = None  # until the first query
 
     @property
@@ -199,11 +201,13 @@ class Store:
 
     def refresh(self) -> None:
         """See what is committed or quarantined by now."""
-        marked, first = list_quarantined_runs(self.path), self._catalogue is None
-        if first or marked != self._quarantined:
-            self._quarantined = marked
-            ids = pa.array(sorted(marked), TEXT)
-            self._table("quarantine", pa.table({"run_id": ids}))
+        first = self._catalogue is None
+        for mark in (QUARANTINE, OPENED):
+            marked = list_marked_runs(self.path, mark)
+            if marked != self._marked.get(mark):
+                self._marked[mark] = marked
+                ids = pa.array(sorted(marked), TEXT)
+                self._table(mark, pa.table({"run_id": ids}))
         catalogue = read_catalogue(self.path, self._catalogue)
         if catalogue is not self._catalogue:
             self._catalogue, self._viewed = catalogue, False
@@ -217,6 +221,11 @@ class Store:
             self._table("signals", build_signal_table())
             for name, query in build_catalogue_views().items():
                 self._view(name, query)
+
+    def show_table(self, name: str, rows: pa.Table) -> None:
+        """Make rows a view of this connection, beside those of every store."""
+        self._table(name, rows)
+        self._view(name, f"FROM catalogue.{name}")
 
     def close(self) -> None:
         """Let go of the connection."""
