@@ -87,8 +87,8 @@ _ALARMS = f"""
     GROUP BY ALL ORDER BY v.created DESC, id
 """
 
-# What has no row of its own above: models outside diagnoses, validations, adoptions.
-# Of a batch its diagnosis has one.
+# What has no row of its own above: models outside diagnoses, validations, adoptions,
+# campaigns. Of a batch its diagnosis has one.
 _RECORDS = f"""
     WITH record AS (
         SELECT model_id AS id, {_ROBOT.format("m")} AS robot, created,
@@ -111,8 +111,8 @@ _RECORDS = f"""
                concat_ws(': ', concat('adoption ', adoption_id::INT), nullif(note, ''))
         FROM adoptions a
         UNION ALL
-        SELECT decision_id, {_ROBOT.format("e")}, created, 'decision', reason
-        FROM decisions e
+        SELECT campaign_id, coalesce(robot, '?'), created, 'campaign', name
+        FROM campaigns
     )
     SELECT record.*, (SELECT list(DISTINCT parent ORDER BY parent) FROM lineage
                       WHERE child = id AND parent IN (SELECT run_id FROM runs)) AS runs

@@ -59,14 +59,18 @@ def test_every_kind_of_record_has_an_entry_and_a_page(tmp_path):
         "calibration": ("models", {"stage": "calibrated"}, {"fit": [run]}),
         "validation": ("validations", {"kind": "open_loop"}, {"run": [run]}),
         "no alarm": ("validations", {"kind": "monitor"}, {"watched": [run]}),
+        "campaign": ("campaigns", {"name": "c"}, {"point": [run]}),
     }
     ids = {
-        state: commit_record(store, kind, about | more, tables, parents)
+        state: commit_record(
+            store, kind, about | more, tables if kind != "campaigns" else {}, parents
+        )
         for state, (kind, more, parents) in made.items()
     }
     text = page(store)
     found = {row[3]: row[4] for row in rows(text)}
     of_run = {state: f"{state} of run {run[:8]}" for state in made}
+    of_run["campaign"] = "c"
     assert found == {**of_run, "runs": found["runs"]}
     assert found["runs"].startswith("1 simulated run")
     assert "Nothing is stored yet" not in text
