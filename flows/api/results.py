@@ -3,6 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import Path
+from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -204,9 +205,9 @@ def _diagnose_runs(
     )
     choice = choose_request_model(request, logs.robot)
     request = replace(request, model=choice.diagnosis)
-    read = read_stored_runs(request)
+    read, begun = read_stored_runs(request), perf_counter()
     outcome = diagnose_request(request, read, progress)
-    stored, _ = store_diagnosis(request, read, outcome)
+    stored, _ = store_diagnosis(request, read, outcome, perf_counter() - begun)
     return convert_to_subclass(Diagnosis, outcome, id=stored)
 
 

@@ -8,7 +8,7 @@ import pyarrow as pa
 
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
-from warehouse.query.sql_views import NAMED
+from warehouse.query.named_queries import NAMED
 
 if TYPE_CHECKING:
     from warehouse.query.store import Store as StoreReader

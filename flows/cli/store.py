@@ -292,8 +292,8 @@ def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
     from flows.report.query_results import describe_query_values
+    from warehouse.query.named_queries import NAMED
     from warehouse.query.sql_guard import LONGEST
-    from warehouse.query.sql_views import NAMED
 
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)

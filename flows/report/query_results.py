@@ -17,7 +17,7 @@ from rich.console import Console
 
 from flows.report.document import ReportTable, print_parts, widen_piped_console
 from residual.errors import InputError
-from warehouse.query.sql_views import NAMED, TAKES
+from warehouse.query.named_queries import NAMED, TAKES
 from warehouse.query.store import Store
 from warehouse.view_schema import list_views
 

@@ -155,13 +155,8 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
 
 
 def read_stored_runs(request: Diagnose) -> LogSets:
-    """Read runs of the store; nothing but them is read."""
-    store, robot = resolve_store_folder(request.store), _robot(request)
-    sets = {
-        role: tuple(read_run(store, id) for id in getattr(request, name))
-        for role, name in _ROLES.items()
-    }
-    return LogSets(robot, **sets)
+    """Read whole runs of the store, as the command does; nothing but them is read."""
+    return resolve_whole_runs(read_logs(request))
 
 
 def diagnose_stored_runs(

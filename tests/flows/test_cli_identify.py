@@ -111,6 +111,10 @@ def test_runs_chosen_by_a_condition_are_kept_and_rerun_by_their_ids(runs):
     assert main(["rerun", model["model_id"], "--store", "s"]) == 0
     assert main(["diagnose", *chosen, *proof, *usual, "--json", "v.json"]) == 0
     assert json.loads(Path("v.json").read_text())["error"]["same_run"] is False
+    # The proof has what the command printed of its logs, and so has its rerun.
+    (proof,) = query_store_rows(Path("s"), "FROM validations WHERE kind = 'held_out'")
+    assert read_record(Path("s"), proof["validation_id"])["notes"][0].startswith("fit:")
+    assert main(["rerun", proof["validation_id"], "--store", "s"]) == 0
 
 
 def test_an_arm_with_a_serial_number_is_identified_again_to_the_last_bit(place):

@@ -17,7 +17,7 @@ from residual.verdict.document import to_json
 from tests.flows import adopted_arm
 from tests.flows.test_points import OPEN
 from warehouse import store_files
-from warehouse.query.sql_views import NAMED
+from warehouse.query.named_queries import NAMED
 from warehouse.query.store import open_store, query_store_rows, select_run_ids
 from warehouse.store_files import ReadOnlyStoreError
 from warehouse.verification import verify_store
