@@ -1,10 +1,12 @@
 """Every kind of record and every column of the SQL views: type, unit, meaning.
 
-Single source of truth: no other module repeats them.
+The columns stand in views.toml beside this file.
 """
 
+import tomllib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 
 import pyarrow as pa
 
@@ -64,243 +66,28 @@ SIGNALS = {
     "e_tau": SampleSignal("N m", True, "torque minus that of the nominal twin"),
 }
 
-# How a run came to be.
-_ORIGIN = (
-    ViewColumn("commit", TEXT, "commit of the code that made it; null where unknown"),
-    ViewColumn("version", TEXT, "version of the program that made it"),
-    ViewColumn("machine", TEXT, "system and processor that it was made on"),
-    ViewColumn("campaign", TEXT, "name of its campaign; null for none"),
-)
-_CREATED = ViewColumn("created", TIME, "when it was committed, UTC")
-_CODE = (
-    ViewColumn("code_hash", TEXT, "hash of the code that made it"),
-    ViewColumn("dirty", FLAG, "whether that code had uncommitted changes"),
-)
-_ROBOT = ViewColumn("robot", TEXT, "name of the robot")
-_UNIT = ViewColumn("unit", TEXT, "unit of the value")
-_OF_FINDING = (
-    ViewColumn("joints", pa.list_(JOINT), "joints that this value is of; [] for all"),
-    ViewColumn("parameter", TEXT, "name of the parameter"),
-    ViewColumn("value", NUMBER, "its value", "by row"),
-    ViewColumn("std", NUMBER, "its standard deviation", "by row"),
-    _UNIT,
-    ViewColumn("probability", NUMBER, "of this class of effects", "1"),
-)
-_SERIAL = ViewColumn(
-    "serial", TEXT, "serial number of the robot; null where none is given"
-)
-_ADOPTION = (
-    ViewColumn("adoption_id", TEXT, "its number, in six digits"),
-    _ROBOT,
-    _SERIAL,
-    ViewColumn("action", TEXT, "adopted, forced (against the gate) or rolled back"),
-    ViewColumn("model_id", TEXT, "the model from then on; null for the nominal one"),
-    ViewColumn("diagnosis_id", TEXT, "the diagnosis that found it"),
-    ViewColumn("parent", TEXT, "the adoption before, of which it is the next version"),
-    ViewColumn("who", TEXT, "name of the user who did it"),
-    ViewColumn("note", TEXT, "what he wrote about it"),
-    ViewColumn("before", NUMBER, "held-out error of the model before", "%"),
-    ViewColumn("after", NUMBER, "held-out error of this model", "%"),
-    _CREATED,
-)
 
-VIEWS: dict[str, tuple[ViewColumn, ...]] = {
-    "runs": (
-        ViewColumn("run_id", TEXT, "id of the run"),
-        _ROBOT,
-        ViewColumn("source", TEXT, "simulated or imported"),
-        ViewColumn("kind", TEXT, "what it was made for, such as experiment"),
-        ViewColumn("trajectory", TEXT, "kind of motion, such as fourier"),
-        ViewColumn("duration_s", NUMBER, "time from first to last sample", "s"),
-        ViewColumn("rows", WHOLE, "number of samples", "1"),
-        ViewColumn("dof", JOINT, "number of joints"),
-        ViewColumn("seed", WHOLE, "seed of the reference motion"),
-        _CREATED,
-        *_CODE,
-        ViewColumn("data_hash", TEXT, "hash of the values of all samples"),
-        _SERIAL,
-        ViewColumn(
-            "recorded_at", TIME, "time of the first sample, UTC; null if unknown"
-        ),
-        ViewColumn("tags", pa.list_(TEXT), "words or KEY=VALUE that it was given"),
-        *_ORIGIN,
-        ViewColumn("log", TEXT, "file that it was imported from; null for none"),
-        ViewColumn("quarantined", FLAG, "whether a tombstone says not to use it"),
-        ViewColumn("opened", FLAG, "whether its seal was opened by sql --truth"),
-    ),
-    "channels": (
-        ViewColumn("run_id", TEXT, "the run"),
-        ViewColumn("channel", TEXT, "name of the column in samples"),
-        ViewColumn("unit", TEXT, "its unit"),
-        ViewColumn("joint", JOINT, "joint from 1; null where it is not of a joint"),
-    ),
-    "models": (
-        ViewColumn("model_id", TEXT, "id of the model"),
-        _ROBOT,
-        ViewColumn("stage", TEXT, "nominal, identified, augmented or calibrated"),
-        _CREATED,
-        *_CODE,
-    ),
-    "parameters": (
-        ViewColumn("model_id", TEXT, "the model that has it"),
-        ViewColumn("name", TEXT, "name of the base parameter, after its leading one"),
-        ViewColumn("joint", JOINT, "joint of the leading one, from 1"),
-        ViewColumn("value", NUMBER, "its value", "by row"),
-        ViewColumn(
-            "std", NUMBER, "its deviation, null where it was not fitted", "by row"
-        ),
-        ViewColumn("nominal", NUMBER, "its value in the nominal model", "by row"),
-        _UNIT,
-        ViewColumn("status", TEXT, "fitted, or why not"),
-    ),
-    "effects": (
-        ViewColumn("diagnosis_id", TEXT, "the diagnosis that named it"),
-        ViewColumn("order", JOINT, "place among the findings, 1 first"),
-        ViewColumn("name", TEXT, "name of the effect"),
-        *_OF_FINDING,
-    ),
-    "diagnoses": (
-        ViewColumn("diagnosis_id", TEXT, "id of the diagnosis"),
-        _ROBOT,
-        ViewColumn("verdict", TEXT, "effects, none or unknown"),
-        ViewColumn("model_id", TEXT, "the model it ends with"),
-        _CREATED,
-        ViewColumn("nominal_scale", NUMBER, "how far off the nominal model was", "1"),
-        ViewColumn("unexplained", NUMBER, "share of the torque left unexplained", "1"),
-        *_CODE,
-        _SERIAL,
-    ),
-    "errors": (
-        ViewColumn("source_id", TEXT, "the diagnosis, validation, model or run of it"),
-        ViewColumn("run_id", TEXT, "the run it is taken on; null for several together"),
-        ViewColumn("trajectory", TEXT, "kind of motion; null for several together"),
-        ViewColumn("joint", JOINT, "joint from 1; null for all together"),
-        ViewColumn(
-            "stage",
-            TEXT,
-            "nominal, identified, consistent, augmented, plsr, twin or arm; of a "
-            "calibration none, ls, plsr, paper or default",
-        ),
-        ViewColumn(
-            "metric",
-            TEXT,
-            "held_out, filtered, moving [%]; rms_e_q ..., rms_open_loop_q, "
-            "rms_feed_forward_q [SI]; of a calibration rmsec_, rmsev_ and rmsev_mean_ "
-            "with run, family, repeats, systematic or random [%]",
-        ),
-        ViewColumn("value", NUMBER, "its value", "by metric"),
-    ),
-    "verdicts": (
-        ViewColumn("diagnosis_id", TEXT, "the diagnosis"),
-        _CREATED,
-        _ROBOT,
-        _SERIAL,
-        ViewColumn("verdict", TEXT, "effects, none or unknown"),
-        ViewColumn("order", JOINT, "place among the findings, 1 first; null for none"),
-        ViewColumn("effect", TEXT, "name of the effect; null for none"),
-        *_OF_FINDING,
-        ViewColumn("run_id", TEXT, "a run that it is about; one row for each"),
-        ViewColumn("role", TEXT, "what the run was to it: fit, held_out or baseline"),
-        ViewColumn("trajectory", TEXT, "kind of motion of the run"),
-        ViewColumn(
-            "recorded_at", TIME, "when the run was recorded, UTC; null if unknown"
-        ),
-        ViewColumn("tags", pa.list_(TEXT), "words or KEY=VALUE that the run was given"),
-    ),
-    "validations": (
-        ViewColumn("validation_id", TEXT, "id of the validation"),
-        _ROBOT,
-        ViewColumn("kind", TEXT, "held_out, calibration, monitor, rerun ..."),
-        ViewColumn("model_id", TEXT, "the model that was tried, where it is one here"),
-        _CREATED,
-        ViewColumn("verdict", TEXT, "of a rerun: what is not the same, and why"),
-        *_CODE,
-    ),
-    "alarms": (
-        ViewColumn("validation_id", TEXT, "the monitoring that raised it"),
-        ViewColumn("run_id", TEXT, "the run that was watched"),
-        ViewColumn("time", NUMBER, "when it was raised, on the clock of the log", "s"),
-        ViewColumn("joint", JOINT, "joint from 1"),
-        ViewColumn("sensor", TEXT, "encoder or torque"),
-        ViewColumn(
-            "fault", TEXT, "frozen, jump, drift, spikes, noise, bias or lost scale"
-        ),
-        ViewColumn("kind", TEXT, "score that named it"),
-        ViewColumn("score", NUMBER, "that score over its limit", "1"),
-        ViewColumn("until", NUMBER, "when the last score fell below its limit", "s"),
-    ),
-    "reports": (
-        ViewColumn("report_id", TEXT, "id of the report"),
-        _ROBOT,
-        ViewColumn("kind", TEXT, "what it reports"),
-        _CREATED,
-        *_CODE,
-    ),
-    "adoptions": (*_ADOPTION, *_CODE),
-    "adopted": _ADOPTION,
-    "campaigns": (
-        ViewColumn("campaign_id", TEXT, "id of the campaign"),
-        _ROBOT,
-        ViewColumn("name", TEXT, "its name, which its runs have as campaign"),
-        ViewColumn("file", TEXT, "name of its file"),
-        _CREATED,
-        *_CODE,
-    ),
-    "points": (
-        ViewColumn("campaign_id", TEXT, "the campaign"),
-        ViewColumn("run_id", TEXT, "the run at this point"),
-        ViewColumn("axis", TEXT, "what is varied, such as trajectory.kind"),
-        ViewColumn("value", NUMBER, "its value where that is a number", "by row"),
-        ViewColumn("word", TEXT, "its value where that is none"),
-        _UNIT,
-    ),
-    "timings": (
-        ViewColumn("id", TEXT, "the run, model, diagnosis or validation"),
-        ViewColumn("step", TEXT, "reference, plant, identify, diagnose ..."),
-        ViewColumn("seconds", NUMBER, "time that the step took", "s"),
-    ),
-    "lineage": (
-        ViewColumn("child", TEXT, "id of what was made"),
-        ViewColumn("parent", TEXT, "id of what it was made from"),
-        ViewColumn("role", TEXT, "what the parent was to it, such as fit or held_out"),
-    ),
-}
+def _read_columns(columns: Mapping[str, Mapping[str, str]]) -> tuple[ViewColumn, ...]:
+    return tuple(
+        ViewColumn(name, _TYPES[each["type"]], each["about"], each.get("unit"))
+        for name, each in columns.items()
+    )
 
+
+_TYPES = {"text": TEXT, "number": NUMBER, "whole": WHOLE, "flag": FLAG, "time": TIME}
+_TYPES |= {"joint": JOINT, "joints": pa.list_(JOINT), "texts": pa.list_(TEXT)}
+_FILE = Path(__file__).with_name("views.toml")
+_CONTENT = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+VIEWS = {name: _read_columns(each) for name, each in _CONTENT["views"].items()}
+# Columns that are stored nowhere; behind those of `VIEWS`.
+COMPUTED = {name: _read_columns(each) for name, each in _CONTENT["computed"].items()}
 # The view of the connection of `sql --truth` alone; no other has it.
-TRUTH = (
-    ViewColumn("run_id", TEXT, "the simulated run"),
-    ViewColumn("effect", TEXT, "name of a hidden effect"),
-    ViewColumn("joints", pa.list_(JOINT), "its joints; [] for the whole arm"),
-    ViewColumn("parameter", TEXT, "name of the parameter; null for none"),
-    ViewColumn("value", NUMBER, "its value", "by row"),
-    _UNIT,
-    ViewColumn("onset", NUMBER, "time from which it acts", "s"),
-    ViewColumn("sealed", FLAG, "whether no campaign of the run publishes its plant"),
-)
-
-# Columns that are computed, and stored nowhere; behind those of `VIEWS`.
-_RECORDED = ViewColumn(
-    "recorded_at", TIME, "when its last run was recorded, UTC; null if unknown"
-)
-_OF_ARM = (
-    ViewColumn("serial", TEXT, "serial number of the arm of its runs; null for none"),
-    _RECORDED,
-)
-COMPUTED = {
-    "models": _OF_ARM,
-    "diagnoses": (_RECORDED,),
-    "validations": _OF_ARM,
-    "errors": (
-        ViewColumn("unit", TEXT, "unit of the value; null if unknown"),
-        _ROBOT,
-        *_OF_ARM,
-    ),
-}
+TRUTH = _read_columns(_CONTENT["truth"])
 
 
 def list_sample_columns(dof: int) -> tuple[ViewColumn, ...]:
     """Return the columns of the view ``samples`` for arms of up to ``dof`` joints."""
-    columns = [_ROBOT, ViewColumn("run_id", TEXT, "the run")]
+    columns = [VIEWS["runs"][1], ViewColumn("run_id", TEXT, "the run")]
     for name, signal in SIGNALS.items():
         for channel in list_channel_names(name, dof):
             columns.append(ViewColumn(channel, NUMBER, signal.about, signal.unit))

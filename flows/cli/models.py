@@ -78,7 +78,8 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
     ```
 
     Args:
-        robot: The robot; not needed if only one has an adopted model.
+        robot: The robot, or "NAME SERIAL" of one of several; not needed if only one has
+            an adopted model.
         note: Reason, which is stored.
     """
     from flows.steps import adopt as steps

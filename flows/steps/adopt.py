@@ -159,7 +159,8 @@ def roll_back(
     """Give a robot the model back that it had before, by one more record.
 
     Args:
-        word: The robot; None where the store has adoptions of one alone.
+        word: The robot, with its serial number where several have its name; None where
+            the store has adoptions of one alone.
     """
     place = resolve_store_folder(store)
     robot, serial = _robot_of(place, word)
@@ -237,7 +238,7 @@ def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
     }
     if word is None:
         return keys
-    by_name = {key for key in keys if key[0] == word}
+    by_name = {key for key in keys if word in (key[0], " ".join(filter(None, key)))}
     if by_name:
         return by_name
     robot = load_command_robot(word)
@@ -246,6 +247,8 @@ def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
 
 def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
     keys = _robots(store, word)
+    # Of several of a name, the one of this number; without, that which has none.
+    keys = {key for key in keys if " ".join(filter(None, key)) == word} or keys
     if len(keys) == 1:
         return keys.pop()
     if not keys:
@@ -254,7 +257,8 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
     raise InputError(
-        f"Several robots have adopted models: {names}. Choose one: --robot R."
+        f"Several robots have adopted models: {names}. Choose one: --robot 'NAME "
+        "SERIAL'."
     )
 
 

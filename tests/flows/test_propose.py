@@ -18,7 +18,13 @@ from flows.settings import prefect_home
 from flows.steps.adopt import Proposal, judge_adoption, list_adoptions, roll_back
 from flows.storage.diagnosis import read_verdict
 from tests.flows.adopted_arm import ROBOT, SERIAL
-from warehouse.record_commit import find_last_adoption
+from warehouse.record_commit import (
+    ADOPTED,
+    ModelAdoption,
+    commit_adoption,
+    find_last_adoption,
+)
+from warehouse.store_catalogue import read_record
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
@@ -43,7 +49,7 @@ def nights(server, night_store, monkeypatch):
     yield adoption_flow, night_store, events
     store = night_store[0]
     while (last := find_last_adoption(store, ROBOT, SERIAL)) and last[1].model_id:
-        roll_back(None, store=store)
+        roll_back(f"{ROBOT} {SERIAL}", store=store)
 
 
 def in_a_flow(task, *given):
@@ -113,13 +119,23 @@ def waiting(server, nights, monkeypatch):
 def test_a_proposal_that_was_settled_by_the_command_waits_no_longer(
     nights, waiting, cli, monkeypatch
 ):
+    from prefect import get_client
+
+    from flows.pipelines.proposals import cancel_settled_proposals
+
     monkeypatch.setattr("flows.cli.service._prepare", lambda home: None)
     _, (store, _, id), _ = nights
+    model = read_record(store, id)["model_id"]
+    # An arm without a number is another one than that of the proposal.
+    without = ModelAdoption(ROBOT, None, ADOPTED, model, id, None, "ann")
+    commit_adoption(store, without)
+    with get_client(sync_client=True) as client:
+        assert cancel_settled_proposals(client, store) == 0
     assert [state.name for state in waiting()] == ["Suspended", "Suspended"]
     code, out, err = cli("adopt", id, "--note", "seen", "--store", str(store))
     assert (code, err) == (0, ""), out
     settled, other = waiting()
-    number = int(find_last_adoption(store, ROBOT)[0])
+    number = int(find_last_adoption(store, ROBOT, SERIAL)[0])
     assert (settled.name, other.name) == ("Cancelled", "Suspended")
     assert f"Settled by adoption {number} of {ROBOT} (adopted by" in settled.message
     assert settled.message.endswith(": seen).")
