@@ -67,9 +67,9 @@ class _Selection:
     @classmethod
     def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
         tracks, _ = build_tracks(list(logs), FilterSettings())
-        base = [_base(robot, track) for track in tracks]
+        base = [base_columns(robot, track) for track in tracks]
         moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
-        theta = _plain(base, tracks, moving)
+        theta = plain_fit(base, tracks, moving)
         body = theta[: 10 * robot.dof]
         model = robot.model
         load = [
@@ -91,7 +91,7 @@ class _Selection:
         dof, p = robot.dof, int(ends[-1])
         gram = np.zeros((len(blocks), dof, p, p))
         cross, power = np.zeros((len(blocks), dof, p)), np.zeros((len(blocks), dof))
-        noise = _noise(base, tracks, moving, theta)
+        noise = left_of_joints(base, tracks, moving, theta)
         for b, (x, every, part, tau, moves) in enumerate(blocks):
             for j in range(dof):
                 weight = moves[:, j] / noise[j]
@@ -128,7 +128,7 @@ class _Selection:
         return self.power - 2 * np.einsum("bjp,bp->bj", cross, theta) + miss
 
 
-def _base(robot: Robot, track) -> Array:
+def base_columns(robot: Robot, track) -> Array:
     """Columns that are always there, on the rows of a log. Shape (n, dof, p)."""
     y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
     way = np.tanh(track.qd / STANDSTILL)
@@ -137,7 +137,7 @@ def _base(robot: Robot, track) -> Array:
     return track.filter(np.concatenate([y, *own], axis=2))
 
 
-def _noise(base, tracks, moving, theta: Array) -> Array:
+def left_of_joints(base, tracks, moving, theta: Array) -> Array:
     """What least squares leaves of each joint [N m]. Shape (dof,)."""
     left = np.concatenate(
         [t.tau - x @ theta for x, t in zip(base, tracks, strict=True)]
@@ -148,7 +148,7 @@ def _noise(base, tracks, moving, theta: Array) -> Array:
     return np.maximum(size, 0.02 * rms)
 
 
-def _plain(base, tracks, moving) -> Array:
+def plain_fit(base, tracks, moving) -> Array:
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
     pairs = zip(base, moving, strict=True)
     x = np.concatenate([(b * (m / rms)[:, :, None]) for b, m in pairs])
