@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from benchmarks.measured_parts import added, bars
+from benchmarks.measured_parts import added, bars, greedy
 from benchmarks.measured_parts.heard import fall_of_error, is_heard
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
@@ -83,3 +83,12 @@ def test_the_curve_counts_names_from_a_probability_the_most_probable_first():
     assert cells["0.5"] == ["2 of 3", "3 of 3", "1 of 3", "2 of 6"]
     assert cells["0.95"] == ["1 of 3", "2 of 3", "1 of 3", "1 of 6"]
     assert list(cells) == sorted(cells, key=float)
+
+
+def test_the_peer_tries_one_more_name_as_if_it_fitted_all_columns_anew():
+    logs = make(Plant(arm(), (), 3), PLAN, 3)
+    selection = greedy._Selection.of(arm(), logs)
+    for chosen in ([], [2, 9]):
+        for k, errors in selection.left_out_with_one_more(chosen):
+            anew = selection.left_out([*chosen, k])
+            np.testing.assert_allclose(errors, anew, rtol=1e-5)
