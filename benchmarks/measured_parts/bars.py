@@ -25,7 +25,7 @@ def added_figures(rows: Rows) -> Figures:
     of_peer = {
         f"{name}_of_peer": entry | {"bar": None, "ok": None, "why": "greedy selection"}
         for name, entry in peer.items()
-        if entry["n"]
+        if entry["n"] and name != _SUSPECTED
     }
     return ours | of_peer
 
@@ -88,10 +88,11 @@ def _per_size(key: str) -> Callable[[Rows], dict]:
     return lambda rows: {"per_size": counts(rows, _is(key), "size")}
 
 
+_SUSPECTED = "added_suspected"  # the peer suspects nothing
 _LINES = (
     Line("added_first", _is("first"), FIRST, _is("heard"), beside=_per_size("first")),
     Line("added_named", _is("named"), of=_is("heard"), beside=_per_size("named")),
-    Line("added_suspected", _is("suspected"), of=_is("heard")),
+    Line(_SUSPECTED, _is("suspected"), of=_is("heard")),
     Line("added_another", _is("another"), ANOTHER, _is("heard"), most=True),
     Line("added_another_of_all", _is("another"), ANOTHER, most=True),
     Line("added_constant_first", _is("first"), of=_is("constant")),

@@ -74,6 +74,7 @@ def test_names_of_what_the_logs_show_are_counted_and_the_rest_apart():
     assert figures["added_first_less_another"]["value"] == (2 - 5 * 1) / 3
     # Of the peer the logs without it say nothing: the spring is new.
     assert hits("added_first_of_peer") == (1, 4)
+    assert "added_suspected_of_peer" not in figures
 
 
 def test_the_curve_counts_names_from_a_probability_the_most_probable_first():
