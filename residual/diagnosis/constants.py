@@ -90,7 +90,7 @@ class _FreeConstants:
 
     def searched(self) -> "_FreeConstants":
         """The same constants with names sought anew, from those that are there."""
-        found = search_effect_set(self.task, self.fit.members)
+        found = search_effect_set(self.task, self.fit)
         return replace(self, fit=self.task.settle(found))
 
     def left_out(self) -> Array:

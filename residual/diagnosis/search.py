@@ -251,20 +251,21 @@ class SearchTask:
         return value - self.candidates.cost(group)
 
 
-def search_effect_set(
-    task: SearchTask, members: Sequence[CandidateColumns] = ()
-) -> Fit:
+def search_effect_set(task: SearchTask, start: Fit | None = None) -> Fit:
     """Add the best effect while one is worth it; then swap and delete.
 
     Args:
-        members: Names to start from; those go that do not carry their own weight.
+        start: A fit of names to start from, with its noise: from the noise of the
+            nominal structure alone the alternation may end at another fixed point,
+            where a name that halves the torque carries nothing. Names go that do not
+            carry their own weight.
 
     Returns:
         The fit of the chosen set, its members single-joint groups.
     """
     current, rules = task.start(), task.rules
-    if members:
-        current = _delete(task, task.settle(task.fit(members, current)))
+    if start is not None and start.members:
+        current = _delete(task, task.settle(task.fit(start.members, start)))
     for _ in range(rules.max_effects - len(current.members)):
         ranked = rank_additions(task, current, looks=FIRST_LOOKS)
         if not ranked or ranked[0][0] < rules.min_nats:

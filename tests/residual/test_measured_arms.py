@@ -13,6 +13,7 @@ from warehouse.logs import read_log
 
 ROOT = Path(__file__).parents[2]
 DATA = Path(os.environ.get("MODELGAP_DATA") or ROOT.parent / "shared" / "data")
+CASES = DATA.parent / "cases"  # small inputs on which the program was wrong
 pytestmark = [
     pytest.mark.long,
     pytest.mark.skipif(
@@ -67,3 +68,20 @@ def test_a_load_that_came_or_went_is_a_payload_of_its_weight(days, sign):
     assert verdict.effects[0].evidence.held_out == "confirmed"
     mass = verdict.effects[0].parameters["mass"].value
     assert mass == pytest.approx(sign * WEIGHED, rel=0.1)
+
+
+@pytest.mark.skipif(
+    not (CASES / "balancer_not_named").is_dir(), reason="no cases beside the logs"
+)
+def test_a_balancer_that_cancels_the_weight_of_its_joint_is_named():
+    """Noise and coefficients have two fixed points; the search restarts in the first.
+
+    From the noise of the arm without it the balancer is worth nothing.
+    """
+    robot, folder = load_robot("irb140"), CASES / "balancer_not_named"
+    fit = [read_log(str(folder / f"{name}.csv"), robot)[0] for name in "AB"]
+    last = read_log(str(folder / "C.csv"), robot)[0]
+    verdict = diagnose(robot, fit, held_out=[last]).verdict
+    assert names(verdict) == [("balancer", (3,))]
+    overall = verdict.error.overall
+    assert overall["augmented"] < 0.1 * overall["identified"]

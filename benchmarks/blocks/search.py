@@ -1,0 +1,379 @@
+"""Search for the effects that blocks of the logs bear out: add, swap, drop.
+
+A candidate joins the set if its evidence by blocks (``score``) less the price of the
+choice, ln K for one of K candidates and ln V for one of V shapes, makes a false name in
+the whole diagnosis less likely than ``false_chance``, and if left-out blocks or what is
+given bear it out. Free curves over the joint's position and speed are candidates, too:
+where one leaves a quarter less than any name, the joint follows it and has no name.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from benchmarks.blocks.rules import RULES
+from benchmarks.blocks.score import LeftOut, Score
+from residual.diagnosis.search import Candidates, member_torque_shares
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    PlacedEffect,
+    against_position,
+    build_joint_columns,
+)
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, FitEquations, fit_jointly, is_fit_possible
+from residual.evidence.priors import screen_candidates
+from residual.evidence.thresholds import THRESHOLDS
+from residual.recording import Array
+from residual.signals.track import Track
+
+Members = tuple[CandidateColumns, ...]
+
+
+def _build_curve(name: str, signal: str) -> Effect:
+    """A free curve over a signal of the joint, without its mean.
+
+    Its shape has the two ends and the mean of each hat on the logs: a constant is not a
+    part of it.
+    """
+
+    def hats(state, joint: int, shape: tuple[float, ...]) -> list[Array]:
+        return list(
+            _hats(getattr(state, signal)[:, joint], shape[:2]).T
+            - np.array(shape[2:])[:, None]
+        )
+
+    return Effect(name, "", {}, build_joint_columns(hats))
+
+
+def _hats(values: Array, ends: tuple[float, ...]) -> Array:
+    """Piecewise linear functions at evenly spaced knots. Shape (n, knots)."""
+    knots = np.linspace(*ends, RULES.curve_knots)
+    x = np.clip(values, *ends)[:, None]
+    return np.maximum(1 - abs(x - knots) / (knots[1] - knots[0]), 0)
+
+
+CURVES = {
+    "q": _build_curve("curve over q", "q"),
+    "qd": _build_curve("curve over qd", "qd"),
+}
+CURVE_RIVALS = 3  # names of its joint that are looked at beside a curve
+ENDS = 1e-3  # quantiles of a signal where its curve ends
+
+
+def is_curve(group: CandidateColumns) -> bool:
+    """Whether a group is a free curve, which names nothing."""
+    return group.effect in CURVES.values()
+
+
+def add_curves(design: Design, tracks: Sequence[Track]) -> list[CandidateColumns]:
+    """Append the free curves of each joint that moves."""
+    placed = []
+    moving = np.concatenate([track.moving for track in tracks])
+    for signal, effect in CURVES.items():
+        values = np.concatenate(
+            [getattr(track, signal)[:: track.step] for track in tracks]
+        )
+        for j in range(design.dof):
+            own = values[moving[:, j], j]
+            if design.rows[j] < THRESHOLDS.min_rows or np.ptp(own) == 0:
+                continue
+            ends = tuple(np.quantile(own, (ENDS, 1 - ENDS)).tolist())
+            means = tuple(_hats(own, ends).mean(axis=0).tolist())
+            placed.append(PlacedEffect(effect, (j,), (*ends, *means)))
+    return design.add(placed)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Found:
+    """What a search under one prior found."""
+
+    score: Score
+    fit: Fit
+    left: LeftOut
+
+    @property
+    def named(self) -> Members:
+        """Its members but curves."""
+        return tuple(g for g in self.fit.members if not is_curve(g))
+
+    @property
+    def curves(self) -> Members:
+        """Joints that follow a free curve, better than any name."""
+        return tuple(g for g in self.fit.members if is_curve(g))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """A candidate beside a set."""
+
+    group: CandidateColumns
+    fit: Fit
+    nats: float  # its evidence less its price
+    score: Score
+
+    @property
+    def left(self) -> LeftOut:
+        """Errors of left-out blocks."""
+        return self.score.left_out(self.fit)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Search:
+    """Candidates and rivals under one prior."""
+
+    score: Score
+    candidates: Candidates
+    curves: Sequence[CandidateColumns]
+
+    @property
+    def least(self) -> float:
+        """Evidence that a name must win beyond its price [nats]."""
+        return float(np.log(1 / RULES.false_chance))
+
+    def cost(self, group: CandidateColumns) -> float:
+        """Price of a group [nats]."""
+        if is_curve(group):
+            return float(np.log(len(self.candidates.price)))
+        return self.candidates.cost(group)
+
+    def set_score(self, fitted: Fit) -> float:
+        """Evidence of a set less the price of its names [nats]."""
+        return fitted.score - sum(self.cost(g) + self.least for g in fitted.members)
+
+    def run(self, start: Members = ()) -> Found:
+        """Add the best candidate while one is borne out."""
+        fitted = self.score.fit(start)
+        fitted = self._drop(fitted) if start else fitted
+        left = self.score.left_out(fitted)
+        while len(fitted.members) < THRESHOLDS.max_effects:
+            best = self._choose(self.look(fitted), left)
+            if best is None:
+                break
+            fitted, left = self._join(fitted, best)
+        return Found(self.score, fitted, left)
+
+    def settle(self, members: Members) -> Found:
+        """A given set without what does not carry its price."""
+        fitted = self._drop(self.score.fit(members))
+        return Found(self.score, fitted, self.score.left_out(fitted))
+
+    def look(
+        self,
+        base: Fit,
+        instead: CandidateColumns | None = None,
+        most: int | None = None,
+    ) -> list[Trial]:
+        """Candidates with evidence enough beside a fit, most evidence first.
+
+        Beside a curve the likeliest names of its joint, however faint.
+
+        Args:
+            instead: A member that was taken out: what may stand in for it.
+            most: Candidates that are fitted at most.
+        """
+        most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
+        curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        for quick, group in self._rank(base, instead):
+            faint = quick < THRESHOLDS.faint_share * top or looks >= most
+            if faint and curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
+                continue
+            looks += 1
+            fitted = self.score.fit((*base.members, *(group.parts or (group,))), base)
+            if not is_fit_possible(self.score.design, fitted, group):
+                continue
+            nats = self.score.nats(fitted, group) - self.cost(group)
+            if nats < self.least:
+                continue
+            out.append(Trial(group, fitted, nats, self.score))
+            if is_curve(group):
+                curved.setdefault(group.joints, 0)
+            else:
+                top = top or quick
+                curved |= {j: n + 1 for j, n in curved.items() if j == group.joints}
+        return sorted(out, key=lambda trial: -trial.nats)
+
+    def is_borne_out(self, trial: Trial, after: LeftOut, before: LeftOut) -> bool:
+        """Whether left-out blocks are predicted better, or parameters are spared."""
+        if after.gain_over(before).sum() <= -RULES.left_out_slack:
+            return False
+        group, design = trial.group, self.score.design
+        torque = max(
+            member_torque_shares(design, trial.fit, g).max()
+            for g in group.parts or (group,)
+        )
+        fall = after.fall_from(before).max()
+        return max(float(fall), float(torque)) >= RULES.min_share
+
+    def shortlist(
+        self, base: Fit, instead: CandidateColumns | None, most: int
+    ) -> list[CandidateColumns]:
+        """The best shape of the most promising candidates, by a quick look."""
+        return [group for _, group in self._rank(base, instead)[:most]]
+
+    def _rank(
+        self, base: Fit, instead: CandidateColumns | None
+    ) -> list[tuple[float, CandidateColumns]]:
+        """Quick evidence less its price of each candidate's best shape, descending."""
+        groups = (*self.candidates.groups, *self.curves)
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
+        quick = screen_candidates(self.score.design, base, groups, system)
+        quick = quick - np.array([self.cost(g) for g in groups])
+        chosen: dict[tuple, tuple[float, CandidateColumns]] = {}
+        for i in np.argsort(-quick):
+            if quick[i] < RULES.min_quick_nats:
+                break
+            if groups[i].key not in chosen and self._fits_in(
+                groups[i], base.members, instead
+            ):
+                chosen[groups[i].key] = float(quick[i]), groups[i]
+        return list(chosen.values())
+
+    def _fits_in(
+        self,
+        group: CandidateColumns,
+        members: Members,
+        instead: CandidateColumns | None,
+    ) -> bool:
+        """Whether a candidate may stand beside some members, in place of another."""
+        taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
+        if instead is not None:
+            taken.add(instead.key)
+            rows = [set(self._rows(g)) for g in (group, instead)]
+            if group.parts or not rows[0] & rows[1]:
+                return False
+        if taken & {group.key, *(p.key for p in group.parts)}:
+            return False
+        family = group.effect.family, group.joints
+        if group.effect.family and family in {
+            (g.effect.family, g.joints) for g in members
+        }:
+            return False
+        return not any(_cancel(group, x) or _draws(group, x) for x in members)
+
+    def _rows(self, group: CandidateColumns) -> Sequence[int]:
+        return group.effect.rows(group.joints, self.score.design.dof)
+
+    def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
+        """The most evidence that is borne out, and that no curve of its joint outdoes.
+
+        Where a curve leaves a quarter less than a name the joint follows the curve.
+        """
+        curves = {t: t.left for t in trials if is_curve(t.group)}
+        outdone: Trial | None = None
+        for trial in trials:
+            if is_curve(trial.group):
+                after = curves[trial]
+            elif outdone is not None and not self._rivals(trial.group, outdone.group):
+                continue
+            else:
+                after = trial.left
+            if not self.is_borne_out(trial, after, before):
+                continue
+            rivals = [
+                t
+                for t, left in curves.items()
+                if t is not trial
+                and self._rivals(trial.group, t.group)
+                and _outdoes(left, after, t.group.joints[0])
+            ]
+            if is_curve(trial.group):
+                outdone = outdone or trial
+            elif rivals:
+                outdone = outdone or max(rivals, key=lambda t: t.nats)
+            else:
+                return trial
+        return outdone
+
+    def _rivals(self, name: CandidateColumns, curve: CandidateColumns) -> bool:
+        """Whether a name is of the joint of a curve, and of no other."""
+        return name.joints == curve.joints and len(self._rows(name)) == 1
+
+    def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
+        members = (*base.members, *(best.group.parts or (best.group,)))
+        if best.group.effect.refine and not best.group.parts:
+            members = refine_last_shape(self.score, members, best.fit)
+        fitted = self._drop(self.score.fit(members, best.fit))
+        return fitted, self.score.left_out(fitted)
+
+    def _drop(self, fitted: Fit) -> Fit:
+        """Drop members that no longer carry their price, weakest first."""
+        while True:
+            known = self.score.covariances(fitted)
+            worth = [
+                self.score.nats(fitted, g, known) - self.cost(g) for g in fitted.members
+            ]
+            if not worth or min(worth) >= 0:
+                return fitted
+            weakest = fitted.members[int(np.argmin(worth))]
+            rest = tuple(g for g in fitted.members if g is not weakest)
+            fitted = self.score.fit(rest, fitted)
+
+
+def refine_last_shape(
+    score: Score, members: Sequence[CandidateColumns], like: Fit
+) -> Members:
+    """The set with the last member's nonlinear parameter searched off the grid."""
+    *others, last = members
+    how = last.effect.refine
+    if how is None:
+        return tuple(members)
+    design, prior = score.design, score.prior
+    reach = how.compute_half_width(last.joints, design.states[0].robot)
+    offsets = np.linspace(-reach, reach, 7)
+    system, size = FitEquations.of(design, prior, others), design.size
+    centre, winner, top = last.shape[0], last, -np.inf
+    for _ in range(3):
+        points = centre * np.exp(offsets) if how.step == "ratio" else centre + offsets
+        points = np.unique(np.clip(points, how.lower, how.upper))
+        shapes = [
+            last.placed._replace(shape=(float(x), *last.shape[1:])) for x in points
+        ]
+        for group in design.add(shapes):
+            trial = fit_jointly(
+                design,
+                prior,
+                (*others, group),
+                like.counted,
+                like.variance,
+                system=system.beside(design, group),
+            )
+            if trial.score > top and is_fit_possible(design, trial, group):
+                top, winner = trial.score, group
+        centre = winner.shape[0]
+        offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
+    design.drop_newest_columns(size)  # of all that was tried one shape is kept
+    if winner is not last:
+        (winner,) = design.add([winner.placed])
+    return (*others, replace(winner, fellows=last.fellows))
+
+
+def _outdoes(curve: LeftOut, name: LeftOut, joint: int) -> bool:
+    """Whether a curve leaves clearly less of its joint than a name."""
+    own, theirs = (x.errors[:, joint] for x in (curve, name))
+    gain = theirs - own
+    scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
+    if gain.sum() <= RULES.clear_deviations * scatter:
+        return False
+    return bool(theirs.sum() > RULES.curve_ratio * own.sum())
+
+
+def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:
+    """Whether a curve draws what a name of its joint says in its own variable."""
+    if not is_curve(curve) or is_curve(name) or name.joints != curve.joints:
+        return False
+    by_position = name.effect.variable is against_position
+    return by_position == (curve.effect is CURVES["q"])
+
+
+def _cancel(first: CandidateColumns, second: CandidateColumns) -> bool:
+    """Whether two waves of one joint have nearly the same order."""
+    if first.effect is not second.effect or first.joints != second.joints:
+        return False
+    if EffectTrait.PERIODIC not in first.effect.traits or not first.shape:
+        return False
+    ratio = first.shape[0] / second.shape[0]
+    return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio
