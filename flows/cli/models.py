@@ -8,7 +8,6 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import Outputs
-from flows.cli.service import settle_proposals
 from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
 from flows.requests import Adopt, Export, File, Log, Predict, RobotName, Store, Text
 from flows.settings import resolve_store_folder
@@ -62,6 +61,7 @@ def adopt(id: str, /, *, request: Adopt = _DEFAULT) -> None:
     Args:
         id: Id of a diagnosis, or of its model.
     """
+    from flows.cli.service import settle_proposals
     from flows.report.models import describe_adoption
     from flows.steps import adopt as steps
 
@@ -82,6 +82,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
             an adopted model.
         note: Reason, which is stored.
     """
+    from flows.cli.service import settle_proposals
     from flows.steps import adopt as steps
 
     number, restored = steps.roll_back(robot, note, store)
