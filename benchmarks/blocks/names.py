@@ -1,6 +1,6 @@
 """Names and their probability: searches under every scale of what is given, averaged.
 
-Of the scales that predict left-out blocks as well as the best (paired by block, t < 1)
+Of the scales that predict left-out blocks as well as the best (paired by block, t < 2)
 each counts by its evidence. The probability of a name is the share of them in which it
 stands, or what blocks cannot tell from it, times what evidence of its size is worth.
 """
