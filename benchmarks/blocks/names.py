@@ -170,7 +170,7 @@ class Weighted:
 
 def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Weighted:
     """Weigh runs by evidence, each name priced."""
-    power = design.power.sum(axis=0)
+    power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left.errors / power).sum()))
     lefts = [replace(r.left, weight=first.left.weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))

@@ -1,5 +1,7 @@
 """One criterion by blocks, against regressions written out and planted truth."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,6 +9,8 @@ from benchmarks.blocks.names import name_probability
 from benchmarks.blocks.score import Score
 from benchmarks.blocks.search import Search
 from residual.diagnosis.search import Candidates
+from residual.evidence.fit import fit_jointly
+from residual.evidence.thresholds import THRESHOLDS
 from tests.residual.linear import DOF, LINE, Problem, build, every_group
 
 
@@ -70,3 +74,22 @@ def test_more_evidence_is_a_higher_probability():
     nats = np.geomspace(1, 100, 20)
     assert np.all(np.diff([name_probability(x) for x in nats]) > 0)
     assert name_probability(12.0) == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize("deviations", [90.0, 100.0, 130.0])
+def test_the_better_of_two_fixed_points_is_taken(deviations):
+    """What the prior of a wrong coefficient holds back is noise, or it gives way."""
+    problem = Problem.draw(np.random.default_rng(0), rows=200, noise=0.05)
+    wrong = deviations / np.sqrt(problem.prior.precision[10, 10])
+    logs = [
+        (replace(own, tau=own.tau + wrong * state.regressor[:, :, 10]), state)
+        for own, state in problem.logs
+    ]
+    design, prior = build(logs), problem.prior
+    fitted = Score(design, prior).fit(())
+    floor = (THRESHOLDS.noise_floor * design.rms) ** 2
+    others = [
+        fit_jointly(design, prior, (), fitted.counted, start, 40)
+        for start in (None, floor)
+    ]
+    assert fitted.score > max(other.score for other in others) - 0.1
