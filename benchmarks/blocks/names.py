@@ -116,9 +116,11 @@ def select_names(logs: FitLogs, nominal: NominalModel) -> list[Name]:
         run(space.at(scale, space.even[0]))
         if _falls_behind(list(runs.values())):
             break
-    for prior in _other_widths(space, _weigh(design, candidates, list(runs.values()))):
-        run(prior)
     weighted = _weigh(design, candidates, list(runs.values()))
+    if others := _other_widths(space, weighted):
+        for prior in others:
+            run(prior)
+        weighted = _weigh(design, candidates, list(runs.values()))
     return _conclude(weighted, search, _Constants.of(design, nominal, curves))
 
 
@@ -136,10 +138,7 @@ def _settle_torque_model(found: Found, nominal: NominalModel) -> None:
     """Let the design see the torque of the named effects, iterated: Gauss-Newton."""
     design, fitted, score = found.score.design, found.fit, found.score
     for _ in range(THRESHOLDS.refit_rounds):
-        named = replace(
-            fitted, members=tuple(g for g in fitted.members if not is_curve(g))
-        )
-        model = build_fitted_model(nominal, _without_curves(score, named))
+        model = build_fitted_model(nominal, _without_curves(score, fitted))
         design.set_torque_model(keep_physical_terms(model))
         members = tuple(design.add([g.placed for g in fitted.members]))
         for group in members:
@@ -171,8 +170,8 @@ class Weighted:
 def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Weighted:
     """Weigh runs by evidence, each name priced."""
     power = np.maximum(design.power.sum(axis=0), 1e-30)
-    first = min(runs, key=lambda r: float((r.left.errors / power).sum()))
-    lefts = [replace(r.left, weight=first.left.weight) for r in runs]
+    first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
+    lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
     same = [r for r, x in zip(runs, lefts, strict=True) if _predicts_as_well(x, best)]
     counted = np.max([r.fit.counted for r in runs], axis=0)
@@ -204,8 +203,8 @@ def _predicts_as_well(left: LeftOut, best: LeftOut) -> bool:
 
 def _falls_behind(runs: Sequence[Found]) -> bool:
     """Whether the last run predicts left-out blocks clearly worse than the best."""
-    weight = runs[-1].left.weight
-    lefts = [replace(r.left, weight=weight) for r in runs]
+    weight = runs[-1].left_out.weight
+    lefts = [replace(r.left_out, weight=weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ weight).sum()))
     total, least = (float((x.errors @ weight).sum()) for x in (lefts[-1], best))
     behind = total > (1 + RULES.hopeless_share) * least
@@ -269,10 +268,10 @@ class _Constants:
 
     def search(self, search: Search) -> Search:
         """The same search with constants among the candidates."""
-        candidates = search.candidates.beside(self.groups) if self.groups else None
-        return Search(
-            self.score(search.score.prior), candidates or search.candidates, self.curves
-        )
+        candidates = search.candidates
+        if self.groups:
+            candidates = candidates.beside(self.groups)
+        return Search(self.score(search.score.prior), candidates, self.curves)
 
 
 def _conclude(
@@ -313,7 +312,7 @@ def _judge(
     look: Search, best: Found, weighted: Weighted, group: CandidateColumns
 ) -> Name:
     """Evidence, equivalents and probability of one name."""
-    score, fitted, left = best.score, best.fit, best.left
+    score, fitted, left = best.score, best.fit, best.left_out
     rest = tuple(g for g in fitted.members if g is not group)
     without = score.fit(rest, fitted)
     bare = replace(score.left_out(without), weight=left.weight)
@@ -323,7 +322,7 @@ def _judge(
     for trial in look.look(without, group, RULES.class_looks):
         if is_curve(trial.group) or trial.nats < nats / 2:
             continue
-        if left.gain_over(replace(trial.left, weight=left.weight)).sum() < within:
+        if left.gain_over(replace(trial.left_out, weight=left.weight)).sum() < within:
             near.append(trial.group)
     alike = {group.effect.name, *(g.effect.name for g in near)}
     # A constant is free in every run.

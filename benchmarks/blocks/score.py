@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from benchmarks.blocks.rules import RULES
+from residual.changes.contrast import change_log_evidence
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
 from residual.evidence.fit import (
@@ -32,7 +33,6 @@ from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 
 MERGES = (1, 2, 4)  # blocks that are joined: the least evidence of these counts
-SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
 FLAT = 1e-9  # of the largest eigenvalue: what no log tells
 
 
@@ -106,11 +106,6 @@ class Score:
         ]
         return fits[int(np.argmax([f.score for f in common]))]
 
-    def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
-        """Fit a set with the row counts of another, to be compared with it."""
-        args = self.design, self.prior, members, like.counted, like.variance
-        return fit_jointly(*args, rounds=3)
-
     def covariances(self, fitted: Fit) -> list[tuple[Array, float]]:
         """Covariances of a fit by how its blocks disagree, and their degrees.
 
@@ -153,7 +148,7 @@ class Score:
             total = _invert(covariance[np.ix_(slots, slots)])
             own = total - group.precision
             pull, prior = total @ theta, group.precision
-            values += mixture_evidence(own, pull, prior, degrees).tolist()
+            values.append(float(change_log_evidence(own, pull, prior, degrees)))
         return min(values)
 
     def left_out(self, fitted: Fit) -> LeftOut:
@@ -179,36 +174,6 @@ class Score:
             moved = (gram @ own[..., None])[..., 0] - 2 * cross
             errors[:, j] += (own * moved).sum(axis=1)
         return LeftOut(np.maximum(errors, 0.0), weight)
-
-
-def mixture_evidence(
-    information: Array,
-    pull: Array,
-    prior: Array,
-    degrees: float,
-    sizes: Sequence[float] = (1.0,),
-) -> Array:
-    """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
-
-    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
-    goes by how large they are.
-
-    Args:
-        information: Of the logs alone. Shape (k, k).
-        pull: Information times the coefficients. Shape (k,).
-        prior: Precision of the usual prior. Shape (k, k).
-        sizes: Factors on the coefficients. Shape (s,).
-    """
-    scale = 1 / np.sqrt(np.diag(prior))
-    lower = np.linalg.cholesky(prior * np.outer(scale, scale))
-    half = np.linalg.inv(lower) * scale
-    known, turn = np.linalg.eigh(half @ information @ half.T)
-    known = np.maximum(known, 0.0)[:, None]
-    along = (turn.T @ (half @ pull))[:, None] ** 2
-    wald = np.outer(np.square(sizes), (along / (known + 1 / SQUARES)).sum(axis=0))
-    worth = 0.5 * (degrees + 1) * np.log1p(wald / degrees)
-    worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=0)
-    return worth.max(axis=1) - np.log(len(SQUARES))
 
 
 def _invert(matrix: Array) -> Array:

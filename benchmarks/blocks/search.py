@@ -93,17 +93,12 @@ class Found:
 
     score: Score
     fit: Fit
-    left: LeftOut
+    left_out: LeftOut
 
     @property
     def named(self) -> Members:
         """Its members but curves."""
         return tuple(g for g in self.fit.members if not is_curve(g))
-
-    @property
-    def curves(self) -> Members:
-        """Joints that follow a free curve, better than any name."""
-        return tuple(g for g in self.fit.members if is_curve(g))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -116,7 +111,7 @@ class Trial:
     score: Score
 
     @property
-    def left(self) -> LeftOut:
+    def left_out(self) -> LeftOut:
         """Errors of left-out blocks."""
         return self.score.left_out(self.fit)
 
@@ -139,10 +134,6 @@ class Search:
         if is_curve(group):
             return float(np.log(len(self.candidates.price)))
         return self.candidates.cost(group)
-
-    def set_score(self, fitted: Fit) -> float:
-        """Evidence of a set less the price of its names [nats]."""
-        return fitted.score - sum(self.cost(g) + self.least for g in fitted.members)
 
     def run(self, start: Members = ()) -> Found:
         """Add the best candidate while one is borne out."""
@@ -208,12 +199,6 @@ class Search:
         fall = after.fall_from(before).max()
         return max(float(fall), float(torque)) >= RULES.min_share
 
-    def shortlist(
-        self, base: Fit, instead: CandidateColumns | None, most: int
-    ) -> list[CandidateColumns]:
-        """The best shape of the most promising candidates, by a quick look."""
-        return [group for _, group in self._rank(base, instead)[:most]]
-
     def _rank(
         self, base: Fit, instead: CandidateColumns | None
     ) -> list[tuple[float, CandidateColumns]]:
@@ -262,7 +247,7 @@ class Search:
 
         Where a curve leaves a quarter less than a name the joint follows the curve.
         """
-        curves = {t: t.left for t in trials if is_curve(t.group)}
+        curves = {t: t.left_out for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
         for trial in trials:
             if is_curve(trial.group):
@@ -270,7 +255,7 @@ class Search:
             elif outdone is not None and not self._rivals(trial.group, outdone.group):
                 continue
             else:
-                after = trial.left
+                after = trial.left_out
             if not self.is_borne_out(trial, after, before):
                 continue
             rivals = [
