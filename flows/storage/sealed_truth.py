@@ -12,7 +12,7 @@ import pyarrow as pa
 from residual.effects import list_effect_parameters
 from residual.errors import InputError
 from warehouse.query.store import Store
-from warehouse.record_ids import build_seal_path
+from warehouse.record_ids import build_record_path, build_seal_path
 from warehouse.remote_store import record_exists
 from warehouse.runs import mark_run, read_sealed_spec
 from warehouse.store_catalogue import StoredRecord
@@ -49,7 +49,7 @@ def show_truth(opened: Store) -> None:
 
 def _truth_rows(store: Path, run: Mapping) -> Iterator[dict]:
     id, units = run["run_id"], list_effect_parameters()
-    folder = store / "samples" / f"robot={run['robot']}" / f"run_id={id}"
+    folder = build_record_path(store, "runs", id, run["robot"])
     spec = read_sealed_spec(store, StoredRecord("runs", id, folder))
     try:
         for effect in spec["effects"]:
