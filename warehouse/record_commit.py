@@ -187,8 +187,9 @@ def commit_record(
 
 
 def _timing_rows(seconds: Mapping[str, float]) -> list[dict]:
-    rounded = {step: round(value, 3) for step, value in seconds.items()}
-    return [{"step": step, "seconds": value} for step, value in rounded.items()]
+    return [
+        {"step": step, "seconds": round(value, 3)} for step, value in seconds.items()
+    ]
 
 
 def commit_catalogue_row(

@@ -281,10 +281,8 @@ def report(ids: list[str], store: str) -> str:
     It and the sentences of the verdict become artifacts.
     """
     page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
-    name, verdict = (
-        format_run_name(ids[0], Path(store)),
-        read_verdict(Path(store), ids[0]),
-    )
+    name = format_run_name(ids[0], Path(store))
+    verdict = read_verdict(Path(store), ids[0])
     publish_verdict(name, page, stored_pages.read_verdict_headline(ids[1], Path(store)))
     rename_flow_run(name)
     if verdict.effects:

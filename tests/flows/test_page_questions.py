@@ -57,7 +57,7 @@ def diagnose(store, run, name):
 
 
 @pytest.fixture(scope="module")
-def asked(tmp_path_factory):
+def friction_store(tmp_path_factory):
     """Runs at three levels of friction in two families, with what was made of them."""
     store = tmp_path_factory.mktemp("questions") / "store"
     points = [(level, kind) for level in LEVELS for kind in ("cyclic", "welding")]
@@ -81,8 +81,8 @@ def asked(tmp_path_factory):
         yield runs, lambda word: opened.sql(queries[word]).to_pylist()
 
 
-def test_error_by_friction_level_and_family(asked):
-    rows = asked[1]("Error")
+def test_error_by_friction_level_and_family(friction_store):
+    rows = friction_store[1]("Error")
     assert [(r["level"], r["trajectory"], r["error"]) for r in rows] == [
         (1.0, "cyclic", 10.0),
         (1.0, "welding", 11.0),
@@ -92,24 +92,24 @@ def test_error_by_friction_level_and_family(asked):
     ]
 
 
-def test_runs_that_no_validation_covers(asked):
-    runs, ask = asked
+def test_runs_that_no_validation_covers(friction_store):
+    runs, ask = friction_store
     assert [row["run_id"] for row in ask("Runs")] == [runs[5]]
 
 
-def test_drift_of_parameters_by_arm(asked):
-    (row,) = asked[1]("Drift")
+def test_drift_of_parameters_by_arm(friction_store):
+    (row,) = friction_store[1]("Drift")
     assert (row["serial"], row["name"], row["models"]) == ("A0", "viscous 1", 2)
     days = (datetime(2026, 3, 3) - datetime(2026, 3, 1)).days
     assert row["per_day"] == pytest.approx(0.2 / days)
 
 
-def test_the_level_at_which_a_verdict_first_names_its_effect(asked):
-    (row,) = asked[1]("The")
+def test_the_level_at_which_a_verdict_first_names_its_effect(friction_store):
+    (row,) = friction_store[1]("The")
     assert (row["effect"], row["joints"], row["unit"]) == ("coulomb", [2], "N m")
     assert (row["first"], row["missed"]) == (4.0, 2.0)
 
 
-def test_seconds_by_step(asked):
-    rows = {r["step"]: (r["times"], r["seconds"]) for r in asked[1]("Seconds")}
+def test_seconds_by_step(friction_store):
+    rows = {r["step"]: (r["times"], r["seconds"]) for r in friction_store[1]("Seconds")}
     assert rows == {"plant": (6, 12.0), "reference": (6, 3.0), "validate": (5, 15.0)}
