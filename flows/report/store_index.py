@@ -101,6 +101,7 @@ _RECORDS = f"""
         SELECT validation_id, {_ROBOT.format("v")}, created,
                CASE WHEN kind = 'monitor' THEN 'no alarm'
                     WHEN kind = 'calibration' THEN 'calibration check'
+                    WHEN kind = 'held_out' THEN 'held-out proof'
                     WHEN starts_with(kind, 'open_loop') THEN 'validation'
                     ELSE kind END, verdict
         FROM validations v
