@@ -105,7 +105,7 @@ def test_a_reader_narrows_the_index_and_the_address_keeps_it(tmp_path, tab, widt
         assert tab.run("location.href") == address
     tab.run("""for (const each of document.querySelectorAll('.filters *')) {
       each.value = ''; each.dispatchEvent(new Event('input')); }""")
-    assert tab.run(f"{shown}.length") == 5
+    assert tab.run(f"{shown}.length") == 6
 
 
 def test_a_stored_page_has_neither_the_key_nor_the_ear_of_the_server(served, tab):
