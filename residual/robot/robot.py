@@ -42,6 +42,12 @@ from residual.robot.files import (
     parse_toml,
     read_mjcf,
 )
+from residual.robot.plausibility import (
+    BodyFlaw,
+    find_body_flaws,
+    read_link_bodies,
+    repair_impossible_bodies,
+)
 from residual.robot.urdf import UrdfArm, read_joint_link, read_urdf
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
@@ -58,7 +64,8 @@ class Robot:
 
     Attributes:
         name: Slug, 1 to 40 of a-z, 0-9, "_" and "-".
-        model: Pinocchio model with nq == nv == dof, gravity set.
+        model: Pinocchio model with nq == nv == dof, gravity set; where the file has a
+            body that cannot exist, with the nearest that can.
         urdf: URDF text the model was built from: continuous joints as revolute, those
             outside of the chain as fixed.
         toml: Canonical text of the robot.toml (JSON, keys sorted), "{}" for none.
@@ -80,6 +87,7 @@ class Robot:
         locked: Joints of its file that are outside of the chain, and where they stand
             [rad or m].
         notes: What of its file was not taken as it stands, in words.
+        flaws: Bodies of its file that no link has (``plausibility``).
     """
 
     name: str
@@ -102,6 +110,7 @@ class Robot:
     known_values: Mapping[str, float] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    flaws: tuple[BodyFlaw, ...] = ()
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -290,7 +299,10 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
         place = (body.name, body.parentJoint, body.placement, pin.FrameType.OP_FRAME)
         model.addFrame(pin.Frame(*place), append_inertia=False)
     model.gravity.linear = extra.pop("gravity")
-    limits = {"velocity_limit": speed, "torque_limit": effort}
+    bodies = read_link_bodies(model, arm.urdf)
+    flaws = find_body_flaws(model, bodies)
+    model = repair_impossible_bodies(model, bodies, flaws)
+    limits = {"velocity_limit": speed, "torque_limit": effort, "flaws": flaws}
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
     return Robot(dof=dof, **parts, **limits | extra)
 
