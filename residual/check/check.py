@@ -44,6 +44,7 @@ from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
 from residual.robot.dynamics import compute_last_joint_distance
+from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
 from residual.signals.splitting import pick_spread_pieces
 
@@ -301,21 +302,10 @@ def find_robot_file_faults(robot: Robot) -> list[Fault]:
     if size and not CHECK.earth_gravity[0] < size < CHECK.earth_gravity[1]:
         words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
         out.append(Fault("robot_file", (), size > 3 * CHECK.earth_gravity[1], words))
-    wrong = []
-    for joint, body in enumerate(bodies, start=1):
-        least, *_, most = np.linalg.eigvalsh(body.inertia)
-        if body.mass < 0 or least < -1e-3 * most:
-            wrong.append((joint, f"link {joint} has a moment of {least:.3g} kg m^2"))
-        elif (
-            body.mass * most > (body.mass * CHECK.gyration_ratio * max(reach, 0.1)) ** 2
-        ):
-            radius = np.sqrt(most / body.mass)
-            words = f"the mass of link {joint} is spread over {radius:.3g} m"
-            wrong.append((joint, words))
-    if wrong:
-        joints, words = zip(*wrong, strict=True)
-        evidence = f"No body is like that: {'; '.join(words)}."
-        out.append(Fault("robot_file", joints, True, evidence))
+    if robot.flaws and not out:
+        joints = tuple(sorted({flaw.joint for flaw in robot.flaws}))
+        words = f"{'; '.join(describe_body_flaws(robot.flaws))}. {BODY_REMEDY}"
+        out.append(Fault("robot_file", joints, False, words))
     return out
 
 

@@ -171,7 +171,7 @@ def _inertial_root(robot: Robot) -> Array:
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
-    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot))
+    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot, BODY))
     lever = _LEVER * compute_last_joint_distance(robot.model)
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
     out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))

@@ -54,7 +54,6 @@ class CheckThresholds:
     excursion_ratio: float = 5.0  # of a limit, over several samples: no arm does
 
     # The robot file, and what a motion shows.
-    gyration_ratio: float = 3.0  # radius of gyration over the reach
     earth_gravity: tuple[float, float] = (9.6, 10.0)  # m/s^2
     shortest_s: float = 7.5  # of motion, all logs together
     one_way_share: float = 0.02  # of a path that does not count as a way back

@@ -21,6 +21,10 @@ WIDEST = 0.8  # radius of gyration over the link's length; a dumbbell's is 0.5
 WIDEST_BALL = 0.5  # the same of three equal moments; a hollow ball's is 0.41
 FARTHEST = 2.0  # a centre's distance from the link's joints over its length
 HEAVIEST_LINK = 0.9  # of the mass that moves, where three links or more do
+BODY_REMEDY = (
+    "These moments are left open in a fit, and a body that cannot exist is taken as "
+    "the nearest that can. Give the real ones in the robot file."
+)
 SLACK = 0.005  # of the largest moment: what rounding leaves of an exact plate
 THIN = 0.02  # of the largest eigenvalue of S: a repaired body is no flatter
 # Of the inertia that its joint feels: a smaller moment is not worth a word.
@@ -132,6 +136,17 @@ def find_body_flaws(
     return tuple(out)
 
 
+def describe_body_flaws(flaws: Sequence[BodyFlaw]) -> list[str]:
+    """Return the flaws in words, links with the same one together."""
+    links: dict[str, list[str]] = {}
+    for flaw in flaws:
+        links.setdefault(flaw.words, []).append(f"'{flaw.link}'")
+    return [
+        f"link{'s' * (len(names) > 1)} {join_with_commas(names)}: {words}"
+        for words, names in links.items()
+    ]
+
+
 def repair_impossible_bodies(
     model: pin.Model, bodies: Sequence[LinkBody], flaws: Sequence[BodyFlaw]
 ) -> pin.Model:
@@ -187,7 +202,7 @@ def _judge(
         and abs(other.mass - body.mass) > 0.01 * body.mass
     ]
     if alike:
-        words = f"{given} stands on {join_with_commas(alike)}, too, of another mass"
+        words = f"{given} on links of different mass"
         return "placeholder", f"{words}: a placeholder"
     if ball and f"{most:.3e}"[1:5] == ".000":
         return "placeholder", f"{given}, a ball's with one digit: a placeholder"
@@ -252,7 +267,8 @@ def _distance(point: Array, end: Array) -> float:
 
 
 def _vector(node: ET.Element | None, key: str) -> Array:
-    return np.array(("0 0 0" if node is None else node.get(key, "0 0 0")).split(), float)
+    text = "0 0 0" if node is None else node.get(key, "0 0 0")
+    return np.array(text.split(), float)
 
 
 def _matrix(entries: Sequence[float]) -> Array:
