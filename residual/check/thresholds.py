@@ -25,6 +25,8 @@ class CheckThresholds:
     # Single samples and constant values.
     spike_ratio: float = 12.0  # times the 99 % quantile of the signal's deviations
     spike_share: float = 0.002  # of the samples: more are not single ones
+    outlier_share: float = 1e-3  # of the largest of its signal: less is no outlier
+    bit_share: float = 0.02  # of the same: a larger step is no bit of a sensor
     frozen_s: float = 0.3
     jump_rad: float = 0.01  # by which a frozen angle returns
     torque_step_ratio: float = 0.08  # of the torque's rms

@@ -15,6 +15,7 @@ import pinocchio as pin
 
 from residual.errors import join_with_commas
 from residual.recording import Array
+from residual.robot.files import find_prismatic_joints
 
 LIGHTEST, HEAVIEST = 300.0, 20_000.0  # kg/m^3 of a ball as large, as small as a link
 WIDEST = 0.8  # radius of gyration over the link's length; a dumbbell's is 0.5
@@ -142,7 +143,7 @@ def describe_body_flaws(flaws: Sequence[BodyFlaw]) -> list[str]:
     for flaw in flaws:
         links.setdefault(flaw.words, []).append(f"'{flaw.link}'")
     return [
-        f"link{'s' * (len(names) > 1)} {join_with_commas(names)}: {words}"
+        f"Link{'s' * (len(names) > 1)} {join_with_commas(names)}: {words}"
         for words, names in links.items()
     ]
 
@@ -241,9 +242,13 @@ def _nearest(body: LinkBody) -> Array:
 
 
 def _felt_inertias(model: pin.Model) -> Array:
-    """Inertia that each joint feels, the arm at zero [kg m^2 or kg]. Shape (dof,)."""
-    felt = np.diag(pin.crba(model, model.createData(), pin.neutral(model)))
-    return np.abs(felt)
+    """Inertia about each joint, the arm at zero [kg m^2]. Shape (dof,)."""
+    felt = np.abs(np.diag(pin.crba(model, model.createData(), pin.neutral(model))))
+    turning = 0.0
+    for j, slides in enumerate(find_prismatic_joints(model)):
+        # A joint that slides feels no moment, the one before it that turns does.
+        felt[j] = turning = turning if slides else felt[j]
+    return felt
 
 
 def _words(body: LinkBody) -> str:
