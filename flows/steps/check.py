@@ -60,7 +60,7 @@ def check_log_sets(logs: LogSets) -> LogCheck:
         signals = {repair.signal for repair in fault.repairs}
         every = [*(r for r in certain if r.signal in signals), *fault.repairs]
         line = format_repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
-        if fault.kind == "robot_file":
+        if fault.kind == "robot_file" and line is None:
             line = format_gravity_line(logs.robot)
         joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
         fault = replace(fault, joints=joints, certain=sure, log="", repair=line)

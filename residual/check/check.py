@@ -118,6 +118,8 @@ def _of_the_arm(
     faults += find_insufficient_motion(logs, motion)
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
+    robot, held = find_weight_in_torque(robot, motion)
+    faults += held
     columns, reading = find_misread_columns(robot, motion)
     slipped, mounted = find_torque_slips(robot, motion), None
     if slipped and slipped.alone and any(fault.certain for fault in columns):
@@ -307,6 +309,29 @@ def find_robot_file_faults(robot: Robot) -> list[Fault]:
         words = f"{'; '.join(describe_body_flaws(robot.flaws))}. {BODY_REMEDY}"
         out.append(Fault("robot_file", joints, False, words))
     return out
+
+
+def find_weight_in_torque(
+    robot: Robot, motion: CheckMotion
+) -> tuple[Robot, list[Fault]]:
+    """Return the arm whose drives carry what the logs show, and the fault if other.
+
+    A file may say that a force beside the drives holds a part of the weight; whether a
+    log was taken so, only its torque says.
+    """
+    if robot.carried is None:
+        return robot, []
+    free = replace(robot, carried=None)
+    nats = compute_body_evidence(free, motion) - compute_body_evidence(robot, motion)
+    if nats < CHECK.suspect_nats:
+        return robot, []
+    words = (
+        f"The torque has the weight of {join_with_commas(robot.carried.links)}, which "
+        f"the file says is held beside the drives (gravcomp): {nats:.0f} nats."
+    )
+    repairs = (Repair("robot", gravcomp=False),)
+    sure = nats > CHECK.certain_nats
+    return free, [Fault("robot_file", (), sure, words, repairs)]
 
 
 def find_insufficient_motion(

@@ -22,8 +22,8 @@ from residual.robot.dynamics import (
     build_motion_key,
     compute_flange_jacobian,
     compute_gravity_torque,
-    compute_inertial_regressor,
     compute_last_joint_distance,
+    compute_robot_regressor,
     read_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -119,7 +119,7 @@ def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> Array:
 def _inertial_columns(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
     """Return the inertial regressor, and the torque of the robot file. (n, dof)."""
     parts = motion.q, motion.qd, motion.qdd
-    y = compute_inertial_regressor(robot.model, *parts)
+    y = compute_robot_regressor(robot, *parts)
     torque = make_read_only(y @ read_inertial_parameters(robot.model))
     with _LOCK:
         _TORQUES[build_motion_key(robot, *parts)] = torque

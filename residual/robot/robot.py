@@ -29,6 +29,7 @@ from residual.errors import (
 )
 from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array, Recording, compute_speed_quantile
+from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
     GRAVITY,
     CompiledMjcf,
@@ -88,6 +89,8 @@ class Robot:
             [rad or m].
         notes: What of its file was not taken as it stands, in words.
         flaws: Bodies of its file that no link has (``plausibility``).
+        carried: Weight that is missing from the torque of its drives, by its file; None
+            where they carry all.
     """
 
     name: str
@@ -111,6 +114,7 @@ class Robot:
     locked: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
     flaws: tuple[BodyFlaw, ...] = ()
+    carried: CarriedWeight | None = None
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -262,6 +266,20 @@ def add_known_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     return _with_table(robot, "known", values) if values else robot
 
 
+def refuse_carried_weight(robot: Robot, target: str) -> None:
+    """Refuse an arm whose drives do not carry all of its weight.
+
+    Raises:
+        RobotError: If it is one, with what to do.
+    """
+    if robot.carried is not None:
+        raise RobotError(
+            f"{robot.name} has a weight that its drives do not carry (gravcomp of its "
+            f"MJCF), and {target} knows none. Leave gravcomp out of the file, or give "
+            "gravcomp = false in robot.toml, [robot]: then its drives carry all."
+        )
+
+
 def replace_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
     """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
     return _with_table(robot, "robot", {"gravity": [float(g) for g in gravity]})
@@ -303,6 +321,9 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
     flaws = find_body_flaws(model, bodies)
     model = repair_impossible_bodies(model, bodies, flaws)
     limits = {"velocity_limit": speed, "torque_limit": effort, "flaws": flaws}
+    limits["carried"] = None
+    if extra.pop("gravcomp"):
+        limits["carried"] = read_carried_weight(model, arm.urdf, bodies)
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
     return Robot(dof=dof, **parts, **limits | extra)
 
