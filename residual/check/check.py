@@ -44,8 +44,13 @@ from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
 from residual.robot.dynamics import compute_last_joint_distance
+from residual.robot.limits import (
+    drop_placeholder_limits,
+    find_limit_flaws,
+    find_placeholder_limits,
+)
 from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
-from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
+from residual.robot.robot import Robot
 from residual.signals.splitting import pick_spread_pieces
 
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
@@ -279,6 +284,14 @@ def confirm_repairs(
         own = filter_check_motion([log])
     rows = 0.0 if own is None else own.spread * own.moving.sum(axis=0)
     return after + float(np.sum(rows * units)) > before + CHECK.suspect_nats
+
+
+def check_robot(robot: Robot) -> LogCheck:
+    """Check the file of a robot alone: bodies, gravity and limits."""
+    faults = find_robot_file_faults(robot)
+    for joint, words in find_limit_flaws(robot):
+        faults.append(Fault("robot_file", (joint,), False, words))
+    return LogCheck(tuple(faults))
 
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:

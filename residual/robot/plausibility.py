@@ -31,7 +31,6 @@ THIN = 0.02  # of the largest eigenvalue of S: a repaired body is no flatter
 # Of the inertia that its joint feels: a smaller moment is not worth a word.
 SHARE, IMPOSSIBLE_SHARE = 0.01, 1e-4
 _KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
-_TENSOR = (4, 6, 9, 5, 7, 8)  # where they stand among Pinocchio's ten parameters
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,8 +128,9 @@ def find_body_flaws(
     out = []
     for body in bodies:
         kind, words = _judge(body, bodies, moving)
-        size = body.mass * body.length**2
-        share = max(abs(body.moments).max(), size if kind == "dense" else 0.0)
+        share = abs(body.moments).max()
+        if kind in ("dense", "mass", "centre"):  # what is wrong is what is missing
+            share = max(share, body.mass * body.length**2)
         least = IMPOSSIBLE_SHARE if kind == "impossible" else SHARE
         if kind and share >= least * felt[body.joint - 1]:
             out.append(BodyFlaw(body.link, body.joint, kind, words, _doubt(body, kind)))
@@ -157,10 +157,10 @@ def repair_impossible_bodies(
         return model
     model = pin.Model(model)
     for body in (body for body in bodies if body.link in links):
-        parameters = np.array(model.inertias[body.joint].toDynamicParameters())
-        # About any point: no mass moves, so nothing is carried over to the origin.
-        parameters[list(_TENSOR)] += _entries(_nearest(body) - body.tensor)
-        model.inertias[body.joint] = pin.Inertia.FromDynamicParameters(parameters)
+        whole = model.inertias[body.joint]
+        # No mass moves, so a tensor about any point changes by the same.
+        tensor = whole.inertia + _nearest(body) - body.tensor
+        model.inertias[body.joint] = pin.Inertia(whole.mass, whole.lever, tensor)
     return model
 
 
@@ -279,7 +279,3 @@ def _vector(node: ET.Element | None, key: str) -> Array:
 def _matrix(entries: Sequence[float]) -> Array:
     xx, yy, zz, xy, xz, yz = entries
     return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
-
-
-def _entries(tensor: Array) -> Array:
-    return tensor[(0, 1, 2, 0, 0, 1), (0, 1, 2, 1, 2, 2)]

@@ -1,8 +1,6 @@
 """The robot: rigid body from its file, everything else from its robot.toml.
 
-Also the one word for its file and how it is read, which requests and records keep, and
-the limits that logs show to be placeholders: who writes a file without knowing a limit
-writes some number, and an arm that keeps none of them has no limits.
+Also the one word for its file and how it is read, which requests and records keep.
 """
 
 import hashlib
@@ -27,8 +25,7 @@ from residual.errors import (
     check_name,
     shorten_value,
 )
-from residual.quantity import convert_to_sliding_unit
-from residual.recording import Array, Recording, compute_speed_quantile
+from residual.recording import Array, Recording
 from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
     GRAVITY,
@@ -481,73 +478,3 @@ def parse_robot_reference(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
     for key, value in options:
         out.setdefault(key, []).append(value)
     return place, out
-
-
-BROKEN = 1.5  # times a limit: files are a little too strict
-ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
-NEARLY = 0.8  # of the joints
-FEWEST = 3  # joints: of two nobody says what is usual
-STRIDE, SHARE = 0.1, 0.95  # s over which a speed is taken; of the samples are slower
-# What arms do at most; beyond it columns or units are wrong, not the file. A torque
-# that is so many times its limit is in another unit.
-FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
-STRONGEST = 30.0  # times the limit
-
-_WORDS = {
-    "velocity_limit": ("speed limit", "rad/s"),
-    "torque_limit": ("torque limit", "N m"),
-    "upper": ("range", "rad"),
-}
-
-
-def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
-    """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speeds = []
-    for r in logs:
-        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
-        speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
-    speed = np.max(speeds, axis=0)
-    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
-    # Another zero, or an encoder that begins again, leaves a range for what it is.
-    span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
-    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
-    travel = robot.upper - robot.lower
-    checked = {
-        "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
-        "torque_limit": (torque, robot.torque_limit, True),
-        "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
-    }
-    out = {}
-    for key, (size, limit, possible) in checked.items():
-        ratio = size / limit
-        if key == "torque_limit":
-            possible = ratio.max() < STRONGEST
-        if possible and _is_placeholder(ratio, limit):
-            name, unit = _WORDS[key]
-            worst = int(np.argmax(ratio))
-            unit = convert_to_sliding_unit(unit) if robot.prismatic[worst] else unit
-            out[key] = (
-                f"the {name} of joint {worst + 1} is {limit[worst]:.3g} {unit} in the "
-                f"robot file, and it reaches {size[worst]:.3g} {unit}"
-            )
-    return out
-
-
-def _is_placeholder(ratio: Array, limit: Array) -> bool:
-    """Whether all limits are one number that is broken, or nearly all by one factor."""
-    if len(limit) < FEWEST or not np.isfinite(limit).all():
-        return False
-    broken = ratio > BROKEN
-    middle = float(np.median(ratio))
-    near = broken & (ratio < ALIKE * middle) & (ratio > middle / ALIKE)
-    equal = np.ptp(limit) < 1e-3 * limit.max()
-    return bool((equal and broken.any()) or near.mean() >= NEARLY)
-
-
-def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
-    """Return the robot without the limits that are placeholders."""
-    limits = find_placeholder_limits(robot, recordings)
-    out = {key: np.full(robot.dof, np.inf) for key in limits}
-    if "upper" in out:
-        out["lower"] = -out["upper"]
-    return replace(robot, **out) if out else robot
