@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
+from benchmarks.check_parts.file_flaws import FLAWED, SCALED
 from benchmarks.harness.figures import (
     NO_BAR,
     NO_LOGS,
@@ -39,11 +40,27 @@ def figures(rows: Rows, deciding: bool) -> Figures:
     value = float(np.median(own)) if own else None
     certain = [r for r in sound if any(said[2] for said in r["said"])]
     which = [[r["host"], r["seed"], r["said"]] for r in certain]
+    files = by_group["files"]
+    flawed = [row for row in files if row["effect"] == FLAWED]
+    blamed = {
+        name: [r for r in files if r["effect"] == name and _blames_log(r)]
+        for name in (FLAWED, SCALED)
+    }
     out = {
         **lines(_OF_FAULTS, faults),
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
+        **lines([_FLAWS], flawed),
+        **{
+            f"log_blamed_for_{name.replace(' ', '_')}": figure(
+                len(rows),
+                0,
+                sum(row["effect"] == name for row in files),
+                which=counted([kind for r in rows for kind, *_ in r["said"]]),
+            )
+            for name, rows in blamed.items()
+        },
         "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
@@ -55,6 +72,11 @@ def figures(rows: Rows, deciding: bool) -> Figures:
 def false_of(row: Mapping) -> list:
     true = (*TRUE_OF.get(row["host"], ()), *SHOWS_AS.get(row["effect"], ()))
     return [said for said in row["said"] if said[2] or said[0] not in true]
+
+
+def _blames_log(row: Mapping) -> bool:
+    """Whether a certain fault is told that is none of the robot file."""
+    return any(sure and kind != "robot_file" for kind, _, sure in row["said"])
 
 
 def _hit(row: Mapping) -> bool:
@@ -83,6 +105,7 @@ _OF_FAULTS = (
     Line("faults_found_simulated", _hit, of=lambda r: not _is_measured(r)),
     Line("faults_found_measured", _hit, of=_is_measured),
 )
+_FLAWS = Line("file_flaws_named", _hit, 0.90)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
     "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults

@@ -123,7 +123,7 @@ def find_body_flaws(
     model: pin.Model, bodies: Sequence[LinkBody]
 ) -> tuple[BodyFlaw, ...]:
     """Return what is wrong with the bodies of an arm, one flaw for each link."""
-    felt = _felt_inertias(model)
+    felt = _felt_inertias(model, bodies)
     moving = sum(body.mass for body in bodies)
     out = []
     for body in bodies:
@@ -241,8 +241,18 @@ def _nearest(body: LinkBody) -> Array:
     return np.trace(spread) * np.eye(3) - spread
 
 
-def _felt_inertias(model: pin.Model) -> Array:
-    """Inertia about each joint, the arm at zero [kg m^2]. Shape (dof,)."""
+def _felt_inertias(model: pin.Model, bodies: Sequence[LinkBody]) -> Array:
+    """Inertia about each joint, the arm at zero [kg m^2]. Shape (dof,).
+
+    Of rods as long and heavy as the links: their tensors are what is in question.
+    """
+    model, rods = pin.Model(model), np.zeros(model.njoints)
+    for body in bodies:
+        rods[body.joint] += body.mass * body.length**2 / 12
+    for j in range(1, model.njoints):
+        whole = model.inertias[j]
+        tensor = rods[j] * np.eye(3)
+        model.inertias[j] = pin.Inertia(whole.mass, whole.lever, tensor)
     felt = np.abs(np.diag(pin.crba(model, model.createData(), pin.neutral(model))))
     turning = 0.0
     for j, slides in enumerate(find_prismatic_joints(model)):
