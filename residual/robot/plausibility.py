@@ -57,7 +57,7 @@ class LinkBody:
     mass: float  # [kg]
     centre: Array  # from the joint's origin [m], (3,)
     tensor: Array  # about the centre [kg m^2], (3, 3)
-    given: tuple[float, ...]  # moments and products as they stand in the file
+    entries: tuple[float, ...]  # moments and products as they stand in the file
     length: float  # of the link, as its joints, centre and mass show it [m]
     away: float  # of the centre from the line through its joints [m]
 
@@ -199,7 +199,7 @@ def _judge(
         other.link
         for other in bodies
         if other.joint != body.joint
-        and other.given == body.given
+        and other.entries == body.entries
         and abs(other.mass - body.mass) > 0.01 * body.mass
     ]
     if alike:
@@ -262,10 +262,10 @@ def _felt_inertias(model: pin.Model, bodies: Sequence[LinkBody]) -> Array:
 
 
 def _words(body: LinkBody) -> str:
-    first, second, third, *products = body.given
+    first, second, third, *products = body.entries
     if first == second == third and not any(products):
         return f"ixx = iyy = izz = {first:.4g} kg m^2"
-    named = zip(_KEYS, body.given, strict=True)
+    named = zip(_KEYS, body.entries, strict=True)
     kept = [f"{k} {v:.4g}" for n, (k, v) in enumerate(named) if n < 3 or v]
     return f"tensor {', '.join(kept)} kg m^2"
 
