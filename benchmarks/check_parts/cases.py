@@ -139,7 +139,8 @@ def _files(task: Task) -> list[dict]:
             drawn = file_flaws.draw_flawed(arm, rng)
             named = {flaw.link for flaw in drawn.robot.flaws}
             row = _sound(drawn.robot, arm.logs, task, file_flaws.FLAWED)
-            rows.append(row | {"hit": set(drawn.links) <= named})
+            hit = {"kind": "robot_file", "hit": set(drawn.links) <= named}
+            rows.append(row | hit | {"joints": list(drawn.links)})
             robot, factor = file_flaws.draw_scaled(arm, rng)
             row = _sound(robot, arm.logs, task, file_flaws.SCALED)
             rows.append(row | {"factor": factor})

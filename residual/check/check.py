@@ -23,7 +23,11 @@ from residual.check.kinematics import (
     find_velocity_faults,
 )
 from residual.check.mounting import REMOVED, compute_body_evidence, find_mounting_fault
-from residual.check.physics_columns import CheckMotion, filter_check_motion
+from residual.check.physics_columns import (
+    CheckMotion,
+    compute_nominal_torque,
+    filter_check_motion,
+)
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
     find_constant_angles,
@@ -43,7 +47,12 @@ from residual.check.torque_shares import (
 from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.dynamics import compute_last_joint_distance
+from residual.robot.dynamics import (
+    PER_LINK,
+    compute_last_joint_distance,
+    compute_robot_regressor,
+    read_inertial_parameters,
+)
 from residual.robot.limits import (
     drop_placeholder_limits,
     find_limit_flaws,
@@ -53,6 +62,7 @@ from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot
 from residual.signals.splitting import pick_spread_pieces
 
+FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
@@ -330,20 +340,41 @@ def find_weight_in_torque(
     """Return the arm whose drives carry what the logs show, and the fault if other.
 
     A file may say that a force beside the drives holds a part of the weight; whether a
-    log was taken so, only its torque says.
+    log was taken so, only its torque says: beside friction and rotors it lacks a share
+    of that part, near one or near none.
     """
     if robot.carried is None:
         return robot, []
     free = replace(robot, carried=None)
-    nats = compute_body_evidence(free, motion) - compute_body_evidence(robot, motion)
-    if nats < CHECK.suspect_nats:
+    regressor = compute_robot_regressor(free, motion.q, motion.qd, motion.qdd)
+    whole = regressor @ read_inertial_parameters(robot.model)
+    held = whole - compute_nominal_torque(robot, motion)
+    parts = []
+    for j in np.flatnonzero(motion.moving.sum(axis=0) > FEWEST_ROWS):
+        use, tau = motion.moving[:, j], motion.tau[:, j]
+        qd, qdd = motion.qd[use, j], motion.qdd[use, j]
+        drive = np.stack([np.ones_like(qd), qd, np.sign(qd), qdd], axis=1)
+        load = regressor[use, j, -PER_LINK:]  # a tool that the file does not have
+        part = np.column_stack([held[use, j], (whole[:, j] - tau)[use], load])
+        part -= drive @ np.linalg.lstsq(drive, part, rcond=None)[0]
+        parts.append(part / max(float(np.sqrt(np.mean(tau[use] ** 2))), 1e-9))
+    if not parts:
+        return robot, []
+    rows = np.concatenate(parts)
+    load = rows[:, 2:]
+    alone = rows[:, :2] - load @ np.linalg.lstsq(load, rows[:, :2], rcond=None)[0]
+    size = float(alone[:, 0] @ alone[:, 0])
+    share = float(alone[:, 0] @ alone[:, 1]) / max(size, 1e-300)
+    seen = size > CHECK.weight_share**2 * float(rows[:, 0] @ rows[:, 0])
+    if not seen or abs(share) > 0.5:
         return robot, []
     words = (
         f"The torque has the weight of {join_with_commas(robot.carried.links)}, which "
-        f"the file says is held beside the drives (gravcomp): {nats:.0f} nats."
+        "the file says is held beside the drives (gravcomp): it lacks "
+        f"{100 * abs(share):.0f} % of it."
     )
     repairs = (Repair("robot", gravcomp=False),)
-    sure = nats > CHECK.certain_nats
+    sure = abs(share) < CHECK.weight_share
     return free, [Fault("robot_file", (), sure, words, repairs)]
 
 
