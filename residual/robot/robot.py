@@ -395,7 +395,9 @@ def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
 
     Raises:
         InputError: If a mass is not positive: no URDF can hold it.
+        RobotError: If the drives do not carry all of its weight.
     """
+    refuse_carried_weight(robot, "a URDF")
     root = ET.fromstring(robot.urdf)
     joints = {j.get("name", ""): j for j in root.findall("joint")}
     links = {link.get("name", ""): link for link in root.findall("link")}

@@ -6,7 +6,11 @@ import pytest
 from flows.inputs.read import load_command_robot as load_arm
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import LazyRegressor, read_inertial_parameters
-from residual.robot.robot import build_robot, load_robot, refuse_carried_weight
+from residual.robot.robot import (
+    build_robot,
+    load_robot,
+    write_urdf_with_inertias,
+)
 from tests.residual.arms import urdf_text
 
 mujoco = pytest.importorskip("mujoco", reason="the extra mjcf is not installed")
@@ -92,7 +96,7 @@ def test_weight_that_is_held_beside_the_drives_is_said_and_may_be_denied(tmp_pat
     again = build_robot(robot.name, robot.urdf, robot.toml)  # from what a store keeps
     np.testing.assert_array_equal(again.carried.shares, robot.carried.shares)
     with pytest.raises(RobotError, match="gravcomp = false"):
-        refuse_carried_weight(robot, "a URDF")
+        write_urdf_with_inertias(robot, read_inertial_parameters(robot.model))
     (tmp_path / "robot.toml").write_text("[robot]\ngravcomp = false\n")
     assert load_arm(tmp_path).carried is None
 
