@@ -9,8 +9,13 @@ import pinocchio as pin
 import pytest
 
 from flows.inputs.repair import format_repair_lines
-from residual.check.check import check_logs, find_insufficient_motion
+from residual.check.check import (
+    check_logs,
+    find_insufficient_motion,
+    find_weight_in_torque,
+)
 from residual.check.kinematics import find_limit_violations
+from residual.check.physics_columns import filter_check_motion
 from residual.check.result import Repair
 from residual.robot.carried_weight import CarriedWeight
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
@@ -22,6 +27,7 @@ from warehouse.logs import read_log
 from warehouse.logs.column_map import ColumnMap
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hidden"
+DOWN = np.array([0, 0, -9.81])  # m/s^2
 CONSTANTS = np.array([8.0, 15.0, 10.0, 12.0, 9.0, 14.0])  # N m per logged A
 
 
@@ -156,14 +162,20 @@ def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     assert (fault.kind, fault.certain) == ("robot_file", True)
 
 
-def test_a_weight_that_the_file_says_is_held_and_the_torque_has_is_certain():
-    robot, logs = clean_logs("irb140")
-    held = np.tile(np.eye(4), (6, 1, 1))
-    carried = CarriedWeight(held, np.ones(6, dtype=bool), ("link2",))
-    (fault,) = check_logs(replace(robot, carried=carried), logs).faults
-    assert (fault.kind, fault.certain) == ("robot_file", True)
+@pytest.mark.parametrize(("name", "sure"), [("small", False), ("irb140", True)])
+def test_a_weight_that_the_file_says_is_held_and_the_torque_has_is_told(name, sure):
+    robot, (log, *_) = clean_logs(name)
+    every = np.tile(np.eye(4), (robot.dof, 1, 1))
+    carried = CarriedWeight(every, np.ones(robot.dof, dtype=bool), ("link2",))
+    arm_held = replace(robot, carried=carried)
+    free, (fault,) = find_weight_in_torque(arm_held, filter_check_motion([log]))
+    assert free.carried is None
+    assert (fault.kind, fault.certain) == ("robot_file", sure)
     line = format_repair_lines(fault.repairs, robot, ColumnMap())
     assert line == "gravcomp = false"
+    weight = compute_gravity_torque(robot.model, log.q, DOWN)
+    motion = filter_check_motion([replace(log, tau=log.tau - weight)])
+    assert find_weight_in_torque(arm_held, motion) == (arm_held, [])
 
 
 def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():
