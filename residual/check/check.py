@@ -140,6 +140,10 @@ def _of_the_arm(
     if slipped and slipped.alone and any(fault.certain for fault in columns):
         slipped = None
     given = build_given_reading(robot.dof)
+    alone = motion.moving.any(axis=0).sum() < 2
+    if alone and reading.torque_order != given.torque_order:
+        # Of joints that are held no torque says whose it is.
+        columns, reading = [], given
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
     read = _nats(robot, motion, reading if counts else given)
