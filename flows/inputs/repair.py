@@ -67,7 +67,7 @@ def _gravity(gravity: Iterable[float]) -> str:
 
 def describe_repair_file(lines: str) -> str:
     """Return where repair lines belong, in words."""
-    return "robot.toml, [robot]" if lines.startswith("gravity") else "--map"
+    return "robot.toml, [robot]" if lines.startswith("grav") else "--map"
 
 
 def _line(
@@ -78,6 +78,8 @@ def _line(
             math.prod(float(r.scale or 1.0) for r in repairs), columns
         )
     if name == "robot":
+        if any(r.gravcomp is False for r in repairs):
+            return "gravcomp = false"
         gravity = next((r.gravity for r in repairs if r.gravity), None)
         return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
     signal = columns.signals.get(name) or build_default_signal(name, robot.dof)

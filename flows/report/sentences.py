@@ -320,7 +320,12 @@ def title_fault(fault: Fault) -> str:
 
 def describe_check(report: LogCheck) -> list[str]:
     """Return the result of a check: one line, then a paragraph for each fault."""
-    lines = ["", summarize_check(report)]
+    return ["", summarize_check(report), *describe_faults(report)]
+
+
+def describe_faults(report: LogCheck) -> list[str]:
+    """Return a paragraph for each fault."""
+    lines = []
     for fault in report.faults:
         sure = "certain" if fault.certain else "suspected"
         lines += ["", f"{capitalize_first(title_fault(fault))}: {fault.kind}, {sure}."]

@@ -34,6 +34,7 @@ class Repair:
     # The log's channel (from 1) that is the signal of joint 1, 2, ...
     order: tuple[int, ...] | None = None
     gravity: tuple[float, ...] | None = None  # in the base frame [m/s^2]
+    gravcomp: bool | None = None  # whether what an MJCF states of it holds
     unwrap: bool = False  # whole turns between two samples are to be undone
 
 

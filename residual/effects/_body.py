@@ -5,8 +5,12 @@ Pinocchio's order (xx, xy, yy, xz, yz, zz); what a user reads is mass, centre, a
 inertia about that centre, in the axes of a frame that is fixed to the link.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+
+from residual.robot.dynamics import LazyRegressor
 
 PARAMETERS = {
     "mass": "kg",
@@ -27,7 +31,11 @@ ARM = 0.1  # m from the frame to the centre of a usual body
 def columns(state, joints, shape):
     """The regressor of the link that carries it. Shape (n, dof, 10)."""
     (link,) = joints
-    return state.regressor[:, :, 10 * link : 10 * link + 10]
+    regressor = state.regressor
+    if state.robot.carried is not None:  # what is added, nothing holds
+        free = replace(state.robot, carried=None)
+        regressor = LazyRegressor(free, (state.q, state.qd, state.qdd))
+    return regressor[:, :, 10 * link : 10 * link + 10]
 
 
 def values_in(placement, theta):

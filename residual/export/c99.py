@@ -32,6 +32,7 @@ from residual.model.lookup import (
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import build_kinematic_chain
+from residual.robot.robot import refuse_carried_weight
 from residual.signals.track import SMOOTH
 
 WORD = re.compile(r"[a-z]\w*")
@@ -55,6 +56,7 @@ static inline void @P@_torque(
 
 def to_c99(source: AnyModel) -> ModelExport:
     """Return a model as a header; its functions begin with the robot's name."""
+    refuse_carried_weight(remove_tables(source).robot, "a C header")
     made = split_exportable_terms(source, explain_missing_formula)
     text, _ = write_c_header(made.carried, made.omissions)
     return replace(

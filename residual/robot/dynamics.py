@@ -63,6 +63,19 @@ def compute_inertial_regressor(
     return _over(shape, pin.computeJointTorqueRegressor, model, q, qd, qdd)
 
 
+def compute_robot_regressor(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the same without the weight that the drives do not carry."""
+    out = compute_inertial_regressor(robot.model, q, qd, qdd)
+    if (carried := robot.carried) is not None:
+        still = np.zeros_like(q)
+        weight = compute_inertial_regressor(robot.model, q, still, still)
+        bodies = weight.reshape(*q.shape, robot.dof, PER_LINK)[..., :4]
+        held = np.einsum("njbk,bkl->njbl", bodies, carried.shares)
+        held *= carried.missing[:, None, None]
+        out.reshape(*q.shape, robot.dof, PER_LINK)[..., :4] -= held
+    return out
+
+
 def compute_mass_matrix(model: pin.Model, q: Array) -> Array:
     """Return M(q) [kg m^2]. Shape (n, dof, dof)."""
     # It fills no more than the upper half.
@@ -231,7 +244,7 @@ class LazyRegressor:
     made.
     """
 
-    robot: Robot  # the arm
+    robot: Robot  # the arm; without `carried` all of its weight counts
     motion: tuple[Array, Array, Array]  # q, qd and qdd [rad, rad/s, rad/s^2], (n, dof)
 
     def __array__(self, dtype=None, copy=None) -> Array:
@@ -245,7 +258,7 @@ class LazyRegressor:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
             motion = (x[key] for x in self.motion)
-            return compute_inertial_regressor(self.robot.model, *motion)
+            return compute_robot_regressor(self.robot, *motion)
         dof = self.motion[0].shape[1]
         if isinstance(key[2], slice):
             first, stop, step = key[2].indices(PER_LINK * dof)
@@ -262,11 +275,11 @@ class LazyRegressor:
         By the recursive algorithm, in a third of the time, where it is not known.
         """
         blocks = self._remembered()
-        if blocks is None:
+        if blocks is None and self.robot.carried is None:
             body = replace_inertial_parameters(self.robot.model, parameters)
             return compute_inverse_dynamics(body, *self.motion)
         out = np.zeros(self.motion[0].shape)
-        for i, block in enumerate(blocks):
+        for i, block in enumerate(self.links()):
             part = parameters[PER_LINK * i : PER_LINK * (i + 1)]
             out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ part).reshape(-1, i + 1)
         return out

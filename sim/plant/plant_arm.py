@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, refuse_carried_weight
 from sim.engine import friction_laws
 from sim.engine.plant_records import (
     DriveParameters,
@@ -213,6 +213,7 @@ class ArmPhase:
 
 def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
     """Build the arm of a spec."""
+    refuse_carried_weight(robot, "the simulated arm")
     for effect in plant.effects:
         check_effect(effect, robot)
     rng = create_random_stream(plant.seed, "friction")

@@ -10,7 +10,7 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
-from warehouse.logs.column_map import CsvFormat
+from warehouse.logs.column_map import CsvFormat, SignalMap
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -205,6 +205,19 @@ def test_joint_columns_that_misfit_are_refused(robot, samples, write, extra, mes
     table = np.column_stack([samples, samples[:, 1]])
     with pytest.raises(InputError, match=message):
         read_log(write(table, (*NAMES, extra)), robot)
+
+
+def test_a_map_that_names_its_columns_reads_a_part_of_an_arm(robot, samples, write):
+    names = ("t", "q2", "q3", "tau2", "tau3", "q1", "tau1", "qd1", "qd2", "qd3")
+    table = np.column_stack([samples, *samples.T])
+    q, tau = SignalMap(("q2", "q3"), "rad"), SignalMap(("tau2", "tau3"), "N m")
+    named = ColumnMap(signals={"q": q, "tau": tau})
+    log, understood = read_log(write(table, names), robot, named)
+    np.testing.assert_array_equal(log.q, samples[:, 1:3])
+    assert log.qd is None  # of other joints: those of the map need not be 1 and 2
+    assert understood.ignored == names[5:]
+    with pytest.raises(InputError, match="'tau3' is beyond"):
+        read_log(write(table, names), robot, ColumnMap(signals={"q": q}))
 
 
 def broken_parquet(samples):

@@ -5,7 +5,7 @@ Only what the map states is converted.
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -248,8 +248,16 @@ class ColumnSelection:
 def select_columns(
     columns: tuple[str, ...], column_map: ColumnMap, robot: Robot, source: str
 ) -> ColumnSelection:
-    """Find the columns of every signal."""
+    """Find the columns of every signal.
+
+    Raises:
+        InputError: If a signal that the map leaves to its usual names has columns of
+            more joints than the robot: then they are of another arm, or of a part of
+            it that only the map can name.
+    """
     signals, dof = {}, robot.dof
+    beyond = _find_columns_beyond(columns, dof)
+    part = all(name in column_map.signals for name in _NEEDED)
     for name in JOINT_SIGNALS:
         signal = column_map.signals.get(name)
         if signal is not None and len(signal.columns) != dof:
@@ -261,21 +269,33 @@ def select_columns(
         if signal is None:
             signal = build_default_signal(name, dof)
             # An optional signal is read where it is whole, else ignored and named.
-            if name not in _NEEDED and not set(signal.columns) <= set(columns):
+            if name in beyond and not part:
+                raise InputError(
+                    f"{source}: column '{beyond[name]}' is beyond the robot's joints 1 "
+                    f"to {dof}. Is --robot the right one? To look at a part of an arm, "
+                    "name its columns of q and tau in --map; else rename the column."
+                )
+            # An optional signal is read where it is whole, else ignored and named; of
+            # a part of an arm its first joints need not be those of the robot.
+            whole = set(signal.columns) <= set(columns) and name not in beyond
+            if name not in _NEEDED and not whole:
                 continue
         signals[name] = signal
     chosen = ColumnSelection(column_map.time, signals, (), column_map.nanoseconds)
     _check_there(chosen.used, columns, source)
     ignored = tuple(c for c in columns if c not in chosen.used and c)
-    for column in sorted(ignored):
+    return replace(chosen, ignored=ignored)
+
+
+def _find_columns_beyond(columns: Sequence[str], dof: int) -> dict[str, str]:
+    """Return the first column of no joint of the robot, by its signal."""
+    out: dict[str, str] = {}
+    for column in sorted(columns):
         match = _JOINT_COLUMN.fullmatch(column)
         # Python reads no number of thousands of digits.
         if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
-            raise InputError(
-                f"{source}: column '{column}' is beyond the robot's joints 1 to {dof}. "
-                "Is --robot the right one? Else remove or rename the column."
-            )
-    return replace(chosen, ignored=ignored)
+            out.setdefault(match[1], column)
+    return out
 
 
 def check_column_units(

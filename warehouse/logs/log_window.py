@@ -12,7 +12,8 @@ import numpy as np
 
 from residual.errors import InputError, RecordingError, shorten_value
 from residual.recording import Array, Recording, compute_speed_quantile
-from residual.robot.robot import Robot, drop_placeholder_limits
+from residual.robot.limits import drop_placeholder_limits
+from residual.robot.robot import Robot
 
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
