@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
+from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError, RecordingError, shorten_value
 from residual.plugins import load_plugins
 from residual.recording import Recording
@@ -423,6 +424,9 @@ def _samples(
         raw = np.column_stack([table.pop(c)[at] for c in signal.columns])
         with np.errstate(over="ignore", invalid="ignore"):  # huge become infinite
             signals[k] = convert_to_link_side(k, raw, signal, robot)
+    if chosen.enabled:
+        on = table.pop(chosen.enabled)[at, None]
+        signals["enabled"] = np.repeat(on, robot.dof, axis=1)
     rows, broken = find_finite_rows(signals, label)
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
@@ -430,11 +434,16 @@ def _samples(
             reason or f"{label} has {rows.sum()} samples; widen the window."
         )
     kept = _rows(rows)
+    t = t[at][kept]
+    signals = {k: signals.pop(k)[kept] for k in tuple(signals)}
+    if columns.drive is not None:
+        signals |= _drive_signals(columns.drive, signals, t, robot)
     recording = Recording(
         id=label,
         robot=robot.name,
-        t=move_large_array_to_disk(t[at][kept]),
-        **{k: move_large_array_to_disk(signals.pop(k)[kept]) for k in tuple(signals)},
+        t=move_large_array_to_disk(t),
+        drive=columns.drive,
+        **{k: move_large_array_to_disk(signals.pop(k)) for k in tuple(signals)},
     )
     # Arrow keeps what a text took while it was read: of an hour 700 MB.
     pa.default_memory_pool().release_unused()
@@ -442,6 +451,19 @@ def _samples(
         doubts = (*doubts, *broken, *find_implausible_samples(recording, robot))
     doubts = (mixed,) if mixed else doubts
     return recording, doubts
+
+
+def _drive_signals(
+    drive: Drive, signals: Mapping[str, Array], t: Array, robot: Robot
+) -> dict[str, Array]:
+    """Torque of the drives, and the rows in which it is not known: at the limit.
+
+    So it is where the goal lies beyond the joint's range, since a stop carries the arm.
+    """
+    goal, q = signals["q_ref"], signals["q"]
+    tau, masked = compute_drive_torque(drive, goal, q, t, signals.get("enabled"))
+    masked |= (goal < robot.lower) | (goal > robot.upper)
+    return {"tau": tau, "masked": masked.astype(float)}
 
 
 def _rows(keep: Array) -> slice | Array:

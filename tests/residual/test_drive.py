@@ -1,0 +1,42 @@
+"""The drive of a joint: torque from goal and position."""
+
+import numpy as np
+import pytest
+
+from residual.drive import Drive, compute_drive_torque, limit_goal
+
+T = np.arange(0, 2, 0.01)
+STEP = np.where(T < 0.5, 0.0, 1.0)[:, None]
+
+
+def test_an_ideal_drive_is_a_spring_to_the_goal():
+    tau, at_limit = compute_drive_torque(Drive(gain=(3.0,)), STEP, 0.25 * STEP, T)
+    np.testing.assert_allclose(tau, 3.0 * 0.75 * STEP)
+    assert not at_limit.any()
+
+
+def test_a_goal_travels_at_its_speed_and_arrives_late():
+    drive = Drive(goal_speed=(2.0,), delay=(0.1,))
+    goal = limit_goal(drive, STEP, T)[:, 0]
+    expected = np.clip(2.0 * (T - 0.49 - 0.1), 0, 1)  # it sets off a sample before
+    np.testing.assert_allclose(goal, expected, atol=1e-9)
+
+
+def test_a_drive_gives_its_limit_and_nothing_when_it_is_off():
+    drive = Drive(gain=(3.0,), limit=(2.0,))
+    tau, at_limit = compute_drive_torque(drive, STEP, 0 * STEP, T, T < 1)
+    assert set(tau[T >= 0.5, 0]) == {2.0, 0.0}
+    np.testing.assert_array_equal(at_limit[:, 0], (T >= 0.5) & (T < 1))
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"gain": (0.0,)}, "gain must be a list of positive numbers"),
+        ({"delay": (-0.1,)}, "delay must be a list of positive numbers"),
+        ({"gain": (1.0, 2.0), "limit": (1.0,)}, "expected one per joint"),
+    ],
+)
+def test_a_drive_refuses_values_that_none_has(values, words):
+    with pytest.raises(ValueError, match=words):
+        Drive(**values)
