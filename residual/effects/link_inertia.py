@@ -37,7 +37,8 @@ EFFECT = Effect(
     columns=_columns,
     scope="link",
     traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
-    prior_sd=lambda robot: np.array([0.3]),
+    # The link of an arm of one joint is its load.
+    prior_sd=lambda robot: np.array([0.3 if robot.dof > 1 else 1.0]),
     # No body weighs less than nothing.
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
     variable=None,
