@@ -52,7 +52,7 @@ _UNSURE = 0.1  # relative error of a gain from which on nothing is said of it
 _LOCAL = 6  # columns: torque of the file, rotor, friction twice and dry, a constant
 FACTOR = (
     "Torques and sizes hold up to one factor a joint until a mass is weighed "
-    "(--known payload.mass=...); a datasheet's torque is a guess within a factor of two."
+    "(--known payload.mass=...); a datasheet is a guess within a factor of two."
 )
 Chain = Mapping[str, Array]  # parts by name, (dof,); limits in units of the gain [rad]
 _WORDS = {
