@@ -279,7 +279,8 @@ def find_drive_faults(
     wrong = {}
     for name, values in chain.items():
         least = _ALIKE[name] * (1.0 if name == "delay" else np.minimum(values, 1e9))
-        far = ~(np.abs(values - first[name]) <= least)
+        with np.errstate(invalid="ignore"):  # two without an end are the same
+            far = ~(np.abs(values - first[name]) <= least) & (values != first[name])
         wrong[name] = (worth[name] > CHECK.odds_nats) & far
         chain[name] = np.where(wrong[name], values, first[name])
     gain, error = rows.estimate_gains(chain)
