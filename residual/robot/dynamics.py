@@ -38,7 +38,8 @@ def _over(shape: tuple[int, ...], solve: Callable, model: pin.Model, *motion) ->
     rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
     data, out = model.createData(), np.empty((len(rows[0]), *shape))
     for i, sample in enumerate(zip(*rows, strict=True)):
-        out[i] = solve(model, data, *sample)
+        # Pinocchio gives a matrix of one column as a vector.
+        out[i] = np.reshape(solve(model, data, *sample), shape)
     return out
 
 
@@ -141,7 +142,8 @@ def find_flange_axis(model: pin.Model) -> Array:
 def find_joint_axis(model: pin.Model, joint: int) -> Array:
     """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
     data, zero = model.createData(), pin.neutral(model)
-    column = pin.computeJointJacobian(model, data, zero, joint)[:, joint - 1]
+    jacobian = np.reshape(pin.computeJointJacobian(model, data, zero, joint), (6, -1))
+    column = jacobian[:, joint - 1]
     return column[3:] if column[3:].any() else column[:3]
 
 
@@ -157,10 +159,13 @@ def compute_last_joint_distance(model: pin.Model) -> float:
 
 
 def compute_reach(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the flange [m]."""
-    return compute_last_joint_distance(model) + float(
-        np.linalg.norm(find_flange_placement(model).translation)
-    )
+    """Return the way from the base over all joints to the flange [m].
+
+    Of an arm of one joint without a flange it is the lever of its mass.
+    """
+    way = compute_last_joint_distance(model)
+    way += float(np.linalg.norm(find_flange_placement(model).translation))
+    return way or float(np.linalg.norm(model.inertias[model.nv].lever))
 
 
 def read_inertial_parameters(model: pin.Model) -> Array:

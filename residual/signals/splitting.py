@@ -67,8 +67,8 @@ def compute_piece_overlap(cutoff: float, rate: float) -> float:
 
 def slice_recording(recording: Recording, start: int, stop: int) -> Recording:
     """Return the samples from ``start`` up to ``stop`` of a log, without a copy."""
-    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
-    part = {k: x[start:stop] for k, x in arrays.items() if x is not None}
+    values = {f.name: getattr(recording, f.name) for f in fields(recording)}
+    part = {k: x[start:stop] for k, x in values.items() if isinstance(x, np.ndarray)}
     return replace(recording, **part)
 
 
