@@ -222,7 +222,8 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
     if format == "ros" and not columns.signals:
         line("bag", _bag_line(columns))
         return "\n".join([*lines, ""])
-    line("time", format_time_line(1.0, columns))
+    if "time" not in draft.missing:
+        line("time", format_time_line(1.0, columns))
     for name, signal in columns.signals.items():
         line(name, format_signal_line(name, signal))
     for name in draft.missing:

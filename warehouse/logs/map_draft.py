@@ -46,30 +46,40 @@ WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
         (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
         (None, "cart cartesian tool power error err wrench stiffness damping status"),
         (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
-        ("tau", "tau torque torques trq moment effort efforts drehmoment tq mom qfrc"),
-        ("tau", "current currents cur curr strom amps"),
+        ("tau", "tau torque torques torq trq moment moments effort efforts eff tq mom"),
+        ("tau", "qfrc couple coppia"),
+        ("tau", "current currents cur curr strom courant amps"),
         ("qdd", "qdd ddq acc accel acceleration accelerations"),
         ("qd", "qd dq vel velocity velocities speed speeds omega qdot qvel"),
-        ("qd", "geschwindigkeit"),
-        ("q", "q pos position positions angle angles theta winkel joint joints jpos"),
-        ("q", "qpos axis achse axes"),
+        ("qd", "geschwindigkeit vitesse velocidad"),
+        ("q", "q pos position positions ang angle angles theta winkel joint joints"),
+        ("q", "jpos qpos axis achse axes posizione posición angolo ángulo"),
     )
 )
 # Letters that are a whole name, as in "J1" and "M1": likely, and no more.
 LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
-CURRENTS = frozenset(_split("current currents cur curr strom amps i"))
+CURRENTS = frozenset(_split("current currents cur curr strom courant amps i"))
 WANTED = frozenset(  # what was asked of the arm, not what it did
     _split("ref reference target cmd command commanded des desired set setpoint soll")
     + _split("goal d planned nominal udes kdes")
 )
 MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
-TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
+TIMES = frozenset(  # besides what ends with "time" or "zeit"
+    _split("t ts times timestamp stamp zeitstempel clock elapsed temps tiempo tempo")
+)
 # Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
-    **{word: HEADER_UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
-    **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
+    **{
+        word: HEADER_UNITS[word]
+        for word in _split("deg degrees grad rad nm nmm ms us sec")
+    },
+    **{"degree": "deg", "msec": "ms", "usec": "us", "ns": "ns", "secs": "s"},
+    **{"amp": "A", "amps": "A"},
 }
 _KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
+# What a word may end with, as "Gelenkwinkel" and "Sollmoment" do.
+_ENDS = "|".join(sorted(w for _, known in WORDS for w in known if len(w) > 4))
+_COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
 
 
 Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
@@ -169,7 +179,17 @@ def strip_joint_prefix(joint: str) -> str:
 def split_column_name(name: str) -> tuple[str, ...]:
     """Return the words of a name in small letters: "TorqueSm#" is torque, sm."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    return tuple(w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+    words = (w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+    # A known word is no compound: "external" ends with none.
+    parts = ((w, w not in _KNOWN and _COMPOUND.fullmatch(w)) for w in words)
+    return tuple(p for w, match in parts for p in (match.groups() if match else (w,)))
+
+
+def _is_time(words: tuple[str, ...]) -> bool:
+    unit = UNIT_WORDS.get(words[0]) if len(words) == 1 else None
+    return unit in _SECONDS or any(
+        word in TIMES or word.endswith(("time", "zeit")) for word in words
+    )
 
 
 def find_name_unit(name: str) -> str | None:
@@ -340,7 +360,8 @@ class _Drafter:
     ) -> None:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
-        self.families = group_joint_columns(log.columns, joints)
+        self.columns = [c for c in log.columns if c not in log.text]
+        self.families = group_joint_columns(self.columns, joints)
         timed = {n: p for n, p in PRESETS.items() if {*p.time} & {*log.columns}}
         formats = (n for n, p in timed.items() if self._preset_columns(p, "q"))
         self.format = format or next(formats, None)
@@ -387,18 +408,20 @@ class _Drafter:
 
     def _time(self) -> tuple[tuple[str, ...], str]:
         """Return the column of time, or those of seconds and nanoseconds; the unit."""
-        for column in self.log.columns:
+        for column in self.columns:
             for word in ("nanosec", "nanosecs", "nsec", "nsecs"):
                 other = _SECONDS_OF.sub(word, column)
                 if other != column and other in self.log.columns:
                     return (column, other), "s"
-        named = [c for c in self.log.columns if TIMES & {*split_column_name(c)}]
+        named = [c for c in self.columns if _is_time(split_column_name(c))]
         clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
         if not clocks:
-            self._doubt(
-                "time", "no column with increasing numbers has a name of a time"
-            )
-            return (), "s"
+            clocks = [c for c in self.columns if self._increases(c) and self._even(c)]
+            words = "no column with increasing numbers has a name of a time"
+            if len(clocks) != 1:
+                self._doubt("time", words)
+                return (), "s"
+            self._doubt("time", f"{words}; this one alone increases evenly")
         column = clocks[0]
         return (column,), self.preset.time.get(column) or self._time_unit(column)
 
@@ -409,6 +432,13 @@ class _Drafter:
         steps = np.diff(x[:, 0])
         # A few samples that repeat or are gone are for the reader to say.
         return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
+
+    def _even(self, column: str) -> bool:
+        """Whether numbers increase in even steps, and are no count of samples."""
+        steps = np.diff(self._read((column,))[:, 0])
+        middle = np.median(steps)
+        even = np.abs(steps - middle) < 0.5 * middle
+        return middle > 0 and middle != 1 and float(even.mean()) > MOSTLY
 
     def _time_unit(self, column: str) -> str:
         stated = self.log.units.get(column) or find_name_unit(column)
@@ -514,7 +544,8 @@ class _Drafter:
         if name in ("q", "q_ref"):
             return self._angle(name, family)
         if name == "tau":
-            if CURRENTS & {*family.words} and "torque" not in family.words:
+            kinds = (k for _, k in WORDS if k & {*family.words})
+            if CURRENTS & {*family.words} and CURRENTS & next(kinds, CURRENTS):
                 return "A"
             self._doubt("tau", "no unit is stated; taken for N m at the link")
         return next(iter(UNITS[name]))
