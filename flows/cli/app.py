@@ -57,14 +57,26 @@ def _version() -> str:
     return format_version()
 
 
-app = App(
+class _App(App):
+    def generate_completion(
+        self, *, prog_name: str | None = None, shell: str | None = None
+    ) -> str:
+        """Return the script that `--install-completion` writes."""
+        from flows.cli.completion import format_completion
+
+        return format_completion(self, shell or "bash")
+
+
+app = _App(
     name="modelgap",
     help=_HELP,
     help_format="plaintext",  # what draws Markdown is a slow import
     version=_version,
     suppress_keyboard_interrupt=False,
 )
-app.register_install_completion_command(add_to_startup=False)
+app.register_install_completion_command(
+    help="Complete commands, options, files and stored ids in bash, zsh or fish."
+)
 for flag in ("--help", "--version", "--install-completion"):
     app[flag].group = "Options"
 
