@@ -4,13 +4,11 @@ Cyclopts, which installs them, writes scripts without files, ids of a store and 
 that its help does not list. These ask one function of the POSIX shell for all three.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator
 from pathlib import Path
 
 from cyclopts import App
 
-from flows.steps.export import list_export_targets
-from residual.robot.robot import list_built_in_robots
 
 # Which ids of a store stand for an argument: of commands, then of options.
 _ALL = "run model diagnosis validation report"
@@ -23,7 +21,6 @@ _IDS = {
     ),
     "quarantine": "run",
 }
-_WORDS = {"--robot": list_built_in_robots, "--to": list_export_targets}
 _OPTION_IDS = {"--baseline": "run", "--holdout": "run", "--model": "model diagnosis"}
 
 _BASH = """{offer}
@@ -59,6 +56,10 @@ _SHELLS = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
 
 def format_completion(app: App, shell: str) -> str:
     """Return the script that completes the words of a program in a shell."""
+    from flows.steps.export import list_export_targets
+    from residual.robot.robot import list_built_in_robots
+
+    words = {"--robot": list_built_in_robots(), "--to": list_export_targets()}
     commands, choices, groups, valued = [], [], [], {}
     for path, each in _walk(app, ()):
         inner = [name for name in each if not name.startswith("-")]
@@ -72,7 +73,8 @@ def format_completion(app: App, shell: str) -> str:
                 options += names[:1]  # the others are those of older versions
             if names and argument.token_count()[0]:
                 valued |= dict.fromkeys(names)
-                choices += _choices(command, names[0], argument.get_choices())
+                offered = words.get(names[0], argument.get_choices() or ())
+                choices += _choices(f"{command} {names[0]}", names[0], offered)
         ids = "" if inner else _IDS.get(path[-1], "")
         commands.append(
             f"  {_quoted(command)}) flags='{' '.join(dict.fromkeys(options))}' "
@@ -99,13 +101,10 @@ def _walk(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Ap
             yield from _walk(app[name], (*path, name))
 
 
-def _choices(command: str, option: str, words: Sequence[str] | None) -> list[str]:
-    words = _WORDS[option]() if option in _WORDS else words
-    ids = _OPTION_IDS.get(option, "")
-    if not words and not ids:
-        return []
-    case = _quoted(f"{command} {option}")
-    return [f"  {case}) names='{' '.join(words or ())}' ids='{ids}' ;;"]
+def _choices(case: str, option: str, words: Iterable[str]) -> list[str]:
+    offered, ids = " ".join(words), _OPTION_IDS.get(option, "")
+    line = f"  {_quoted(case)}) names='{offered}' ids='{ids}' ;;"
+    return [line] if offered or ids else []
 
 
 def _quoted(words: str) -> str:

@@ -24,7 +24,8 @@ from warehouse.logs.column_map import (
     abbreviate_column_names,
     build_default_signal,
 )
-from warehouse.logs.map_draft import PRESETS, ColumnMapDraft
+from warehouse.logs.maker_formats import PRESETS
+from warehouse.logs.map_draft import ColumnMapDraft
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',

@@ -3,13 +3,14 @@
 The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
 tests the map against the physics of the arm.
 
-To add a public log format, add an entry to `PRESETS`; to add a word of a signal, to
-`WORDS`. In a name "#" stands for the number of the joint, counted from 0 or 1.
+To add a public log format, add an entry to `PRESETS` of maker_formats.py; to add a
+word of a signal, to `WORDS`. In a name "#" stands for the number of the joint, counted
+from 0 or 1.
 """
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from warehouse.logs.log_reading import open_log
 from warehouse.logs.log_tables import UNITS as HEADER_UNITS
 from warehouse.logs.log_tables import LogFile, guess_csv_format
 from warehouse.logs.log_window import LIMIT_SLACK, MIN_RATE
+from warehouse.logs.maker_formats import GRAVITY, PRESETS, MakerLogFormat
 from warehouse.logs.ros_bags import list_joint_topics
 
 _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
@@ -80,77 +82,6 @@ _KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED
 # What a word may end with, as "Gelenkwinkel" and "Sollmoment" do.
 _ENDS = "|".join(sorted(w for _, known in WORDS for w in known if len(w) > 4))
 _COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
-
-
-Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
-
-
-@dataclass(frozen=True, slots=True)
-class MakerLogFormat:
-    """A log format of a maker; only its angles where it publishes no names."""
-
-    about: str  # whose it is
-    time: Units = field(default_factory=dict)
-    signals: Mapping[str, Units] = field(default_factory=dict)
-    angle: str | None = None  # unit of angles whose names and file say none
-
-
-def _measured(*names: str, q_ref: str = "", angle: str = "rad") -> dict[str, Units]:
-    """Units of what formats call q, tau and qd, and the wanted q."""
-    units = {"q": angle, "tau": "N m", "qd": "rad/s"}
-    signals = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
-    return signals | ({"q_ref": {q_ref: angle}} if q_ref else {})
-
-
-def _plotted(number: str) -> dict[str, Units]:
-    kinds = ("position", "effort", "velocity")
-    return _measured(*(f"/joint_states/{number}/{kind}" for kind in kinds))
-
-
-_RTDE = _measured("actual_q_#", "actual_current_as_torque_#", "actual_qd_#")
-PRESETS: Mapping[str, MakerLogFormat] = {
-    "ur-rtde": MakerLogFormat(
-        "Universal Robots, RTDE (rtde/csv_writer.py of its client)",
-        {"timestamp": "s"},
-        _RTDE
-        | {"tau": _RTDE["tau"] | {"actual_current_#": "A"}}
-        | {"q_ref": {"target_q_#": "rad"}},
-    ),
-    "franka": MakerLogFormat(
-        "Franka, libfranka's logToCSV (src/log.cpp)",
-        {"time": "ms"},
-        _measured("state.q[#]", "state.tau_J[#]", "state.dq[#]", q_ref="state.q_d[#]"),
-    ),
-    "kuka-fri": MakerLogFormat(
-        "KUKA LWR, Fast Research Interface Library (src/DataLogging.cpp)",
-        {"KRCTime": "s", "LocalTime": "s"},
-        _measured("ActPJ#", "ActFJ#", q_ref="UDesPJ#", angle="deg"),
-    ),
-    "robotstudio": MakerLogFormat(
-        "ABB RobotStudio, which publishes no names: degrees where nothing says more",
-        angle="deg",
-    ),
-    "ros": MakerLogFormat(
-        "ROS joint states: a bag, or text by rostopic echo -p",
-        {"%time": "ns", "field.header.stamp": "ns"},
-        _measured("field.position#", "field.effort#", "field.velocity#"),
-    ),
-    "mujoco": MakerLogFormat(
-        "MuJoCo, the arrays of mjData",
-        {"time": "s"},
-        _measured("qpos[#]", "qfrc_actuator[#]", "qvel[#]"),
-    ),
-    "plotjuggler": MakerLogFormat(
-        "PlotJuggler, joint states as exported to CSV",
-        {"__time": "s"},
-        {key: own | _plotted("#")[key] for key, own in _plotted("joint_#").items()},
-    ),
-    "lerobot": MakerLogFormat(
-        "LeRobot, version 3 (data/*.parquet)",
-        {"timestamp": "s"},
-        {"q": {"observation.state[#]": ""}, "q_ref": {"action[#]": ""}},
-    ),
-}
 
 
 @dataclass(frozen=True, slots=True)
@@ -333,12 +264,13 @@ def _of_bag(
     joint_names = () if tuple(bag_joints) == tuple(joints) else tuple(bag_joints)
     form = BagFormat(topic=topic if len(bag) > 1 else None, joints=joint_names)
     missing = () if bag_joints else ("q", "tau")
-    doubts_by_line = {"bag": tuple(doubts)} if doubts else {}
     try:
         open_log(path, ColumnMap(bag=form), joints)
+        doubts.append(f"{PRESETS['ros'].effort}{GRAVITY}")
     except InputError as error:
-        doubts_by_line["bag"] = (*doubts, str(error))
-    return ColumnMapDraft(ColumnMap(bag=form), "ros", doubts_by_line, {}, missing, ())
+        doubts.append(str(error))
+    said = {"bag": tuple(doubts)}
+    return ColumnMapDraft(ColumnMap(bag=form), "ros", said, {}, missing, ())
 
 
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
@@ -495,6 +427,8 @@ class _Drafter:
         if unit == "A":
             words = "a motor current: robot.toml needs torque_per_unit, N m per A"
             self._doubt(name, words)
+        elif name == "tau":
+            self._doubt(name, f"{self.preset.effort}{GRAVITY}")
         return SignalMap(columns=family.columns, unit=unit)
 
     def _ranked(self, name: str) -> list[ColumnFamily]:
