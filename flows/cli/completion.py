@@ -9,7 +9,6 @@ from pathlib import Path
 
 from cyclopts import App
 
-
 # Which ids of a store stand for an argument: of commands, then of options.
 _ALL = "run model diagnosis validation report"
 _IDS = {
