@@ -196,13 +196,13 @@ def _before_and_after(split: Mapping) -> str:
     before, after = stages[1] or stages[0], stages[2]
     joints = {joint for _, named in split["named"] for joint in named}
     changes = [
-        f"joint {j} {_number(before[j - 1])} → {_number(after[j - 1])}"
+        f"J{j} {_number(before[j - 1])}→{_number(after[j - 1])}"
         for j in sorted(joints)
         if before[j - 1] is not None
     ]
     fitted, _, held_out = split["split"].partition(" ")[2].partition(" | ")
     logs = f"`{fitted}`, held out `{held_out}`" if held_out else f"`{fitted}`"
-    overall = f"{' → '.join(medians)} %"
+    overall = f"{'→'.join(medians)} %"
     return f"{logs}: {'; '.join([overall, *changes])}"
 
 
