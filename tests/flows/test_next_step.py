@@ -16,7 +16,8 @@ def test_every_verdict_ends_with_one_command_of_the_program(name):
     words, line = describe_next_step(outcomes.ALL[name]().verdict)
     program, command, *rest = line.split()
     assert program == "modelgap"
-    assert words and "\n" not in f"{words}{line}"
+    assert words
+    assert "\n" not in f"{words}{line}"
     options = {n for a in app[command].assemble_argument_collection() for n in a.names}
     assert {word for word in rest if word.startswith("--")} <= options
 
