@@ -1,7 +1,6 @@
 """What an error tells a caller from Python to do, in arguments instead of options.
 
-Messages are written once, below the shell and the Python API, and name the options of
-the shell. Commands that a message quotes ("modelgap map ...") stay as they are.
+Messages name options of the shell. Commands that they quote ("modelgap map ...") stay.
 """
 
 import functools

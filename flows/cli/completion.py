@@ -15,10 +15,8 @@ _IDS = {
     **dict.fromkeys(("show", "diff", "lineage", "rerun"), _ALL),
     **dict.fromkeys(("adopt", "next"), "diagnosis"),
     **dict.fromkeys(("export", "monitor"), "run model diagnosis"),
-    **dict.fromkeys(
-        ("diagnose", "check", "identify", "calibrate", "predict", "validate"), "run"
-    ),
-    "quarantine": "run",
+    **dict.fromkeys(("diagnose", "check", "identify", "calibrate"), "run"),
+    **dict.fromkeys(("predict", "validate", "quarantine"), "run"),
 }
 _OPTION_IDS = {"--baseline": "run", "--holdout": "run", "--model": "model diagnosis"}
 
@@ -64,8 +62,7 @@ def format_completion(app: App, shell: str) -> str:
         inner = [name for name in each if not name.startswith("-")]
         options = [name for name in each if name.startswith("--")]
         command = " ".join(path)
-        if inner:
-            groups += filter(None, [command])
+        groups += [f"'{command}'"] if inner and path else []
         for argument in () if inner else each.assemble_argument_collection():
             names = [name for name in argument.names if name.startswith("--")]
             if argument.index is None:
@@ -76,15 +73,11 @@ def format_completion(app: App, shell: str) -> str:
                 choices += _choices(f"{command} {names[0]}", names[0], offered)
         ids = "" if inner else _IDS.get(path[-1], "")
         commands.append(
-            f"  {_quoted(command)}) flags='{' '.join(dict.fromkeys(options))}' "
+            f"  '{command}') flags='{' '.join(dict.fromkeys(options))}' "
             f"names='{' '.join(inner)}' ids='{ids}' files={int(bool(inner))} ;;"
         )
-    parts = {
-        "GROUPS": " | ".join(map(_quoted, groups)),
-        "COMMANDS": "\n".join(commands),
-        "VALUES": " | ".join(valued),
-        "CHOICES": "\n".join(choices),
-    }
+    parts = {"GROUPS": " | ".join(groups), "VALUES": " | ".join(valued)}
+    parts |= {"COMMANDS": "\n".join(commands), "CHOICES": "\n".join(choices)}
     offer = Path(__file__).with_name("completion.sh").read_text(encoding="utf-8")
     for name, text in parts.items():
         offer = offer.replace(f"@{name}@", text)
@@ -102,9 +95,5 @@ def _walk(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Ap
 
 def _choices(case: str, option: str, words: Iterable[str]) -> list[str]:
     offered, ids = " ".join(words), _OPTION_IDS.get(option, "")
-    line = f"  {_quoted(case)}) names='{offered}' ids='{ids}' ;;"
+    line = f"  '{case}') names='{offered}' ids='{ids}' ;;"
     return [line] if offered or ids else []
-
-
-def _quoted(words: str) -> str:
-    return f"'{words}'"

@@ -71,11 +71,10 @@ def render_diagnosis_page(
         origin: Where it comes from, and the command that makes it again.
         records: How often the arm's stored diagnoses had each finding, a sentence each.
     """
-    return render_page(
-        build_diagnosis_document(
-            result, robot_name, demonstration, origin, records=records
-        )
+    document = build_diagnosis_document(
+        result, robot_name, demonstration, origin, records=records
     )
+    return render_page(document)
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:

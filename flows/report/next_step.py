@@ -17,6 +17,7 @@ _LOGS = "LOG... --robot ROBOT"
 def describe_next_step(verdict: Verdict) -> tuple[str, str]:
     """Return what to do next, in words, and the command that does it."""
     faults = verdict.log_check.faults if verdict.log_check else ()
+    again = f"modelgap diagnose {_LOGS}"
     alike = {is_link_or_load(f) for f in verdict.effects if f.equivalent}
     if not verdict.trusted or any(fault.repair for fault in faults):
         return "apply the fix that the check proposes", f"modelgap check {_LOGS}"
@@ -24,25 +25,20 @@ def describe_next_step(verdict: Verdict) -> tuple[str, str]:
         program = "modelgap trajectory fourier --robot ROBOT --out MOTION.csv"
         return "log a motion that shows more", program
     if alike == {True}:
-        known = f"modelgap diagnose {_LOGS} --known payload.mass=KG"
-        return "weigh the load and say what it has", known
+        return "weigh the load and say so", f"{again} --known payload.mass=KG"
     if verdict.next_experiment or alike or verdict.suspected:
-        words = "look for the motion that settles what is open"
-        return words, f"modelgap next VERDICT.json {_LOGS}"
+        motion = f"modelgap next VERDICT.json {_LOGS}"
+        return "look for the motion that settles what is open", motion
     if verdict.verdict == "unknown":
-        words = "compare with logs from when the arm was well"
-        return words, f"modelgap diagnose {_LOGS} --baseline HEALTHY_LOG..."
+        return "compare with healthy logs", f"{again} --baseline HEALTHY_LOG..."
     if verdict.error.same_run:
-        words = "prove it on a log that was not fitted"
-        return words, f"modelgap diagnose {_LOGS} --holdout OTHER_LOG"
+        return "prove it on a log that was not fitted", f"{again} --holdout OTHER_LOG"
     if verdict.effects:
-        words = "save the augmented model, for modelgap export and predict"
-        return words, f"modelgap diagnose {_LOGS} --save-model MODEL.json"
+        return "save the augmented model", f"{again} --save-model MODEL.json"
     if list_wrong_values(verdict):
-        words = "write a robot with the identified values"
-        return words, f"modelgap identify {_LOGS} --out FOLDER"
-    words = "compare later logs with these"
-    return words, f"modelgap diagnose NEW_{_LOGS} --baseline LOG..."
+        return "write the identified robot", f"modelgap identify {_LOGS} --out DIR"
+    later = f"modelgap diagnose NEW_{_LOGS} --baseline LOG..."
+    return "compare later logs with these", later
 
 
 _RECORD = """
@@ -92,7 +88,5 @@ def _record(effect: Finding, diagnoses: Sequence[Sequence[dict]]) -> str:
         )
         for each in diagnoses
     )
-    return (
-        f"Record: named in {times} of the last {len(diagnoses)} stored diagnoses of "
-        "this arm, each of other runs."
-    )
+    of = f"{len(diagnoses)} stored diagnoses of this arm, each of other runs"
+    return f"Record: named in {times} of the last {of}."

@@ -38,13 +38,9 @@ def store_diagnosis_page(
     """
     result = read_outcome(store, ids[1])
     robot = result.verdict.robot
-    page = render_diagnosis_page(
-        result,
-        robot,
-        demonstration,
-        read_diagnosis_origin(store, ids[0]),
-        describe_name_records(store, ids[0], result.effects),
-    )
+    origin = read_diagnosis_origin(store, ids[0])
+    records = describe_name_records(store, ids[0], result.effects)
+    page = render_diagnosis_page(result, robot, demonstration, origin, records)
     verdict = json_text(to_json(result.verdict)).encode()
     contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)

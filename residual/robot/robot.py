@@ -212,7 +212,7 @@ def load_robot(
         slugs = filter(None, (name.strip("_")[:40] for name in names))
         extra["name"] = next(slugs, "robot")
     extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
-    notes = (*_beside(word, file, toml_file), *arm.notes, *compiled.notes)
+    notes = (*_beside(word, toml_file), *arm.notes, *compiled.notes)
     extra |= {"notes": notes, "locked": arm.locked}
     return _assemble(arm, extra, file.name)
 
@@ -337,14 +337,14 @@ def _toml_beside(path: Path) -> Path | None:
     return toml if len(same) == 1 and toml.is_file() else None
 
 
-def _beside(word: str, file: Traversable, toml: Traversable | None) -> tuple[str, ...]:
+def _beside(word: str, toml: Traversable | None) -> tuple[str, ...]:
     """Say what becomes of a robot.toml beside a file that was given by its name."""
-    if not Path(word).is_file() or not Path(word).with_name("robot.toml").is_file():
+    given = Path(word)
+    if not given.is_file() or not given.with_name("robot.toml").is_file():
         return ()
     if toml:
-        return (f"with the robot.toml beside {file.name}",)
-    others = f"others of its kind are beside {file.name}"
-    return (f"robot.toml is not read, since {others}; give each a folder",)
+        return (f"with the robot.toml beside {given.name}",)
+    return (f"robot.toml is not read: others are beside {given.name}; part them",)
 
 
 def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:

@@ -27,14 +27,14 @@ ROOT = Path(__file__).parents[2]
 IMAGES, LOGS = ROOT / "docs" / "img", ROOT / "examples" / "hidden"
 CHROMIUM = shutil.which("chromium") or "google-chrome"
 WIDTH = 800  # px
-# One arm, joint 2 with more dry friction than its model, at six levels.
+# One arm, joint 2 with more dry friction than its model, at four levels.
 CAMPAIGN = """
 robot = "irb140"
 seed = 11
 [campaign]
 sealed = false
 [trajectory]
-duration = 12.0
+duration = 10.0
 [plant]
 seed = 5
 [[plant.effect]]
@@ -42,11 +42,12 @@ name = "coulomb"
 joints = [2]
 level = 9.0
 [grid]
-plant.effect.level = [0.5, 2.0, 4.0, 8.0, 16.0, 32.0]
+plant.effect.level = [2.0, 8.0, 16.0, 32.0]
 """
 LEVELS = """
     SELECT CAST(points.value AS DOUBLE) AS level, stage, avg(errors.value) AS error
-    FROM points JOIN errors USING (run_id)
+    FROM points JOIN lineage ON parent = points.run_id AND role = 'fit'
+    JOIN errors ON source_id = child
     WHERE axis = 'plant.effect.level' AND metric = 'moving' AND joint = 2
       AND stage IN ('nominal', 'identified', 'augmented')
     GROUP BY ALL ORDER BY ALL
@@ -77,9 +78,11 @@ def diagnose_campaign(store: Path) -> tuple[Diagnosis, list[dict]]:
         ids = diagnose_stored_runs(request)
         if float(point["value"]) == RIVAL_LEVEL:
             shown = read_outcome(store, ids[1])
-    assert shown
     with open_store(store) as opened:
-        return shown, opened.sql(LEVELS).to_pylist()
+        levels = opened.sql(LEVELS).to_pylist()
+    assert shown
+    assert levels
+    return shown, levels
 
 
 def chart_rivals(diagnosis: Diagnosis) -> Chart:
@@ -119,7 +122,7 @@ def photograph(chart: Chart, name: str) -> None:
     with TemporaryDirectory() as folder:
         file = Path(folder, "page.html")
         file.write_text(page.replace("</head>", f"{BARE}</head>"), encoding="utf-8")
-        size = f"{WIDTH},{chart.height + 40}"
+        size = f"{WIDTH},{chart.height + 20}"
         command = [CHROMIUM, "--headless", "--no-sandbox", "--disable-gpu"]
         command += ["--hide-scrollbars", "--virtual-time-budget=20000"]
         command += [f"--window-size={size}", f"--screenshot={IMAGES / name}"]
