@@ -1,4 +1,4 @@
-"""Write docs/benchmarks.md and the table of the README from the results files.
+"""Write two pages of docs/ and the table of the README from the results files.
 
     python benchmarks/page.py
 
@@ -6,6 +6,7 @@ benchmarks/words/ describes each figure; a figure without a description is an er
 """
 
 import math
+import statistics
 import sys
 import tomllib
 from collections.abc import Mapping
@@ -19,6 +20,7 @@ from benchmarks.bench import PLAN, read
 from benchmarks.harness.origin import ROOT, is_current
 
 README, PAGE = ROOT / "README.md", ROOT / "docs" / "benchmarks.md"
+PUBLIC = ROOT / "docs" / "guide" / "public_logs.md"
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 
 
@@ -145,6 +147,7 @@ def readme_table() -> str:
 
 def main() -> int:
     PAGE.write_text(page(), encoding="utf-8")
+    PUBLIC.write_text(public_page(), encoding="utf-8")
     before, _, after = README.read_text(encoding="utf-8").partition(FENCES[0])
     README.write_text(before + readme_table() + after.partition(FENCES[1])[2], "utf-8")
     return 0
@@ -165,11 +168,42 @@ def _section(name: str, content: Mapping) -> str:
             rows.append((entry["is"], *cells, figure.bar, figure.interval))
     facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]
-    for table in content.get("tables", ()):
-        head, *lines = map(tuple, table["rows"])
-        shown = _table([head, ("---",) * len(head), *lines]).rstrip()
-        parts.append(f"### {table['title']}\n\n{shown}")
     return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def public_page() -> str:
+    """Return the page of what public logs lacked: a paragraph per arm."""
+    text, content = descriptions()["public_logs"], results()["measured"]
+    parts = [text["head"].strip().format(origin=_origin("measured", content))]
+    masses = [m for split in content["splits"] for m in split["mass"]]
+    for arm in text["arm"]:
+        splits = [s for s in content["splits"] if s["split"].split()[0] == arm["key"]]
+        lines = [f"- {_before_and_after(split)}" for split in splits]
+        about = arm["text"].strip().format(mass=masses[0])
+        command = f"```\n$ {arm['command']}\n```"
+        parts += [f"## {arm['title']}", about, "\n".join(lines), command]
+    return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _before_and_after(split: Mapping) -> str:
+    """Return the errors of one split: of all joints, and of the named ones."""
+    stages = [split["moving"].get(k) for k in ("nominal", "identified", "augmented")]
+    medians = [
+        _number(statistics.median([x for x in errors if x is not None]))
+        for errors in stages
+        if errors
+    ]
+    before, after = stages[1] or stages[0], stages[2]
+    joints = {joint for _, named in split["named"] for joint in named}
+    changes = [
+        f"J{j} {_number(before[j - 1])}→{_number(after[j - 1])}"
+        for j in sorted(joints)
+        if before[j - 1] is not None
+    ]
+    fitted, _, held_out = split["split"].partition(" ")[2].partition(" | ")
+    logs = f"`{fitted}`, held out `{held_out}`" if held_out else f"`{fitted}`"
+    overall = f"{'→'.join(medians)} %"
+    return f"{logs}: {'; '.join([overall, *changes])}"
 
 
 def _origin(name: str, content: Mapping) -> str:

@@ -35,6 +35,11 @@ Log = Annotated[str, Parameter(name="LOG")]
 # The name of a value in the help.
 File = Annotated[str | None, Parameter(metavar="FILE")]
 Folder = Annotated[str | None, Parameter(metavar="FOLDER")]
+# Where a result goes, with the names that the option had before.
+OutFolder = Annotated[
+    str | None, Parameter(name=("--out", "--export"), metavar="FOLDER")
+]
+OutCsv = Annotated[str | None, Parameter(name=("--out", "--csv"), metavar="FILE")]
 Id = Annotated[str | None, Parameter(metavar="ID")]
 Name = Annotated[str | None, Parameter(metavar="NAME")]
 Model = Annotated[str | None, Parameter(metavar="MODEL")]

@@ -140,12 +140,3 @@ def test_a_command_says_so_and_ends(install, monkeypatch, capsys):
     (folder / "arm.urdf").write_text(urdf_text())
     assert main(["check", "log.csv", "--robot", "arm.urdf"]) == 2
     assert "uninstall gadgets" in capsys.readouterr().err
-
-
-def test_the_shell_completes_words(tmp_path, monkeypatch, capsys):
-    monkeypatch.setenv("HOME", str(tmp_path))
-    assert main(["--install-completion", "--shell", "bash"]) == 0
-    (script,) = (path for path in tmp_path.rglob("modelgap") if path.is_file())
-    text = script.read_text(encoding="utf-8")
-    assert "diagnose" in text
-    assert "--save-model" in text

@@ -7,8 +7,13 @@ from typing import Any
 
 import numpy as np
 
-from flows.inputs.read import LogSets, apply_known_values, read_log_sets
-from flows.inputs.read import load_command_robot as load_robot
+from flows.api.remedies import advise_in_python, name_arguments
+from flows.inputs.read import (
+    LogSets,
+    apply_known_values,
+    load_command_robot,
+    read_log_sets,
+)
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
 from flows.settings import resolve_store_folder
@@ -41,6 +46,7 @@ __all__ = [
     "read_logs",
     "recording",
 ]
+load_robot = advise_in_python(load_command_robot)
 Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
 
@@ -69,6 +75,7 @@ def _kind(value: Any) -> str:
     return f"'{shorten_value(value)}'" if text else f"a {type(value).__name__}"
 
 
+@advise_in_python
 def read_logs(
     logs: Log | Iterable[Log],
     robot: Robot,
@@ -109,7 +116,7 @@ def read_logs(
             out.append(one)
     check_logs_distinct(out)
     for message in messages:
-        warnings.warn(message, stacklevel=2)
+        warnings.warn(name_arguments(message), stacklevel=3)
     return tuple(out)
 
 
@@ -119,6 +126,7 @@ def _is_table(log: Any) -> bool:
     return isinstance(log, Mapping) or (frame and hasattr(log, "__getitem__"))
 
 
+@advise_in_python
 def import_logs(
     logs: str | Path | Iterable[str | Path],
     robot: str | Path,
@@ -167,10 +175,11 @@ def import_logs(
     sound, report = imports.check_logs(request, arm, read)
     of_files = (line for log in read for line in log.summary.warnings)
     for line in (*of_files, *report.sentences):
-        warnings.warn(line, stacklevel=2)
+        warnings.warn(name_arguments(line), stacklevel=3)
     return tuple(imports.store_log(log, request, arm) for log in sound)
 
 
+@advise_in_python
 def recording(
     robot: Robot, *, t: Any, q: Any, tau: Any, qd: Any = None, id: str = "log"
 ) -> Recording:
@@ -197,10 +206,11 @@ def recording(
             raise InputError(f"{id}: {name} has shape {x.shape}, expected {shape}.")
     log, about = read_memory_log(columns, robot, ColumnMap(), id)
     for line in about.warnings:
-        warnings.warn(line, stacklevel=2)
+        warnings.warn(name_arguments(line), stacklevel=3)
     return log
 
 
+@advise_in_python
 def compare(
     models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]
 ) -> ErrorTables:
@@ -226,6 +236,7 @@ def compare(
     return tabulate_errors(errors, cutoff, [log.id for log in logs])
 
 
+@advise_in_python
 def export(
     model: AnyModel, to: str, folder: str | Path, log: Recording | None = None
 ) -> ModelExport:
@@ -251,6 +262,7 @@ def export(
     return exported
 
 
+@advise_in_python
 def check(
     robot: Robot,
     logs: Recording | str | Path | Iterable[Recording | str | Path],

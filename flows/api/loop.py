@@ -6,6 +6,7 @@ from pathlib import Path
 from types import MappingProxyType
 
 from flows.api.logs import check_recordings
+from flows.api.remedies import advise_in_python
 from flows.api.results import Diagnosis, build_log_sets, convert_to_subclass
 from flows.outputs import Progress, write_files
 from flows.specs import parse_spec
@@ -51,6 +52,7 @@ class Experiment:
         write_files({Path(path): format_reference_csv(self.reference)})
 
 
+@advise_in_python
 def simulate(spec: Mapping = _DEFAULT) -> Recording:
     """Run one experiment on the simulated arm and return its log; nothing is stored.
 
@@ -66,6 +68,7 @@ def simulate(spec: Mapping = _DEFAULT) -> Recording:
     return replace(simulate_experiment(checked).log, id=compute_run_id(checked))
 
 
+@advise_in_python
 def monitor(
     model: Model,
     healthy: Sequence[Recording],
@@ -92,6 +95,7 @@ def monitor(
     return monitor_recordings(model, *sets, per_hour)
 
 
+@advise_in_python
 def next_experiment(
     robot: Robot,
     fit: Sequence[Recording],

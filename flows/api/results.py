@@ -10,6 +10,7 @@ import numpy as np
 import pyarrow as pa
 
 from flows.api.logs import check_recordings, check_robot
+from flows.api.remedies import advise_in_python
 from flows.api.store import Table
 from flows.inputs.read import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files
@@ -139,6 +140,7 @@ class Diagnosis(result.Diagnosis):
         return to_json(self.verdict)
 
 
+@advise_in_python
 def diagnose(
     robot: Robot,
     fit: Sequence[Recording],
@@ -257,6 +259,7 @@ class Identification(ValidatedIdentification):
         )
 
 
+@advise_in_python
 def identify(
     robot: Robot,
     fit: Sequence[Recording],
@@ -319,6 +322,7 @@ class Calibration(core.Calibration):
         return f"Calibration({self.robot}: unseen runs {error})"
 
 
+@advise_in_python
 def calibrate(
     robot: Robot,
     fit: Sequence[Recording],

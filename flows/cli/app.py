@@ -11,8 +11,11 @@ import tomllib
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
+from cyclopts.completion.detect import detect_shell
+from cyclopts.completion.install import create_install_completion_command
 from cyclopts.exceptions import UnknownOptionError
 from rich.console import Console
 
@@ -64,7 +67,23 @@ app = App(
     version=_version,
     suppress_keyboard_interrupt=False,
 )
-app.register_install_completion_command(add_to_startup=False)
+
+
+def _install_completion(*, shell: str | None = None, **places: Any) -> Path:
+    """Install the completion of a shell where Cyclopts installs its own."""
+    from flows.cli.completion import format_completion
+
+    shell = shell or detect_shell()
+    path = app.install_completion(shell=shell, **places)
+    path.write_text(format_completion(app, shell), encoding="utf-8")
+    return path
+
+
+app.command(
+    create_install_completion_command(_install_completion, add_to_startup=True),
+    name="--install-completion",
+    help="Complete commands, options, files and stored ids in bash, zsh or fish.",
+)
 for flag in ("--help", "--version", "--install-completion"):
     app[flag].group = "Options"
 

@@ -25,6 +25,7 @@ from flows.requests import (
     Json,
     Monitor,
     Number,
+    OutCsv,
     RobotRequest,
     RobotWord,
     Seconds,
@@ -227,11 +228,11 @@ _DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
-    kind: str,
+    family: str,
     /,
     *,
     request: Trajectory = _DEFAULT_MOTION,
-    csv: File = None,
+    out: OutCsv = None,
     plot: File = None,
     gif: File = None,
 ) -> None:
@@ -243,13 +244,13 @@ def trajectory(
 
     ```
     modelgap trajectory fourier --gif arm.gif
-    modelgap trajectory welding --robot arm.urdf --duration 30 --csv program.csv
+    modelgap trajectory welding --robot arm.urdf --duration 30 --out program.csv
     ```
 
     Args:
-        kind: fourier (optimised excitation), cyclic (spray painting), welding (seams
+        family: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        csv: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
+        out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
         plot: PNG file for the curves.
         gif: GIF file of the moving arm.
@@ -263,27 +264,27 @@ def trajectory(
     from sim.trajectories import plan_reference_motion
     from sim.trajectories.excitation import compute_limit_usage
 
-    files, rate = {"--csv": csv, "--plot": plot, "--gif": gif}, request.rate
-    out = Outputs(files, list_input_files([request.robot]))
+    files, rate = {"--out": out, "--plot": plot, "--gif": gif}, request.rate
+    outputs = Outputs(files, list_input_files([request.robot]))
     check_option_range("--duration", request.duration, 0.1, LONGEST)
     check_option_range("--periods", request.periods, 1, MOST_PERIODS)
     check_option_range("--rate", rate, 1, FASTEST)
     check_option_range("--seed", request.seed, 0, SEEDS)
     arm = load_command_robot(request.robot)
-    spec = TrajectorySpec(kind, request.duration, request.periods, request.seed)
+    spec = TrajectorySpec(family, request.duration, request.periods, request.seed)
     motion = plan_reference_motion(arm, spec, rate)
     make = {
-        "--csv": lambda: format_reference_csv(motion),
+        "--out": lambda: format_reference_csv(motion),
         "--plot": lambda: draw_motion_png(arm, motion),
         "--gif": lambda: animate_reference(arm, motion),
     }
     # Before anything is printed, which may go into a pipe that closes.
-    out.write(make)
+    outputs.write(make)
     print_parts(
-        out.console,
+        outputs.console,
         *build_motion_parts(arm, motion, spec, rate, compute_limit_usage(arm, motion)),
     )
-    out.finish()
+    outputs.finish()
 
 
 _DEMO = Demo()

@@ -13,11 +13,11 @@ from flows.outputs import (
 from flows.requests import (
     Calibrate,
     File,
-    Folder,
     HeldOutWhere,
     Identify,
     Json,
     Log,
+    OutFolder,
     Where,
 )
 
@@ -27,7 +27,7 @@ def identify(
     request: Identify,
     where: Where = None,
     held_out_where: HeldOutWhere = None,
-    export: Folder = None,
+    out: OutFolder = None,
     json: Json = None,
 ) -> None:
     """Identify the parameters of a robot model.
@@ -38,14 +38,14 @@ def identify(
 
     ```
     modelgap identify A.csv B.csv --robot arm.urdf --holdout C.csv
-    modelgap identify A.csv B.csv --robot arm.urdf --consistent --export arm_new
+    modelgap identify A.csv B.csv --robot arm.urdf --consistent --out arm_new
     modelgap identify --robot irb140 --where "campaign = 'night'"
     ```
 
     Args:
         logs: Logs to fit: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored
             runs.
-        export: New folder for the identified URDF and robot.toml, for --robot.
+        out: New folder for the identified URDF and robot.toml, for --robot.
     """
     from flows.inputs.read import load_request_robot, select_request_runs
     from flows.report.document import print_parts, widen_piped_console
@@ -62,19 +62,19 @@ def identify(
     choice = choose_request_model(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.held_out, request.robot)
-    out = Outputs({"--json": json}, list_input_files(words, request.columns))
-    if export is not None:
-        check_new_folder("--export", Path(export))
+    outputs = Outputs({"--json": json}, list_input_files(words, request.columns))
+    if out is not None:
+        check_new_folder("--out", Path(out))
     read = identification.read_logs(request, robot)
-    out.say(*read.lines[:1], *choice.lines, *read.lines[1:])
+    outputs.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     outcome, kept = identification.identify(request, read)
     files = {}
-    if export is not None:
+    if out is not None:
         about = f"identified from {' '.join(outcome.fit)}"
-        files = place_in_folder(export, build_robot_folder(outcome.best, about))
-    print_parts(widen_piped_console(out.console), *identified(outcome))
-    out.write(document=lambda: identification_document(outcome), more=files)
-    out.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
+        files = place_in_folder(out, build_robot_folder(outcome.best, about))
+    print_parts(widen_piped_console(outputs.console), *identified(outcome))
+    outputs.write(document=lambda: identification_document(outcome), more=files)
+    outputs.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 
 def calibrate(
@@ -83,7 +83,7 @@ def calibrate(
     where: Where = None,
     report: File = None,
     json: Json = None,
-    export: Folder = None,
+    out: OutFolder = None,
 ) -> None:
     """Fit look-up tables to the residual of a model, and validate them.
 
@@ -94,7 +94,7 @@ def calibrate(
     ```
     modelgap calibrate A.csv B.csv C.csv --robot arm.urdf --report out.html
     modelgap calibrate 3f2a 77c0 90ab --robot irb140 --paper
-    modelgap calibrate 3f2a 77c0 90ab --robot irb140 --export tables
+    modelgap calibrate 3f2a 77c0 90ab --robot irb140 --out tables
     ```
 
     Args:
@@ -102,7 +102,7 @@ def calibrate(
             runs. A single log is cut into parts.
         report: HTML file for the report.
         json: File for all figures as JSON; "-" prints it alone.
-        export: New folder for the tables, their model, and evaluators in NumPy and C.
+        out: New folder for the tables, their model, and evaluators in NumPy and C.
     """
     from flows.inputs.read import select_request_runs
     from flows.report.calibration import (
@@ -119,29 +119,29 @@ def calibrate(
 
     request = select_request_runs(request, logs, where)
     inputs = list_input_files((*request.logs, request.robot), request.columns)
-    out = Outputs({"--report": report, "--json": json}, inputs)
-    if export is not None:
-        check_new_folder("--export", Path(export))
+    outputs = Outputs({"--report": report, "--json": json}, inputs)
+    if out is not None:
+        check_new_folder("--out", Path(out))
     read, runs = calibration.read_logs(request)
     if request.paper:
         from flows.steps.experiment import add_twin_errors
 
         runs = add_twin_errors(read.robot, runs)
-    out.say(*read.lines)
+    outputs.say(*read.lines)
     with show_progress_bar() as progress:
         done = calibration.calibrate(request, read, runs, progress)
     result = done.calibration
-    out.write(
+    outputs.write(
         {"--report": lambda: render_calibration_page(result, done.warnings)},
         lambda: calibration_document(
             result, describe_calibration(result), done.warnings, done.stored
         ),
-        place_in_folder(export, build_calibration_files(result))
-        if export is not None
+        place_in_folder(out, build_calibration_files(result))
+        if out is not None
         else {},
     )
-    print_parts(widen_piped_console(out.console), *build_terminal_parts(done))
+    print_parts(widen_piped_console(outputs.console), *build_terminal_parts(done))
     if done.stored:
         model, validation = done.stored["model"], done.stored["validation"]
-        out.say(f"stored: model {model}, validation {validation}")
-    out.finish()
+        outputs.say(f"stored: model {model}, validation {validation}")
+    outputs.finish()

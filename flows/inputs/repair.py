@@ -25,7 +25,8 @@ from warehouse.logs.column_map import (
     abbreviate_column_names,
     build_default_signal,
 )
-from warehouse.logs.map_draft import PRESETS, ColumnMapDraft
+from warehouse.logs.maker_formats import PRESETS
+from warehouse.logs.map_draft import ColumnMapDraft
 
 _MISSING = {
     "time": '{column = "...", unit = "s"}',
@@ -238,7 +239,8 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
     if format == "ros" and not columns.signals:
         line("bag", _bag_line(columns))
         return "\n".join([*lines, ""])
-    line("time", format_time_line(1.0, columns))
+    if "time" not in draft.missing:
+        line("time", format_time_line(1.0, columns))
     for name, signal in columns.signals.items():
         line(name, format_signal_line(name, signal))
     if columns.drive is not None:

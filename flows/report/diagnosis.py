@@ -28,6 +28,7 @@ from flows.report.document import (
     print_line,
     print_parts,
 )
+from flows.report.next_step import describe_next_step
 from flows.report.page import Pairs
 from flows.report.page import render_html as render_page
 from flows.report.phrases import (
@@ -62,15 +63,18 @@ def render_diagnosis_page(
     robot_name: str,
     demonstration: Demonstration | None = None,
     origin: Pairs = (),
+    records: Sequence[str] = (),
 ) -> str:
     """Return the report page: one HTML document, the same bytes every time.
 
     Args:
         origin: Where it comes from, and the command that makes it again.
+        records: How often the arm's stored diagnoses had each finding, a sentence each.
     """
-    return render_page(
-        build_diagnosis_document(result, robot_name, demonstration, origin)
+    document = build_diagnosis_document(
+        result, robot_name, demonstration, origin, records=records
     )
+    return render_page(document)
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
@@ -96,6 +100,7 @@ def build_summary_parts(
     """
     result = Diagnosis(verdict)
     parts: list[Part] = [*sentences.list_headline_sentences(verdict)]
+    parts.append("Next: {}: {}".format(*describe_next_step(verdict)))
     named = list(result.effects)
     parts += [Heading("What is missing")] if named else []
     parts += [tables.summarize_finding(each, verdict) for each in named[:_LISTED]]
@@ -118,6 +123,7 @@ def build_diagnosis_document(
     demonstration: Demonstration | None = None,
     origin: Pairs = (),
     drawn: bool = True,
+    records: Sequence[str] = (),
 ) -> Document:
     """Return a diagnosis as a document.
 
@@ -129,7 +135,7 @@ def build_diagnosis_document(
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
         _demonstration(demonstration),
-        _missing(result, charts.chart_findings(result) if drawn else ()),
+        _missing(result, charts.chart_findings(result) if drawn else (), records),
         _errors(result, charts.chart_errors(result) if drawn else None),
         _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
         _alternatives(result),
@@ -148,6 +154,7 @@ def build_diagnosis_document(
         about=Markup("modelgap diagnosis of <b>{}</b>").format(robot),
         headline=first,
         lead=[" ".join(lead)] if lead else (),
+        next_step=describe_next_step(verdict),
         tiles=build_tiles(result),
         warnings=[*weak, *verdict.warnings],
         sections=sections,
@@ -225,10 +232,13 @@ def _demonstration(demonstration: Demonstration | None) -> Section:
     return Section("demonstration", "The experiment and the hidden effect", parts)
 
 
-def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
+def _missing(
+    result: Diagnosis, figures: Sequence[Sequence[Chart]], records: Sequence[str]
+) -> Section:
     parts: list[Part | None] = []
     for at, charts_of_finding in enumerate(figures):
-        parts += _finding(result, at, charts_of_finding)
+        record = "".join(records[at : at + 1])
+        parts += _finding(result, at, charts_of_finding, record)
     note = _TEXT["clouds"] if any(figures) else ""
     brief = [Heading("What is missing")] if result.effects else []
     for effect in result.effects:
@@ -239,12 +249,15 @@ def _missing(result: Diagnosis, figures: Sequence[Sequence[Chart]]) -> Section:
     return Section("missing", "What is missing", parts, note, brief=brief)
 
 
-def _finding(result: Diagnosis, at: int, figures: Sequence[Chart]) -> list[Part | None]:
+def _finding(
+    result: Diagnosis, at: int, figures: Sequence[Chart], record: str
+) -> list[Part | None]:
     """One finding: its effect on the torque, its size, its figures."""
     effect, verdict = result.effects[at], result.verdict
     sentence = capitalize_first("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
     text: list[Part | None] = [sentence, tables.describe_impact(result, effect)]
+    text.append(record or None)
     if effect.equivalent:
         motion = "another motion may separate them"
         alike = Markup(

@@ -171,6 +171,7 @@ class Document:
         lead: Sentences after the headline.
         warnings: Lines before the sections.
         foot: Its origin.
+        next_step: What to do next, in words, and the command for it.
     """
 
     title: str
@@ -181,6 +182,7 @@ class Document:
     tiles: Sequence[HeadlineFigure | None] = ()
     warnings: Sequence[str] = ()
     foot: Sequence[tuple[str, str]] = ()
+    next_step: tuple[str, str] | None = None
 
 
 # What a terminal without Unicode shows instead.
@@ -224,6 +226,8 @@ def print_document(
     """
     print_line(console, "")
     print_line(console, " ".join([document.headline, *document.lead]), "bold")
+    if document.next_step:
+        print_plain(console, "Next: {}:\n  {}".format(*document.next_step))
     sections = {section.id: section for section in document.sections}
     for id in order:
         print_parts(console, *filter(None, sections[id].brief), wrapped=True)

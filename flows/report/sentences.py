@@ -291,7 +291,7 @@ CLEAN = "No problems found: units, signs, joint order and timing are consistent.
 MEANING = read_page_texts()["faults"]
 
 # The motion that would help, the most useful first.
-_MORE_MOTION = {
+MORE_MOTION = {
     "too_short": "Record 20 s or more in which every joint moves back and forth.",
     "lockstep": "Move the joints independently: modelgap trajectory fourier.",
     "no_reversal": "Move each joint back and forth several times.",
@@ -513,7 +513,7 @@ def describe_worse_joints(verdict: Verdict) -> list[str]:
 
 def _more_motion(report: LogCheck | None) -> list[str]:
     """Return the limit of a poor motion, and the motion that would help."""
-    for kind, help in _MORE_MOTION.items() if report else ():
+    for kind, help in MORE_MOTION.items() if report else ():
         faults = [fault for fault in report.faults if fault.kind == kind]
         joints = format_joints(joint for fault in faults for joint in fault.joints)
         if faults:

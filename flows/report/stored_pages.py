@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from flows.inputs.read import load_command_robot
 from flows.outputs import json_text
 from flows.report.diagnosis import render_diagnosis_page
+from flows.report.next_step import describe_name_records
 from flows.report.page import read_diagnosis_origin
 from flows.report.phrases import Demonstration, HiddenEffect
 from flows.report.sentences import list_headline_sentences
@@ -37,9 +38,9 @@ def store_diagnosis_page(
     """
     result = read_outcome(store, ids[1])
     robot = result.verdict.robot
-    page = render_diagnosis_page(
-        result, robot, demonstration, read_diagnosis_origin(store, ids[0])
-    )
+    origin = read_diagnosis_origin(store, ids[0])
+    records = describe_name_records(store, ids[0], result.effects)
+    page = render_diagnosis_page(result, robot, demonstration, origin, records)
     verdict = json_text(to_json(result.verdict)).encode()
     contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)

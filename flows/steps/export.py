@@ -172,6 +172,11 @@ def list_export_targets() -> Mapping[str, Writer]:
     return result
 
 
+def _check_target(word: str) -> str:
+    """Return the name of a target; "c" is C99."""
+    return check_name("c99" if word == "c" else word, list_export_targets(), "target")
+
+
 def export(request: Export) -> ModelExport:
     """Read a model and write it in the form of another program.
 
@@ -179,7 +184,7 @@ def export(request: Export) -> ModelExport:
         InputError: If there is no such model or target, the target cannot take the
             model, or a package that it needs is not installed.
     """
-    check_name(request.to, list_export_targets(), "target")
+    _check_target(request.to)
     store = resolve_store_folder(request.store)
     model = read_model(store, request.model, request.which)
     if request.log is None:
@@ -198,7 +203,7 @@ def export_model(model: AnyModel, to: str, log: Recording | None = None) -> Mode
     Raises:
         InputError: As `export`.
     """
-    write = list_export_targets()[check_name(to, list_export_targets(), "target")]
+    write = list_export_targets()[_check_target(to)]
     if log is not None and write is not build_rerun_recording:
         raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")
     return write(model) if log is None else build_rerun_recording(model, log)

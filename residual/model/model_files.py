@@ -134,7 +134,7 @@ def load_model(path: str | Path) -> AnyModel:
     if kind == TABLES:
         raise InputError(
             f"{path} holds {kind}, expected a model: that is corrected.json beside it, "
-            "which modelgap calibrate --export writes without --paper."
+            "which modelgap calibrate --out writes without --paper."
         )
     if kind != "a model":
         raise InputError(

@@ -170,10 +170,10 @@ def load_robot(
     """Load a robot.
 
     Args:
-        spec: A built-in name, a robot file (URDF, xacro or MJCF; nothing beside it is
-            picked up), or a folder with exactly one and an optional robot.toml; how it
-            is read may follow (`word_of`). A built-in name wins over a folder of that
-            name in the working directory.
+        spec: A built-in name, a folder with exactly one robot file (URDF, xacro or
+            MJCF) and an optional robot.toml, or the file itself; how it is read may
+            follow (`word_of`). A built-in name wins over a folder of that name in the
+            working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have
@@ -222,7 +222,8 @@ def load_robot(
         slugs = filter(None, (name.strip("_")[:40] for name in names))
         extra["name"] = next(slugs, "robot")
     extra |= {"toml": json.dumps(content, sort_keys=True), "columns": columns}
-    extra |= {"notes": (*arm.notes, *compiled.notes), "locked": arm.locked}
+    notes = (*_beside(word, toml_file), *arm.notes, *compiled.notes)
+    extra |= {"notes": notes, "locked": arm.locked}
     return _assemble(arm, extra, file.name)
 
 
@@ -344,7 +345,7 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
         if path.is_dir():
             return _only_file(path)
         if path.is_file():
-            return path, None
+            return path, _toml_beside(path)
         if path.exists() or path.suffix or len(path.parts) > 1:
             raise RobotError(
                 f"No file or folder '{shorten_value(spec)}' for a robot. Give a URDF, "
@@ -357,6 +358,23 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
         more = "Or give a URDF, xacro or MJCF file, or a folder with one."
         raise UnknownNameError(f"{error} {more}") from None
     return _only_file(find_built_in_folder(name))
+
+
+def _toml_beside(path: Path) -> Path | None:
+    """Return the robot.toml of a robot file: that of a folder without another arm."""
+    toml = path.with_name("robot.toml")
+    same = [f for f in path.parent.glob(f"*{path.suffix}") if f.is_file()]
+    return toml if len(same) == 1 and toml.is_file() else None
+
+
+def _beside(word: str, toml: Traversable | None) -> tuple[str, ...]:
+    """Say what becomes of a robot.toml beside a file that was given by its name."""
+    given = Path(word)
+    if not given.is_file() or not given.with_name("robot.toml").is_file():
+        return ()
+    if toml:
+        return (f"with the robot.toml beside {given.name}",)
+    return (f"robot.toml is not read: others are beside {given.name}; part them",)
 
 
 def _only_file(folder: Traversable) -> tuple[Traversable, Traversable | None]:

@@ -9,6 +9,7 @@ from benchmarks import page
 
 def test_the_page_is_what_the_script_writes():
     assert page.PAGE.read_text(encoding="utf-8") == page.page()
+    assert page.PUBLIC.read_text(encoding="utf-8") == page.public_page()
 
 
 def test_the_table_of_the_readme_is_what_the_script_makes():

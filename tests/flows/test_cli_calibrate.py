@@ -52,7 +52,7 @@ def stored(tmp_path_factory, compiled_plant):
 def test_files_give_table_page_json_and_tables_that_evaluate_alone(place, capsys):
     words = "calibrate A.csv B.csv C.csv D.csv --robot arm.urdf"
     words += " --declared rotor_inertia"
-    assert run(f"{words} --report o.html --json o.json --export tables") == 0
+    assert run(f"{words} --report o.html --json o.json --out tables") == 0
     shown = capsys.readouterr().out
     assert "leave one run out" in shown
     assert "no family left out: the kind of motion of the logs is not known" in shown

@@ -35,7 +35,7 @@ def place(own_folder):
 
 def test_parameters_and_errors_are_shown_and_written(place, capsys):
     words = "identify A.csv B.csv --robot arm.urdf --holdout C.csv --json o.json"
-    assert run(f"{words} --export new") == 0
+    assert run(f"{words} --out new") == 0
     shown = capsys.readouterr().out
     assert "fit: A B | baseline: – | held out: C" in shown
     assert "J1: inertia Izz of link 1" in shown

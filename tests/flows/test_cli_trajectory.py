@@ -20,7 +20,7 @@ def run(*words):
 
 
 def test_a_motion_is_planned_shown_and_written(here, capsys):
-    words = ("--csv", "out.csv", "--plot", "out.png", "--gif", "out.gif")
+    words = ("--out", "out.csv", "--plot", "out.png", "--gif", "out.gif")
     assert run("move_stop_move", "--duration", "8", "--periods", "1", *words) == 0
     shown = capsys.readouterr().out
     assert "move_stop_move motion of irb140: 8 s at 250 Hz, period 8 s" in shown

@@ -55,11 +55,16 @@ def test_built_in_irb140_has_the_published_geometry_and_labels_what_is_assumed()
     assert all(d.assumed and "TX40" in d.source for d in robot.declared.values())
 
 
-def test_bare_urdf_ignores_the_toml_beside_it(folder):
-    (folder / "robot.toml").write_text('[robot]\nname = "other"\n')
+def test_a_robot_file_has_the_toml_of_its_folder_unless_another_arm_is_there(folder):
+    (folder / "robot.toml").write_text("[declared.coulomb]\nlevel = [3, 4]\n")
+    robot = load_robot(folder / "arm.urdf")
+    assert robot.content_hash == load_robot(folder).content_hash
+    np.testing.assert_array_equal(robot.declared["coulomb"].values["level"], [3, 4])
+    assert robot.notes == ("with the robot.toml beside arm.urdf",)
+    (folder / "other.urdf").write_text((folder / "arm.urdf").read_text())
     bare = load_robot(folder / "arm.urdf")
-    assert (bare.name, dict(bare.declared), bare.prior_scale) == ("two_link", {}, None)
-    assert load_robot(folder).name == "other"
+    assert (dict(bare.declared), bare.prior_scale) == ({}, None)
+    assert "robot.toml is not read" in bare.notes[0]
 
 
 def test_robot_toml_values_arrive(folder):

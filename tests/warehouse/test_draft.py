@@ -35,6 +35,9 @@ def test_the_format_of_a_maker_is_known_by_its_names(name):
     unit = "rad" if form.angle == 1 else "deg"
     assert proposed.columns.signals["q"].unit == unit
     assert proposed.missing == ()
+    (question,) = proposed.doubts["tau"]
+    assert question.startswith("which ")
+    assert "gravity = [0, 0, 0]" in question
     # What was asked of the arm, or guessed about forces from outside, is none of it.
     used = {c for s in proposed.columns.signals.values() for c in s.columns}
     assert not [c for c in used if "target" in c or "cmd" in c or "ext" in c]

@@ -86,6 +86,7 @@ class LogFile(ABC):
         name: File name, as messages begin.
         columns: Names of all columns.
         units: Units that the file itself states, by column.
+        text: Columns that hold no numbers.
         notes: What was understood of the file, in words.
         recorded_at: When its first sample was taken, UTC; None where it does not say.
     """
@@ -93,6 +94,7 @@ class LogFile(ABC):
     name: str
     columns: tuple[str, ...]
     units: Mapping[str, str] = {}
+    text: frozenset[str] = frozenset()
     notes: tuple[str, ...] = ()
     recorded_at: datetime | None = None
 
@@ -110,7 +112,7 @@ _WRITTEN = {
     "ms": ("ms",),
     "us": ("us", "µs"),
     "rad": ("rad",),
-    "deg": ("deg", "degrees", "°"),
+    "deg": ("deg", "degrees", "grad", "°"),
     "rad/s": ("rad/s",),
     "deg/s": ("deg/s", "°/s"),
     "rad/s^2": ("rad/s^2", "rad/s2", "rad/s²"),
@@ -125,6 +127,7 @@ _COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 _BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
 # So many lines may stand above the samples.
 _ABOVE = 60
+_WINDOW = 9  # rows that show which columns hold numbers
 BATCH = 1 << 16  # rows
 # Measured torques have more noise than a byte a row can hold, however compressed: of a
 # file with more rows than bytes the rows are made up. Up to a million are read at once.
@@ -135,11 +138,13 @@ _MOST_ROWS = 1_000_000
 class TextTableLayout:
     """Where the table in a text file is."""
 
-    names: int  # line with the names of the columns, counted from 0
+    names: tuple[str, ...]  # of the columns
+    line: int  # where they stand, counted from 0
     samples: int  # first line with samples
     separator: str  # what stands between two columns
     # Units that the file states, by name.
     units: Mapping[str, str] = field(default_factory=dict)
+    text: frozenset[str] = frozenset()  # columns that begin with something else
     above: int = 0  # how many lines above the names are no part of the table
 
 
@@ -160,17 +165,19 @@ class CsvLog(LogFile):
         layout = find_text_table(lines, form)
         if layout is None:
             separator = form.separator or guess_separator(lines[rows[0]])
-            layout = TextTableLayout(rows[0], rows[0] + 1, separator)
+            names = split_csv_line(lines[rows[0]], separator)
+            layout = TextTableLayout(
+                tuple(map(str.strip, names)), rows[0], rows[0] + 1, separator
+            )
         self._skip, self._separator = layout.samples, layout.separator
-        if layout.names == len(lines) - 1 and len(head) >= HEAD:
+        if layout.line == len(lines) - 1 and len(head) >= HEAD:
             raise InputError(
                 f"{self.name}: its line of names does not end in the first {HEAD} "
                 "bytes. Give a file with names that somebody can read."
             )
-        header = split_csv_line(lines[layout.names], layout.separator)
-        self.columns = tuple(name.strip() for name in header)
+        self.columns, self.text = layout.names, layout.text
         self.units = layout.units
-        self.recorded_at, unzoned = find_header_timestamp(lines[: layout.names])
+        self.recorded_at, unzoned = find_header_timestamp(lines[: layout.line])
         stated = ", ".join(f"{name}: {unit}" for name, unit in layout.units.items())
         notes = {
             f"{unzoned} has no time zone and is not used; see --recorded-at": unzoned,
@@ -253,7 +260,7 @@ def guess_csv_format(path: Path) -> CsvFormat:
         _, text = _decode(file.read(HEAD))
     lines = re.split(r"\r\n|\n|\r", text)
     layout = find_text_table(lines, CsvFormat())
-    if layout is None or layout.separator == ",":
+    if layout is None:
         return CsvFormat()
     fields = [
         f
@@ -299,39 +306,90 @@ def is_number(text: str) -> bool:
 
 
 def find_text_table(lines: Sequence[str], form: CsvFormat) -> TextTableLayout | None:
-    """Find the table in the first lines of a file; None with nothing above it."""
+    """Find the table in the first lines of a file; None where nothing looks like one.
+
+    Its first row has two or more numbers, most of the rows below have as many fields
+    and numbers in the same columns, and above stands a line of as many names.
+    """
     rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
-    for place, row in enumerate(rows[: _ABOVE + 1]):
-        # Of the line of names: in a line of numbers a comma may be the decimal one.
-        separator = form.separator or guess_separator(
-            lines[rows[place - 1] if place else row]
+    separators = form.separator or f"{_SEPARATORS} "
+    for place in range(1, min(len(rows), _ABOVE + 1)):
+        window = [lines[i] for i in rows[place : place + _WINDOW]]
+        best: TextTableLayout | None = None
+        most = 1
+        for separator in separators:
+            samples = [split_csv_line(line, separator) for line in window]
+            numeric = _numeric_columns(samples)
+            if len(numeric) > most and (
+                layout := _layout(lines, rows[: place + 1], separator, samples, numeric)
+            ):
+                best, most = layout, len(numeric)
+        if best:
+            return best
+    return None
+
+
+def _numeric_columns(samples: list[list[str]]) -> list[int]:
+    """Columns with a number in a row and in most of those below; [] for no table."""
+    fields, *below = samples
+    numeric = [k for k, field in enumerate(fields) if is_number(field)]
+    alike = [
+        row
+        for row in below
+        if len(row) == len(fields)
+        and all(is_number(row[k]) or not row[k].strip() for k in numeric)
+    ]
+    return numeric if 2 * len(alike) >= len(below) else []
+
+
+def _layout(
+    lines: Sequence[str],
+    rows: Sequence[int],
+    separator: str,
+    samples: list[list[str]],
+    numeric: list[int],
+) -> TextTableLayout | None:
+    """Return the table whose samples begin in the last of some rows; None for none.
+
+    Args:
+        samples: Fields of its first rows.
+    """
+    stated: list[str] = []
+    fields = samples[0]
+    least = len(_clean(fields))
+    for place in range(len(rows) - 2, -1, -1):
+        if not lines[rows[place]].strip(f"-=_+:|{separator} "):
+            continue  # a rule between names and samples
+        names = split_csv_line(lines[rows[place]], separator)
+        if lines[rows[place]].startswith("#") and len(names) == len(fields) + 1:
+            names = names[1:]
+        names[0] = names[0].removeprefix("#").strip()
+        at = [names[k].strip() for k in numeric if k < len(names)]
+        if place and not stated and _are_units(at):
+            stated = [word.strip().strip("[]()") for word in names]
+            continue
+        names = _clean(names)
+        if not least <= len(names) <= len(fields) or any(map(is_number, at)):
+            return None
+        units = {n: u for n, u in zip(names, stated, strict=False) if u}
+        for name in names:
+            if bracket := _BRACKET.search(name):
+                units.setdefault(name, bracket[1].strip())
+        names += [""] * (len(fields) - len(names))
+        return TextTableLayout(
+            names=tuple(names),
+            line=rows[place],
+            samples=rows[-1],
+            separator=separator,
+            units={n: UNITS[u.lower()] for n, u in units.items() if u.lower() in UNITS},
+            text=frozenset(
+                name
+                for k, name in enumerate(names)
+                if not any(is_number(row[k]) for row in samples if k < len(row))
+            ),
+            above=place,
         )
-        fields = split_csv_line(lines[row], separator)
-        filled = [field for field in fields if field.strip()]
-        if place and len(filled) >= 2 and all(map(is_number, filled)):
-            break
-    else:
-        return None
-    above = [(i, _clean(split_csv_line(lines[i], separator))) for i in rows[:place]]
-    units: dict[str, str] = {}
-    last, names = above[-1]
-    if len(above) > 1 and len(names) <= len(fields) and _are_units(names):
-        stated = [word.strip("[]() ") for word in names]
-        last, names = above[-2]
-        units = dict(zip(names, stated, strict=False))
-    if len(names) != len(_clean(fields)) and len(names) != len(fields):
-        return None
-    for name in names:
-        if bracket := _BRACKET.search(name):
-            units.setdefault(name, bracket[1].strip())
-    si_units = {n: UNITS[u.lower()] for n, u in units.items() if u.lower() in UNITS}
-    return TextTableLayout(
-        names=last,
-        samples=row,
-        separator=separator,
-        units=si_units,
-        above=sum(i < last for i, _ in above),
-    )
+    return None
 
 
 def _clean(fields: list[str]) -> list[str]:
@@ -343,10 +401,9 @@ def _clean(fields: list[str]) -> list[str]:
 
 
 def _are_units(fields: list[str]) -> bool:
-    words = [field.strip("[]() ").lower() for field in fields]
-    return bool(words) and all(
-        word in UNITS or word in ("", "-", "1") for word in words
-    )
+    units = sum(field.strip("[]() ").lower() in UNITS for field in fields)
+    plain = sum(field.strip("[]() ") in ("", "-", "1") for field in fields)
+    return units > 0 and 2 * (units + plain) > len(fields)
 
 
 class ParquetLog(LogFile):
@@ -373,16 +430,15 @@ class ParquetLog(LogFile):
             items = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
             self._places |= items or {each.name: (each.name, None)}
         self.columns = tuple(self._places)
+        self.text = frozenset(c for c in self.columns if not self._holds_numbers(c))
         recorded = (self._schema.metadata or {}).get(FIELD.encode(), b"")
         self.recorded_at, _ = find_header_timestamp([recorded.decode(errors="replace")])
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
         for column in columns:
-            kind = self._schema.field(self._places[column][0]).type
-            if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
-                kind = kind.value_type
-            if not (pa.types.is_integer(kind) or pa.types.is_floating(kind)):
+            if column in self.text:
+                kind = self._schema.field(self._places[column][0]).type
                 raise InputError(
                     f"{self.name}: column '{column}' holds {kind}, expected numbers."
                 )
@@ -404,6 +460,12 @@ class ParquetLog(LogFile):
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
         return {c: x[:done] for c, x in values.items()}
+
+    def _holds_numbers(self, column: str) -> bool:
+        kind = self._schema.field(self._places[column][0]).type
+        if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
+            kind = kind.value_type
+        return pa.types.is_integer(kind) or pa.types.is_floating(kind)
 
     def _lengths(self, field: pa.Field) -> int | None:
         """How many numbers each list of a column has; None for what is no list."""

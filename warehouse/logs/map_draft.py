@@ -3,13 +3,14 @@
 The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
 tests the map against the physics of the arm.
 
-To add a public log format, add an entry to `PRESETS`; to add a word of a signal, to
-`WORDS`. In a name "#" stands for the number of the joint, counted from 0 or 1.
+To add a public log format, add an entry to `PRESETS` of maker_formats.py; to add a
+word of a signal, to `WORDS`. In a name "#" stands for the number of the joint, counted
+from 0 or 1.
 """
 
 import re
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +30,7 @@ from warehouse.logs.log_reading import open_log
 from warehouse.logs.log_tables import UNITS as HEADER_UNITS
 from warehouse.logs.log_tables import LogFile, guess_csv_format
 from warehouse.logs.log_window import LIMIT_SLACK, MIN_RATE
+from warehouse.logs.maker_formats import GRAVITY, PRESETS, MakerLogFormat
 from warehouse.logs.ros_bags import list_joint_topics
 
 _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
@@ -47,18 +49,20 @@ WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
         (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
         (None, "cart cartesian tool power error err wrench stiffness damping status"),
         (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
-        ("tau", "tau torque torques trq moment effort efforts drehmoment tq mom qfrc"),
-        ("tau", "current currents cur curr strom amps"),
+        ("tau", "tau torque torques torq trq moment moments effort efforts eff tq mom"),
+        ("tau", "qfrc couple coppia"),
+        ("tau", "current currents cur curr strom courant amps"),
         ("qdd", "qdd ddq acc accel acceleration accelerations"),
         ("qd", "qd dq vel velocity velocities speed speeds omega qdot qvel"),
-        ("qd", "geschwindigkeit"),
-        ("q", "q pos position positions angle angles theta winkel joint joints jpos"),
-        ("q", "qpos axis achse axes goal goals action observation"),
+        ("qd", "geschwindigkeit vitesse velocidad"),
+        ("q", "q pos position positions ang angle angles theta winkel joint joints"),
+        ("q", "jpos qpos axis achse axes posizione posición angolo ángulo"),
+        ("q", "goal goals action observation"),
     )
 )
 # Letters that are a whole name, as in "J1" and "M1": likely, and no more.
 LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
-CURRENTS = frozenset(_split("current currents cur curr strom amps i"))
+CURRENTS = frozenset(_split("current currents cur curr strom courant amps i"))
 WANTED = frozenset(  # what was asked of the arm, not what it did
     _split("ref reference references target cmd command commanded des desired set soll")
     + _split("setpoint action")
@@ -68,84 +72,22 @@ MEASURED = frozenset(
     _split("act actual meas measured msr ist state feedback fb present")
 )
 SWITCHES = frozenset(_split("enable enabled on active"))  # of a drive
-TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
+TIMES = frozenset(  # besides what ends with "time" or "zeit"
+    _split("t ts times timestamp stamp zeitstempel clock elapsed temps tiempo tempo")
+)
 # Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
-    **{word: HEADER_UNITS[word] for word in _split("deg degrees rad nm ms us sec")},
-    **{"degree": "deg", "msec": "ms", "ns": "ns", "amp": "A", "amps": "A"},
+    **{
+        word: HEADER_UNITS[word]
+        for word in _split("deg degrees grad rad nm nmm ms us sec")
+    },
+    **{"degree": "deg", "msec": "ms", "usec": "us", "ns": "ns", "secs": "s"},
+    **{"amp": "A", "amps": "A"},
 }
 _KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
-
-
-Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
-
-
-@dataclass(frozen=True, slots=True)
-class MakerLogFormat:
-    """A log format of a maker; only its angles where it publishes no names."""
-
-    about: str  # whose it is
-    time: Units = field(default_factory=dict)
-    signals: Mapping[str, Units] = field(default_factory=dict)
-    angle: str | None = None  # unit of angles whose names and file say none
-
-
-def _measured(*names: str, q_ref: str = "", angle: str = "rad") -> dict[str, Units]:
-    """Units of what formats call q, tau and qd, and the wanted q."""
-    units = {"q": angle, "tau": "N m", "qd": "rad/s"}
-    signals = {key: {n: units[key]} for key, n in zip(units, names, strict=False)}
-    return signals | ({"q_ref": {q_ref: angle}} if q_ref else {})
-
-
-def _plotted(number: str) -> dict[str, Units]:
-    kinds = ("position", "effort", "velocity")
-    return _measured(*(f"/joint_states/{number}/{kind}" for kind in kinds))
-
-
-_RTDE = _measured("actual_q_#", "actual_current_as_torque_#", "actual_qd_#")
-PRESETS: Mapping[str, MakerLogFormat] = {
-    "ur-rtde": MakerLogFormat(
-        "Universal Robots, RTDE (rtde/csv_writer.py of its client)",
-        {"timestamp": "s"},
-        _RTDE
-        | {"tau": _RTDE["tau"] | {"actual_current_#": "A"}}
-        | {"q_ref": {"target_q_#": "rad"}},
-    ),
-    "franka": MakerLogFormat(
-        "Franka, libfranka's logToCSV (src/log.cpp)",
-        {"time": "ms"},
-        _measured("state.q[#]", "state.tau_J[#]", "state.dq[#]", q_ref="state.q_d[#]"),
-    ),
-    "kuka-fri": MakerLogFormat(
-        "KUKA LWR, Fast Research Interface Library (src/DataLogging.cpp)",
-        {"KRCTime": "s", "LocalTime": "s"},
-        _measured("ActPJ#", "ActFJ#", q_ref="UDesPJ#", angle="deg"),
-    ),
-    "robotstudio": MakerLogFormat(
-        "ABB RobotStudio, which publishes no names: degrees where nothing says more",
-        angle="deg",
-    ),
-    "ros": MakerLogFormat(
-        "ROS joint states: a bag, or text by rostopic echo -p",
-        {"%time": "ns", "field.header.stamp": "ns"},
-        _measured("field.position#", "field.effort#", "field.velocity#"),
-    ),
-    "mujoco": MakerLogFormat(
-        "MuJoCo, the arrays of mjData",
-        {"time": "s"},
-        _measured("qpos[#]", "qfrc_actuator[#]", "qvel[#]"),
-    ),
-    "plotjuggler": MakerLogFormat(
-        "PlotJuggler, joint states as exported to CSV",
-        {"__time": "s"},
-        {key: own | _plotted("#")[key] for key, own in _plotted("joint_#").items()},
-    ),
-    "lerobot": MakerLogFormat(
-        "LeRobot, version 3 (data/*.parquet)",
-        {"timestamp": "s"},
-        {"q": {"observation.state[#]": ""}, "q_ref": {"action[#]": ""}},
-    ),
-}
+# What a word may end with, as "Gelenkwinkel" and "Sollmoment" do.
+_ENDS = "|".join(sorted(w for _, known in WORDS for w in known if len(w) > 4))
+_COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,7 +116,17 @@ def strip_joint_prefix(joint: str) -> str:
 def split_column_name(name: str) -> tuple[str, ...]:
     """Return the words of a name in small letters: "TorqueSm#" is torque, sm."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
-    return tuple(w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+    words = (w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
+    # A known word is no compound: "external" ends with none.
+    parts = ((w, w not in _KNOWN and _COMPOUND.fullmatch(w)) for w in words)
+    return tuple(p for w, match in parts for p in (match.groups() if match else (w,)))
+
+
+def _is_time(words: tuple[str, ...]) -> bool:
+    unit = UNIT_WORDS.get(words[0]) if len(words) == 1 else None
+    return unit in _SECONDS or any(
+        word in TIMES or word.endswith(("time", "zeit")) for word in words
+    )
 
 
 def find_name_unit(name: str) -> str | None:
@@ -319,12 +271,13 @@ def _of_bag(
     joint_names = () if tuple(bag_joints) == tuple(joints) else tuple(bag_joints)
     form = BagFormat(topic=topic if len(bag) > 1 else None, joints=joint_names)
     missing = () if bag_joints else ("q", "tau")
-    doubts_by_line = {"bag": tuple(doubts)} if doubts else {}
     try:
         open_log(path, ColumnMap(bag=form), joints)
+        doubts.append(f"{PRESETS['ros'].effort}{GRAVITY}")
     except InputError as error:
-        doubts_by_line["bag"] = (*doubts, str(error))
-    return ColumnMapDraft(ColumnMap(bag=form), "ros", doubts_by_line, {}, missing, ())
+        doubts.append(str(error))
+    said = {"bag": tuple(doubts)}
+    return ColumnMapDraft(ColumnMap(bag=form), "ros", said, {}, missing, ())
 
 
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
@@ -346,7 +299,8 @@ class _Drafter:
     ) -> None:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
-        self.families = group_joint_columns(log.columns, joints)
+        self.columns = [c for c in log.columns if c not in log.text]
+        self.families = group_joint_columns(self.columns, joints)
         timed = {n: p for n, p in PRESETS.items() if {*p.time} & {*log.columns}}
         formats = (n for n, p in timed.items() if self._preset_columns(p, "q"))
         self.format = format or next(formats, None)
@@ -401,18 +355,20 @@ class _Drafter:
 
     def _time(self) -> tuple[tuple[str, ...], str]:
         """Return the column of time, or those of seconds and nanoseconds; the unit."""
-        for column in self.log.columns:
+        for column in self.columns:
             for word in ("nanosec", "nanosecs", "nsec", "nsecs"):
                 other = _SECONDS_OF.sub(word, column)
                 if other != column and other in self.log.columns:
                     return (column, other), "s"
-        named = [c for c in self.log.columns if TIMES & {*split_column_name(c)}]
+        named = [c for c in self.columns if _is_time(split_column_name(c))]
         clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
         if not clocks:
-            self._doubt(
-                "time", "no column with increasing numbers has a name of a time"
-            )
-            return (), "s"
+            clocks = [c for c in self.columns if self._increases(c) and self._even(c)]
+            words = "no column with increasing numbers has a name of a time"
+            if len(clocks) != 1:
+                self._doubt("time", words)
+                return (), "s"
+            self._doubt("time", f"{words}; this one alone increases evenly")
         column = clocks[0]
         return (column,), self.preset.time.get(column) or self._time_unit(column)
 
@@ -423,6 +379,13 @@ class _Drafter:
         steps = np.diff(x[:, 0])
         # A few samples that repeat or are gone are for the reader to say.
         return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
+
+    def _even(self, column: str) -> bool:
+        """Whether numbers increase in even steps, and are no count of samples."""
+        steps = np.diff(self._read((column,))[:, 0])
+        middle = np.median(steps)
+        even = np.abs(steps - middle) < 0.5 * middle
+        return middle > 0 and middle != 1 and float(even.mean()) > MOSTLY
 
     def _time_unit(self, column: str) -> str:
         stated = self.log.units.get(column) or find_name_unit(column)
@@ -479,6 +442,8 @@ class _Drafter:
         if unit == "A":
             words = "a motor current: robot.toml needs torque_per_unit, N m per A"
             self._doubt(name, words)
+        elif name == "tau":
+            self._doubt(name, f"{self.preset.effort}{GRAVITY}")
         return SignalMap(columns=family.columns, unit=unit)
 
     def _ranked(self, name: str) -> list[ColumnFamily]:
@@ -528,7 +493,8 @@ class _Drafter:
         if name in ("q", "q_ref"):
             return self._angle(name, family)
         if name == "tau":
-            if CURRENTS & {*family.words} and "torque" not in family.words:
+            kinds = (k for _, k in WORDS if k & {*family.words})
+            if CURRENTS & {*family.words} and CURRENTS & next(kinds, CURRENTS):
                 return "A"
             self._doubt("tau", "no unit is stated; taken for N m at the link")
         return next(iter(UNITS[name]))

@@ -1,0 +1,99 @@
+"""The scripts that complete words of a command line in bash, zsh and fish.
+
+Cyclopts, which installs them, writes scripts without files, ids of a store and commands
+that its help does not list. These ask one function of the POSIX shell for all three.
+"""
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from cyclopts import App
+
+# Which ids of a store stand for an argument: of commands, then of options.
+_ALL = "run model diagnosis validation report"
+_IDS = {
+    **dict.fromkeys(("show", "diff", "lineage", "rerun"), _ALL),
+    **dict.fromkeys(("adopt", "next"), "diagnosis"),
+    **dict.fromkeys(("export", "monitor"), "run model diagnosis"),
+    **dict.fromkeys(("diagnose", "check", "identify", "calibrate"), "run"),
+    **dict.fromkeys(("predict", "validate", "quarantine"), "run"),
+}
+_OPTION_IDS = {"--baseline": "run", "--holdout": "run", "--model": "model diagnosis"}
+
+_BASH = """{offer}
+_modelgap() {{
+  local IFS=$'\\n' offered files at=${{COMP_WORDS[COMP_CWORD]}}
+  offered=$(_modelgap_offer "${{COMP_WORDS[@]:1:COMP_CWORD}}"); files=$?
+  COMPREPLY=($offered)
+  [ $files -ne 0 ] || COMPREPLY+=($(compgen -f -- "$at"))
+}}
+complete -o default -o filenames -F _modelgap modelgap
+"""
+_ZSH = """#compdef modelgap
+{offer}
+_modelgap() {{
+  local files offered
+  offered=$(_modelgap_offer "${{(@)words[2,CURRENT]}}"); files=$?
+  [[ -z $offered ]] || compadd -- ${{(f)offered}}
+  [[ $files -ne 0 ]] || _files
+}}
+_modelgap "$@"
+"""
+_FISH = """function __modelgap_offer
+    set -l words (commandline -opc) (commandline -ct)
+    if sh -c '{quoted}
+_modelgap_offer "$@"' modelgap $words[2..]
+        __fish_complete_path (commandline -ct)
+    end
+end
+complete -c modelgap -f -a '(__modelgap_offer)'
+"""
+_SHELLS = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
+
+
+def format_completion(app: App, shell: str) -> str:
+    """Return the script that completes the words of a program in a shell."""
+    from flows.steps.export import list_export_targets
+    from residual.robot.robot import list_built_in_robots
+
+    words = {"--robot": list_built_in_robots(), "--to": list_export_targets()}
+    commands, choices, groups, valued = [], [], [], {}
+    for path, each in _walk(app, ()):
+        inner = [name for name in each if not name.startswith("-")]
+        options = [name for name in each if name.startswith("--")]
+        command = " ".join(path)
+        groups += [f"'{command}'"] if inner and path else []
+        for argument in () if inner else each.assemble_argument_collection():
+            names = [name for name in argument.names if name.startswith("--")]
+            if argument.index is None:
+                options += names[:1]  # the others are those of older versions
+            if names and argument.token_count()[0]:
+                valued |= dict.fromkeys(names)
+                offered = words.get(names[0], argument.get_choices() or ())
+                choices += _choices(f"{command} {names[0]}", names[0], offered)
+        ids = "" if inner else _IDS.get(path[-1], "")
+        commands.append(
+            f"  '{command}') flags='{' '.join(dict.fromkeys(options))}' "
+            f"names='{' '.join(inner)}' ids='{ids}' files={int(bool(inner))} ;;"
+        )
+    parts = {"GROUPS": " | ".join(groups), "VALUES": " | ".join(valued)}
+    parts |= {"COMMANDS": "\n".join(commands), "CHOICES": "\n".join(choices)}
+    offer = Path(__file__).with_name("completion.sh").read_text(encoding="utf-8")
+    for name, text in parts.items():
+        offer = offer.replace(f"@{name}@", text)
+    quoted = offer.replace("\\", r"\\").replace("'", r"\'")
+    return _SHELLS[shell].format(offer=offer, quoted=quoted)
+
+
+def _walk(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], App]]:
+    """Every command with the words that name it, groups before what is in them."""
+    yield path, app
+    for name in app:
+        if not name.startswith("-"):
+            yield from _walk(app[name], (*path, name))
+
+
+def _choices(case: str, option: str, words: Iterable[str]) -> list[str]:
+    offered, ids = " ".join(words), _OPTION_IDS.get(option, "")
+    line = f"  '{case}') names='{offered}' ids='{ids}' ;;"
+    return [line] if offered or ids else []
