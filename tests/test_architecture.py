@@ -184,6 +184,21 @@ def test_imports_stand_at_the_top_of_a_file_but_for_those_that_are_listed():
     assert unused == []
 
 
+# What a package is imported as, where that is not its name; "" for one that is not: a
+# bound on what Prefect brings, and a script that pages read as a file.
+IMPORTED = {"scikit-learn": "sklearn", "pin": "pinocchio", "pyyaml": "yaml"}
+IMPORTED |= dict.fromkeys(("fastapi", "sqlalchemy", "plotly"), "")
+
+
+def test_a_file_of_the_product_imports_each_package_that_is_installed():
+    text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    listed = tomllib.loads(text)["project"]["dependencies"]
+    names = [re.match(r"[\w-]+", line)[0] for line in listed]
+    roots = {n.partition(".")[0] for p in _sources(*ROOMS) for n in _imports(p)}
+    packages = [IMPORTED.get(name, name).replace("-", "_") for name in names]
+    assert [name for name in packages if name and name not in roots] == []
+
+
 def test_no_folder_has_more_files_than_a_reader_takes_in():
     folders = Counter(_name(p.parent) for p in _sources(*ROOMS) if p.stem != "__init__")
     del folders["residual/effects"], folders["sim/effects"]  # one file each, by design
