@@ -23,6 +23,7 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.hidden.draw import MOST
+from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from flows.steps import demo
 from residual.recording import Array
@@ -89,7 +90,7 @@ def draw_visible(
     """
     effect = draw_plant_effect(robot, stream, name)
     best, most = effect, -1.0
-    if not list_plant_effects()[effect.name].supports_synthetic_arm:
+    if not supports_synthetic_arm(list_plant_effects()[effect.name]):
         return best  # no torque of it is known but by the engine
     asked = _ASKED * (_OF_BRISTLES if _has_bristles(effect) else 1.0)
     for _ in range(_DRAWS):

@@ -9,7 +9,7 @@ import pinocchio as pin
 
 from residual.errors import InputError, check_keys, check_name
 from residual.robot.robot import Robot
-from sim.effects import find_effect_definition, load_effects
+from sim.effects import load_effects
 from sim.effects.base import Effect, Joints, OfDrive, PlantEffectTrait
 from sim.engine.plant_records import PlantEffect, SyntheticEffect
 
@@ -65,7 +65,7 @@ def resolve_effects(
     """Return checked effects with what the catalogue has of them."""
     return [
         ActingEffect(
-            kind := find_effect_definition(e.name),
+            kind := load_effects()[e.name],
             {**kind.defaults, **dict(e.parameters)},
             tuple(joint - 1 for joint in e.joints),
             e.onset,
