@@ -335,9 +335,9 @@ def monitor(
     modelgap monitor 77e0 3f2a 4b1c
     ```
 
-    Reports time, joint and sensor of encoders that freeze, jump or drift, of torque
-    sensors with a bias, a lost scale or spikes, and of noise. In a closed loop a slow
-    drift of an encoder does not show: the arm follows it (docs/monitoring.md).
+    Reports time, joint and sensor of encoders that freeze, jump or drift, and of torque
+    sensors with a bias, a lost scale or spikes. In a closed loop a slow drift of an
+    encoder does not show: the arm follows it (docs/monitoring.md).
 
     Args:
         model: Id of a diagnosis, or a robot (built-in name, file, folder) for its

@@ -289,7 +289,7 @@ def build_sealed_record(plant: PlantSpec) -> dict:
 
 
 def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
-    """Return the plant of a sealed half that was read back: `sealed_half` undone.
+    """Return the plant of a sealed half: `build_sealed_record` undone.
 
     Raises:
         InputError: If it is not a sealed half as this version writes it.

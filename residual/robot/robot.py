@@ -162,8 +162,8 @@ def load_robot(
     Args:
         spec: A built-in name, a robot file (URDF, xacro or MJCF; nothing beside it is
             picked up), or a folder with exactly one and an optional robot.toml; how it
-            is read may follow (`word_of`). A built-in name wins over a folder of that
-            name in the working directory.
+            is read may follow (`parse_robot_reference`). A built-in name wins over a
+            folder of that name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have

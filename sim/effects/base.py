@@ -119,13 +119,13 @@ class Effect:
         above: Limits that a value must exceed.
         signs: Keys that are 1 or -1.
         together: Keys of which all are given or none.
-        of_drive: Which number of the drives it changes, by its name in `Sizes`; its
+        of_drive: Which number of the drives it changes, by its name in `OfDrive`; its
             value adds to what the robot declares.
         amount: Parameters that its torque is in proportion to; the first is the one
             that its size is stated in, several are one vector.
         along: Parameters that grow along without being the size.
         also: Names in the vocabulary for a part of its torque, true beside its own.
-        traits: What sets it apart (`Trait`).
+        traits: What sets it apart (`PlantEffectTrait`).
         where: (rng, dof, sizes) -> a joint, from 1, of the usual ones.
         draw: (rng, sizes) -> values of usual size.
 
@@ -143,7 +143,7 @@ class Effect:
             own ones count, of a global effect all. Shape (dof,).
         transmission: p -> compliance of a spring between motor and link [rad/(N m)],
             half of the play between them [rad]; 0 for none.
-        begins: p -> share of the motion after which it acts.
+        onset_share: p -> share of the motion after which it acts.
         drift: p -> rate at which an encoder wanders off [rad/s].
     """
 
