@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 import tomllib
-from collections import Counter
 from functools import cache
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -39,7 +38,6 @@ HOMONYMS = {
     ("residual/model/lookup.py", "offset"): "the same in its record and its files",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
-MOST_FILES = 21
 MAX_LINES = 600
 MAX_BODY = 80
 # Rooms of the method that decide something, each by one record.
@@ -197,12 +195,6 @@ def test_a_file_of_the_product_imports_each_package_that_is_installed():
     roots = {n.partition(".")[0] for p in _sources(*ROOMS) for n in _imports(p)}
     packages = [IMPORTED.get(name, name).replace("-", "_") for name in names]
     assert [name for name in packages if name and name not in roots] == []
-
-
-def test_no_folder_has_more_files_than_a_reader_takes_in():
-    folders = Counter(_name(p.parent) for p in _sources(*ROOMS) if p.stem != "__init__")
-    del folders["residual/effects"], folders["sim/effects"]  # one file each, by design
-    assert {f: n for f, n in folders.items() if n > MOST_FILES} == {}
 
 
 def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
