@@ -11,6 +11,7 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, sensed
+from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.light_arm import draw_light_arm
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
@@ -23,7 +24,6 @@ from sim.engine.plant_records import (
     SyntheticEffect,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import scale_effect_parameters
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 

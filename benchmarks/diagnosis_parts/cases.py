@@ -24,6 +24,7 @@ from benchmarks.hidden.draw import (
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share, has_sizes
+from benchmarks.synthetic.amounts import list_unnamed_effects
 from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
@@ -44,7 +45,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import list_plant_effects, list_unnamed_effects
+from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 from sim.trajectories import plan_reference_motion
 

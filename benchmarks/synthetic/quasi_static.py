@@ -11,6 +11,12 @@ import numpy as np
 import pinocchio as pin
 
 from benchmarks.synthetic import other_forms
+from benchmarks.synthetic.background import (
+    BackgroundTorque,
+    FrictionMotion,
+    compute_background_torque,
+    gear_twist_angle,
+)
 from benchmarks.synthetic.laws import (
     SyntheticMotion,
     compute_bristle_states,
@@ -24,7 +30,6 @@ from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
 from sim.effects import load_effects
-from sim.engine import friction_laws
 from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
@@ -33,14 +38,7 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant.effect_catalogue import ActingEffect, apply_body_effects
-from sim.plant.joint_background import (
-    USUAL_SPEED,
-    BackgroundTorque,
-    FrictionMotion,
-    JointBackground,
-    compute_background_torque,
-    draw_background,
-)
+from sim.plant.joint_background import USUAL_SPEED, JointBackground, draw_background
 from sim.plant.sensors import simulate_torque_report, sum_encoder_errors
 from sim.plant.typical_sizes import (
     compute_usual_motion_range,
@@ -218,7 +216,7 @@ def _drives(
             if lead := other_forms.LEADS.get(what.name):
                 q[:, j] += lead(load[:, j], rate, p)
     if own is not None:
-        q += friction_laws.gear_twist_angle(load, own.twist, own.span)
+        q += gear_twist_angle(load, own.twist, own.span)
     lead = q - motion.q
     first = np.gradient(lead, 1 / rate, axis=0)
     second = np.gradient(first, 1 / rate, axis=0)

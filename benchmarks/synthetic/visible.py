@@ -23,6 +23,7 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.hidden.draw import MOST
+from benchmarks.synthetic.amounts import compute_effect_amount, scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from flows.steps import demo
@@ -37,11 +38,9 @@ from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import SyntheticEffect as Effect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import (
-    compute_effect_amount,
     list_drive_effects,
     list_plant_effects,
     resolve_effects,
-    scale_effect_parameters,
 )
 from sim.trajectories import plan_reference_motion
 
