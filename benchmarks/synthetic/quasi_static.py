@@ -33,6 +33,7 @@ from sim.effects import load_effects
 from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
+    PlantEffect,
     ReferenceMotion,
     SyntheticEffect,
     create_random_stream,
@@ -142,7 +143,7 @@ def true_torque(
         worked: Usual work of the arm before the first sample [s], which left it warm;
             None for all of the session. Only a background feels it.
     """
-    hidden = _acting(plant.hidden if active else ())
+    hidden = resolve_synthetic_effects(plant.hidden if active else ())
     for effect in hidden:
         if not supports_synthetic_arm(effect.kind):
             raise InputError(f"A synthetic arm cannot have '{effect.kind.name}'.")
@@ -181,14 +182,16 @@ def true_torque(
     return Torque(rigid, base, tuple(parts), tau, reading, more)
 
 
-def _acting(effects: Sequence[SyntheticEffect]) -> list[ActingEffect]:
+def resolve_synthetic_effects(
+    effects: Sequence[PlantEffect | SyntheticEffect],
+) -> list[ActingEffect]:
     """Return effects with their definitions, those of other authors' forms too."""
     known = other_forms.EFFECTS
     kinds = [known.get(e.name) or load_effects()[e.name] for e in effects]
     return [
         ActingEffect(
             kind,
-            {**kind.defaults, **e.parameters},
+            {**kind.defaults, **dict(e.parameters)},
             tuple(j - 1 for j in e.joints),
             e.onset,
         )

@@ -25,7 +25,11 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.hidden.draw import MOST
 from benchmarks.synthetic.amounts import compute_effect_amount, scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
-from benchmarks.synthetic.quasi_static import Plant, true_torque
+from benchmarks.synthetic.quasi_static import (
+    Plant,
+    resolve_synthetic_effects,
+    true_torque,
+)
 from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -40,7 +44,6 @@ from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import (
     list_drive_effects,
     list_plant_effects,
-    resolve_effects,
 )
 from sim.trajectories import plan_reference_motion
 
@@ -148,7 +151,7 @@ def _as_in_engine(effect: PlantEffect) -> tuple[Effect, ...]:
 
 
 def _has_bristles(effect: PlantEffect) -> bool:
-    kind, p, *_ = resolve_effects([effect])[0]
+    kind, p, *_ = resolve_synthetic_effects([effect])[0]
     return bool(kind.friction) and kind.friction(p, 0.0)[0] == BRISTLE
 
 
