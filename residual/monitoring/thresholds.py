@@ -22,8 +22,8 @@ class MonitoringThresholds:
     slow: float = 3.0  # standstill thresholds below which friction is not known
     memory: float = 0.1  # s after standing in which it is not either
     spread: int = 2  # samples on both sides of a spike
-    # s over which errors are collected. On four arms (171 to 174) a second window of 1 s
-    # found no fault that this one did not, nor did levels of noise.
+    # s over which errors are collected. On four arms (171 to 174) a second window of
+    # 1 s found no fault that this one did not, nor did levels of noise.
     window: float = 0.25
     still: float = 1.0  # s: readings that rest longer in good order tell nothing by it
 
