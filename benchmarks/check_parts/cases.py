@@ -19,6 +19,7 @@ from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
+from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.other_forms import FORMS
 from flows.inputs.read import LogSets
 from flows.steps.check import check_log_sets
@@ -149,7 +150,7 @@ def _files(task: Task) -> list[dict]:
 
 def _arm_for(name: str) -> str:
     """The kind of arm that can have an effect: some only the one in the engine."""
-    return SYNTHETIC if list_plant_effects()[name].supports_synthetic_arm else PYBULLET
+    return SYNTHETIC if supports_synthetic_arm(list_plant_effects()[name]) else PYBULLET
 
 
 def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> dict:

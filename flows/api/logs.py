@@ -244,7 +244,7 @@ def export(
 
     Args:
         model: The model, with or without look-up tables.
-        to: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
+        to: urdf, mjcf, mujoco, c99, table, rrd or json.
         folder: A new folder for the files.
         log: With rrd: a log of the robot, to see its torque and its residual.
 

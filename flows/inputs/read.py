@@ -300,7 +300,7 @@ def read_run_robot(runs: Sequence[str], store: Path) -> str:
 
 
 def load_request_robot(request: Request) -> Robot:
-    """Load the robot of a request with logs, as `load_of` does."""
+    """Load the robot of a request with logs, as `load_command_robot` does."""
     logs = (*request.logs, *getattr(request, "held_out", ()))
     return load_run_robot(request.robot, logs, request.store)
 

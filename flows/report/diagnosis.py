@@ -3,7 +3,6 @@
 Each section is a function; its ``brief`` is the terminal's form.
 """
 
-import base64
 from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
@@ -223,13 +222,8 @@ def print_truth(demonstration: Demonstration, console: Console) -> None:
 
 
 def _demonstration(demonstration: Demonstration | None) -> Section:
-    parts: list[Part] = []
-    if demonstration:
-        alt = "The simulated arm moves through a part of one experiment"
-        uri = "data:image/gif;base64," + base64.b64encode(demonstration.gif).decode()
-        gif = [Chart(uri, alt, demonstration.caption)] if demonstration.gif else []
-        parts = [SideBySide((gif, build_truth_parts(demonstration)))]
-    return Section("demonstration", "The experiment and the hidden effect", parts)
+    parts = build_truth_parts(demonstration) if demonstration else []
+    return Section("demonstration", "The hidden effect", parts)
 
 
 def _missing(

@@ -164,7 +164,7 @@ def store_diagnosis(
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
-        logs: The runs, called by their whole ids (`as_stored`).
+        logs: The runs, called by their whole ids (`resolve_whole_runs`).
         seconds: Time that the diagnosis took [s].
 
     Returns:

@@ -41,7 +41,7 @@ from residual.model.dynamics import (
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.effects import find_effect_definition
+from sim.effects import load_effects
 from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
@@ -159,7 +159,7 @@ def _point_row(axis: str, value: object, spec: ExperimentSpec) -> dict:
     if tables[:2] == ["plant", "effect"] and unit is None:
         number = int(tables[2]) - 1 if len(tables) > 2 else 0
         name = spec.plant.effect[number].name
-        unit = find_effect_definition(name).parameters.get(key)
+        unit = load_effects()[name].parameters.get(key)
     return {"axis": axis, "value": float(value), "unit": unit}
 
 
@@ -289,7 +289,7 @@ def build_sealed_record(plant: PlantSpec) -> dict:
 
 
 def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
-    """Return the plant of a sealed half that was read back: `sealed_half` undone.
+    """Return the plant of a sealed half: `build_sealed_record` undone.
 
     Raises:
         InputError: If it is not a sealed half as this version writes it.

@@ -346,7 +346,8 @@ class GroupStack:
 
         Args:
             weight: Information of a unit of squared error of each joint. Shape (dof,).
-            half: ``overlap`` by the lower factor of the fit's precision. (m, size).
+            half: Products of the columns of the fit with all, by the lower factor of
+                the precision of the fit. Shape (m, size).
         """
         own = half[:, self.ids].transpose(1, 0, 2)
         known = np.tensordot(weight, self.gram, 1)

@@ -77,8 +77,7 @@ def split_joint_properties(
                 return (
                     f"{target} allows no negative {name}, got "
                     f"{total[name][joint]:.3g} {unit}: `modelgap identify` gives its "
-                    "standard deviation, and with --essential sets a value to 0 that "
-                    "the logs do not distinguish from 0"
+                    "standard deviation; --prior 0.03 keeps it near its nominal value"
                 )
         # A constant torque is a spring that is at rest elsewhere.
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0

@@ -172,8 +172,8 @@ def load_robot(
     Args:
         spec: A built-in name, a folder with exactly one robot file (URDF, xacro or
             MJCF) and an optional robot.toml, or the file itself; how it is read may
-            follow (`word_of`). A built-in name wins over a folder of that name in the
-            working directory.
+            follow (`parse_robot_reference`). A built-in name wins over a folder of that
+            name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have

@@ -51,7 +51,7 @@ def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
         return (recording,)
     n = len(recording.t)
     rate = (n - 1) / recording.duration
-    # The rows of a slow log come from a slower filter (``Filters.cutoff``).
+    # The rows of a slow log come from a slower filter (`FilterSettings.cutoff`).
     over = round(compute_piece_overlap(min(cutoff, 0.08 * rate), rate) * rate)
     edges = np.linspace(0, n, count + 1).astype(int)
     return tuple(

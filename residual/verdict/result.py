@@ -444,7 +444,7 @@ class Diagnosis:
             it depends on most (over time where there is none).
         sentences: One plain sentence per finding, in the order of the findings.
         adoptable: Model to adopt: the augmented one, or the fit of both epochs.
-        question: What these logs leave open (`planning.question.Question`), for
+        question: What these logs leave open (`OpenQuestion`), for
             `modelgap next`; None of a comparison.
     """
 

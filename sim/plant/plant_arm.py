@@ -59,7 +59,7 @@ def list_torque_channels(
 
 
 def build_contact_rows(effects: Effects, active: Sequence[int], soft: Array) -> Array:
-    """Return the contacts (`Constants`). Shape (c, 6).
+    """Return the contacts (`StepConstants`). Shape (c, 6).
 
     A shared gear that does not act yet is there, without friction and inertia.
     """
@@ -139,7 +139,7 @@ def build_torque_rows(
 
 
 def build_background_rows(background: JointBackground | None, first_slot: int) -> Array:
-    """Return what friction of each joint is by direction and warmth (`Constants`)."""
+    """Return friction of each joint by direction and warmth (`StepConstants`)."""
     if background is None:
         return np.zeros((0, 5))
     slots = first_slot + 2 * np.arange(len(background.span))
@@ -239,7 +239,7 @@ def build_initial_state(arm: PlantArm, start: float) -> PlantState:
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == friction_laws.WARMUP]:
         memory[int(slot)] = compute_warmth_after(start, constant)
     if arm.background is not None:
-        # Oil and housing side by side, joint by joint, as `used_rows` finds them.
+        # Oil and housing side by side, joint by joint (`build_background_rows`).
         warmth = compute_start_warmth(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
     gears = len(find_shared_gears(arm.effects))

@@ -328,7 +328,7 @@ def read_opened_log(
     file: str,
     window: LogWindow | None = None,
 ) -> tuple[Recording, LogSummary]:
-    """Read a log that is open, as `read_any`.
+    """Read a log that is open, as `read_log`.
 
     Args:
         file: As the user wrote it, without the window.
