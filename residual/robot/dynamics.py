@@ -38,7 +38,8 @@ def _over(shape: tuple[int, ...], solve: Callable, model: pin.Model, *motion) ->
     rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
     data, out = model.createData(), np.empty((len(rows[0]), *shape))
     for i, sample in enumerate(zip(*rows, strict=True)):
-        out[i] = solve(model, data, *sample)
+        # Pinocchio gives a matrix of one column as a vector.
+        out[i] = np.reshape(solve(model, data, *sample), shape)
     return out
 
 
@@ -128,7 +129,8 @@ def find_flange_axis(model: pin.Model) -> Array:
 def find_joint_axis(model: pin.Model, joint: int) -> Array:
     """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
     data, zero = model.createData(), pin.neutral(model)
-    column = pin.computeJointJacobian(model, data, zero, joint)[:, joint - 1]
+    jacobian = np.reshape(pin.computeJointJacobian(model, data, zero, joint), (6, -1))
+    column = jacobian[:, joint - 1]
     return column[3:] if column[3:].any() else column[:3]
 
 

@@ -134,6 +134,7 @@ class Track:
     valid: Array  # row lies outside the edges and gaps. Shape (m,), bool
     moving: Array  # row is used for that joint. Shape (m, dof), bool
     torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
+    enabled: Array | None = None  # share of a drive that is on, (n, dof); None for on
     entire: bool = True  # it is no piece of a longer log
 
     @property
@@ -158,6 +159,8 @@ class _Uniform:
     q: Array
     tau: Array
     gap: Array
+    masked: Array  # joint's torque is not known there, (n, dof) or (n, 1), bool
+    enabled: Array | None  # share of a drive that is on, (n, dof)
 
 
 def estimate_sample_rate(t: Array) -> float:
@@ -270,7 +273,12 @@ def _resample(log: Recording) -> _Uniform:
     late = (np.diff(log.t) > 6 / rate).astype(float)
     gap = np.interp(t, log.t[1:], late) > 0
     q, tau = (interpolate_signals(t, log.t, x) for x in (log.q, log.tau))
-    return _Uniform(rate, t, q, tau, gap)
+    masked, enabled = np.zeros((len(t), 1), bool), None
+    if log.masked is not None:  # between two masked samples all is
+        masked = interpolate_signals(t, log.t, log.masked) > 0.5
+    if log.enabled is not None:
+        enabled = interpolate_signals(t, log.t, log.enabled)
+    return _Uniform(rate, t, q, tau, gap, masked, enabled)
 
 
 def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
@@ -315,6 +323,7 @@ def _track(
     q, qd, qdd = motion
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+    still |= dilate_mask(u.masked, first // 2)[::first]
     half = int(np.ceil(filters.margin / cutoff * rate))
     still = dilate_mask(still, half)
     inner = ~dilate_mask(u.gap, (2 * half + 1) * first // 2)[:: first * step]
@@ -343,6 +352,7 @@ def _track(
         valid=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=noise,
+        enabled=None if u.enabled is None else u.enabled[::first],
         entire=not piece,
     )
 
