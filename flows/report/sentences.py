@@ -348,7 +348,7 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
     parts = [format_claim(verdict)]
     if any(effect.equivalent for effect in verdict.effects[:_NAMED_AT_MOST]):
         parts.append("These logs cannot separate the alternatives in brackets.")
-    parts.append(describe_errors(verdict))
+    parts += [describe_errors(verdict), describe_position(verdict)]
     if verdict.trusted:
         parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
     joints = format_joints(verdict.unexplained.joints, dof)
@@ -441,6 +441,32 @@ def summarize_errors(errors: ErrorTables) -> dict[str, float]:
         if is_number(levels.get("identified")) or is_number(levels.get("augmented")):
             return {k: levels[k] for k in STAGES[:3] if is_number(levels.get(k))}
     return {}
+
+
+def describe_position(verdict: Verdict) -> str:
+    """Return how far models go from unseen motion by themselves, before and after."""
+    position = verdict.error.position
+    if position is None:
+        return ""
+    last = "augmented" if verdict.effects else "identified"
+    names = {"nominal": "nominal", "identified": "refit"}
+    names["augmented"] = format_augmented_label(verdict)
+    lost = [
+        f"{names[k]}, {join_with_and(at)}"
+        for k in ("nominal", last)
+        if (at := position.diverged[k])
+    ]
+    steps = [
+        f"{format_number(position.overall[k])} rad ({names[k]})"
+        for k in ("nominal", last)
+        if is_number(position.overall[k])
+    ]
+    out = (
+        f"Position by itself under the logged goal, rms: {' → '.join(steps)}."
+        if steps
+        else ""
+    )
+    return f"{out} Diverged: {'; '.join(lost)}.".strip() if lost else out
 
 
 def format_augmented_label(verdict: Verdict) -> str:

@@ -28,9 +28,11 @@ from residual.robot.dynamics import (
     compute_flange_jacobian,
     replace_inertial_parameters,
 )
+from residual.signals.splitting import slice_recording
 
 STEP = 2e-3  # s: ten steps in a radian of the stiffest servo (50 rad/s)
 LOST = 2 * np.pi  # rad (m where a joint slides): a model so far from the log is lost
+MOST = 60.0  # s: of one log; more says the same and takes longer
 _START = 0.05  # s: over which the first velocity of a log is taken
 _NUDGE = 1e-4  # rad/s: over which damping is taken
 _SWEEPS, _DONE = 50, 1e-12  # of Gauss-Seidel: at most, and change of impulse [N m s]
@@ -53,6 +55,25 @@ class Rollout:
 
     q: Array
     diverged: float | None
+    left_out: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PositionErrors:
+    """Distance of models that go by themselves from what held-out logs measured.
+
+    Attributes:
+        rms: Root mean square of each joint [rad, m where it slides], by name of the
+            model; None where it diverged on a log.
+        overall: The same of all joints together, None where they have two units.
+        diverged: Where each model diverged, in words: log and time.
+        left_out: Effects that the models went without, since their torque depends on
+            more than the state.
+    """
+
+    rms: Mapping[str, tuple[float, ...] | None]
+    overall: Mapping[str, float | None]
+    diverged: Mapping[str, tuple[str, ...]]
     left_out: tuple[str, ...]
 
 
@@ -110,12 +131,41 @@ class _Arm:
         return out
 
 
+def compute_position_errors(
+    models: Mapping[str, Model], logs: Sequence[Recording]
+) -> PositionErrors | None:
+    """Integrate each model once per log; None where no log has drives and goals."""
+    logs = [log for log in logs if log.drive is not None and log.q_ref is not None]
+    if not logs:
+        return None
+    rms, overall, diverged, left_out = {}, {}, {}, {}
+    for name, model in models.items():
+        runs = [simulate_position(model, log) for log in logs]
+        diverged[name] = tuple(
+            f"{log.id} at {run.diverged:.2f} s"
+            for log, run in zip(logs, runs, strict=True)
+            if run.diverged is not None
+        )
+        left_out |= dict.fromkeys(x for run in runs for x in run.left_out)
+        rms[name] = overall[name] = None
+        if not diverged[name]:
+            pairs = zip(runs, logs, strict=True)
+            miss = np.vstack([run.q - log.q[: len(run.q)] for run, log in pairs])
+            square = (miss**2).mean(axis=0)
+            rms[name] = tuple(np.sqrt(square).tolist())
+            alike = len(set(model.robot.prismatic)) == 1
+            overall[name] = float(np.sqrt(square.mean())) if alike else None
+    return PositionErrors(rms, overall, diverged, tuple(left_out))
+
+
 def simulate_position(model: Model, log: Recording) -> Rollout:
     """Integrate a model from the first sample of a log on, under its logged goal.
 
     Args:
-        log: A log of an arm without torque sensors, with its drives.
+        log: A log of an arm without torque sensors, with its drives; of a long one
+            the beginning.
     """
+    log = slice_recording(log, 0, int(np.searchsorted(log.t, log.t[0] + MOST)))
     t = np.linspace(log.t[0], log.t[-1], 1 + max(1, round(log.duration / STEP)))
     held = np.searchsorted(log.t, t + _DONE, side="right") - 1
     # Between samples the goal goes on evenly, as in the torque that the model fits.
