@@ -49,7 +49,7 @@ Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
 SPEC, TRUTH = "spec.json", "truth.parquet"
-_LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref")
+_LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,6 +109,8 @@ def commit_run(
             "truth_hash": sealed and record_ids.hash_arrays(sealed.truth),
             "units": units,
         }
+        if recording.drive is not None:
+            full["drive"] = record_ids.convert_to_json_types(asdict(recording.drive))
         id = compute_manifest_id(full)
         target = build_record_path(store, "runs", id, recording.robot)
         if not _is_there(target, "runs"):

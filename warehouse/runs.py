@@ -5,6 +5,9 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+from pydantic import TypeAdapter
+
+from residual.drive import Drive
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.record_commit import SPEC, TRUTH, SealedTruth, hash_sealed_spec
@@ -30,7 +33,9 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import KINDS, QUARANTINE, SAMPLES_FILE
 
-_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
+_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref", "enabled", "masked")
+
+_DRIVE = TypeAdapter(Drive)
 
 
 def read_manifest(store: Path, run_id: str) -> dict:
@@ -48,6 +53,8 @@ def read_run(store: Path, run_id: str) -> Recording:
     channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
     logged = {name: channels[name] for name in _OF_RECORDING if name in channels}
+    if (drive := _manifest(run.folder).get("drive")) is not None:
+        logged["drive"] = _DRIVE.validate_python(drive)
     return Recording(id=run.id, robot=robot, **logged)
 
 

@@ -33,6 +33,7 @@ from flows.steps.model_choice import choose_model, read_controller_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun
+from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError, RunError
 from residual.model.dynamics import (
     FrictionReversal,
@@ -46,6 +47,7 @@ from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
     ReferenceMotion,
+    ServoDrive,
     TrajectorySpec,
 )
 from sim.experiment import compute_log_twin_errors, run_experiment
@@ -65,7 +67,7 @@ from warehouse.robots import store_robot_description
 from warehouse.store_catalogue import find_record
 from warehouse.view_schema import build_view_table
 
-_LATER = ("background", "worked_before")
+_LATER = ("background", "worked_before", "drive")
 _PLANT = TypeAdapter(PlantSpec)
 
 
@@ -262,6 +264,8 @@ def build_public_record(spec: ExperimentSpec, robot: Robot) -> dict:
         late = ("encoder_step", "rise")
         same = {n for n in late if getattr(spec.controller, n) == getattr(usual, n)}
         driver = {"controller": spec.controller.model_dump(exclude=same)}
+    if spec.drive is not None:
+        driver["drive"] = spec.drive.model_dump(exclude_defaults=True)
     motion = asdict(reference)
     if not reference.coefficients:
         del motion["coefficients"]
@@ -321,6 +325,12 @@ def load_spec_robot(spec: ExperimentSpec) -> Robot:
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
+    for name, values in asdict(spec.plant_spec().drive or ServoDrive()).items():
+        if len(values) not in (0, robot.dof):
+            raise InputError(
+                f"[drive] {name} has {len(values)} values, expected {robot.dof}: one "
+                f"for each joint of {robot.name}."
+            )
     return robot
 
 
@@ -351,9 +361,18 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     clock.append(perf_counter())
     plant = spec.plant_spec()
     simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
+    if (drive := spec.log_drive()) is not None:
+        simulated = replace(simulated, log=apply_drive(simulated.log, drive, robot))
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
     return simulated, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
+
+
+def apply_drive(log: Recording, drive: Drive, robot: Robot) -> Recording:
+    """Return a log with the torque that goal and position have by a drive."""
+    tau, masked = compute_drive_torque(drive, log.q_ref, log.q, log.t)
+    masked |= (log.q_ref < robot.lower) | (log.q_ref > robot.upper)
+    return replace(log, tau=tau, masked=masked.astype(float), drive=drive)
 
 
 @lru_cache(maxsize=12)

@@ -305,6 +305,7 @@ def rebuild_spec(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
         keys = ("schema", "seed", "start", "trajectory", "rates")
         content = {key: half[key] for key in keys} | {
             "controller": half.get("controller", {}),
+            "drive": half.get("drive"),
             "robot": manifest["robot"],
             "plant": plant | {"effect": effects},
         }
