@@ -16,7 +16,7 @@ import numpy as np
 Array = np.ndarray
 
 # Of a drive that nothing limits; a torque is then known up to a factor.
-_IDEAL = {"gain": 1.0, "limit": inf, "delay": 0.0, "goal_speed": inf}
+IDEAL = {"gain": 1.0, "limit": inf, "delay": 0.0, "goal_speed": inf}
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,18 +32,18 @@ class Drive:
     __pydantic_config__ = {"extra": "forbid"}  # of a COLUMNS.toml
 
     def __post_init__(self) -> None:
-        for name in _IDEAL:
+        for name in IDEAL:
             values = getattr(self, name)
-            if not all(0 < v < inf or v == _IDEAL[name] for v in values):
+            if not all(0 < v < inf or v == IDEAL[name] for v in values):
                 raise ValueError(f"{name} must be a list of positive numbers")
-        lengths = {len(getattr(self, name)) for name in _IDEAL} - {0}
+        lengths = {len(getattr(self, name)) for name in IDEAL} - {0}
         if len(lengths) > 1:
             raise ValueError("lists have different lengths, expected one per joint")
 
     @property
     def dof(self) -> int | None:
         """Number of joints that it has values for; None where it has none."""
-        return max(len(getattr(self, name)) for name in _IDEAL) or None
+        return max(len(getattr(self, name)) for name in IDEAL) or None
 
     def values(self, name: str, dof: int) -> Array:
         """Return a field's values, those of an ideal drive where it is empty. (dof,).
@@ -51,7 +51,7 @@ class Drive:
         Args:
             name: Field: gain, limit, delay or goal_speed.
         """
-        return np.array(getattr(self, name) or [_IDEAL[name]] * dof, dtype=float)
+        return np.array(getattr(self, name) or [IDEAL[name]] * dof, dtype=float)
 
 
 def limit_goal(drive: Drive, goal: Array, t: Array) -> Array:

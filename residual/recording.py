@@ -1,10 +1,10 @@
 """The checked log of one motion: what a robot measures, and nothing else."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
-from residual.drive import Array, Drive
+from residual.drive import Array, Drive, compute_drive_torque
 from residual.errors import RecordingError
 
 
@@ -99,6 +99,22 @@ def _kept_safe(value: object) -> bool:
             return False
         value = value.base
     return True
+
+
+def apply_drive(recording: Recording, drive: Drive) -> Recording:
+    """Return a log with the torque of its drives, masked where they are at the limit.
+
+    Args:
+        recording: With a goal (q_ref). Other masked rows stay so.
+    """
+    driven = recording.q_ref, recording.q, recording.t, recording.enabled
+    masked = np.zeros(recording.q.shape, bool)
+    if recording.masked is not None:
+        masked |= recording.masked > 0
+    if recording.drive is not None:
+        masked &= ~compute_drive_torque(recording.drive, *driven)[1]
+    tau, at_limit = compute_drive_torque(drive, *driven)
+    return replace(recording, tau=tau, masked=masked | at_limit, drive=drive)
 
 
 def compute_speed_quantile(recording: Recording, stride: int, share: float) -> Array:

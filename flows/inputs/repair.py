@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.check.result import Repair
+from residual.drive import IDEAL, Drive
 from residual.robot.robot import Robot
 from warehouse.logs.column_map import (
     LOGGED_UNITS,
@@ -80,12 +81,25 @@ def _line(
     if name == "robot":
         gravity = next((r.gravity for r in repairs if r.gravity), None)
         return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
+    if name == "drive":
+        return format_drive_line(repairs[-1].drive)
     signal = columns.signals.get(name) or build_default_signal(name, robot.dof)
     for repair in repairs:
         signal = _mended(name, signal, repair, robot)
         if signal is None:
             return None
     return format_signal_line(name, signal)
+
+
+def format_drive_line(drive: Drive) -> str:
+    """Return the line of a map that says how torque follows from the goal."""
+    words = [
+        f"{name} = [{', '.join(f'{value:.4g}' for value in values)}]"
+        for name in IDEAL
+        if (values := getattr(drive, name))
+    ]
+    words += [f"enabled = {_quoted(drive.enabled)}"] if drive.enabled else []
+    return f"drive = {{{', '.join(words)}}}"
 
 
 def format_time_line(scale: float, columns: ColumnMap) -> str:

@@ -13,6 +13,7 @@ from residual.check.column_reading import (
     find_misread_columns,
     find_wrong_robot,
 )
+from residual.check.drive_chain import find_drive_faults
 from residual.check.kinematics import (
     explains_by_zero_shift,
     find_impossible_sample_rate,
@@ -71,6 +72,9 @@ def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
         ]
         robot = drop_placeholder_limits(robot, recordings)
         faults += _faults(robot, recordings)
+        if any(r.drive is not None for r in recordings):
+            # A torque without a column has no unit or sign: all of it is the drive's.
+            faults = [f for f in faults if all(r.signal != "tau" for r in f.repairs)]
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
@@ -111,11 +115,12 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, whole = find_robot_file_faults(robot), logs
+    faults, (driven, logs) = find_robot_file_faults(robot), find_drive_faults(robot, logs)
+    faults, whole = faults + driven, logs
     logs = pick_spread_pieces(logs)
     motion = filter_check_motion(logs)
     faults += find_insufficient_motion(logs, motion)
-    if motion is None or any(fault.certain for fault in faults):
+    if motion is None or any(fault.certain for fault in faults if fault not in driven):
         return [*faults, *speeds]
     columns, reading = find_misread_columns(robot, motion)
     slipped, mounted = find_torque_slips(robot, motion), None

@@ -98,16 +98,18 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
     """Find frozen, saturated and coarse signals of one log."""
     if len(recording.t) < 50:
         return []
-    out, reference = [], recording.q_ref
+    # The way from a drive's goal to its position is its torque.
+    driven = recording.drive is not None
+    out, reference = [], None if driven else recording.q_ref
     for j in range(recording.dof):
         tau, q = recording.tau[:, j], recording.q[:, j]
-        clipped = _clipped(tau)
+        clipped = "" if driven else _clipped(tau)
         if clipped:
             words = f"tau{j + 1} repeatedly stays at {clipped}: it saturates there."
             out.append(_suspected("saturated", recording, j, words))
         coarse = _coarse(recording, j)
         out += coarse
-        run = _longest(recording, tau)
+        run = None if driven else _longest(recording, tau)
         if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moving_rad:
             run = slice(0, len(tau))
         # Coarse values stand by themselves.

@@ -367,6 +367,23 @@ def _thinned(u: _Uniform, first: int) -> Array:
     return filter_low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
 
 
+def filter_torque(recording: Recording, track: Track) -> tuple[Array, Array]:
+    """Return another torque of a log as its track has it, and its masked rows.
+
+    Args:
+        track: Of the same samples.
+
+    Returns:
+        Shapes (m, dof) [N m] and (m, dof).
+    """
+    u = _resample(recording)
+    first = round(u.rate / track.rate)
+    half = int(np.ceil(FilterSettings().margin / track.cutoff * track.rate))
+    masked = dilate_mask(dilate_mask(u.masked, first // 2)[::first], half)
+    tau = filter_low_pass(_thinned(u, first), track.cutoff, track.rate, track.step)
+    return tau, np.broadcast_to(masked[:: track.step], tau.shape)
+
+
 def dilate_mask(mask: Array, half_width: int) -> Array:
     """Marks, and as many samples before and after each of them. Shape as given."""
     count = np.cumsum(mask, axis=0)

@@ -22,6 +22,7 @@ RUN = 5
 # Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
 LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
 NEARER = 3.0  # times, that the next reading but one is nearer where two take turns
+GAP = 1.5  # times the usual step of time
 STEPS = 32  # readings that a joint must have, or it is at rest
 BLOCK = 1 << 17  # samples that are looked at together
 # A joint that moves by less than this share of the largest span within _LATELY rests.
@@ -298,17 +299,43 @@ def _why_slow(t: Array) -> str:
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
-def find_interleaved_arms(q: Array, source: str) -> LogDoubt | None:
+FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
+
+
+def find_leaps(q: Array) -> Array:
+    """Return the samples at which an angle leaps there and back. Shape (n,), bool.
+
+    A bit that a bus turns is no motion: the sample lies far from both neighbours, which
+    lie near to each other.
+
+    Args:
+        q: Angles [rad]. Shape (n, dof).
+    """
+    out = np.zeros(len(q), bool)
+    if len(q) < RUN:
+        return out
+    step = np.abs(np.diff(q, axis=0))
+    far = np.maximum(FAR, BEYOND * np.quantile(step, 0.98, axis=0))
+    over = np.abs(q[2:] - q[:-2])
+    leaps = np.minimum(step[1:], step[:-1]) > np.maximum(far, 2 * over)
+    out[1:-1] = leaps.any(axis=1)
+    return out
+
+
+def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
     """Find readings of two arms in turn: leaps there and back that no joint can do.
 
     Args:
         q: Readings in any unit, all rows. Shape (n, dof).
+        t: Their times; over a gap, where samples were left out, any way is possible.
     """
     if len(q) < RUN:
         return None
     if _in_turn(q):
         return _two_arms(source, len(q) - 1, len(q))
     signs = np.stack([_leaps(joint_angles) for joint_angles in q.T], axis=1)
+    steps = np.diff(t)
+    signs[steps > GAP * np.nanmedian(steps)] = 0
     # A single joint leaps where its reading is coarse or begins again.
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
     if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
