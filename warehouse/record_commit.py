@@ -39,6 +39,7 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import (
     KINDS,
+    LOGGED,
     NOT_HASHED,
     SAMPLES_FILE,
     SIGNALS,
@@ -49,7 +50,6 @@ Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
 SPEC, TRUTH = "spec.json", "truth.parquet"
-_LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -272,8 +272,8 @@ def build_run_columns(manifest: Mapping) -> dict:
 
 
 def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Array]:
-    check_keys(extra, set(SIGNALS) - set(_LOGGED), "the extra channels of a run")
-    logged = {name: getattr(recording, name) for name in _LOGGED}
+    check_keys(extra, set(SIGNALS) - set(LOGGED), "the extra channels of a run")
+    logged = {name: getattr(recording, name) for name in LOGGED}
     arrays = {k: v for k, v in {**logged, **extra}.items() if v is not None}
     for name, array in arrays.items():
         if name != "t" and np.shape(array) != recording.q.shape:

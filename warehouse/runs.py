@@ -31,9 +31,8 @@ from warehouse.store_files import (
     table_to_arrays,
     verify_file,
 )
-from warehouse.view_schema import KINDS, QUARANTINE, SAMPLES_FILE
+from warehouse.view_schema import KINDS, LOGGED, QUARANTINE, SAMPLES_FILE
 
-_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref", "enabled", "masked")
 
 _DRIVE = TypeAdapter(Drive)
 
@@ -52,7 +51,7 @@ def read_run(store: Path, run_id: str) -> Recording:
     run = find_run(store, run_id)
     channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
-    logged = {name: channels[name] for name in _OF_RECORDING if name in channels}
+    logged = {name: channels[name] for name in LOGGED if name in channels}
     if (drive := _manifest(run.folder).get("drive")) is not None:
         logged["drive"] = _DRIVE.validate_python(drive)
     return Recording(id=run.id, robot=robot, **logged)

@@ -67,6 +67,8 @@ SIGNALS = {
     ),
     "e_tau": SampleSignal("N m", True, "torque minus that of the nominal twin"),
 }
+# Those of a log itself: fields of its recording.
+LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
 
 def _read_columns(columns: Mapping[str, Mapping[str, str]]) -> tuple[ViewColumn, ...]:

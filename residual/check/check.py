@@ -115,7 +115,10 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, (driven, logs) = find_robot_file_faults(robot), find_drive_faults(robot, logs)
+    faults, (driven, logs) = (
+        find_robot_file_faults(robot),
+        find_drive_faults(robot, logs),
+    )
     faults, whole = faults + driven, logs
     logs = pick_spread_pieces(logs)
     motion = filter_check_motion(logs)
