@@ -33,7 +33,6 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import KINDS, LOGGED, QUARANTINE, SAMPLES_FILE
 
-
 _DRIVE = TypeAdapter(Drive)
 
 

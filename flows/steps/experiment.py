@@ -33,14 +33,13 @@ from flows.steps.model_choice import choose_model, read_controller_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun
-from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError, RunError
 from residual.model.dynamics import (
     FrictionReversal,
     build_computed_torque_law,
     compute_feed_forward,
 )
-from residual.recording import Recording
+from residual.recording import Recording, apply_drive
 from residual.robot.robot import Robot
 from sim.effects import find_effect_definition
 from sim.engine.plant_records import (
@@ -362,17 +361,10 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     plant = spec.plant_spec()
     simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
     if (drive := spec.log_drive()) is not None:
-        simulated = replace(simulated, log=apply_drive(simulated.log, drive, robot))
+        simulated = replace(simulated, log=apply_drive(simulated.log, drive))
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
     return simulated, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
-
-
-def apply_drive(log: Recording, drive: Drive, robot: Robot) -> Recording:
-    """Return a log with the torque that goal and position have by a drive."""
-    tau, masked = compute_drive_torque(drive, log.q_ref, log.q, log.t)
-    masked |= (log.q_ref < robot.lower) | (log.q_ref > robot.upper)
-    return replace(log, tau=tau, masked=masked.astype(float), drive=drive)
 
 
 @lru_cache(maxsize=12)

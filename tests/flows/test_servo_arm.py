@@ -1,0 +1,108 @@
+"""An arm that is sent goals: simulated, stored, made again and read back."""
+
+import json
+
+import numpy as np
+import pytest
+
+from flows.cli import main
+from flows.specs import parse_spec
+from flows.steps import experiment, rerun
+from residual.drive import Drive, compute_drive_torque
+from residual.errors import InputError
+from sim.engine.plant_records import ReferenceMotion, ServoDrive
+from sim.plant.servo import build_servo_law, follow_goal
+from warehouse.runs import open_seal, read_channels, read_run
+
+GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]
+DRIVE = {"gain": GAIN, "limit": [300, 300, 200, 60, 60, 30]}
+HIDDEN = {"damping": [60.0, 80.0, 35.0, 5.0, 5.0, 2.5], "delay": [0.03] * 6}
+
+
+def spec(**changes):
+    content = {
+        "seed": 7,
+        "trajectory": {"kind": "cyclic", "duration": 6.0, "periods": 1},
+        "rates": {"control": 1000, "log": 100},
+        "drive": DRIVE,
+        "plant": {"drive": HIDDEN},
+    }
+    return parse_spec(content | changes, "SPEC.toml")
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    store = tmp_path_factory.mktemp("servo")
+    return store, experiment.simulate_and_store(spec(), store)
+
+
+def test_a_run_has_goals_and_the_torque_that_its_declared_drives_make_of_them(stored):
+    log = read_run(*stored)
+    assert log.drive == Drive(tuple(GAIN), tuple(DRIVE["limit"]))
+    tau, at_limit = compute_drive_torque(log.drive, log.q_ref, log.q, log.t)
+    np.testing.assert_array_equal(log.tau, tau)
+    np.testing.assert_array_equal(log.masked, at_limit)
+    assert 0.01 < np.abs(log.q_ref - log.q).max() < 0.5
+    # What a torque sensor would have read is in the seal alone.
+    real = open_seal(*stored).truth["tau_drive"]
+    assert np.abs(real - tau).max() > 1.0
+    assert "e_tau" not in read_channels(*stored)
+
+
+def test_the_sealed_half_has_the_true_drives_and_the_run_is_made_again(stored):
+    sealed = open_seal(*stored).spec["drive"]
+    assert sealed == {**DRIVE, **HIDDEN, "goal_speed": []}
+    store, run = stored
+    assert rerun.rerun(run, store, verify=True).reproduced
+
+
+def test_firmware_and_bus_stand_between_a_goal_and_its_torque():
+    t = np.arange(0, 1, 1e-3)
+    goal = np.where(t < 0.1, 0.0, 1.0)[:, None]
+    asked = ReferenceMotion("step", t, goal, 0 * goal, 0 * goal, None)
+    servo = ServoDrive((8.0,), (2.0,), (0.05,), (4.0,))
+    walked = follow_goal(servo, asked, 10)
+    expected = np.clip(4.0 * (t - 0.149), 0.0, 1.0)
+    np.testing.assert_allclose(walked.q[:, 0], expected, atol=1e-9)
+    law, zero = build_servo_law(servo, walked), np.zeros(1)
+    assert law(0, zero, zero, zero) == 0.0
+    assert law(999, zero, zero, zero) == 2.0
+    assert law(999, zero + 0.9, zero, zero) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"drive": None}, r"add \[drive\] with what the log says"),
+        ({"controller": {"model": "adopted"}}, "is sent goals, so no model can drive"),
+        ({"drive": {"gain": [-1.0]}}, "gain must be a list of positive numbers"),
+        ({"drive": {"gain": [1.0, 2.0]}}, "gain has 2 values, expected 6"),
+    ],
+)
+def test_a_spec_that_no_such_arm_has_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        experiment.load_spec_robot(spec(**changes))
+
+
+@pytest.mark.slow
+def test_hidden_load_is_found_and_proved_in_position(stored, tmp_path, capsys):
+    """Hide, find, prove: the workflow of the simulated arm, without a torque sensor."""
+    store, _ = stored
+    plant = {"drive": {"damping": HIDDEN["damping"]}, "seed": 3}
+    plant["effect"] = [{"name": "payload", "joints": [6], "mass": 3.0}]
+    runs = []
+    for seed in (1, 2):
+        motion = {"kind": "fourier", "duration": 10.0, "seed": seed}
+        some = spec(plant=plant, trajectory=motion)
+        runs.append(experiment.simulate_and_store(some, store))
+    out = tmp_path / "verdict.json"
+    words = ["diagnose", runs[0], "--robot", "irb140", "--holdout", runs[1]]
+    main([*words, "--store", str(store), "--json", str(out)])
+
+    verdict = json.loads(out.read_text())
+    assert "payload" in [effect["name"] for effect in verdict["effects"]]
+    position = verdict["error"]["position"]
+    assert position["diverged"] == {"nominal": [], "identified": [], "augmented": []}
+    before, after = (position["overall"][k] for k in ("nominal", "augmented"))
+    assert after < 0.25 * before
+    assert "Position by itself under the logged goal" in capsys.readouterr().out
