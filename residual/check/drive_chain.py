@@ -272,7 +272,9 @@ def find_drive_faults(
         chain[name] = np.where(wrong[name], values, first[name])
     gain, error = rows.estimate_gains(chain)
     far = np.abs(np.log(gain / given)) > np.maximum(_ALIKE["gain"], 3 * error)
-    wrong["gain"] = far & (error < _UNSURE)
+    # A gain of the map stands against the file's masses, not against a weighed one.
+    asked = not drive.gain or "payload.mass" in robot.known_values
+    wrong["gain"] = far & (error < _UNSURE) & asked
     gain = np.where(wrong["gain"], gain, given)
     bad = np.any(list(wrong.values()), axis=0)
     if not bad.any():
@@ -280,7 +282,9 @@ def find_drive_faults(
     chain |= {"gain": gain, "limit": chain["limit"] * gain}
     parts = {n: v for n, v in chain.items() if np.any(v != IDEAL[n])}
     found = Drive(**_as_parts(parts), enabled=drive.enabled)
-    certain = [w[wrong[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
+    # Certain is what the map leaves out; another value may be a change of the arm.
+    left_out = {n: wrong[n] & (first[n] == IDEAL[n]) for n in worth}
+    certain = [w[left_out[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
     words = _describe(robot, wrong, worth, chain, given)
     repairs = (Repair("drive", drive=found),)
     fault = Fault("drive", list_true_joints(bad), any(certain), words, repairs)

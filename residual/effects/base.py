@@ -161,6 +161,7 @@ class State:
             for those of the robot's own description. Shape (10 dof,).
         drive: Torque that the drives themselves take per speed [N m s/rad] and per
             acceleration [kg m^2]; None for none. Shape (2, dof).
+        enabled: Share of a drive that is on; None for on. Shape (n, dof).
     """
 
     robot: Robot
@@ -175,6 +176,7 @@ class State:
     tau_model: Array
     inertial: Array | None = None
     drive: Array | None = None
+    enabled: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -189,6 +191,7 @@ class MotionSpan:
         torque: Largest size of the logged torque, as a 99.5 % quantile [N m]; None
             where it is not known. Shape (dof,).
         prismatic: Which joints slide; () for none.
+        switched: Joints whose drive is off in a part of the logs; () for none.
     """
 
     speed: Array
@@ -197,6 +200,7 @@ class MotionSpan:
     cutoff: float
     torque: Array | None = None
     prismatic: tuple[bool, ...] = ()
+    switched: tuple[bool, ...] = ()
 
 
 Columns = Callable[[State, Joints, Shape], Array]

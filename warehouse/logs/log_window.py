@@ -195,8 +195,14 @@ def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Ar
     """One number for each sample of a block that is not the one before; its row."""
     rows = slice(max(start - 1, 0), start + BLOCK)
     values = np.hstack([recording.q[rows], recording.tau[rows]])
+    if recording.drive is not None:
+        # Torque follows from the angles, whose steps two motions share: the clock of a
+        # bus does not tick alike twice.
+        ticks = np.diff(recording.t[rows], prepend=recording.t[rows][:1])
+        values = np.column_stack([values, np.where(ticks > 0, ticks.round(6), 0.0)])
     # Standing still repeats one sample, in any log: count it once.
-    changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
+    signals = values[:, : 2 * recording.dof]
+    changed = np.r_[start == 0, (np.diff(signals, axis=0) != 0).any(axis=1)]
     bits = np.ascontiguousarray(values[changed]).view(np.uint64)
     mixed = (bits ^ (bits >> np.uint64(29))) * factors[: bits.shape[1]]
     hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
