@@ -373,7 +373,11 @@ def prepare_fit_logs(
 
 def _find_switched_joints(tracks: Sequence[Track]) -> tuple[bool, ...]:
     """Which joints' drives are off in a part of the logs; () for none."""
-    logged = [t.enabled[:: t.step][t.moving.any(axis=1)] for t in tracks if t.enabled is not None]
+    logged = [
+        t.enabled[:: t.step][t.moving.any(axis=1)]
+        for t in tracks
+        if t.enabled is not None
+    ]
     if not logged:
         return ()
     on = np.concatenate(logged) > 0.5

@@ -86,6 +86,7 @@ class _Formula:
     code: CodeType
     theta: tuple[float, ...]
     shape: Shape
+    powered: bool  # whether it is there while the drive is on alone
 
     def torque(self, state: Mapping[str, Sequence[float]], sign: float) -> float:
         """Return the torque if its joint moves in a direction [N m]."""
@@ -94,7 +95,8 @@ class _Formula:
         else:
             names = {name: [x[j] for j in self.joints] for name, x in state.items()}
         names |= {"a": self.theta, "s": self.shape, "sign": sign}
-        return float(eval(self.code, _WORDS, names))  # of the effects' own files
+        on = state["enabled"][self.row] if self.powered else 1.0
+        return on * float(eval(self.code, _WORDS, names))  # of the effects' own files
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -248,7 +250,9 @@ def _build_arm(model: Model) -> _Arm:
             for j, row in zip(joints, rows, strict=True):
                 code = compile(row, effect.name, "eval")
                 theta = tuple(map(float, term.theta))
-                formulas.append(_Formula(j, term.joints, code, theta, term.shape))
+                powered = EffectTrait.POWERED in effect.traits
+                form = j, term.joints, code, theta, term.shape, powered
+                formulas.append(_Formula(*form))
         else:
             left_out.append(effect.name)
     body = replace_inertial_parameters(model.robot.model, inertial)
