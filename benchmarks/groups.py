@@ -21,6 +21,10 @@ GROUPS = {
     },
     "monitoring": {"sensors": "monitoring_parts.sensors:sensor_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
+    "servo": {
+        "pendulum": "servo_parts.pendulum:position_figures",
+        "six_joints": "servo_parts.six_joints:six_joint_figures",
+    },
 }
 
 

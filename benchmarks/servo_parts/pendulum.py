@@ -95,11 +95,9 @@ def compare(folder: Path, setting: Setting, number: int) -> dict[str, float]:
     nominal, ours = (
         np.inf if position[k] is None else position[k] for k in ("nominal", "augmented")
     )
-    names = ", ".join(effect.name for effect in verdict.effects)
-    print(
-        f"[{number}] {setting} {held_out.id}: {nominal:.3f} -> {ours:.4f}, peer {peer:.4f}; {fit[0].drive}; {names}",
-        flush=True,
-    )
+    named = ", ".join(effect.name for effect in verdict.effects)
+    line = f"[{number}] {held_out.id}: {nominal:.3f} -> {ours:.4f} ({named})"
+    print(f"{line}, peer {peer:.4f}", flush=True)
     return {"ours": ours, "peer": peer, "nominal": nominal}
 
 
