@@ -248,11 +248,17 @@ class RobotRequest(Request):
 
 @dataclass(frozen=True, slots=True)
 class Check(RobotRequest):
-    """Check logs."""
+    """Check logs.
+
+    Attributes:
+        known: A value that is known for sure, such as payload.mass=0.5 (kg): it fixes
+            the torque of drives that have no sensor; may be repeated.
+    """
 
     logs: GivenWords = ()
     _: KW_ONLY
     columns: Columns = None
+    known: Annotated[Tags, Parameter(metavar="EFFECT=VALUE")] = ()
     store: Store = None
 
 

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from flows.inputs.read import LogSets, read_log_sets
+from flows.inputs.read import LogSets, apply_known_values, read_log_sets
 from flows.inputs.read import load_command_robot as load_robot
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
@@ -255,6 +255,7 @@ def check(
     robot: Robot,
     logs: Recording | str | Path | Iterable[Recording | str | Path],
     columns: str | Path | None = None,
+    known: Mapping[str, float] | None = None,
 ) -> LogCheck:
     """Check units, signs, joint order and timing of logs (docs/check.md).
 
@@ -262,11 +263,13 @@ def check(
         robot: The arm.
         logs: Recordings; or files, also such as ``read_logs`` refuses.
         columns: COLUMNS.toml of the files; the repair lines are for it.
+        known: Values that are known for sure, such as {"payload.mass": 0.5} [SI].
 
     Raises:
         InputError: If a file is not usable.
     """
     check_robot(robot)
+    robot = apply_known_values(robot, known or {})
     entries = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
     if not entries:
         raise InputError("No log to check: give one recording or file, or several.")

@@ -239,6 +239,8 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
     line("time", format_time_line(1.0, columns))
     for name, signal in columns.signals.items():
         line(name, format_signal_line(name, signal))
+    if columns.drive is not None:
+        line("drive", format_drive_line(columns.drive))
     for name in draft.missing:
         line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
     for name, signal in draft.optional.items():

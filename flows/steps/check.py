@@ -28,7 +28,9 @@ _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 def read_logs(request: Check) -> LogSets:
     """Read the robot and every log, also physically impossible ones."""
-    return inputs.read_logs(request, "to check")
+    known = inputs.parse_known_values(request.known)
+    robot = inputs.apply_known_values(inputs.load_request_robot(request), known)
+    return inputs.read_logs(request, "to check", robot)
 
 
 def draft_map(request: Map) -> str:

@@ -44,7 +44,7 @@ from residual.check.torque_shares import (
 from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.dynamics import compute_last_joint_distance
+from residual.robot.dynamics import compute_last_joint_distance, compute_reach
 from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
 from residual.signals.splitting import pick_spread_pieces
 
@@ -290,6 +290,7 @@ def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
     bodies, out = list(robot.model.inertias)[1:], []
     mass, reach = sum(b.mass for b in bodies), compute_last_joint_distance(robot.model)
+    reach = reach or compute_reach(robot.model)
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
     for there, sizes, unit, scale in (
         (reach > 50.0, "lengths", "millimetres", 1e-3),

@@ -176,7 +176,8 @@ def _known_parameters(robot: Robot) -> Array:
     out = read_inertial_parameters(robot.model)
     mass = robot.known_values.get("payload.mass", 0.0)
     if mass:
-        place = find_flange_placement(robot.model).translation
+        com = [robot.known_values.get(f"payload.com_{axis}", 0.0) for axis in "xyz"]
+        place = find_flange_placement(robot.model).act(np.array(com))
         load = pin.Inertia(mass, place, np.zeros((3, 3)))
         out[-PER_LINK:] += load.toDynamicParameters()
     return out

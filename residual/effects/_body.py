@@ -67,8 +67,12 @@ def usual_in(placement):
 
 
 def prior_sd(robot):
-    """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin."""
-    mass = 0.08 * sum(body.mass for body in robot.model.inertias)
+    """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin.
+
+    Of an arm of one joint its load is the most of it: all of its mass.
+    """
+    share = 0.08 if robot.dof > 1 else 1.0
+    mass = share * sum(body.mass for body in robot.model.inertias)
     return np.array([mass] + 3 * [0.2 * mass] + 6 * [0.03 * mass])
 
 
@@ -83,7 +87,8 @@ def is_parameter_reportable(key, values, stds):
 def possible(theta, limits, lightest):
     """No heavier than the arm, no lighter than a mass [kg], and within reach."""
     mass, turn = theta[0], np.linalg.norm(theta[1:4])
-    near = turn < limits.reach * max(abs(mass), LEAST * limits.weight)
+    least = LEAST if limits.load_mass_seen else 1.0
+    near = turn < limits.reach * max(abs(mass), least * limits.weight)
     return bool(lightest <= mass < limits.weight and near)
 
 

@@ -33,6 +33,8 @@ class JointLimits:
         reach: Length of the arm when it is stretched [m].
         nominal_coefficients: Of the same effect in the model, as refitted; zero where
             it has none. Shape (k,).
+        load_mass_seen: Whether the mass of a load moves a torque by itself; of an arm
+            of one joint only its moments do.
     """
 
     torque: float
@@ -42,6 +44,7 @@ class JointLimits:
     weight: float
     reach: float
     nominal_coefficients: Array
+    load_mass_seen: bool = True
 
 
 SLACK = 0.1  # of what the model has: by so much a change may overshoot it

@@ -146,10 +146,13 @@ def compute_last_joint_distance(model: pin.Model) -> float:
 
 
 def compute_reach(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the flange [m]."""
-    return compute_last_joint_distance(model) + float(
-        np.linalg.norm(find_flange_placement(model).translation)
-    )
+    """Return the way from the base over all joints to the flange [m].
+
+    Of an arm of one joint without a flange it is the lever of its mass.
+    """
+    way = compute_last_joint_distance(model)
+    way += float(np.linalg.norm(find_flange_placement(model).translation))
+    return way or float(np.linalg.norm(model.inertias[model.nv].lever))
 
 
 def read_inertial_parameters(model: pin.Model) -> Array:
