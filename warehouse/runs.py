@@ -5,8 +5,6 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
-from pydantic import TypeAdapter
-
 from residual.drive import Drive
 from residual.errors import InputError
 from residual.recording import Recording
@@ -33,8 +31,6 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import KINDS, LOGGED, QUARANTINE, SAMPLES_FILE
 
-_DRIVE = TypeAdapter(Drive)
-
 
 def read_manifest(store: Path, run_id: str) -> dict:
     """Return the manifest of a run (`commit.commit_run` says what is in it)."""
@@ -52,7 +48,8 @@ def read_run(store: Path, run_id: str) -> Recording:
     robot = run.folder.parent.name.removeprefix("robot=")
     logged = {name: channels[name] for name in LOGGED if name in channels}
     if (drive := _manifest(run.folder).get("drive")) is not None:
-        logged["drive"] = _DRIVE.validate_python(drive)
+        lists = {k: tuple(v) if isinstance(v, list) else v for k, v in drive.items()}
+        logged["drive"] = Drive(**lists)
     return Recording(id=run.id, robot=robot, **logged)
 
 

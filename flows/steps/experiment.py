@@ -46,11 +46,11 @@ from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
     ReferenceMotion,
-    ServoDrive,
     TrajectorySpec,
 )
 from sim.experiment import compute_log_twin_errors, run_experiment
 from sim.plant.effect_catalogue import check_effect
+from sim.plant.servo import check_servo
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
@@ -324,12 +324,7 @@ def load_spec_robot(spec: ExperimentSpec) -> Robot:
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
-    for name, values in asdict(spec.plant_spec().drive or ServoDrive()).items():
-        if len(values) not in (0, robot.dof):
-            raise InputError(
-                f"[drive] {name} has {len(values)} values, expected {robot.dof}: one "
-                f"for each joint of {robot.name}."
-            )
+    check_servo(spec.plant_spec().drive, robot)
     return robot
 
 
@@ -397,14 +392,8 @@ def format_reference_csv(reference: ReferenceMotion) -> str:
     names = [f"{name}{joint}" for name in ("q", "qd", "qdd") for joint in joints]
     parts = [reference.t[:, None], reference.q, reference.qd, reference.qdd]
     text = io.StringIO()
-    np.savetxt(
-        text,
-        np.hstack(parts).round(9) + 0.0,  # + 0 makes of -0 a 0
-        fmt="%.9f",
-        delimiter=",",
-        header=",".join(["t", *names]),
-        comments="",
-    )
+    values = np.hstack(parts).round(9) + 0.0  # + 0 makes of -0 a 0
+    np.savetxt(text, values, "%.9f", ",", header=",".join(["t", *names]), comments="")
     return text.getvalue()
 
 

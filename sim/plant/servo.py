@@ -6,12 +6,24 @@ walks towards it no faster than it may, and presses in proportion to what is lef
 
 from collections import deque
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import asdict, replace
 
 import numpy as np
 
+from residual.errors import InputError
 from residual.recording import Array
+from residual.robot.robot import Robot
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
+
+
+def check_servo(servo: ServoDrive | None, robot: Robot) -> None:
+    """Check that each value of the servos, if there are some, is there per joint."""
+    for name, values in asdict(servo or ServoDrive()).items():
+        if len(values) not in (0, robot.dof):
+            raise InputError(
+                f"[drive] {name} has {len(values)} values, expected {robot.dof}: one "
+                f"for each joint of {robot.name}."
+            )
 
 
 def follow_goal(
