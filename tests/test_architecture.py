@@ -33,6 +33,8 @@ ONLY = {
 # Strings that are an effect's name by chance: (file, string) and what they are there.
 HOMONYMS = {
     ("residual/check/result.py", "delay"): "a fault of a log, of the same nature",
+    ("residual/drive.py", "delay"): "of the goal of a drive",
+    ("residual/check/drive_chain.py", "delay"): "the same, searched",
     ("residual/robot/files.py", "offset"): "of a joint that follows another one",
     ("residual/robot/urdf.py", "offset"): "the same as a URDF has it",
     ("residual/model/evaluate.py", "offset"): "the constant of a look-up model",

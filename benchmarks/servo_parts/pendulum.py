@@ -1,153 +1,181 @@
-"""Measured logs of a bus servo with a pendulum: where models go on held-out motion.
+"""Measured bus servos with a pendulum: the chain, the masses, and what has changed.
 
-A setting is a gain, a mass and a length: four motions are fitted and the fifth is held
-out, another one in each setting. The chain of the drive is what the check finds. The
-peer is how servo models are fitted elsewhere: the best of 2 000 random draws of gain,
-inertia, viscous and dry friction by the position on the same fitted motions, given that
-very chain. One motion has the drive off in a part; it is among the fitted ones, since
-nothing else separates friction from the damping of a drive.
+200 logs of 6 s: five motions at four gains, four masses and two lengths. All that was
+chosen was chosen on the shorter pendulum; figures are of the longer one alone, but for
+a few repeats. A known mass of 535 g gives each gain its drive, as `check` writes it.
 """
 
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
+from functools import cache
 
-import numpy as np
-
-from benchmarks.harness.figures import (
-    FEW,
-    NO_LOGS,
-    Figures,
-    all_missing,
-    all_partial,
-    figure,
-)
+from benchmarks.harness.figures import NO_LOGS, Figures, all_missing
 from benchmarks.harness.rates import at_least, share
-from benchmarks.measured_parts.arms import data_folder
-from residual.check.drive_chain import find_drive_faults
+from benchmarks.measured_parts.arms import absent, folder_of
+from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
-from residual.drive import limit_goal
-from residual.recording import Array, Recording, apply_drive
+from residual.drive import Drive
+from residual.identification.identify import identify
+from residual.recording import Recording, apply_drive
 from residual.robot.robot import Robot, build_robot
-from sim.engine.plant_records import create_random_stream
 from warehouse.logs import read_log
+from warehouse.logs.column_map import ColumnMap, SignalMap
 
-GAINS, MASSES, LENGTHS = (4, 8, 16, 32), (535, 741, 969, 1168), (100, 150)
-# The first one has the drive off in a part, and is always fitted.
-MOTIONS = ("lift_and_drop", "brutal", "sin_sin", "sin_time_square", "up_and_down")
-DUTY, UNIT = 0.165, 2.9  # of the firmware, per rad and gain; N m at full duty, by maker
-DRAWS, STEP, GRAVITY = 2000, 2e-3, 9.81
-NEAR, BELOW = 0.030, 0.8  # rad; of the peer's distance
-URDF = """<robot name="pendulum"><link name="base"/><link name="bob"><inertial>
-<origin xyz="0 0 -{length}"/><mass value="{mass}"/>
-<inertia ixx="{i}" iyy="{i}" izz="{i}" ixy="0" ixz="0" iyz="0"/></inertial></link>
-<joint name="servo" type="continuous"><parent link="base"/><child link="bob"/>
-<axis xyz="0 1 0"/><limit effort="30" velocity="10"/></joint></robot>"""
+MOTIONS = ("brutal", "lift_and_drop", "sin_sin", "sin_time_square", "up_and_down")
+GAINS, MASSES, KNOWN = (4, 8, 16, 32), (535, 741, 969, 1168), 535  # g
+LENGTH, SHORTER = 150, 100  # mm; all was chosen on the shorter one
+DECLARED = ("viscous", "coulomb", "rotor_inertia", "drive_damping")
+# What a search by hand found: the goal's speed, and delays at gain 4, 8, 16 and 32.
+SPEED, DELAYS = 4.8, (0.055, 0.045, 0.035, 0.03)
+BARS = {
+    "goal_speed_first": 0.9,
+    "delay_next": 0.75,
+    "mass_own_gain": 0.95,
+    "mass_across_gains": 0.85,
+    "load_named": 0.8,
+    "gain_named": 0.85,
+    "repeats_silent": 0.95,
+    "length_named": 1.0,
+}
+CHANGES = ("load_named", "gain_named", "repeats_silent", "length_named")
+BODIES = {"payload", "link_inertia", "link_body"}
+CLASS = {"torque_gain", "viscous", "drive_damping"}
 
-Setting = tuple[int, int, int]  # gain, mass [g], length [mm]
+
+@cache
+def pendulum(length: int) -> Robot:
+    """The servo with the known mass at the end of its arm."""
+    mass, lever = KNOWN / 1e3, length / 1e3
+    urdf = f"""<robot name="pendulum"><link name="base"/><link name="arm"><inertial>
+    <origin xyz="0 0 {-lever}"/><mass value="{mass}"/><inertia ixx="1e-5" iyy="1e-5"
+    izz="1e-5" ixy="0" ixz="0" iyz="0"/></inertial></link><joint name="servo"
+    type="revolute"><parent link="base"/><child link="arm"/><axis xyz="0 1 0"/>
+    <limit lower="-3.3" upper="3.3" effort="6" velocity="10"/></joint></robot>"""
+    return build_robot("pendulum", urdf, "{}")
 
 
-def position_figures(quick: bool) -> Figures:
-    """Distance of our models and of the peer from the held-out motion, by setting."""
-    folder = data_folder()
-    bars = {"servo_position_rms": NEAR, "servo_position_below_peer": 0.8}
-    if folder is None or not (folder / "servo").is_dir():
+@cache
+def read_setting(gain: int, mass: int, length: int, repeat: int = 1):
+    """Logs of one setting, with the goal as the drive's alone."""
+    signals = {"q_ref": SignalMap(columns=("goal1",), unit="rad")}
+    columns = ColumnMap(signals=signals, drive=Drive(enabled="enabled"))
+    names = [f"{m}_kp{gain}_{mass}g_{length}mm_{repeat}.csv" for m in MOTIONS]
+    paths = [str(folder_of("servo") / n) for n in names]
+    return tuple(read_log(p, pendulum(length), columns)[0] for p in paths)
+
+
+@cache
+def find_drive(gain: int, mass: int, length: int) -> Drive:
+    """The drive that the check writes for one setting."""
+    logs = read_setting(gain, mass, length)
+    faults = check_logs(pendulum(length), logs).faults
+    drives = (r.drive for f in faults for r in f.repairs if r.drive is not None)
+    return next(drives, Drive())
+
+
+def _driven(logs: Sequence[Recording], drive: Drive) -> list[Recording]:
+    return [apply_drive(r, replace(drive, enabled=r.drive.enabled)) for r in logs]
+
+
+def chain_figures(quick: bool) -> Figures:
+    """Whether the check finds what was left out of a map."""
+    bars = {k: BARS[k] for k in ("goal_speed_first", "delay_next")}
+    if absent("servo"):
         return all_missing(bars, NO_LOGS)
-    rows = [compare(folder / "servo", s, i) for i, s in list_settings(False, quick)]
-    return all_partial(summarize(rows), FEW if quick else "")
-
-
-def list_settings(developed: bool, few: bool) -> list[tuple[int, Setting]]:
-    """Return every other setting: those we developed on, or those we report."""
-    every = [(k, m, x) for k in GAINS for m in MASSES for x in LENGTHS]
-    half = [(i, s) for i, s in enumerate(every) if (i + i // 2) % 2 != developed]
-    return half[:: 8 if few else 1]
-
-
-def summarize(rows: list[dict[str, float]]) -> Figures:
-    """Return shares of settings, and the distances themselves."""
-    ours, peer, before = (
-        np.array([row[name] for row in rows]) for name in ("ours", "peer", "nominal")
-    )
-    pooled = float(np.sqrt(np.mean(ours**2)))
-    below = share(int((ours <= BELOW * peer).sum()), len(rows))
+    speed, delay, total, values = 0, 0, 0, {}
+    for gain, expected in zip(GAINS, DELAYS, strict=True):
+        for mass in MASSES[: 1 if quick else 4]:
+            drive = find_drive(gain, mass, LENGTH)
+            total += 1
+            speed += bool(drive.goal_speed) and abs(drive.goal_speed[0] - SPEED) < 0.3
+            delay += bool(drive.delay) and abs(drive.delay[0] - expected) <= 0.02
+            values[f"gain {gain}, {mass} g"] = [
+                [round(v, 4) for v in getattr(drive, part)]
+                for part in ("goal_speed", "delay", "gain", "limit")
+            ]
     return {
-        "servo_position_below_peer": at_least(below, 0.8),
-        "servo_position_rms": figure(pooled, NEAR, len(rows)),
-        "servo_position_rms_median": figure(float(np.median(ours)), None, len(rows)),
-        "servo_position_rms_nominal": figure(float(np.median(before)), None, len(rows)),
-        "servo_position_rms_peer": figure(float(np.median(peer)), None, len(rows)),
+        "goal_speed_first": at_least(
+            share(speed, total, data=values), bars["goal_speed_first"]
+        ),
+        "delay_next": at_least(share(delay, total), bars["delay_next"]),
     }
 
 
-def compare(folder: Path, setting: Setting, number: int) -> dict[str, float]:
-    """Fit four motions of a setting; return distances on the fifth [rad]."""
-    _, mass, length = setting
-    robot = build_pendulum(mass / 1e3, length / 1e3)
-    logs = [read(folder, robot, motion, setting) for motion in MOTIONS]
-    held_out = logs.pop(1 + number // 2 % (len(MOTIONS) - 1))
-    _, fit = find_drive_faults(robot, logs)
-    held_out = apply_drive(held_out, fit[0].drive)
-    verdict = diagnose(robot, fit, held_out=[held_out]).verdict
-    position = verdict.error.position.overall
-    draws = Draws(setting)
-    best = int(np.argmin(sum(draws.miss(log) for log in fit)))
-    peer = float(np.sqrt(draws.miss(held_out)[best]))
-    nominal, ours = (
-        np.inf if position[k] is None else position[k] for k in ("nominal", "augmented")
-    )
-    named = ", ".join(effect.name for effect in verdict.effects)
-    line = f"[{number}] {held_out.id}: {nominal:.3f} -> {ours:.4f} ({named})"
-    print(f"{line}, peer {peer:.4f}", flush=True)
-    return {"ours": ours, "peer": peer, "nominal": nominal}
-
-
-def build_pendulum(mass: float, length: float) -> Robot:
-    """Return the arm as its builder knows it: a weighed bob on a rod."""
-    values = {"mass": mass, "length": length, "i": 0.02 * mass * length**2}
-    return build_robot("pendulum", URDF.format(**values), "{}")
-
-
-def read(folder: Path, robot: Robot, motion: str, setting: Setting) -> Recording:
-    """Return the first log of a motion, with the gain that its firmware was given."""
-    gain, mass, length = setting
-    path = folder / f"{motion}_kp{gain}_{mass}g_{length}mm_1.csv"
-    columns = {
-        "q_ref": {"columns": ["goal1"], "unit": "rad"},
-        "drive": {"gain": [DUTY * gain * UNIT], "enabled": "enabled"},
+def mass_figures(quick: bool) -> Figures:
+    """Masses by plain least squares with the drive of the known mass."""
+    bars = {k: BARS[k] for k in ("mass_own_gain", "mass_across_gains")}
+    if absent("servo"):
+        return all_missing(bars, NO_LOGS)
+    robot, errors, across = pendulum(LENGTH), {}, {}
+    gains = GAINS[1:2] if quick else GAINS
+    first = find_drive(8, KNOWN, LENGTH)
+    for gain in gains:
+        drive = find_drive(gain, KNOWN, LENGTH)
+        least = _mass(robot, _driven(read_setting(gain, KNOWN, LENGTH), drive))
+        for mass in MASSES[1:]:
+            own = _mass(robot, _driven(read_setting(gain, mass, LENGTH), drive))
+            errors[f"gain {gain}, {mass} g"] = round(own / least * KNOWN / mass - 1, 4)
+            if gain >= 8:  # the gain of the register alone carries the factor over
+                base = _mass(robot, _driven(read_setting(8, KNOWN, LENGTH), first))
+                ratio = first.gain[0] * gain / 8 / drive.gain[0]
+                value = own * ratio / base * KNOWN / mass - 1
+                across[f"gain {gain}, {mass} g"] = round(value, 4)
+    return {
+        f"mass_{name}": at_least(
+            share(sum(abs(e) <= 0.1 for e in of.values()), len(of), data=of),
+            bars[f"mass_{name}"],
+        )
+        for name, of in (("own_gain", errors), ("across_gains", across))
     }
-    return read_log(str(path), replace(robot, columns=columns))[0]
 
 
-class Draws:
-    """The random draws of the peer in one setting, all integrated at once."""
+def _mass(robot: Robot, logs: Sequence[Recording]) -> float:
+    """First moment of the pendulum along its arm [kg m]."""
+    return abs(identify(robot, logs, DECLARED).model.inertial[3])
 
-    def __init__(self, setting: Setting) -> None:
-        gain, mass, length = setting
-        rng = create_random_stream(gain * mass + length, "servo/peer")
-        self.weight = mass / 1e3 * GRAVITY * length / 1e3  # N m
-        lean = mass / 1e3 * (length / 1e3) ** 2  # kg m^2
-        self.gain = DUTY * gain * rng.uniform(2.0, 10.0, DRAWS)  # N m/rad
-        self.inertia = lean + np.exp(rng.uniform(*np.log([1e-3, 0.1]), DRAWS))
-        self.viscous = np.exp(rng.uniform(*np.log([0.02, 5.0]), DRAWS))
-        self.coulomb = rng.uniform(0.0, 0.6, DRAWS)
 
-    def miss(self, log: Recording) -> Array:
-        """Return each draw's mean squared distance from a log [rad^2]. (DRAWS,)."""
-        t = np.arange(log.t[0], log.t[-1], STEP)
-        goal = np.interp(t, log.t, limit_goal(log.drive, log.q_ref, log.t)[:, 0])
-        held = np.searchsorted(log.t, t + 1e-9, side="right") - 1
-        on = np.ones(len(t)) if log.enabled is None else log.enabled[held, 0]
-        drive = log.drive
-        far = drive.values("limit", 1)[0] / drive.values("gain", 1)[0]  # rad
-        q, v = np.full(DRAWS, log.q[0, 0]), np.zeros(DRAWS)
-        path = np.empty((len(t), DRAWS))
-        for k in range(len(t)):
-            path[k] = q
-            torque = on[k] * self.gain * np.clip(goal[k] - q, -far, far)
-            v = v + STEP * (torque - self.weight * np.sin(q)) / self.inertia
-            v = v / (1 + STEP * self.viscous / self.inertia)
-            rub = STEP * self.coulomb / self.inertia
-            v = np.sign(v) * np.maximum(np.abs(v) - rub, 0.0)
-            q = q + STEP * v
-        at = np.minimum(np.round((log.t - t[0]) / STEP).astype(int), len(t) - 1)
-        return np.mean((path[at] - log.q) ** 2, axis=0)
+def change_figures(quick: bool) -> Figures:
+    """What has changed between two settings, 30 s of logs each."""
+    bars = {k: BARS[k] for k in CHANGES}
+    if absent("servo"):
+        return all_missing(bars, NO_LOGS)
+    robot, data = pendulum(LENGTH), {}
+    hits = {name: [] for name in bars}
+    for gain in GAINS[1:2] if quick else GAINS:
+        drive = find_drive(gain, KNOWN, LENGTH)
+        before = _driven(read_setting(gain, KNOWN, LENGTH), drive)
+        for mass in MASSES[1:2] if quick else MASSES[1:]:
+            logs = read_setting(gain, mass, LENGTH)
+            named = _names(robot, _driven(logs, drive), before)
+            hits["load_named"].append(bool(named and named[0] & BODIES))
+            data[f"gain {gain}, {KNOWN} to {mass} g"] = [sorted(n) for n in named]
+    drive = find_drive(8, KNOWN, LENGTH)
+    for mass in MASSES[:1] if quick else MASSES:
+        first, again = (
+            _driven(read_setting(8, mass, LENGTH, k), drive) for k in (1, 2)
+        )
+        named = _names(robot, again, first)
+        hits["repeats_silent"].append(not named)
+        data[f"{mass} g again"] = [sorted(n) for n in named]
+        shorter = _driven(read_setting(8, mass, SHORTER), drive)
+        named = _names(robot, first, shorter)
+        hits["length_named"].append(bool(named) and named[0] & BODIES != set())
+        data[f"{mass} g, longer"] = [sorted(n) for n in named]
+        for other in (4, 16):
+            logs = _driven(read_setting(other, mass, LENGTH), drive)
+            named = _names(robot, logs, first)
+            hits["gain_named"].append(bool(named and named[0] & CLASS))
+            data[f"{mass} g, gain 8 to {other}"] = [sorted(n) for n in named]
+    return {
+        name: at_least(share(sum(own), len(own), data=data), bars[name])
+        for name, own in hits.items()
+    }
+
+
+def _names(
+    robot: Robot, logs: Sequence[Recording], before: Sequence[Recording]
+) -> list[set[str]]:
+    """Names of each finding with all that explains the same."""
+    before = [replace(r, id=f"{r.id} before") for r in before]
+    verdict = diagnose(robot, logs, before, declared=DECLARED)
+    return [{f.name, *(e.name for e in f.equivalent)} for f in verdict.effects]

@@ -8,9 +8,9 @@ from time import perf_counter
 from flows.inputs import read as inputs
 from flows.inputs.read import (
     LogSets,
+    apply_known_values,
     is_run_id,
     load_request_robot,
-    apply_known_values,
     parse_known_values,
     read_file_serial,
     read_run_robot,

@@ -20,7 +20,7 @@ EFFECT = Effect(
     name="drive_damping",
     noun="damping by the drive",
     sentence="resistance proportional to speed while the drive is on (back EMF)",
-    equation="tau = coefficient * qd while the drive is on, else 0",
+    equation="tau = coefficient * qd: while the drive is on",
     parameters={"coefficient": "N m s/rad"},
     columns=build_joint_columns(_speed_while_on),
     traits=EffectTrait.PARAMETER

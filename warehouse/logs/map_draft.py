@@ -64,7 +64,9 @@ WANTED = frozenset(  # what was asked of the arm, not what it did
     + _split("setpoint action")
     + _split("goal d planned nominal udes kdes")
 )
-MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb present"))
+MEASURED = frozenset(
+    _split("act actual meas measured msr ist state feedback fb present")
+)
 SWITCHES = frozenset(_split("enable enabled on active"))  # of a drive
 TIMES = frozenset(_split("t time times timestamp stamp zeit clock elapsed krctime"))
 # Of the units in a name; those of one letter are words of another meaning, too.
@@ -362,7 +364,11 @@ class _Drafter:
             needed, signals["tau"] = ("time", "q", "q_ref"), None
             columns = replace(columns, drive=drive)
         some = {name: signal for name, signal in signals.items() if signal}
-        used = {drive and drive.enabled, *clock, *(c for s in some.values() for c in s.columns)}
+        used = {
+            drive and drive.enabled,
+            *clock,
+            *(c for s in some.values() for c in s.columns),
+        }
         ns = unit == "ns"
         return ColumnMapDraft(
             columns=replace(
