@@ -88,12 +88,13 @@ def test_a_spec_that_no_such_arm_has_is_refused(changes, words):
 def test_hidden_load_is_found_and_proved_in_position(stored, tmp_path, capsys):
     """Hide, find, prove: the workflow of the simulated arm, without a torque sensor."""
     store, _ = stored
-    plant = {"drive": {"damping": HIDDEN["damping"]}, "seed": 3}
+    known = {**DRIVE, "delay": [0.005] * 6}  # a goal stands for a sample: half of it
+    plant = {"drive": {"damping": [40.0, 50.0, 25.0, 4.0, 4.0, 2.0]}, "seed": 3}
     plant["effect"] = [{"name": "payload", "joints": [6], "mass": 3.0}]
     runs = []
     for seed in (1, 2):
         motion = {"kind": "fourier", "duration": 10.0, "seed": seed}
-        some = spec(plant=plant, trajectory=motion)
+        some = spec(drive=known, plant=plant, trajectory=motion)
         runs.append(experiment.simulate_and_store(some, store))
     out = tmp_path / "verdict.json"
     words = ["diagnose", runs[0], "--robot", "irb140", "--holdout", runs[1]]
