@@ -448,25 +448,18 @@ def describe_position(verdict: Verdict) -> str:
     position = verdict.error.position
     if position is None:
         return ""
-    last = "augmented" if verdict.effects else "identified"
-    names = {"nominal": "nominal", "identified": "refit"}
-    names["augmented"] = format_augmented_label(verdict)
-    lost = [
-        f"{names[k]}, {join_with_and(at)}"
-        for k in ("nominal", last)
-        if (at := position.diverged[k])
-    ]
+    names = {"nominal": "nominal"}
+    if verdict.effects:
+        names["augmented"] = format_augmented_label(verdict)
+    else:
+        names["identified"] = "refit"
     steps = [
-        f"{format_number(position.overall[k])} rad ({names[k]})"
-        for k in ("nominal", last)
-        if is_number(position.overall[k])
+        f"diverged in {join_with_and(at)} ({words})"
+        if (at := position.diverged[k])
+        else f"{format_number(position.overall[k])} rad ({words})"
+        for k, words in names.items()
     ]
-    out = (
-        f"Position by itself under the logged goal, rms: {' → '.join(steps)}."
-        if steps
-        else ""
-    )
-    return f"{out} Diverged: {'; '.join(lost)}.".strip() if lost else out
+    return f"Position by itself under the logged goal, rms: {' → '.join(steps)}."
 
 
 def format_augmented_label(verdict: Verdict) -> str:

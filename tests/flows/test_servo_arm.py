@@ -1,17 +1,20 @@
 """An arm that is sent goals: simulated, stored, made again and read back."""
 
-import json
-
 import numpy as np
 import pytest
 
-from flows.cli import main
+from flows.report.diagnosis import build_diagnosis_document
+from flows.report.sentences import format_headline
+from flows.report.tables import build_position_table
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError
+from residual.verdict.document import to_json
+from residual.verdict.result import Diagnosis
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
 from sim.plant.servo import build_servo_law, follow_goal
+from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_run
 
 GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]
@@ -84,26 +87,34 @@ def test_a_spec_that_no_such_arm_has_is_refused(changes, words):
         experiment.load_spec_robot(spec(**changes))
 
 
-@pytest.mark.slow
-def test_hidden_load_is_found_and_proved_in_position(stored, tmp_path, capsys):
-    """Hide, find, prove: the workflow of the simulated arm, without a torque sensor."""
-    store, _ = stored
-    known = {**DRIVE, "delay": [0.005] * 6}  # a goal stands for a sample: half of it
-    plant = {"drive": {"damping": [40.0, 50.0, 25.0, 4.0, 4.0, 2.0]}, "seed": 3}
-    plant["effect"] = [{"name": "payload", "joints": [6], "mass": 3.0}]
-    runs = []
-    for seed in (1, 2):
-        motion = {"kind": "fourier", "duration": 10.0, "seed": seed}
-        some = spec(drive=known, plant=plant, trajectory=motion)
-        runs.append(experiment.simulate_and_store(some, store))
-    out = tmp_path / "verdict.json"
-    words = ["diagnose", runs[0], "--robot", "irb140", "--holdout", runs[1]]
-    main([*words, "--store", str(store), "--json", str(out)])
+POSITION = {
+    "rms": {"nominal": None, "identified": [0.03, 0.2], "augmented": [0.01, 0.02]},
+    "overall": {"nominal": None, "identified": 0.14, "augmented": 0.0158},
+    "diverged": {"nominal": ["C at 1.20 s"], "identified": [], "augmented": []},
+    "left_out": ["backlash"],
+}
 
-    verdict = json.loads(out.read_text())
-    assert "payload" in [effect["name"] for effect in verdict["effects"]]
-    position = verdict["error"]["position"]
-    assert position["diverged"] == {"nominal": [], "identified": [], "augmented": []}
-    before, after = (position["overall"][k] for k in ("nominal", "augmented"))
-    assert after < 0.25 * before
-    assert "Position by itself under the logged goal" in capsys.readouterr().out
+
+def test_position_stands_beside_torque_in_sentence_table_and_document():
+    effect = {"name": "payload", "joints": [2], "probability": 0.99}
+    document = {"effects": [effect], "error": {"position": POSITION}}
+    result = Diagnosis(typed(document, 2))
+    assert to_json(result.verdict)["error"]["position"] == POSITION
+    assert format_headline(result.verdict).endswith(
+        "Position by itself under the logged goal, rms: diverged in C at 1.20 s "
+        "(nominal) → 0.0158 rad (with payload)."
+    )
+    table = build_position_table(result)
+    assert "without gear backlash" in table.title
+    assert table.rows[0] == ("nominal", "–", "–", "–")
+    assert table.rows[2] == ("augmented", "0.01", "0.02", "0.0158")
+    page = build_diagnosis_document(result, drawn=False)
+    (proof,) = (section for section in page.sections if section.id == "proof")
+    assert table.title in [getattr(part, "title", "") for part in proof.parts]
+
+
+def test_position_is_unknown_where_torque_was_measured():
+    result = Diagnosis(typed({}, 2))
+    assert to_json(result.verdict)["error"]["position"] is None
+    assert build_position_table(result) is None
+    assert "Position" not in format_headline(result.verdict)

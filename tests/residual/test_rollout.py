@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 from residual.drive import Drive, compute_drive_torque
 from residual.effects import load_effects
 from residual.model.model import Model, Term
-from residual.model.rollout import simulate_position
+from residual.model.rollout import compute_position_errors, simulate_position
 from residual.recording import Recording
 from residual.robot.robot import build_robot, load_robot
 
@@ -116,3 +116,31 @@ def test_every_effect_that_the_state_decides_acts_as_the_model_has_it():
     missed = np.sqrt(np.mean((tau - expected)[moving] ** 2, axis=0))
     assert moving.sum() > 50
     assert (missed < 0.05 * size).all(), missed / size
+
+
+def test_position_errors_are_of_each_model_and_of_logs_with_drives_alone(robot):
+    goal = np.where(T < 1.0, 0.5, -0.8)[:, None]
+    model = build_model(robot, place("viscous", 0.5))
+    log = record(0.2, goal, Drive(gain=(6.0,)))
+    log = replace(log, q=simulate_position(model, log).q)
+    models = {
+        "nominal": build_model(robot, place("viscous", 2.0)),
+        "augmented": model,
+        "wrong": build_model(robot, place("rotor_inertia", -0.03)),
+    }
+    errors = compute_position_errors(models, [log, replace(log, drive=None)])
+    assert errors.overall["augmented"] < 1e-3 < 0.05 < errors.rms["nominal"][0]
+    assert errors.rms["wrong"] is errors.overall["wrong"] is None
+    (where,) = errors.diverged["wrong"]
+    assert where.startswith("log at ")
+    assert compute_position_errors(models, [replace(log, drive=None)]) is None
+
+
+def test_damping_by_a_drive_goes_when_the_drive_is_off(robot):
+    log = record(1.0, np.zeros((len(T), 1)), Drive(), enabled=np.zeros((len(T), 1)))
+    free, damped = (
+        simulate_position(build_model(robot, *terms), log).q
+        for terms in ((), (place("drive_damping", 5.0),))
+    )
+    np.testing.assert_array_equal(free, damped)
+    assert np.ptp(free) > 1.5
