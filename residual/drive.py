@@ -10,6 +10,7 @@ tau = clip(gain · (g(t - delay) - q), -limit, limit),    |dg/dt| <= goal_speed
 
 from dataclasses import dataclass
 from math import inf
+from typing import ClassVar
 
 import numpy as np
 
@@ -29,7 +30,7 @@ class Drive:
     goal_speed: tuple[float, ...] = ()  # of the goal [rad/s]; no limit where empty
     enabled: str | None = None  # column that is 0 where the drives are off
 
-    __pydantic_config__ = {"extra": "forbid"}  # of a COLUMNS.toml
+    __pydantic_config__: ClassVar[dict] = {"extra": "forbid"}  # of a COLUMNS.toml
 
     def __post_init__(self) -> None:
         for name in IDEAL:

@@ -200,9 +200,9 @@ def simulate_position(model: Model, log: Recording) -> Rollout:
 
 
 def _read_first_velocity(log: Recording) -> Array:
-    """Return the slope of the first samples [rad/s]. Shape (dof,)."""
-    early = max(2, int(np.searchsorted(log.t, log.t[0] + _START)))
-    return np.polyfit(log.t[:early] - log.t[0], log.q[:early], 1)[0]
+    """Return the slope at the first sample, of a parabola [rad/s]. Shape (dof,)."""
+    early = max(4, int(np.searchsorted(log.t, log.t[0] + _START, side="right")))
+    return np.polyfit(log.t[:early] - log.t[0], log.q[:early], 2)[1]
 
 
 def _stop(inverse: Array, free: Array, most: Array, impulse: Array) -> Array:

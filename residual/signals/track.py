@@ -266,10 +266,15 @@ def resample_recording(recording: Recording, filters: FilterSettings) -> Recordi
     return Recording(recording.id, recording.robot, t, q, tau)
 
 
+def _even_times(times: Array) -> tuple[float, Array]:
+    """Return the rate [Hz] of some times, and as many evenly spaced."""
+    rate = estimate_sample_rate(times)
+    t = np.arange(times[0], times[-1] + 0.5 / rate, 1 / rate)
+    return rate, t[t <= times[-1] + 1e-9]
+
+
 def _resample(log: Recording) -> _Uniform:
-    rate = estimate_sample_rate(log.t)
-    t = np.arange(log.t[0], log.t[-1] + 0.5 / rate, 1 / rate)
-    t = t[t <= log.t[-1] + 1e-9]
+    rate, t = _even_times(log.t)
     late = (np.diff(log.t) > 6 / rate).astype(float)
     gap = np.interp(t, log.t[1:], late) > 0
     q, tau = (interpolate_signals(t, log.t, x) for x in (log.q, log.tau))
@@ -367,16 +372,21 @@ def _thinned(u: _Uniform, first: int) -> Array:
     return filter_low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
 
 
-def filter_torque(recording: Recording, track: Track) -> tuple[Array, Array]:
+def filter_torque(
+    t: Array, tau: Array, masked: Array, track: Track
+) -> tuple[Array, Array]:
     """Return another torque of a log as its track has it, and its masked rows.
 
     Args:
-        track: Of the same samples.
+        t: Times of the samples of the track [s]. Shape (n,).
+        tau, masked: Torque [N m] and whether it is not known. Shapes (n, dof).
 
     Returns:
-        Shapes (m, dof) [N m] and (m, dof).
+        Shapes (m, dof).
     """
-    u = _resample(recording)
+    rate, grid = _even_times(t)
+    off = interpolate_signals(grid, t, masked) > 0.5
+    u = _Uniform(rate, grid, tau, interpolate_signals(grid, t, tau), off, off, None)
     first = round(u.rate / track.rate)
     half = int(np.ceil(FilterSettings().margin / track.cutoff * track.rate))
     masked = dilate_mask(dilate_mask(u.masked, first // 2)[::first], half)

@@ -129,7 +129,7 @@ def test_position_errors_are_of_each_model_and_of_logs_with_drives_alone(robot):
         "wrong": build_model(robot, place("rotor_inertia", -0.03)),
     }
     errors = compute_position_errors(models, [log, replace(log, drive=None)])
-    assert errors.overall["augmented"] < 1e-3 < 0.05 < errors.rms["nominal"][0]
+    assert errors.overall["augmented"] < 4e-3 < 0.05 < errors.rms["nominal"][0]
     assert errors.rms["wrong"] is errors.overall["wrong"] is None
     (where,) = errors.diverged["wrong"]
     assert where.startswith("log at ")

@@ -298,7 +298,7 @@ def test_noise_of_an_encoder_is_no_second_arm(samples, write, make_robot, noise)
 
 
 def test_a_false_reading_that_is_repeated_is_a_leap_there_and_back():
-    q = np.linspace(0, 0.5, 60)[:, None]
+    q = np.linspace(0, 5, 600)[:, None]
     q[20:22] += 3.5
     q[40] -= 1.0
     assert np.flatnonzero(find_leaps(q)).tolist() == [20, 21, 40]
