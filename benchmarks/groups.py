@@ -25,6 +25,8 @@ GROUPS = {
         "chain": "servo_parts.pendulum:chain_figures",
         "masses": "servo_parts.pendulum:mass_figures",
         "changes": "servo_parts.pendulum:change_figures",
+        "position": "servo_parts.position:position_figures",
+        "six_joints": "servo_parts.six_joints:six_joint_figures",
     },
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }

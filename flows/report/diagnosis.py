@@ -107,6 +107,8 @@ def build_summary_parts(
         parts.append(f"   and {len(named) - _LISTED} more")
     if errors := tables.build_stage_error_table(result):
         parts.append(errors)
+    if position := tables.build_position_table(result):
+        parts.append(position)
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
@@ -284,12 +286,14 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     parts: list[Part | None] = [
         bars,
         FoldedParts("The errors of each joint", [table], few) if table else None,
+        tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     brief = [
         tables.build_brief_error_table(result, rows),
         *tables.describe_error_columns(rows),
+        tables.build_position_table(result),
     ]
     return Section("proof", "Error on unseen motion", parts, note, brief=brief)
 

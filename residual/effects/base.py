@@ -253,6 +253,7 @@ class EffectTrait(Flag):
     # It distorts the report of the torque, not the torque: its columns are computed
     # from a torque without it.
     REPORT = auto()
+    POWERED = auto()  # it is there while the drive is on: its formula is of that time
     GROUPABLE = auto()  # it is also tried on all joints at once
 
 

@@ -23,7 +23,10 @@ EFFECT = Effect(
     equation="tau = coefficient * qd: while the drive is on",
     parameters={"coefficient": "N m s/rad"},
     columns=build_joint_columns(_speed_while_on),
-    traits=EffectTrait.PARAMETER | EffectTrait.NOT_NEGATIVE | EffectTrait.FRICTION,
+    traits=EffectTrait.PARAMETER
+    | EffectTrait.NOT_NEGATIVE
+    | EffectTrait.FRICTION
+    | EffectTrait.POWERED,
     possible=dissipates_with_speed,
     # Of a drive that is always on it is viscous friction, and called that.
     shapes=lambda span, j: ((),) if span.switched and span.switched[j] else (),

@@ -224,6 +224,9 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
             for f, value in zip(factors, read_nominal_drives(robot), strict=True)
         )
     )
+    if plant.drive is not None and plant.drive.damping:
+        # Of the motor, not of its gears; to the arm it is the same.
+        base = base._replace(viscous=base.viscous + np.array(plant.drive.damping))
     model = scatter_inertias(
         robot.model, plant.scatter, create_random_stream(plant.seed, "scatter")
     )

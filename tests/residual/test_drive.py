@@ -1,5 +1,7 @@
 """The drive of a joint: torque from goal and position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -7,11 +9,13 @@ from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive, compute_drive_torque, limit_goal
 from residual.identification.identify import identify
-from residual.recording import apply_drive
+from residual.planning.drive_logs import list_separating_logs
+from residual.recording import Recording, apply_drive
 from residual.robot.dynamics import (
     compute_inverse_dynamics,
     replace_inertial_parameters,
 )
+from residual.robot.robot import add_known_values, load_robot
 from tests import plain_arm
 from tests.residual.arms import arm
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
@@ -38,6 +42,20 @@ def test_a_drive_gives_its_limit_and_nothing_when_it_is_off():
     tau, at_limit = compute_drive_torque(drive, STEP, 0 * STEP, T, T < 1)
     assert set(tau[T >= 0.5, 0]) == {2.0, 0.0}
     np.testing.assert_array_equal(at_limit[:, 0], (T >= 0.5) & (T < 1))
+
+
+def test_next_says_which_logs_separate_what_is_open():
+    q, drive, robot = 0 * STEP, Drive(gain=(3.0,)), load_robot("irb140")
+    measured = Recording("a", "arm", T, q, q)
+    assert list_separating_logs(robot, [measured]) == ()
+    on = replace(measured, q_ref=STEP, drive=drive)
+    first, *_ = more = list_separating_logs(robot, [on])
+    assert "switch it off once" in first
+    assert len(more) == 3
+    off = replace(on, enabled=(T < 1)[:, None])
+    known = add_known_values(robot, {"payload.mass": 0.5})
+    (gain,) = list_separating_logs(known, [on, off])
+    assert "at another gain" in gain
 
 
 @pytest.mark.parametrize(

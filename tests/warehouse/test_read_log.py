@@ -11,6 +11,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
 from warehouse.logs.column_map import CsvFormat, SignalMap
+from warehouse.logs.log_window import find_leaps
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -307,3 +308,12 @@ def test_noise_of_an_encoder_is_no_second_arm(samples, write, make_robot, noise)
     samples[:, 1:3] += noise * rng.normal(size=(len(samples), 2))
     log, _ = read_log(write(samples), make_robot())
     assert len(log.t) == len(samples)
+
+
+def test_a_false_reading_that_is_repeated_is_a_leap_there_and_back():
+    q = np.linspace(0, 5, 600)[:, None]
+    q[20:22] += 3.5
+    q[40] -= 1.0
+    assert np.flatnonzero(find_leaps(q)).tolist() == [20, 21, 40]
+    q[20:26] += 3.5  # no false reading lasts so long
+    assert 25 not in np.flatnonzero(find_leaps(q))

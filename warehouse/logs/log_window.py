@@ -307,13 +307,14 @@ def _why_slow(t: Array) -> str:
 
 
 FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
+HELD = 3  # samples in which a log may repeat one false reading
 
 
 def find_leaps(q: Array) -> Array:
     """Return the samples at which an angle leaps there and back. Shape (n,), bool.
 
     A bit that a bus turns is no motion: the sample lies far from both neighbours, which
-    lie near to each other.
+    lie near to each other; so do a few where a log repeats what it read.
 
     Args:
         q: Angles [rad]. Shape (n, dof).
@@ -323,9 +324,11 @@ def find_leaps(q: Array) -> Array:
         return out
     step = np.abs(np.diff(q, axis=0))
     far = np.maximum(FAR, BEYOND * np.quantile(step, 0.98, axis=0))
-    over = np.abs(q[2:] - q[:-2])
-    leaps = np.minimum(step[1:], step[:-1]) > np.maximum(far, 2 * over)
-    out[1:-1] = leaps.any(axis=1)
+    for held in range(1, HELD + 1):
+        over = np.abs(q[held + 1 :] - q[: -held - 1])
+        leaps = np.minimum(step[held:], step[:-held]) > np.maximum(far, 2 * over)
+        for first in np.flatnonzero(leaps.any(axis=1)):
+            out[first + 1 : first + 1 + held] = True
     return out
 
 
