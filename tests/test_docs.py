@@ -31,7 +31,7 @@ def test_the_pages_stay_at_half_of_their_words():
     words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
     measured = sum(n for p, n in words.items() if p.stem.startswith("benchmarks"))
     assert words[ROOT / "README.md"] <= 700
-    assert sum(words.values()) - measured <= 24_500
+    assert sum(words.values()) - measured <= 24_800
 
 
 def test_the_glossary_has_every_noun_once():
