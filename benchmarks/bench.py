@@ -37,7 +37,7 @@ PLAN: Mapping[str, tuple[str, ...]] = {
     },
     **{
         name: ("benchmarks/groups.py", name)
-        for name in ("identification", "monitoring", "pipelines")
+        for name in ("identification", "monitoring", "pipelines", "servo")
     },
 }
 FAILED = 2

@@ -5,6 +5,7 @@
     python benchmarks/check.py --full-json benchmarks/results/check.json
 
 Every kind of fault is put at three sizes into logs of simulated and measured arms.
+Robot files have bodies that no link has, or masses of another scale, beside sound logs.
 Sound logs include arms with every effect, and logs in which a joint is held. Seeds
 154401:154401 decide and are used for nothing else; 1 to 99 are for development.
 """
@@ -19,7 +20,7 @@ from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154401:154401"
-_GROUPS = ("faults", "clean", "effects")
+_GROUPS = ("faults", "clean", "effects", "files")
 
 
 def main() -> int:

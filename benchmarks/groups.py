@@ -2,6 +2,7 @@
 
     python benchmarks/groups.py monitoring --quick         a part, under 50 s
     python benchmarks/groups.py identification
+    python benchmarks/groups.py servo --groups chain
     python benchmarks/groups.py pipelines --full-json OUT
 
 The last line is one JSON object; exit code 1 for a missed bar.
@@ -20,6 +21,13 @@ GROUPS = {
         "recovery": "identification_parts.recovery:recovery_figures",
     },
     "monitoring": {"sensors": "monitoring_parts.sensors:sensor_figures"},
+    "servo": {
+        "chain": "servo_parts.pendulum:chain_figures",
+        "masses": "servo_parts.pendulum:mass_figures",
+        "changes": "servo_parts.pendulum:change_figures",
+        "position": "servo_parts.position:position_figures",
+        "six_joints": "servo_parts.six_joints:six_joint_figures",
+    },
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }
 

@@ -253,11 +253,17 @@ class RobotRequest(Request):
 
 @dataclass(frozen=True, slots=True)
 class Check(RobotRequest):
-    """Check logs."""
+    """Check logs.
+
+    Attributes:
+        known: A value that is known for sure, such as payload.mass=0.5 (kg): it fixes
+            the torque of drives that have no sensor; may be repeated.
+    """
 
     logs: GivenWords = ()
     _: KW_ONLY
     columns: Columns = None
+    known: Annotated[Tags, Parameter(metavar="EFFECT=VALUE")] = ()
     store: Store = None
 
 
@@ -311,7 +317,6 @@ class Identify(RobotRequest):
             (less for outliers).
         prior: Relative standard deviation of the nominal values, such as 0.03; without
             it the fit is free.
-        essential: Drop parameters that the logs do not determine.
         consistent: Also find physically consistent parameters: positive masses and
             pseudo-inertias, nearest to the nominal.
         model: Start model: nominal, or the id of a diagnosis or an adoption. Default on
@@ -324,7 +329,6 @@ class Identify(RobotRequest):
     method: Annotated[str, Parameter(metavar="NAME")] = "wls"
     declared: Declared = None
     prior: Annotated[float | None, Parameter(metavar="SHARE")] = None
-    essential: Flag = False
     consistent: Flag = False
     columns: Columns = None
     store: Store = None
@@ -473,7 +477,7 @@ class Export(Request):
     """Export a model.
 
     Attributes:
-        to: The target: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
+        to: The target: urdf, mjcf, mujoco, c99, table, rrd or json.
         log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), for
             its torque and its residual.
         columns: Column map of that log (COLUMNS.toml).

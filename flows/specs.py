@@ -20,6 +20,7 @@ from pydantic import (
 )
 
 from flows.requests import check_tags
+from residual.drive import Drive
 from residual.errors import InputError, check_keys, quote_value, shorten_value
 from residual.model.dynamics import AS_MEASURED
 from residual.robot.files import SERIAL
@@ -30,6 +31,7 @@ from sim.engine.plant_records import (
     PlantSpec,
     SampleRates,
     SensorNoise,
+    ServoDrive,
     TrajectorySpec,
 )
 from warehouse.toml_records import build_toml_record, read_toml
@@ -85,6 +87,29 @@ class EffectTable(SpecTable):
         return PlantEffect(self.name, self.joints, parameters, self.onset)
 
 
+class DriveTable(SpecTable):
+    """[drive]: of an arm that is sent goals, what its log says of its drives.
+
+    One value per joint; an empty table says that it is such an arm, and no more.
+    """
+
+    gain: _Row = ()
+    limit: _Row = ()
+    delay: _Row = ()
+    goal_speed: _Row = ()
+
+    @model_validator(mode="after")
+    def _check_drive(self) -> "DriveTable":
+        Drive(self.gain, self.limit, self.delay, self.goal_speed)
+        return self
+
+
+class ServoTable(DriveTable):
+    """[plant.drive]: what of the drives is other than [drive] says."""
+
+    damping: _Row = ()
+
+
 class PlantTable(SpecTable):
     """[plant]: the sealed half; without a seed one is derived.
 
@@ -99,6 +124,7 @@ class PlantTable(SpecTable):
     salt: str = ""
     background: BackgroundWord = CLEAN
     worked_before: Annotated[float, Field(ge=0, le=1e6)] = 0.0
+    drive: ServoTable | None = None
 
 
 class RatesTable(SpecTable):
@@ -159,6 +185,7 @@ class ExperimentSpec(SpecTable):
     plant: PlantTable = PlantTable()
     rates: RatesTable = RatesTable()
     controller: ControllerTable = ControllerTable()
+    drive: DriveTable | None = None
     serial: Annotated[str, Field(pattern=f"^({SERIAL.pattern})$")] | None = None
     tags: Annotated[tuple[str, ...], _List] = ()
 
@@ -169,6 +196,24 @@ class ExperimentSpec(SpecTable):
             return tuple(check_tags(tags))
         except InputError as error:
             raise ValueError(str(error).removesuffix(".")) from error
+
+    @model_validator(mode="after")
+    def _check_drives(self) -> "ExperimentSpec":
+        if self.plant.drive is not None and self.drive is None:
+            raise ValueError(
+                "[plant.drive] is there and [drive] is not; add [drive] with what the "
+                "log says of the drives, or an empty one"
+            )
+        if self.drive is not None and self.controller.model != NOMINAL:
+            raise ValueError(
+                "an arm with [drive] is sent goals, so no model can drive it; take "
+                "out [controller] or [drive]"
+            )
+        return self
+
+    def log_drive(self) -> Drive | None:
+        """What the log says of the drives; None where it has the torque."""
+        return None if self.drive is None else Drive(**self.drive.model_dump())
 
     def reference(self) -> TrajectorySpec:
         """The reference motion."""
@@ -188,6 +233,10 @@ class ExperimentSpec(SpecTable):
         """The sealed half for the plant."""
         table = self.plant
         seed = derive_seed(self.seed, "plant") if table.seed is None else table.seed
+        servo = None
+        if self.drive is not None:
+            true = (table.drive or ServoTable()).model_dump(exclude_unset=True)
+            servo = ServoDrive(**{**self.drive.model_dump(), **true})
         return PlantSpec(
             effects=tuple(effect.record() for effect in table.effect),
             scatter=table.scatter,
@@ -196,6 +245,7 @@ class ExperimentSpec(SpecTable):
             salt=table.salt,
             background=table.background,
             worked_before=table.worked_before,
+            drive=servo,
         )
 
 

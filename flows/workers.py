@@ -1,8 +1,8 @@
 """Jobs in processes of this machine, as an executor of ``concurrent.futures``.
 
 A ProcessPoolExecutor is broken as a whole by a worker that dies (out of memory, a fault
-in compiled code). Each thread of ``Processes`` therefore has a pool of one process, so
-that only the job of the dead process fails.
+in compiled code). Each thread of `ProcessExecutor` therefore has a pool of one
+process, so that only the job of the dead process fails.
 """
 
 import multiprocessing

@@ -1,12 +1,11 @@
 """The checked log of one motion: what a robot measures, and nothing else."""
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 
 import numpy as np
 
+from residual.drive import Array, Drive, compute_drive_torque
 from residual.errors import RecordingError
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -22,6 +21,10 @@ class Recording:
         qd: Measured velocities where logged [rad/s]. Shape (n, dof) or None.
         qdd: Measured accelerations where logged [rad/s^2]. Shape (n, dof) or None.
         q_ref: Reference positions where logged [rad]. Shape (n, dof) or None.
+        enabled: 1 where a drive is on, 0 where it is off. Shape (n, dof) or None.
+        masked: 1 where a joint's torque is not known, so that no row of it is fitted
+            or judged: a drive at its limit, a gap. Shape (n, dof) or None.
+        drive: The drives that tau is computed by, None where it is measured.
 
     Raises:
         RecordingError: On a wrong shape, a value that is not finite, or a time that
@@ -36,9 +39,12 @@ class Recording:
     qd: Array | None = None
     qdd: Array | None = None
     q_ref: Array | None = None
+    enabled: Array | None = None
+    masked: Array | None = None
+    drive: Drive | None = None
 
     def __post_init__(self) -> None:
-        for field in fields(self)[2:]:
+        for field in fields(self)[2:-1]:
             value = getattr(self, field.name)
             if value is None:
                 continue
@@ -93,6 +99,22 @@ def _kept_safe(value: object) -> bool:
             return False
         value = value.base
     return True
+
+
+def apply_drive(recording: Recording, drive: Drive) -> Recording:
+    """Return a log with the torque of its drives, masked where they are at the limit.
+
+    Args:
+        recording: With a goal (q_ref). Other masked rows stay so.
+    """
+    driven = recording.q_ref, recording.q, recording.t, recording.enabled
+    masked = np.zeros(recording.q.shape, bool)
+    if recording.masked is not None:
+        masked |= recording.masked > 0
+    if recording.drive is not None:
+        masked &= ~compute_drive_torque(recording.drive, *driven)[1]
+    tau, at_limit = compute_drive_torque(drive, *driven)
+    return replace(recording, tau=tau, masked=masked | at_limit, drive=drive)
 
 
 def compute_speed_quantile(recording: Recording, stride: int, share: float) -> Array:

@@ -42,6 +42,7 @@ from sim.plant.sensors import (
     simulate_encoder,
     simulate_torque_report,
 )
+from sim.plant.servo import build_servo_law, follow_goal
 from sim.plant.typical_sizes import estimate_typical_sizes
 
 _NOMINAL = PlantSpec(scatter=0.0)
@@ -49,9 +50,11 @@ _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rot
 LOGGED = "logged"  # the family of a reference that nobody here has planned
 
 
-def simulate_nominal_twin(robot: Robot, reference: ReferenceMotion) -> SimulationTrace:
+def simulate_nominal_twin(
+    robot: Robot, reference: ReferenceMotion, command: Law | None = None
+) -> SimulationTrace:
     """Simulate the nominal model, friction as declared, in closed loop."""
-    return build_and_simulate(robot, reference, _NOMINAL)
+    return build_and_simulate(robot, reference, _NOMINAL, command=command)
 
 
 def compute_twin_errors(
@@ -189,22 +192,30 @@ def run_experiment(
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
         command: What drives the arm in place of the nominal model: torque along the
-            reference [N m], shape (n, dof), or a law of computed torque.
+            reference [N m], shape (n, dof), or a law of computed torque. An arm with
+            servos (``plant.drive``) is sent the reference as its goal instead; its log
+            has no torque, but zeros.
     """
     _check(reference, rates, robot.dof)
-    trace = build_and_simulate(robot, reference, plant, start, command)
-    every = round(rates.control / rates.log)
+    every, path, servo = round(rates.control / rates.log), reference, None
+    if plant.drive is not None:
+        path = follow_goal(plant.drive, reference, every)
+        command = servo = build_servo_law(plant.drive, path)
+    trace = build_and_simulate(robot, path, plant, start, command)
     log = record_plant_log(trace, reference, plant, rates, start)
     # The twin follows what was asked for until the arm was stopped; usually all of it.
     names, steps = ("t", "q", "qd", "qdd"), len(trace.t)
-    followed = {name: getattr(reference, name)[:steps] for name in names}
-    twin = simulate_nominal_twin(robot, replace(reference, **followed))
+    followed = {name: getattr(path, name)[:steps] for name in names}
+    twin = simulate_nominal_twin(robot, replace(path, **followed), servo)
     truth = dict(extract_hidden_channels(trace, every))
     # Sealed with the truth at each sample, which takes a few bytes in a column.
     background = trace.arm.background
     for name, value in background.drawn.items() if background is not None else ():
         truth[f"background_{name}"] = np.tile(value, (len(log.t), 1))
-    return PlantRun(log, truth, compute_twin_errors(log, trace, twin, every))
+    errors = dict(compute_twin_errors(log, trace, twin, every))
+    if servo is not None:  # no torque is logged that could err
+        del errors["e_tau"]
+    return PlantRun(log, truth, errors)
 
 
 def record_plant_log(
@@ -235,6 +246,8 @@ def record_plant_log(
     tau = simulate_torque_logging(
         arm.background, tau + draw_torque_noise(len(t), span, rates.log, rng), rates.log
     )
+    if plant.drive is not None:
+        tau = np.zeros_like(tau)
     q_ref = reference.q[: len(trace.t) : every]
     return Recording("", arm.robot.name, start + t, q, tau, q_ref=q_ref)
 

@@ -31,7 +31,7 @@ from tests.residual.test_model_record import model_of
 from warehouse.record_commit import commit_run
 
 ROOT = Path(__file__).parents[1]
-HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "matplotlib", "rich")
+HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "rich")
 
 
 CODE = f"""

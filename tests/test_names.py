@@ -19,6 +19,7 @@ ONE_CLASS = set(re.findall(r"`(\w+)`", _GENERAL.partition(" name one class")[0])
 EXEMPT = {
     "Splits.found",  # verdict: evidence.splits.found
     "Diagnose.known",  # --known
+    "Check.known",
     "Monitor.good",  # key of stored requests
 }
 

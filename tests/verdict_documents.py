@@ -73,6 +73,7 @@ def errors(part: dict) -> dict:
         "logs": [],
         "same_run": False,
         "worse": [],
+        "position": None,
         **part,
         **{name: none | (part.get(name) or {}) for name in tables},
     }

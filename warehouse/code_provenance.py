@@ -167,7 +167,7 @@ def _hash_files(files: Iterable[Path], root: Path) -> str:
 
 
 def list_plant_files(root: Path = ROOT) -> tuple[Path, ...]:
-    """Return the files that ``plant_code_hash`` is of, in order.
+    """Return the files that `hash_plant_code` is of, in order.
 
     Imports are followed into our own packages only, by the text of the files: what
     lies beside them in a site-packages is neither read nor counted.

@@ -39,6 +39,7 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import (
     KINDS,
+    LOGGED,
     NOT_HASHED,
     SAMPLES_FILE,
     SIGNALS,
@@ -49,7 +50,6 @@ Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
 
 SPEC, TRUTH = "spec.json", "truth.parquet"
-_LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -109,6 +109,8 @@ def commit_run(
             "truth_hash": sealed and record_ids.hash_arrays(sealed.truth),
             "units": units,
         }
+        if recording.drive is not None:
+            full["drive"] = record_ids.convert_to_json_types(asdict(recording.drive))
         id = compute_manifest_id(full)
         target = build_record_path(store, "runs", id, recording.robot)
         if not _is_there(target, "runs"):
@@ -270,8 +272,8 @@ def build_run_columns(manifest: Mapping) -> dict:
 
 
 def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Array]:
-    check_keys(extra, set(SIGNALS) - set(_LOGGED), "the extra channels of a run")
-    logged = {name: getattr(recording, name) for name in _LOGGED}
+    check_keys(extra, set(SIGNALS) - set(LOGGED), "the extra channels of a run")
+    logged = {name: getattr(recording, name) for name in LOGGED}
     arrays = {k: v for k, v in {**logged, **extra}.items() if v is not None}
     for name, array in arrays.items():
         if name != "t" and np.shape(array) != recording.q.shape:

@@ -228,9 +228,9 @@ def upload_record(folder: Path, target: Path) -> bool:
     writers of one record never overwrite each other's files, and a kill before the last
     put leaves only objects that no commit names. The commit itself is atomic because it
     is a single put with ``If-None-Match: *``: the server accepts it only if no such
-    object exists, so exactly one of several writers succeeds. `writable` refuses
-    servers that ignore the condition. If the answer to a put is lost, the client
-    repeats it and finds its own bytes there, which counts as success.
+    object exists, so exactly one of several writers succeeds. A server that ignores the
+    condition is refused (`open_bucket_for_writing`). If the answer to a put is lost,
+    the client repeats it and finds its own bytes there, which counts as success.
 
     Returns:
         Whether this writer committed the record; False if another one did before.

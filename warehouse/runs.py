@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from datetime import UTC, datetime
 from pathlib import Path
 
+from residual.drive import Drive
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.record_commit import SPEC, TRUTH, SealedTruth, hash_sealed_spec
@@ -28,9 +29,7 @@ from warehouse.store_files import (
     table_to_arrays,
     verify_file,
 )
-from warehouse.view_schema import KINDS, QUARANTINE, SAMPLES_FILE
-
-_OF_RECORDING = ("t", "q", "tau", "qd", "qdd", "q_ref")
+from warehouse.view_schema import KINDS, LOGGED, QUARANTINE, SAMPLES_FILE
 
 
 def read_manifest(store: Path, run_id: str) -> dict:
@@ -47,7 +46,10 @@ def read_run(store: Path, run_id: str) -> Recording:
     run = find_run(store, run_id)
     channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
-    logged = {name: channels[name] for name in _OF_RECORDING if name in channels}
+    logged = {name: channels[name] for name in LOGGED if name in channels}
+    if (drive := _manifest(run.folder).get("drive")) is not None:
+        lists = {k: tuple(v) if isinstance(v, list) else v for k, v in drive.items()}
+        logged["drive"] = Drive(**lists)
     return Recording(id=run.id, robot=robot, **logged)
 
 

@@ -86,7 +86,7 @@ def compare_channels(
     """Compare the channels of two runs.
 
     Args:
-        one: Signals by name, as ``runs.read_channels`` gives them; times are its.
+        before: Signals by name, as `read_channels` returns them; times are its.
     """
     time = np.asarray(before["t"], dtype=float) if "t" in before else None
     names = [n for n in SIGNALS if n in before or n in after]

@@ -58,6 +58,8 @@ SIGNALS = {
     "qdd": SampleSignal("rad/s^2", True, "joint acceleration where logged"),
     "tau": SampleSignal("N m", True, "measured joint torque, link side"),
     "q_ref": SampleSignal("rad", True, "reference position where logged"),
+    "enabled": SampleSignal("1", True, "1 where the drive is on, where logged"),
+    "masked": SampleSignal("1", True, "1 where the torque of a drive is not known"),
     "e_q": SampleSignal("rad", True, "position minus that of the nominal twin"),
     "e_qd": SampleSignal("rad/s", True, "velocity minus that of the nominal twin"),
     "e_qdd": SampleSignal(
@@ -65,6 +67,8 @@ SIGNALS = {
     ),
     "e_tau": SampleSignal("N m", True, "torque minus that of the nominal twin"),
 }
+# Those of a log itself: fields of its recording.
+LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
 
 def _read_columns(columns: Mapping[str, Mapping[str, str]]) -> tuple[ViewColumn, ...]:

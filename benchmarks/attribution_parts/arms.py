@@ -11,18 +11,19 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.harness.logs import PAUSE, RATE, sensed
+from benchmarks.synthetic.amounts import scale_effect_parameters
+from benchmarks.synthetic.light_arm import draw_light_arm
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, build_robot, load_robot
-from sim.effect_draws import draw_light_arm, draw_plant_effect
+from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     ReferenceMotion,
     SyntheticEffect,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import scale_effect_parameters
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 

@@ -112,10 +112,15 @@ def select_names(logs: FitLogs, nominal: NominalModel) -> list[Name]:
             runs[key] = search(prior).run()
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
-    for scale in reversed(space.scales):
-        run(space.at(scale, space.even[0]))
-        if _falls_behind(list(runs.values())):
-            break
+    # Below the scales that are too rough for names of bodies such a name may mend it.
+    for rough in (True, False):
+        own: list[Found] = []
+        for scale in reversed(space.scales):
+            if (scale > THRESHOLDS.rough_scale) == rough:
+                run(space.at(scale, space.even[0]))
+                own.append(list(runs.values())[-1])
+                if _falls_behind(own):
+                    break
     weighted = _weigh(design, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         for prior in others:

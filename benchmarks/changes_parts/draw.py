@@ -7,11 +7,11 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.sizes import shares, size_of, solved
+from benchmarks.synthetic.amounts import scale_effect_parameters
 from residual.errors import ModelgapError
 from residual.robot.dynamics import compute_inverse_dynamics
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
-from sim.plant.effect_catalogue import scale_effect_parameters
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"

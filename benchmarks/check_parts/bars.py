@@ -6,6 +6,7 @@ from collections.abc import Mapping
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
+from benchmarks.check_parts.file_flaws import FLAWED, SCALED
 from benchmarks.harness.figures import (
     NO_BAR,
     NO_LOGS,
@@ -19,8 +20,10 @@ from benchmarks.harness.rates import Line, Rows, counted, lines, per
 # What is true of a log is no false fault.
 TRUE_OF = {
     # In each run speeds 1, 3, 4, 6, 7 are proportional, and 2 and 5 are.
-    "lwr4": ("lockstep",),
-    # The inertia of its link 5 breaks the triangle inequality.
+    # The tensor of its last link is a placeholder, as is that of kr300.
+    "lwr4": ("lockstep", "robot_file"),
+    "kr300": ("robot_file",),
+    # The inertias of its links 1 and 5 break the triangle inequality.
     "gen3": ("too_short", "no_reversal", "robot_file"),
 }
 # What an arm has by its effect, the check may say too, if not with certainty.
@@ -39,11 +42,27 @@ def figures(rows: Rows, deciding: bool) -> Figures:
     value = float(np.median(own)) if own else None
     certain = [r for r in sound if any(said[2] for said in r["said"])]
     which = [[r["host"], r["seed"], r["said"]] for r in certain]
+    files = by_group["files"]
+    flawed = [row for row in files if row["effect"] == FLAWED]
+    blamed = {
+        name: [r for r in files if r["effect"] == name and _blames_log(r)]
+        for name in (FLAWED, SCALED)
+    }
     out = {
         **lines(_OF_FAULTS, faults),
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(sound), which=which),
+        **lines([_FLAWS], flawed),
+        **{
+            f"log_blamed_for_{name.replace(' ', '_')}": figure(
+                len(rows),
+                0,
+                sum(row["effect"] == name for row in files),
+                which=counted([kind for r in rows for kind, *_ in r["said"]]),
+            )
+            for name, rows in blamed.items()
+        },
         "seconds": figure(value, None, len(own), why=NO_BAR),
         "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
     }
@@ -55,6 +74,11 @@ def figures(rows: Rows, deciding: bool) -> Figures:
 def false_of(row: Mapping) -> list:
     true = (*TRUE_OF.get(row["host"], ()), *SHOWS_AS.get(row["effect"], ()))
     return [said for said in row["said"] if said[2] or said[0] not in true]
+
+
+def _blames_log(row: Mapping) -> bool:
+    """Whether a certain fault is told that is none of the robot file."""
+    return any(sure and kind != "robot_file" for kind, _, sure in row["said"])
 
 
 def _hit(row: Mapping) -> bool:
@@ -83,6 +107,7 @@ _OF_FAULTS = (
     Line("faults_found_simulated", _hit, of=lambda r: not _is_measured(r)),
     Line("faults_found_measured", _hit, of=_is_measured),
 )
+_FLAWS = Line("file_flaws_named", _hit, 0.90)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
     "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults

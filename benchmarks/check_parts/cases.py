@@ -5,12 +5,21 @@ from dataclasses import asdict, dataclass
 from functools import partial
 from time import perf_counter
 
-from benchmarks.check_parts import faults, reports
-from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Fault, host
+from benchmarks.check_parts import faults, file_flaws, reports
+from benchmarks.check_parts.arms import (
+    DRAWN,
+    ENGINE,
+    HOSTS,
+    SEVEN,
+    SIX,
+    Fault,
+    host,
+)
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
+from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.other_forms import FORMS
 from flows.inputs.read import LogSets
 from flows.steps.check import check_log_sets
@@ -41,7 +50,7 @@ _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 class Task:
     """One job: all faults on one arm, or sound logs."""
 
-    group: str  # "faults", "clean" or "effects"
+    group: str  # "faults", "clean", "effects" or "files"
     host: str  # which arm; of "effects" what it hides
     seed: int  # of motions, arm, noise, and of where the fault is
     quick: bool = False  # whether to do a part only
@@ -65,6 +74,7 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
     out += [Task("faults", name, seeds[0]) for name in fixed]
     out += [Task("clean", name, seed) for seed in seeds for name in DRAWN]
     out += [Task("clean", name, seeds[0]) for name in fixed]
+    out += [Task("files", n, s) for s in seeds for n in (SIX, SEVEN)]
     named, strange = vocabulary(the_arm())
     hidden = (*named, *strange, *FORMS)
     return out + [Task("effects", name, seed) for seed in seeds for name in hidden]
@@ -72,7 +82,8 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
 
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error."""
-    do = {"faults": _faults, "clean": _clean, "effects": _effects}[task.group]
+    by_group = {"faults": _faults, "clean": _clean, "effects": _effects}
+    do = (by_group | {"files": _files})[task.group]
     if task.group != "effects" and host(task.host, task.seed) is None:
         return {"rows": []}
     return {"rows": do(task)}
@@ -117,9 +128,29 @@ def _effects(task: Task) -> list[dict]:
     return [_sound(made.robot, made.fit, task, name)]
 
 
+FILES, SETS = 10, 2  # files of each kind on the logs of an arm, and sets of logs
+
+
+def _files(task: Task) -> list[dict]:
+    rows = []
+    for part in range(SETS):
+        arm = host(task.host, SETS * task.seed + part)
+        rng = create_random_stream(task.seed, f"files/{task.host}/{part}")
+        for _ in range(FILES):
+            drawn = file_flaws.draw_flawed(arm, rng)
+            named = {flaw.link for flaw in drawn.robot.flaws}
+            row = _sound(drawn.robot, arm.logs, task, file_flaws.FLAWED)
+            hit = {"kind": "robot_file", "hit": set(drawn.links) <= named}
+            rows.append(row | hit | {"joints": list(drawn.links)})
+            robot, factor = file_flaws.draw_scaled(arm, rng)
+            row = _sound(robot, arm.logs, task, file_flaws.SCALED)
+            rows.append(row | {"factor": factor})
+    return rows
+
+
 def _arm_for(name: str) -> str:
     """The kind of arm that can have an effect: some only the one in the engine."""
-    return SYNTHETIC if list_plant_effects()[name].supports_synthetic_arm else PYBULLET
+    return SYNTHETIC if supports_synthetic_arm(list_plant_effects()[name]) else PYBULLET
 
 
 def _sound(robot: Robot, logs: Sequence[Recording], task: Task, effect: str) -> dict:

@@ -24,6 +24,8 @@ from benchmarks.hidden.draw import (
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
 from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share, has_sizes
+from benchmarks.synthetic.amounts import list_unnamed_effects
+from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
@@ -43,7 +45,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import list_plant_effects, list_unnamed_effects
+from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 from sim.trajectories import plan_reference_motion
 
@@ -334,7 +336,7 @@ def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> l
 def _task(group: str, hides: str, first: int, seed: int, share: float | None) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
     known = list_plant_effects().get(hides)
-    engine = (known is not None and not known.supports_synthetic_arm) or (
+    engine = (known is not None and not supports_synthetic_arm(known)) or (
         fifth and group in ("singles", "unknown")
     )
     # Nulls are cheap to vary: each has motions of its own.

@@ -6,19 +6,19 @@ from functools import cache
 
 import numpy as np
 
+from benchmarks.synthetic.amounts import (
+    compute_effect_amount,
+    list_unnamed_effects,
+    scale_effect_parameters,
+)
+from benchmarks.synthetic.amounts import convert_stated_size as stated_size
 from residual.effects import load_effects
 from residual.effects import number_reported_joints as number_joints
 from residual.robot.robot import Robot
 from residual.verdict.result import Detectable
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, PlantSpec
-from sim.plant.effect_catalogue import (
-    compute_effect_amount,
-    list_plant_effects,
-    list_unnamed_effects,
-    scale_effect_parameters,
-)
-from sim.plant.effect_catalogue import convert_stated_size as stated_size
+from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import read_nominal_drives
 

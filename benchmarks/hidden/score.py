@@ -4,8 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from benchmarks.hidden.draw import Hidden
+from benchmarks.synthetic.amounts import find_main_parameter
 from residual.verdict.result import Finding, Place, Verdict
-from sim.plant.effect_catalogue import find_main_parameter, list_plant_effects
+from sim.plant.effect_catalogue import list_plant_effects
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
 

@@ -20,13 +20,13 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
+from benchmarks.synthetic.light_arm import draw_light_arm
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects, number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable
-from sim.effect_draws import draw_light_arm
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,

@@ -3,13 +3,19 @@
 import numpy as np
 from numba import njit
 
+from benchmarks.synthetic.laws import SyntheticMotion
 from residual.recording import Array
-from sim.effects import register_effects
-from sim.effects.base import Effect, SyntheticMotion, Values
-from sim.effects.stribeck import stribeck
+from sim.effects.base import Effect, Values
+from sim.engine import friction_laws
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)
 _HARDENING = 0.3  # 1/rad^2
+
+
+def lorentzian(state: SyntheticMotion, p: Values) -> Array:
+    """Return level z / (1 + (qd / velocity)^2), not an exponential (Hess 1990)."""
+    fade = friction_laws.stribeck_factor(state.qd, p["velocity"])
+    return p["level"] * state.bristle * fade
 
 
 def lugre(state: SyntheticMotion, p: Values) -> Array:
@@ -74,20 +80,33 @@ def _lugre(q, g, displacement):
     return z
 
 
+LAWS = {
+    "lorentzian": lorentzian,
+    "lugre": lugre,
+    "hyperbolic_warmup": hyperbolic_warmup,
+    "two_time_warmup": two_time_warmup,
+    "cubic_cable": cubic_cable,
+    "one_way_viscous": one_way_viscous,
+}
+LEADS = {"leaning_play": leaning}
 LEVEL, VELOCITY, TIME = {"level": "N m"}, {"velocity": "rad/s"}, {"time_constant": "s"}
-EFFECTS = (
-    Effect("lorentzian", LEVEL | VELOCITY, law=stribeck),
-    Effect("lugre", LEVEL | VELOCITY | {"displacement": "rad"}, law=lugre),
-    Effect("hyperbolic_warmup", LEVEL | TIME, law=hyperbolic_warmup),
-    Effect("two_time_warmup", LEVEL | TIME, law=two_time_warmup),
-    Effect("leaning_play", {"half_gap": "rad"}, lead=leaning),
-    Effect(
-        "soft_limit", LEVEL, report=lambda tau, t, onset, p: soft_limit(tau, p["level"])
-    ),
-    Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}, law=cubic_cable),
-    Effect("one_way_viscous", {"coefficient": "N m s/rad"}, law=one_way_viscous),
-)
-register_effects(EFFECTS)
+EFFECTS = {
+    effect.name: effect
+    for effect in (
+        Effect("lorentzian", LEVEL | VELOCITY),
+        Effect("lugre", LEVEL | VELOCITY | {"displacement": "rad"}),
+        Effect("hyperbolic_warmup", LEVEL | TIME),
+        Effect("two_time_warmup", LEVEL | TIME),
+        Effect("leaning_play", {"half_gap": "rad"}),
+        Effect(
+            "soft_limit",
+            LEVEL,
+            report=lambda tau, t, onset, p: soft_limit(tau, p["level"]),
+        ),
+        Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}),
+        Effect("one_way_viscous", {"coefficient": "N m s/rad"}),
+    )
+}
 
 # Effects of the vocabulary that each may be taken for.
 FORMS = {

@@ -10,28 +10,36 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
+from benchmarks.synthetic import other_forms
+from benchmarks.synthetic.background import (
+    BackgroundTorque,
+    FrictionMotion,
+    compute_background_torque,
+    gear_twist_angle,
+)
+from benchmarks.synthetic.laws import (
+    SyntheticMotion,
+    compute_bristle_states,
+    compute_effect_torque,
+    compute_motor_lead,
+    compute_push_torque,
+    supports_synthetic_arm,
+)
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
-from sim.effects.base import SyntheticMotion, compute_bristle_states
-from sim.engine import friction_laws
+from sim.effects import load_effects
 from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
+    PlantEffect,
     ReferenceMotion,
     SyntheticEffect,
     create_random_stream,
 )
-from sim.plant.effect_catalogue import ActingEffect, apply_body_effects, resolve_effects
-from sim.plant.joint_background import (
-    USUAL_SPEED,
-    BackgroundTorque,
-    FrictionMotion,
-    JointBackground,
-    compute_background_torque,
-    draw_background,
-)
+from sim.plant.effect_catalogue import ActingEffect, apply_body_effects
+from sim.plant.joint_background import USUAL_SPEED, JointBackground, draw_background
 from sim.plant.sensors import simulate_torque_report, sum_encoder_errors
 from sim.plant.typical_sizes import (
     compute_usual_motion_range,
@@ -135,14 +143,15 @@ def true_torque(
         worked: Usual work of the arm before the first sample [s], which left it warm;
             None for all of the session. Only a background feels it.
     """
-    hidden = resolve_effects(plant.hidden if active else ())
+    hidden = resolve_synthetic_effects(plant.hidden if active else ())
     for effect in hidden:
-        if not effect.kind.supports_synthetic_arm:
+        if not supports_synthetic_arm(effect.kind):
             raise InputError(f"A synthetic arm cannot have '{effect.kind.name}'.")
     model = apply_body_effects(true_model(plant), hidden)
     rigid = compute_inverse_dynamics(model, motion.q, motion.qd, motion.qdd)
-    loads = [e.kind.load(model, motion.q, e.values) for e in hidden if e.kind.load]
-    rigid += np.sum(loads, axis=0)
+    for effect in hidden:  # a force on the arm as a whole loads its gears
+        if effect.kind.push and effect.kind.scope == "global":
+            rigid += compute_push_torque(effect, model, motion.q, motion.qd)
     friction, own = true_friction(plant), background_of(plant)
     drives, qd, qdd = _drives(hidden, motion, rigid, own)
     z = compute_bristle_states(drives, friction.displacement)
@@ -150,7 +159,7 @@ def true_torque(
     parts = []
     for i, effect in enumerate(hidden):
         rng = create_random_stream(plant.seed, f"effect/{i}/{effect.kind.name}/{log}")
-        parts.append(_part(effect, motion, start, rigid, z, friction, rng))
+        parts.append(_part(effect, model, motion, start, rigid, z, friction, rng))
     total, more, gain = rigid + base + sum(parts), None, _gain(hidden, plant.robot.dof)
     if own is not None:
         rubbing = FrictionMotion(
@@ -173,6 +182,23 @@ def true_torque(
     return Torque(rigid, base, tuple(parts), tau, reading, more)
 
 
+def resolve_synthetic_effects(
+    effects: Sequence[PlantEffect | SyntheticEffect],
+) -> list[ActingEffect]:
+    """Return effects with their definitions, those of other authors' forms too."""
+    known = other_forms.EFFECTS
+    kinds = [known.get(e.name) or load_effects()[e.name] for e in effects]
+    return [
+        ActingEffect(
+            kind,
+            {**kind.defaults, **dict(e.parameters)},
+            tuple(j - 1 for j in e.joints),
+            e.onset,
+        )
+        for kind, e in zip(kinds, effects, strict=True)
+    ]
+
+
 def _drives(
     hidden: Sequence[ActingEffect],
     motion: ReferenceMotion,
@@ -186,10 +212,14 @@ def _drives(
     rate = 1 / (motion.t[1] - motion.t[0])
     q = motion.q.copy()
     for what, p, joints, _ in hidden:
-        for j in joints if what.lead else ():
-            q[:, j] += what.lead(load[:, j], rate, p)
+        for j in joints:
+            if what.transmission:
+                spring = what.transmission(p)
+                q[:, j] += compute_motor_lead(*spring, load[:, j], rate)
+            if lead := other_forms.LEADS.get(what.name):
+                q[:, j] += lead(load[:, j], rate, p)
     if own is not None:
-        q += friction_laws.gear_twist_angle(load, own.twist, own.span)
+        q += gear_twist_angle(load, own.twist, own.span)
     lead = q - motion.q
     first = np.gradient(lead, 1 / rate, axis=0)
     second = np.gradient(first, 1 / rate, axis=0)
@@ -198,6 +228,7 @@ def _drives(
 
 def _part(
     effect: ActingEffect,
+    model: pin.Model,
     motion: ReferenceMotion,
     start: float,
     rigid: Array,
@@ -207,20 +238,27 @@ def _part(
 ) -> Array:
     """Return the torque of one additive effect on all joints. Shape (n, dof)."""
     torque, rows = np.zeros_like(rigid), list(effect.joints)
-    if effect.kind.law is None:
+    if effect.kind.scope == "global":
         return torque
     state = SyntheticMotion(
         t=start + motion.t,
         q=motion.q[:, rows],
         qd=motion.qd[:, rows],
         qdd=motion.qdd[:, rows],
+        every_q=motion.q,
         bristle=z[:, rows],
         load=rigid[:, rows],
         coulomb=friction.coulomb[rows],
         displacement=friction.displacement[rows],
         rng=rng,
     )
-    torque[:, rows] = effect.kind.law(state, effect.values)
+    if law := other_forms.LAWS.get(effect.kind.name):
+        torque[:, rows] = law(state, effect.values)
+    else:
+        torque[:, rows] = compute_effect_torque(effect, state)
+    if effect.kind.push:
+        pushed = compute_push_torque(effect, model, motion.q, motion.qd)
+        torque[:, rows] += pushed[:, rows]
     return torque
 
 

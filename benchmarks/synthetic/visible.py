@@ -23,7 +23,13 @@ from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
 from benchmarks.hidden.draw import MOST
-from benchmarks.synthetic.quasi_static import Plant, true_torque
+from benchmarks.synthetic.amounts import compute_effect_amount, scale_effect_parameters
+from benchmarks.synthetic.laws import supports_synthetic_arm
+from benchmarks.synthetic.quasi_static import (
+    Plant,
+    resolve_synthetic_effects,
+    true_torque,
+)
 from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -36,11 +42,8 @@ from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import SyntheticEffect as Effect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import (
-    compute_effect_amount,
     list_drive_effects,
     list_plant_effects,
-    resolve_effects,
-    scale_effect_parameters,
 )
 from sim.trajectories import plan_reference_motion
 
@@ -89,7 +92,7 @@ def draw_visible(
     """
     effect = draw_plant_effect(robot, stream, name)
     best, most = effect, -1.0
-    if not list_plant_effects()[effect.name].supports_synthetic_arm:
+    if not supports_synthetic_arm(list_plant_effects()[effect.name]):
         return best  # no torque of it is known but by the engine
     asked = _ASKED * (_OF_BRISTLES if _has_bristles(effect) else 1.0)
     for _ in range(_DRAWS):
@@ -148,7 +151,7 @@ def _as_in_engine(effect: PlantEffect) -> tuple[Effect, ...]:
 
 
 def _has_bristles(effect: PlantEffect) -> bool:
-    kind, p, *_ = resolve_effects([effect])[0]
+    kind, p, *_ = resolve_synthetic_effects([effect])[0]
     return bool(kind.friction) and kind.friction(p, 0.0)[0] == BRISTLE
 
 

@@ -8,7 +8,12 @@ from typing import Any
 import numpy as np
 
 from flows.api.remedies import advise_in_python, name_arguments
-from flows.inputs.read import LogSets, load_command_robot, read_log_sets
+from flows.inputs.read import (
+    LogSets,
+    apply_known_values,
+    load_command_robot,
+    read_log_sets,
+)
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
 from flows.settings import resolve_store_folder
@@ -239,7 +244,7 @@ def export(
 
     Args:
         model: The model, with or without look-up tables.
-        to: urdf, mjcf, mujoco, c99, table, fmu, rrd or json.
+        to: urdf, mjcf, mujoco, c99, table, rrd or json.
         folder: A new folder for the files.
         log: With rrd: a log of the robot, to see its torque and its residual.
 
@@ -262,6 +267,7 @@ def check(
     robot: Robot,
     logs: Recording | str | Path | Iterable[Recording | str | Path],
     columns: str | Path | None = None,
+    known: Mapping[str, float] | None = None,
 ) -> LogCheck:
     """Check units, signs, joint order and timing of logs (docs/check.md).
 
@@ -269,11 +275,13 @@ def check(
         robot: The arm.
         logs: Recordings; or files, also such as ``read_logs`` refuses.
         columns: COLUMNS.toml of the files; the repair lines are for it.
+        known: Values that are known for sure, such as {"payload.mass": 0.5} [SI].
 
     Raises:
         InputError: If a file is not usable.
     """
     check_robot(robot)
+    robot = apply_known_values(robot, known or {})
     entries = [logs] if isinstance(logs, Recording | str | Path) else list(logs)
     if not entries:
         raise InputError("No log to check: give one recording or file, or several.")

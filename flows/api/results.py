@@ -12,12 +12,11 @@ import pyarrow as pa
 from flows.api.logs import check_recordings, check_robot
 from flows.api.remedies import advise_in_python
 from flows.api.store import Table
-from flows.inputs.read import LogSets, is_run_id
+from flows.inputs.read import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files
 from flows.settings import resolve_store_folder
 from flows.steps.calibrate import calibrate_logs
 from flows.steps.diagnose import (
-    apply_known_values,
     build_diagnose_request,
     diagnose_logs,
     read_stored_runs,

@@ -126,7 +126,6 @@ def run_command_line(arguments: Sequence[str]) -> None:
 
 
 STDOUT = "-"
-_PICTURES = {"--plot": ".png", "--gif": ".gif"}
 # Limits of experiments, as in flows/specs.py [s, -, Hz, -].
 LONGEST, MOST_PERIODS, FASTEST, SEEDS = 600.0, 100, 20_000.0, 2**63 - 1
 
@@ -158,16 +157,11 @@ class Outputs:
             inputs: Files that are read and must not be overwritten.
 
         Raises:
-            InputError: If a file cannot be written, two options name one, or a picture
-                has the ending of another format.
+            InputError: If a file cannot be written, or two options name one.
         """
         named = {k: v for k, v in options.items() if v not in (None, STDOUT)}
         self.files = {option: Path(str(file)) for option, file in named.items()}
         check_writable(self.files, inputs)
-        for option, ending in _PICTURES.items():
-            path = self.files.get(option)
-            if path and path.suffix.lower() not in ("", ending):
-                raise InputError(f"{option} {path}: expected a file *{ending}.")
         self._on_stdout = options.get("--json") == STDOUT
         self._json = ""
         self.console = Console(stderr=self._on_stdout)

@@ -233,8 +233,6 @@ def trajectory(
     *,
     request: Trajectory = _DEFAULT_MOTION,
     out: OutCsv = None,
-    plot: File = None,
-    gif: File = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 
@@ -243,7 +241,7 @@ def trajectory(
     self-collision, also between the samples.
 
     ```
-    modelgap trajectory fourier --gif arm.gif
+    modelgap trajectory fourier
     modelgap trajectory welding --robot arm.urdf --duration 30 --out program.csv
     ```
 
@@ -252,20 +250,17 @@ def trajectory(
             with air moves) or move_stop_move (pick and place with dwells).
         out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
-        plot: PNG file for the curves.
-        gif: GIF file of the moving arm.
     """
     from flows.inputs.read import load_command_robot
     from flows.report.document import print_parts
-    from flows.report.experiments import build_motion_parts, draw_motion_png
+    from flows.report.experiments import build_motion_parts
     from flows.steps.experiment import format_reference_csv
     from sim.engine.plant_records import TrajectorySpec
-    from sim.engine.pybullet_world import animate_reference
     from sim.trajectories import plan_reference_motion
     from sim.trajectories.excitation import compute_limit_usage
 
-    files, rate = {"--out": out, "--plot": plot, "--gif": gif}, request.rate
-    outputs = Outputs(files, list_input_files([request.robot]))
+    outputs = Outputs({"--out": out}, list_input_files([request.robot]))
+    rate = request.rate
     check_option_range("--duration", request.duration, 0.1, LONGEST)
     check_option_range("--periods", request.periods, 1, MOST_PERIODS)
     check_option_range("--rate", rate, 1, FASTEST)
@@ -273,13 +268,8 @@ def trajectory(
     arm = load_command_robot(request.robot)
     spec = TrajectorySpec(family, request.duration, request.periods, request.seed)
     motion = plan_reference_motion(arm, spec, rate)
-    make = {
-        "--out": lambda: format_reference_csv(motion),
-        "--plot": lambda: draw_motion_png(arm, motion),
-        "--gif": lambda: animate_reference(arm, motion),
-    }
     # Before anything is printed, which may go into a pipe that closes.
-    outputs.write(make)
+    outputs.write({"--out": lambda: format_reference_csv(motion)})
     print_parts(
         outputs.console,
         *build_motion_parts(arm, motion, spec, rate, compute_limit_usage(arm, motion)),
@@ -323,12 +313,10 @@ def demo(*, request: Demo = _DEMO) -> None:
         runs = demonstration.run_experiments(request, progress)
         ids = diagnose_stored_runs(build_diagnose_request(runs, place), progress)
         hidden = demonstration.read_hidden_effects(runs, place)
-        page = store_demo_page(ids, runs["fit"][0], hidden, place)
+        page = store_demo_page(ids, hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(
-        Demonstration(b"", "", parse_hidden_effects(hidden), outcome.verdict), console
-    )
+    print_truth(Demonstration(parse_hidden_effects(hidden), outcome.verdict), console)
     print_plain(console, f"\nreport: {page}")
 
 
@@ -341,18 +329,17 @@ def monitor(
     *runs: Annotated[str, Parameter(name="RUN")],
     request: Monitor = _MONITOR,
     nominal: Flag = False,
-    plot: File = None,
 ) -> None:
     """Monitor the sensors of runs, with limits from healthy runs.
 
     ```
     modelgap monitor irb140 3f2a --calibrate 01ab 02cd 03ef 04aa
-    modelgap monitor 77e0 3f2a 4b1c --plot watched.png
+    modelgap monitor 77e0 3f2a 4b1c
     ```
 
-    Reports time, joint and sensor of encoders that freeze, jump or drift, of torque
-    sensors with a bias, a lost scale or spikes, and of noise. In a closed loop a slow
-    drift of an encoder does not show: the arm follows it (docs/monitoring.md).
+    Reports time, joint and sensor of encoders that freeze, jump or drift, and of torque
+    sensors with a bias, a lost scale or spikes. In a closed loop a slow drift of an
+    encoder does not show: the arm follows it (docs/monitoring.md).
 
     Args:
         model: Id of a diagnosis, or a robot (built-in name, file, folder) for its
@@ -360,23 +347,19 @@ def monitor(
             healthy runs.
         runs: Ids of the runs, or their beginnings.
         nominal: Use the nominal model of the robot, also where one is adopted.
-        plot: PNG file for the scores over time.
     """
     from flows.report.document import print_parts
     from flows.report.experiments import build_alarm_table, describe_alarms
-    from flows.report.experiments import draw_monitoring_png as draw
     from flows.steps import monitor as monitoring
     from flows.steps.model_choice import choose_monitor_model
     from warehouse.remote_store import format_store_name
 
     place = resolve_store_folder(request.store)
-    out = Outputs({"--plot": plot})
-    choice = choose_monitor_model(model, place, nominal, runs)
-    out.say(*choice.lines)
+    console, choice = Console(), choose_monitor_model(model, place, nominal, runs)
+    print_plain(console, *choice.lines)
     request = replace(request, model=choice.diagnosis or model, runs=runs, store=place)
     id, outcome, watched = monitoring.monitor(request)
     if any(outcome.alarms.values()):
-        print_parts(out.console, build_alarm_table(outcome, watched))
-    out.write({"--plot": lambda: draw(outcome, watched)})
-    out.say(describe_alarms(outcome), *outcome.notes)
-    out.finish(f"stored in {format_store_name(place)}: modelgap show {id}")
+        print_parts(console, build_alarm_table(outcome, watched))
+    print_plain(console, describe_alarms(outcome), *outcome.notes)
+    print_plain(console, f"stored in {format_store_name(place)}: modelgap show {id}")

@@ -15,6 +15,9 @@ from residual.errors import InputError
 def check(*logs: Log, request: Check, json: Json = None) -> None:
     """Check the units, signs, joint order, timing and sensors of logs.
 
+    Without a log, the robot file: its joints, limits and bodies, and what of them is
+    implausible.
+
     Prints each fault with its evidence, whether it is certain, and the line of the map
     or the robot file that fixes it. A certain fault stops diagnose, identify, calibrate
     and import; here the exit code is 0 in any case.
@@ -22,12 +25,15 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     ```
     modelgap check A.csv B.csv --robot arm.urdf
     modelgap check A.csv --robot arm.urdf --map COLUMNS.toml --json check.json
+    modelgap check --robot arm.urdf
     ```
 
     Args:
         logs: Logs: CSV, Parquet, ROS bag or MCAP files, windows (FILE@0:16.5,
-            FILE@60%:) or ids of stored runs.
+            FILE@60%:) or ids of stored runs; none to check the robot file alone.
     """
+    from flows.report.document import print_parts
+    from flows.report.robot_file import build_robot_document, describe_robot_check
     from flows.report.sentences import describe_check
     from flows.steps import check as checking
 
@@ -35,12 +41,17 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     out = Outputs(
         {"--json": json}, list_input_files((*logs, request.robot), request.columns)
     )
+    if not logs:
+        robot, report = checking.check_robot_file(request)
+        out.write(document=lambda: build_robot_document(robot, report))
+        print_parts(out.console, *describe_robot_check(robot, report))
+        return out.finish()
     read = checking.read_logs(request)
     out.say(*read.lines[1:])
     report = checking.check_log_sets(read)
     out.write(document=report.to_json)
     out.say(*describe_check(report))
-    out.finish()
+    return out.finish()
 
 
 def map_(log: Log, /, *, request: Map, out: File = None) -> None:

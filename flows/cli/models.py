@@ -113,10 +113,10 @@ def export(
     urdf: inertias, damping, dry friction. mjcf: the same for MuJoCo, with armature,
     springs and polynomial damping. mujoco: mjcf with a Python module that adds all
     other effects as passive forces. c99: one header with all named effects and tables.
-    table: friction over speed and torque over position, with few support points. fmu:
-    FMI 2.0 for model exchange and co-simulation. rrd: the moving arm with the torque of
-    each effect, for the Rerun viewer. json: the whole model, for `mg.load_model`. The
-    effects that a target cannot represent are listed with their torque.
+    table: friction over speed and torque over position, with few support points.
+    rrd: the moving arm with the torque of each effect, for the Rerun viewer. json: the
+    whole model, for `mg.load_model`. The effects that a target cannot represent are
+    listed with their torque.
 
     Args:
         model: Id of a stored diagnosis or model, or a saved model file.

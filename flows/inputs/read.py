@@ -13,9 +13,11 @@ from flows.requests import Request
 from flows.settings import resolve_store_folder
 from residual.effects import list_effect_parameters, load_effects, map_joint_properties
 from residual.errors import InputError, check_name, shorten_value
+from residual.model.nominal import list_known_values, refuse_known_values_with_baseline
 from residual.recording import Recording
 from residual.robot.robot import (
     Robot,
+    add_known_values,
     format_robot_reference,
     load_robot,
     set_serial_number,
@@ -298,7 +300,7 @@ def read_run_robot(runs: Sequence[str], store: Path) -> str:
 
 
 def load_request_robot(request: Request) -> Robot:
-    """Load the robot of a request with logs, as `load_of` does."""
+    """Load the robot of a request with logs, as `load_command_robot` does."""
     logs = (*request.logs, *getattr(request, "held_out", ()))
     return load_run_robot(request.robot, logs, request.store)
 
@@ -354,6 +356,22 @@ def read_file_serial(robot: Robot) -> str | None:
 def read_run_serial(run: str, store: str | Path | None) -> str | None:
     """Return the serial number of the arm of a run, None where it has none."""
     return read_manifest(resolve_store_folder(store), run).get("serial")
+
+
+def apply_known_values(
+    robot: Robot, known: Mapping[str, float], baseline: Sequence = ()
+) -> Robot:
+    """Return the robot with values that are known for sure, checked.
+
+    Raises:
+        InputError: If one cannot be known, or there is a baseline.
+    """
+    # The serial number of a plant is in no file that the robot is built from again.
+    robot = replace(add_known_values(robot, known), serial=robot.serial)
+    list_known_values(robot)
+    if baseline:
+        refuse_known_values_with_baseline(robot)
+    return robot
 
 
 def parse_known_values(words: Sequence[str]) -> dict[str, float]:

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.check.result import Repair
+from residual.drive import IDEAL, Drive
 from residual.robot.robot import Robot
 from warehouse.logs.column_map import (
     LOGGED_UNITS,
@@ -68,7 +69,7 @@ def _gravity(gravity: Iterable[float]) -> str:
 
 def describe_repair_file(lines: str) -> str:
     """Return where repair lines belong, in words."""
-    return "robot.toml, [robot]" if lines.startswith("gravity") else "--map"
+    return "robot.toml, [robot]" if lines.startswith("grav") else "--map"
 
 
 def _line(
@@ -79,14 +80,29 @@ def _line(
             math.prod(float(r.scale or 1.0) for r in repairs), columns
         )
     if name == "robot":
+        if any(r.gravcomp is False for r in repairs):
+            return "gravcomp = false"
         gravity = next((r.gravity for r in repairs if r.gravity), None)
         return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
+    if name == "drive":
+        return format_drive_line(repairs[-1].drive)
     signal = columns.signals.get(name) or build_default_signal(name, robot.dof)
     for repair in repairs:
         signal = _mended(name, signal, repair, robot)
         if signal is None:
             return None
     return format_signal_line(name, signal)
+
+
+def format_drive_line(drive: Drive) -> str:
+    """Return the line of a map that says how torque follows from the goal."""
+    words = [
+        f"{name} = [{', '.join(f'{value:.4g}' for value in values)}]"
+        for name in IDEAL
+        if (values := getattr(drive, name))
+    ]
+    words += [f"enabled = {_quoted(drive.enabled)}"] if drive.enabled else []
+    return f"drive = {{{', '.join(words)}}}"
 
 
 def format_time_line(scale: float, columns: ColumnMap) -> str:
@@ -227,6 +243,8 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
         line("time", format_time_line(1.0, columns))
     for name, signal in columns.signals.items():
         line(name, format_signal_line(name, signal))
+    if columns.drive is not None:
+        line("drive", format_drive_line(columns.drive))
     for name in draft.missing:
         line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
     for name, signal in draft.optional.items():

@@ -5,13 +5,11 @@ Paths are relative to its folder.
 
 import re
 from dataclasses import dataclass
-from datetime import datetime
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Literal, get_args
 from zoneinfo import available_timezones
 
-from cronsim import CronSim, CronSimError
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
@@ -32,15 +30,16 @@ from warehouse.toml_records import build_toml_record, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
 _WORD = re.compile(r"[\w.-]+(=[^\x00-\x1f]{0,60})?")
-_ANY = datetime(2026, 1, 1)  # CronSim needs a start; any will do
 
 
 def _cron(text: str) -> str:
     if not text:
         return text
+    from prefect.client.schemas.schedules import CronSchedule
+
     try:
-        CronSim(text, _ANY)
-    except CronSimError as error:
+        CronSchedule(cron=text)
+    except ValueError as error:
         raise ValueError(
             f"is '{text}', expected five fields of cron, such as '0 2 * * *' for two "
             "o'clock at night, or '' for never"

@@ -250,7 +250,7 @@ def _chart(
     title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None
 ) -> Chart:
     plot = {"data": data, "layout": charts.build_layout(title, charts.build_axis(x), y)}
-    return Chart("", f"{title}: {alt}.", joint=joint, plot=plot)
+    return Chart(f"{title}: {alt}.", joint=joint, plot=plot)
 
 
 def chart_validation_errors(result: Calibration) -> list[Chart]:

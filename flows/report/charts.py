@@ -276,7 +276,7 @@ def chart_errors(diagnosis: Diagnosis) -> Chart | None:
         for row in rows
     )
     plot = {"data": data, "layout": build_layout(title, x, y, **more)}
-    return Chart("", alt, plot=plot, height=270)
+    return Chart(alt, plot=plot, height=270)
 
 
 def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
@@ -319,7 +319,7 @@ def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Cha
             f"{caption}"
         )
     plot = _cloud_plot(cloud, min(_MOST_DOTS, _DOTS // count), unit)
-    return Chart("", alt, caption, cloud.joint, cloud.name or None, plot)
+    return Chart(alt, caption, cloud.joint, cloud.name or None, plot)
 
 
 def _cloud_plot(cloud: FindingScatter, most: int, unit: str) -> Plot:
@@ -437,4 +437,4 @@ def _curve_chart(
     more = {"yaxis2": lower, "shapes": shapes, "hovermode": "x"}
     titled = build_layout(f"Joint {joint}", time, upper, **more)
     plot = {"data": traces, "layout": titled}
-    return Chart("", alt, text, joint, None, plot, 400)
+    return Chart(alt, text, joint, None, plot, 400)

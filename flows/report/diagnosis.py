@@ -3,7 +3,6 @@
 Each section is a function; its ``brief`` is the terminal's form.
 """
 
-import base64
 from collections.abc import Mapping, Sequence
 
 from markupsafe import Markup
@@ -108,6 +107,8 @@ def build_summary_parts(
         parts.append(f"   and {len(named) - _LISTED} more")
     if errors := tables.build_stage_error_table(result):
         parts.append(errors)
+    if position := tables.build_position_table(result):
+        parts.append(position)
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
@@ -223,13 +224,8 @@ def print_truth(demonstration: Demonstration, console: Console) -> None:
 
 
 def _demonstration(demonstration: Demonstration | None) -> Section:
-    parts: list[Part] = []
-    if demonstration:
-        alt = "The simulated arm moves through a part of one experiment"
-        uri = "data:image/gif;base64," + base64.b64encode(demonstration.gif).decode()
-        gif = [Chart(uri, alt, demonstration.caption)] if demonstration.gif else []
-        parts = [SideBySide((gif, build_truth_parts(demonstration)))]
-    return Section("demonstration", "The experiment and the hidden effect", parts)
+    parts = build_truth_parts(demonstration) if demonstration else []
+    return Section("demonstration", "The hidden effect", parts)
 
 
 def _missing(
@@ -290,12 +286,14 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     parts: list[Part | None] = [
         bars,
         FoldedParts("The errors of each joint", [table], few) if table else None,
+        tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     brief = [
         tables.build_brief_error_table(result, rows),
         *tables.describe_error_columns(rows),
+        tables.build_position_table(result),
     ]
     return Section("proof", "Error on unseen motion", parts, note, brief=brief)
 

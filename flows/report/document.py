@@ -80,7 +80,6 @@ class Chart:
     """A figure with its text.
 
     Attributes:
-        uri: The picture as a data address; empty where the page draws it.
         alt: What it shows, for readers who do not see it.
         caption: One or two sentences below it.
         joint: Joint it shows, None where it shows all.
@@ -89,7 +88,6 @@ class Chart:
         height: Of a drawn figure [CSS px].
     """
 
-    uri: str
     alt: str
     caption: str = ""
     joint: int | None = None

@@ -1,14 +1,9 @@
 """Validated and monitored runs, planned motions and the next experiment."""
 
-import io
-from collections.abc import Mapping, Sequence
-from typing import NamedTuple
+from collections.abc import Mapping
 
 import numpy as np
-from matplotlib import rc_context
-from matplotlib.figure import Figure
 
-from flows.report.charts import GRID, JOINTS, SOFT
 from flows.report.document import BoldText, Document, ReportTable, Section
 from flows.report.page import render_html
 from flows.report.phrases import (
@@ -30,64 +25,6 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.plant_records import ReferenceMotion, TrajectorySpec
 from sim.trajectories.excitation import LimitUsage
-from sim.trajectories.planning_limits import bound_nominal_torque
-
-_STYLE = {
-    "text.parse_math": False,  # names of logs and columns are text, never formulas
-    "font.size": 9.5,
-    "axes.spines.top": False,
-    "axes.spines.right": False,
-    "axes.axisbelow": True,
-    "legend.frameon": False,
-}
-
-
-class Panel(NamedTuple):
-    """Curves of all joints over time.
-
-    Attributes:
-        t, values: Time [s] (n,) and curves (n, dof).
-        label: Quantity and unit.
-        levels: Values at which a dashed line is drawn.
-        marks: Times at which a line is drawn [s].
-        log: Whether the vertical axis is logarithmic.
-    """
-
-    t: np.ndarray
-    values: np.ndarray
-    label: str
-    title: str = ""
-    levels: Sequence[float] = ()
-    marks: Sequence[float] = ()
-    log: bool = False
-
-
-def draw_panels_png(
-    panels: Sequence[Panel], height: float, time: str = "time [s]"
-) -> bytes:
-    """Return panels as PNG, each of that height [inch]."""
-    with rc_context(_STYLE):
-        figure = Figure((9.0, 0.6 + height * len(panels)), layout="constrained")
-        column = figure.subplots(len(panels), 1, squeeze=False)[:, 0]
-        for axes, panel in zip(column, panels, strict=True):
-            for joint, curve in enumerate(panel.values.T):
-                color, name = JOINTS[joint % len(JOINTS)], f"J{joint + 1}"
-                axes.plot(panel.t, curve, color=color, lw=1.2, label=name)
-            for level in panel.levels:
-                axes.axhline(level, color=SOFT, lw=1.0, ls="--")
-            for mark in panel.marks:
-                axes.axvline(mark, color="black", lw=1.0)
-            axes.set_ylabel(panel.label)
-            axes.set_title(panel.title, loc="left")
-            axes.set_yscale("log" if panel.log else "linear")
-            axes.margins(x=0)
-            axes.grid(axis="y", color=GRID, lw=0.8)
-        column[0].legend(ncols=7, loc="lower right", bbox_to_anchor=(1, 1), fontsize=8)
-        column[-1].set_xlabel(time)
-        out = io.BytesIO()
-        figure.savefig(out, format="png", dpi=110, metadata={"Software": None})
-    return out.getvalue()
-
 
 _TEXT = read_page_texts()["validation"]
 
@@ -189,7 +126,6 @@ def render_validation_page(results: Mapping[str, Validation]) -> str:
 
 
 _NEAR = 0.95  # share of a limit, shown bold
-_MOST = 4000  # samples drawn
 
 
 def build_motion_parts(
@@ -235,34 +171,6 @@ def build_motion_parts(
     ]
 
 
-def draw_motion_png(robot: Robot, reference: ReferenceMotion) -> bytes:
-    """Return curves of a motion as PNG: angles, and shares of the limits."""
-    step = max(1, len(reference.t) // _MOST)
-    motion = reference.t, reference.q, reference.qd, reference.qdd
-    t, q, qd, qdd = (values[::step] for values in motion)
-    first = Panel(t, np.degrees(q), "angle [deg]")
-    if any(robot.prismatic):
-        first = Panel(t, q, "position [rad or m]")
-    panels = [first._replace(title=f"{reference.kind} motion of {robot.name}")]
-    torque = bound_nominal_torque(robot, q, qd, qdd)
-    for name, unit, values, limit in (
-        ("speed", "rad/s", qd, robot.velocity_limit),
-        ("acceleration", "rad/s²", qdd, robot.acceleration_limit),
-        ("torque (nominal)", "N m", torque, robot.torque_limit),
-    ):
-        if limit is not None and (np.isfinite(limit) & (limit > 0)).all():
-            levels = (100, -100) if values.min() < 0 else (100,)
-            share, label = 100 * values / limit, f"{name}\n[% of limit]"
-            panels.append(Panel(t, share, label, levels=levels))
-        else:
-            panels.append(Panel(t, values, f"{name} [{unit}]"))
-    return draw_panels_png(panels, 1.95)
-
-
-_MOST_RUNS = 6  # runs in one picture
-_LEAST = 0.02  # smallest score drawn
-
-
 def describe_alarms(result: MonitoringResult) -> str:
     """Return the alarms of monitored runs in one sentence."""
     alarms = [alarm for each in result.alarms.values() for alarm in each]
@@ -297,25 +205,6 @@ def build_alarm_table(
     ]
     heads = ("run", "since start [s]", "joint", "sensor", "fault", "over limit")
     return ReportTable(heads, rows, text_columns=(0, 3, 4))
-
-
-def draw_monitoring_png(
-    result: MonitoringResult, runs: Mapping[str, Recording]
-) -> bytes:
-    """Return the score of each joint and the alarms as PNG.
-
-    Args:
-        runs: The watched runs by id; those with alarms come first.
-    """
-    panels = []
-    for id in sorted(runs, key=lambda id: -len(result.alarms[id]))[:_MOST_RUNS]:
-        t, scores = result.monitor.scores(runs[id])
-        marks = [alarm.time - t[0] for alarm in result.alarms[id]]
-        values = scores.clip(_LEAST)
-        title = f"run {id[:8]}"
-        panel = Panel(t - t[0], values, "score / limit", title, (1.0,), marks, log=True)
-        panels.append(panel)
-    return draw_panels_png(panels, 2.4, "time since the start of the run [s]")
 
 
 def _inseparable(ranking: Ranking) -> list[str]:

@@ -68,12 +68,6 @@ def _fit(outcome: ValidatedIdentification) -> list[str]:
     if result.options.method == "irls":
         shares = ", ".join(f"{100 * s:.1f}" for s in estimate.outliers)
         lines.append(f"rows with little weight, per joint [%]: {shares}")
-    if result.essential is not None:
-        lines.append(
-            f"{len(result.essential.dropped)} of {len(result.base)} parameters are not "
-            f"needed and were set to 0 (F {result.essential.f_value:.3g}, limit "
-            f"{result.essential.f_limit:.3g})"
-        )
     return lines
 
 

@@ -173,14 +173,10 @@ class Demonstration:
     """What the report of a simulated experiment has beyond any other.
 
     Attributes:
-        gif: The arm in motion; empty for no picture.
-        caption: What the picture shows.
         hidden: What was under the seal.
         verdict: The verdict that was stored before the seal was opened.
     """
 
-    gif: bytes
-    caption: str
     hidden: tuple[HiddenEffect, ...]
     verdict: Verdict
 

@@ -320,7 +320,12 @@ def title_fault(fault: Fault) -> str:
 
 def describe_check(report: LogCheck) -> list[str]:
     """Return the result of a check: one line, then a paragraph for each fault."""
-    lines = ["", summarize_check(report)]
+    return ["", summarize_check(report), *describe_faults(report)]
+
+
+def describe_faults(report: LogCheck) -> list[str]:
+    """Return a paragraph for each fault."""
+    lines = []
     for fault in report.faults:
         sure = "certain" if fault.certain else "suspected"
         lines += ["", f"{capitalize_first(title_fault(fault))}: {fault.kind}, {sure}."]
@@ -348,7 +353,7 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
     parts = [format_claim(verdict)]
     if any(effect.equivalent for effect in verdict.effects[:_NAMED_AT_MOST]):
         parts.append("These logs cannot separate the alternatives in brackets.")
-    parts.append(describe_errors(verdict))
+    parts += [describe_errors(verdict), describe_position(verdict)]
     if verdict.trusted:
         parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
     joints = format_joints(verdict.unexplained.joints, dof)
@@ -441,6 +446,25 @@ def summarize_errors(errors: ErrorTables) -> dict[str, float]:
         if is_number(levels.get("identified")) or is_number(levels.get("augmented")):
             return {k: levels[k] for k in STAGES[:3] if is_number(levels.get(k))}
     return {}
+
+
+def describe_position(verdict: Verdict) -> str:
+    """Return how far models go from unseen motion by themselves, before and after."""
+    position = verdict.error.position
+    if position is None:
+        return ""
+    names = {"nominal": "nominal"}
+    if verdict.effects:
+        names["augmented"] = format_augmented_label(verdict)
+    else:
+        names["identified"] = "refit"
+    steps = [
+        f"diverged in {join_with_and(at)} ({words})"
+        if (at := position.diverged[k])
+        else f"{format_number(position.overall[k])} rad ({words})"
+        for k, words in names.items()
+    ]
+    return f"Position by itself under the logged goal, rms: {' → '.join(steps)}."
 
 
 def format_augmented_label(verdict: Verdict) -> str:

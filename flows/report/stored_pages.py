@@ -6,7 +6,6 @@ from pathlib import Path
 
 from pydantic import TypeAdapter
 
-from flows.inputs.read import load_command_robot
 from flows.outputs import json_text
 from flows.report.diagnosis import render_diagnosis_page
 from flows.report.next_step import describe_name_records
@@ -16,10 +15,7 @@ from flows.report.sentences import list_headline_sentences
 from flows.report.store_index import write_index
 from flows.storage.diagnosis import read_outcome, store_report
 from residual.verdict.document import to_json
-from sim.engine.pybullet_world import animate_samples
-from warehouse.runs import read_run
 
-CLIP = 6.0  # s of motion in the picture
 _HIDDEN = TypeAdapter(tuple[HiddenEffect, ...])
 
 
@@ -48,18 +44,11 @@ def store_diagnosis_page(
     return folder / "report.html"
 
 
-def store_demo_page(
-    ids: Sequence[str], run_id: str, hidden: Sequence[Mapping], store: Path
-) -> Path:
-    """Write the page of a demonstration: the arm in motion, at the end the truth."""
-    run = read_run(store, run_id)
-    rows = run.t - run.t[0] <= CLIP
-    gif = animate_samples(load_command_robot(run.robot), run.t[rows], run.q[rows])
-    caption = f"The first {CLIP:g} s of one experiment, in the physics engine."
+def store_demo_page(ids: Sequence[str], hidden: Sequence[Mapping], store: Path) -> Path:
+    """Write the page of a demonstration, with the truth at its end."""
     verdict = read_outcome(store, ids[1]).verdict
-    demonstration = Demonstration(gif, caption, parse_hidden_effects(hidden), verdict)
-    truth = (json.dumps(list(hidden), indent=2) + "\n").encode()
-    files = {"truth.json": truth, "arm.gif": gif}
+    demonstration = Demonstration(parse_hidden_effects(hidden), verdict)
+    files = {"truth.json": (json.dumps(list(hidden), indent=2) + "\n").encode()}
     return store_diagnosis_page(ids, store, "demo", demonstration, files)
 
 

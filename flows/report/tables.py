@@ -130,6 +130,29 @@ def build_error_table(
     )
 
 
+def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
+    """Return how far each model by itself goes from the held-out motion, per joint."""
+    position = diagnosis.errors.position
+    if position is None:
+        return None
+    dof = diagnosis.verdict.dof
+    rows = [
+        (stage, *map(format_number, (*(rms or [None] * dof), position.overall[stage])))
+        for stage, rms in position.rms.items()
+    ]
+    if dof >= _WIDEST:
+        rows = [(row[0], row[-1]) for row in rows]
+    heads = ("model", *(f"J{j}" for j in range(1, len(rows[0]) - 1)), "all")
+    slides = any(diagnosis.torque_unit(j) == "N" for j in range(1, dof + 1))
+    about = (
+        f"Position of each model by itself, rms error [{'rad, m' if slides else 'rad'}]"
+    )
+    if position.left_out:
+        nouns = [find_effect(name).noun for name in position.left_out]
+        about += f", without {join_with_and(nouns)}"
+    return ReportTable(heads, rows, about)
+
+
 def describe_error_columns(rows: Sequence[ErrorRow]) -> list[str]:
     """Return a line on each term of an error table that needs one."""
     lines = []

@@ -281,7 +281,7 @@ def build_server_environment(
         # Relative to the page, so that any name of this server works.
         "PREFECT_SERVER_UI_API_URL": "/api",
         "PREFECT_SERVER_UI_SHOW_PROMOTIONAL_CONTENT": "false",
-        # No page of another origin may read an answer; `guard` checks requests.
+        # No page of another origin may read an answer; `Guard` checks requests.
         "PREFECT_SERVER_CORS_ALLOWED_ORIGINS": running.ui,
         # CSRF tokens protect pages with a cookie; here every request has the key.
         "PREFECT_SERVER_CSRF_PROTECTION_ENABLED": "false",

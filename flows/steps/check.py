@@ -14,12 +14,12 @@ from flows.inputs.repair import (
 )
 from flows.requests import Check, Map
 from residual import one_blas_thread
-from residual.check.check import WRONG, check_logs, confirm_repairs
+from residual.check.check import WRONG, check_logs, check_robot, confirm_repairs
 from residual.check.mounting import REMOVED
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
-from residual.robot.robot import replace_gravity
+from residual.robot.robot import Robot, replace_gravity
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.map_draft import draft_column_map
 
@@ -28,7 +28,9 @@ _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 def read_logs(request: Check) -> LogSets:
     """Read the robot and every log, also physically impossible ones."""
-    return inputs.read_logs(request, "to check")
+    known = inputs.parse_known_values(request.known)
+    robot = inputs.apply_known_values(inputs.load_request_robot(request), known)
+    return inputs.read_logs(request, "to check", robot)
 
 
 def draft_map(request: Map) -> str:
@@ -38,6 +40,16 @@ def draft_map(request: Map) -> str:
     return format_drafted_map(
         draft_column_map(path, robot, request.format), request.log, robot
     )
+
+
+def check_robot_file(request: Check) -> tuple[Robot, LogCheck]:
+    """Read a robot and check its file alone."""
+    robot = load_command_robot(request.robot)
+    report = check_robot(robot)
+    faults = (
+        replace(fault, repair=format_gravity_line(robot)) for fault in report.faults
+    )
+    return robot, LogCheck(tuple(faults))
 
 
 @one_blas_thread
@@ -60,7 +72,7 @@ def check_log_sets(logs: LogSets) -> LogCheck:
         signals = {repair.signal for repair in fault.repairs}
         every = [*(r for r in certain if r.signal in signals), *fault.repairs]
         line = format_repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
-        if fault.kind == "robot_file":
+        if fault.kind == "robot_file" and line is None:
             line = format_gravity_line(logs.robot)
         joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
         fault = replace(fault, joints=joints, certain=sure, log="", repair=line)

@@ -8,6 +8,7 @@ from time import perf_counter
 from flows.inputs import read as inputs
 from flows.inputs.read import (
     LogSets,
+    apply_known_values,
     is_run_id,
     load_request_robot,
     parse_known_values,
@@ -23,9 +24,8 @@ from flows.storage import diagnosis as records
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.errors import InputError
-from residual.model.nominal import list_known_values, refuse_known_values_with_baseline
 from residual.recording import Recording
-from residual.robot.robot import Robot, add_known_values
+from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
@@ -44,22 +44,6 @@ def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:
     return apply_known_values(
         robot, parse_known_values(request.known), request.baseline
     )
-
-
-def apply_known_values(
-    robot: Robot, known: Mapping[str, float], baseline: Sequence
-) -> Robot:
-    """Return the robot with values that are known for sure, checked.
-
-    Raises:
-        InputError: If one cannot be known, or there is a baseline.
-    """
-    # The serial number of a plant is in no file that the robot is built from again.
-    robot = replace(add_known_values(robot, known), serial=robot.serial)
-    list_known_values(robot)
-    if baseline:
-        refuse_known_values_with_baseline(robot)
-    return robot
 
 
 def _of_others(request: Diagnose, robot: Robot) -> list[str]:
@@ -180,7 +164,7 @@ def store_diagnosis(
     """Store a diagnosis of runs; one on the same runs that says the same is kept once.
 
     Args:
-        logs: The runs, called by their whole ids (`as_stored`).
+        logs: The runs, called by their whole ids (`resolve_whole_runs`).
         seconds: Time that the diagnosis took [s].
 
     Returns:

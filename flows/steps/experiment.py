@@ -39,9 +39,9 @@ from residual.model.dynamics import (
     build_computed_torque_law,
     compute_feed_forward,
 )
-from residual.recording import Recording
+from residual.recording import Recording, apply_drive
 from residual.robot.robot import Robot
-from sim.effects import find_effect_definition
+from sim.effects import load_effects
 from sim.engine.plant_records import (
     NAMES,
     PlantSpec,
@@ -50,6 +50,7 @@ from sim.engine.plant_records import (
 )
 from sim.experiment import compute_log_twin_errors, run_experiment
 from sim.plant.effect_catalogue import check_effect
+from sim.plant.servo import check_servo
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
@@ -65,7 +66,7 @@ from warehouse.robots import store_robot_description
 from warehouse.store_catalogue import find_record
 from warehouse.view_schema import build_view_table
 
-_LATER = ("background", "worked_before")
+_LATER = ("background", "worked_before", "drive")
 _PLANT = TypeAdapter(PlantSpec)
 
 
@@ -159,7 +160,7 @@ def _point_row(axis: str, value: object, spec: ExperimentSpec) -> dict:
     if tables[:2] == ["plant", "effect"] and unit is None:
         number = int(tables[2]) - 1 if len(tables) > 2 else 0
         name = spec.plant.effect[number].name
-        unit = find_effect_definition(name).parameters.get(key)
+        unit = load_effects()[name].parameters.get(key)
     return {"axis": axis, "value": float(value), "unit": unit}
 
 
@@ -262,6 +263,8 @@ def build_public_record(spec: ExperimentSpec, robot: Robot) -> dict:
         late = ("encoder_step", "rise")
         same = {n for n in late if getattr(spec.controller, n) == getattr(usual, n)}
         driver = {"controller": spec.controller.model_dump(exclude=same)}
+    if spec.drive is not None:
+        driver["drive"] = spec.drive.model_dump(exclude_defaults=True)
     motion = asdict(reference)
     if not reference.coefficients:
         del motion["coefficients"]
@@ -289,7 +292,7 @@ def build_sealed_record(plant: PlantSpec) -> dict:
 
 
 def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
-    """Return the plant of a sealed half that was read back: `sealed_half` undone.
+    """Return the plant of a sealed half: `build_sealed_record` undone.
 
     Raises:
         InputError: If it is not a sealed half as this version writes it.
@@ -321,6 +324,7 @@ def load_spec_robot(spec: ExperimentSpec) -> Robot:
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
+    check_servo(spec.plant_spec().drive, robot)
     return robot
 
 
@@ -351,6 +355,8 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     clock.append(perf_counter())
     plant = spec.plant_spec()
     simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
+    if (drive := spec.log_drive()) is not None:
+        simulated = replace(simulated, log=apply_drive(simulated.log, drive))
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
     return simulated, dict(zip(("reference_s", "plant_s"), seconds, strict=True))
@@ -386,14 +392,8 @@ def format_reference_csv(reference: ReferenceMotion) -> str:
     names = [f"{name}{joint}" for name in ("q", "qd", "qdd") for joint in joints]
     parts = [reference.t[:, None], reference.q, reference.qd, reference.qdd]
     text = io.StringIO()
-    np.savetxt(
-        text,
-        np.hstack(parts).round(9) + 0.0,  # + 0 makes of -0 a 0
-        fmt="%.9f",
-        delimiter=",",
-        header=",".join(["t", *names]),
-        comments="",
-    )
+    values = np.hstack(parts).round(9) + 0.0  # + 0 makes of -0 a 0
+    np.savetxt(text, values, "%.9f", ",", header=",".join(["t", *names]), comments="")
     return text.getvalue()
 
 

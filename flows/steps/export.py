@@ -1,12 +1,8 @@
 """Export a model in the form of another program."""
 
-import os
-import shutil
-import subprocess
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import asdict, replace
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -16,8 +12,8 @@ from flows.inputs.read import read_log_sets
 from flows.requests import Export
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import read_model
-from residual.errors import InputError, RunError, check_name
-from residual.export.c99 import SOURCE, to_c99, to_fmu
+from residual.errors import InputError, check_name
+from residual.export.c99 import to_c99
 from residual.export.model_export import (
     AnyModel,
     ModelExport,
@@ -34,37 +30,6 @@ from residual.quantity import convert_to_plain_values
 from residual.recording import Array, Recording
 from residual.robot.dynamics import build_kinematic_chain
 from residual.signals.track import build_tracks
-
-_FLAGS = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
-
-
-def find_compiler() -> str | None:
-    """Return the C compiler of this machine: $CC, else cc or gcc; None for none."""
-    names = (os.environ.get("CC", ""), "cc", "gcc")
-    return next((result for n in names if n and (result := shutil.which(n))), None)
-
-
-def compile_library(
-    place: Path, sources: Sequence[str], name: str, *flags: str
-) -> None:
-    """Compile files of a folder into a shared library there."""
-    command = [find_compiler() or "cc", *_FLAGS, *flags, "-o", name, *sources, "-lm"]
-    done = subprocess.run(command, cwd=place, capture_output=True, text=True)
-    if done.returncode:
-        reason = next((x for x in done.stderr.splitlines() if "error" in x), "")
-        raise RunError(f"The C compiler refuses the export: {reason[:160]}")
-
-
-def compile_fmu(sources: Mapping[str, bytes]) -> bytes | None:
-    """Return the library of an FMU; None where there is no C compiler."""
-    if find_compiler() is None:
-        return None
-    with tempfile.TemporaryDirectory() as folder:
-        for name, text in sources.items():
-            (Path(folder) / name).write_bytes(text)
-        compile_library(Path(folder), [SOURCE], "library.so", "-fvisibility=hidden")
-        return (Path(folder) / "library.so").read_bytes()
-
 
 APP, CLOCK, ARM = "modelgap", "time", "arm"
 THICK = 0.02  # m, of the lines that stand for links
@@ -153,7 +118,6 @@ TARGETS: Mapping[str, Writer] = {
     "mujoco": to_mujoco,
     "c99": to_c99,
     "table": to_table,
-    "fmu": partial(to_fmu, compile_library=compile_fmu),
     "rrd": build_rerun_recording,
     "json": to_json,
 }

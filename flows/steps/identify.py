@@ -76,7 +76,7 @@ def identify_logs(
 
 
 def _options(request: Identify) -> Options:
-    return Options(request.method, "huber", request.prior, request.essential)
+    return Options(request.method, request.prior)
 
 
 def _keep(

@@ -113,7 +113,7 @@ def choose_model(
 
 
 def choose_request_model(request: Diagnose | Identify, robot: Robot) -> ModelChoice:
-    """Return the model that a request goes by, as `choose` does."""
+    """Return the model that a request goes by, as `choose_model` does."""
     logs = (*request.logs, *request.held_out)
     return choose_model(robot, request.model, request.store, logs, request.instead)
 

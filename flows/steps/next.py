@@ -17,6 +17,7 @@ from flows.storage.diagnosis import parse_verdict, read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content
+from residual.planning.drive_logs import list_separating_logs
 from residual.planning.next_experiment import (
     ExpectedSeparation,
     MotionInformation,
@@ -56,7 +57,7 @@ class ReopenedDiagnosis:
     diagnosis: Diagnosis  # of the same logs, repeated
     question: OpenQuestion
     robot: Robot
-    lines: tuple[str, ...] = ()  # notes on the logs
+    lines: tuple[str, ...] = ()  # notes on the logs, and which others would help
 
     @property
     def reproduced(self) -> bool:
@@ -85,7 +86,8 @@ def reopen_diagnosis(
     question = found.question
     if question is None:
         question = diagnose(again, logs, progress, ignore_baseline=True).question
-    return ReopenedDiagnosis(verdict, found, question, logs.robot, logs.lines)
+    lines = (*logs.lines, *list_separating_logs(logs.robot, logs.fit))
+    return ReopenedDiagnosis(verdict, found, question, logs.robot, lines)
 
 
 def check_duration(seconds: float) -> None:

@@ -64,7 +64,7 @@ from warehouse.verification import (
     read_nested_tables,
     select_differing_channels,
 )
-from warehouse.view_schema import SAMPLES_FILE, SEALED
+from warehouse.view_schema import LOGGED, SAMPLES_FILE, SEALED
 
 KIND = "rerun"
 _MOST_PACKAGES = 6  # that are named; the others are counted
@@ -162,8 +162,7 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
     simulated = rerun_experiment(store, record.id, manifest)
     # Past the check of the hash: what was changed is to be found, not only refused.
     stored = table_to_arrays(read_parquet(record.folder / SAMPLES_FILE))
-    names = ("t", "q", "qd", "qdd", "tau", "q_ref")
-    logged = {name: getattr(simulated.log, name) for name in names}
+    logged = {name: getattr(simulated.log, name) for name in LOGGED}
     logged = {name: values for name, values in logged.items() if values is not None}
     differences = compare_channels(stored, {**logged, **simulated.twin})
     if hash_arrays(simulated.truth) != manifest["truth_hash"]:
@@ -305,6 +304,7 @@ def rebuild_spec(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
         keys = ("schema", "seed", "start", "trajectory", "rates")
         content = {key: half[key] for key in keys} | {
             "controller": half.get("controller", {}),
+            "drive": half.get("drive"),
             "robot": manifest["robot"],
             "plant": plant | {"effect": effects},
         }

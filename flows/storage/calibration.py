@@ -98,8 +98,8 @@ def build_calibration_files(calibration: Calibration) -> dict[str, bytes]:
     """Return what a calibration is exported as, content by file name.
 
     Returns:
-        The tables and their evaluator (`export_lookup`); where they correct a model,
-        `corrected.json` with both, and both as a C header.
+        The tables and their evaluator (`build_lookup_files`); where they correct a
+        model, `corrected.json` with both, and both as a C header.
     """
     files = build_lookup_files(calibration.lookup)
     whole = build_corrected_model(calibration)

@@ -32,7 +32,7 @@ def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]
     """Return a diagnosis as JSON and tables: what it says, and its curves.
 
     Args:
-        found: The diagnosis; its verdict and models are kept elsewhere.
+        diagnosis: The diagnosis; its verdict and models are kept elsewhere.
     """
     # A cloud without a name is what a joint keeps.
     clouds = (*diagnosis.clouds, *diagnosis.residual_clouds)

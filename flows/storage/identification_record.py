@@ -15,7 +15,7 @@ KINDS = ("raw", "filtered", "moving")
 def build_identification_document(outcome: ValidatedIdentification) -> dict:
     """Return an outcome as plain values: every key always there, null for none."""
     found, estimate = outcome.free, outcome.free.estimate
-    essential, consistent = found.essential, outcome.consistent
+    consistent = outcome.consistent
     return convert_to_plain_values(
         {
             "schema": SCHEMA,
@@ -32,12 +32,6 @@ def build_identification_document(outcome: ValidatedIdentification) -> dict:
             "independent_rows": estimate.independent_rows,
             "outliers": estimate.outliers,
             "parameters": build_parameter_rows(outcome),
-            "essential": essential
-            and {
-                "dropped": [found.base.leading[i].name for i in essential.dropped],
-                "f": essential.f_value,
-                "f_limit": essential.f_limit,
-            },
             "error": {
                 "metric": "100*||tau-tau_hat||/||tau||",
                 **{

@@ -177,9 +177,9 @@ class CalibrationSettings:
         paper: The paper's regressors and twin error, in place of measured motion.
         declared: Effects that the nominal model has; None for the robot's own list.
         form: Levels of the paper's form, and components: at most so many are tried.
-        exact: Whether the exported tables of the paper's form have just so many.
+        exact_components: Whether the exported tables have just so many components.
         joints: Joints of X and Y, from 1; None for all, or the paper's.
-        views: Whether to compute what only figures need.
+        with_figures: Whether to compute what only figures need.
         schemes: Schemes to report; None for all that the rows allow.
     """
 

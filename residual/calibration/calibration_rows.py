@@ -42,7 +42,7 @@ def stack_state_columns(q: Array, qd: Array, qdd: Array) -> Array:
 
 
 def name_state_columns(joints: Sequence[int]) -> tuple[str, ...]:
-    """Names of the columns of `state_block` for joints counted from 1."""
+    """Names of the columns of `stack_state_columns` for joints counted from 1."""
     return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
 
 

@@ -62,7 +62,7 @@ class TrainingRows:
         Y: What the nominal model leaves [N m]. Shape (n, j).
         tau: Measured torque [N m]. Shape (n, j).
         second: Second that each row is in, through all runs. Shape (n,).
-        Z: Columns of the tables that the rows are in (`effects.Tables`).
+        Z: Columns of the tables that the rows are in (`TableColumns`).
         moving: Whether a row counts for a joint; None where all do. Shape (n, j), bool.
     """
 

@@ -77,8 +77,8 @@ def fit_pca(
     """Return all principal components of signals as columns, in any units.
 
     The columns are centred and scaled to unit variance first (paper, below eq. 12):
-    angles, speeds and accelerations have different units. A sign is chosen so that
-    the largest loading of each component is positive. Surrogates are drawn within runs.
+    angles, speeds and accelerations have different units. The largest loading of each
+    component is positive. Surrogates are drawn within runs.
 
     How many components are more than chance: parallel analysis (Horn 1965,
     Psychometrika 30) compares with white noise. Rows of a log are autocorrelated: two
@@ -86,7 +86,8 @@ def fit_pca(
     spectrum of every variable kept (Theiler et al. 1992, Physica D 58).
     """
     X = check_block(X, "X")
-    check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
+    least = max(2, X.shape[1])
+    check_count(len(X), least, 2**62, "rows of X", "Take a longer log.")
     names = check_column_names(names, X.shape[1], "x")
     check_varying(X, names)
     check_count(surrogate_count, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
@@ -96,9 +97,11 @@ def fit_pca(
     parts = [np.flatnonzero(run_of_row == label) for label in np.unique(run_of_row)]
     shortest = min(map(len, parts))
     check_count(shortest, 4, len(X), "rows of a run", "Leave short runs out.")
-    values, vectors = np.linalg.eigh(_correlation(X))
-    largest = np.abs(vectors).argmax(axis=0)
-    vectors = vectors * np.sign(vectors[largest, range(len(names))])
+    from sklearn.decomposition import PCA
+    from sklearn.preprocessing import StandardScaler
+
+    scaled = StandardScaler().fit_transform(X)
+    pca = PCA(svd_solver="covariance_eigh").fit(scaled)
     spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
     means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
     drawn = np.empty((surrogate_count, X.shape[1]))
@@ -107,7 +110,9 @@ def fit_pca(
         new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
         drawn[i] = np.linalg.eigvalsh(_correlation(np.concatenate(new) + means))[::-1]
     limit = np.quantile(drawn, _QUANTILE, axis=0)
-    ordered = vectors[:, ::-1].copy(), values[::-1].copy(), limit
+    # Variances of n rows are over n, as in a correlation matrix, and not over n - 1.
+    values = pca.explained_variance_ * (len(X) - 1) / len(X)
+    ordered = pca.components_.T.copy(), values, limit
     return PcaModel(names, *map(make_read_only, ordered))
 
 

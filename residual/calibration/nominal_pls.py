@@ -17,7 +17,7 @@ import numpy as np
 from residual.calibration.table_regression import (
     LevelCodes,
     VariableLevels,
-    build_equal_levels,
+    build_levels,
 )
 from residual.model.lookup import LevelAxis, Lookup, LookupTable
 from residual.quantity import (
@@ -275,7 +275,7 @@ def fit_nominal_pls(
 
     X, Y = check_block_pair(X, Y)
     form = form or NominalPlsForm()
-    levels = build_equal_levels(X, form.levels)
+    levels = build_levels(X, form.levels, equally_wide=True)
     cells = merge_equal_rows(levels.encode(X))
     # The centred indicators have no more rank than there are cells less one, and than
     # main effects and interactions of the visited levels have dimensions.

@@ -90,29 +90,16 @@ class LevelCodes(NamedTuple):
 Count = int | Sequence[int]  # levels of all variables, or of each
 
 
-def build_equal_levels(
-    X: Array, count: Count, names: Sequence[str] | None = None
-) -> VariableLevels:
-    """Equally wide levels over the range of each variable (paper, section 2.6.1).
-
-    Count is of levels of all variables, or of each, at least 2.
-    """
-    X, names, counts = _checked(X, count, names)
-    spans = zip(X.min(axis=0), X.max(axis=0), counts, strict=True)
-    return _levels_of(
-        X, names, [a + (b - a) * np.arange(1, k) / k for a, b, k in spans]
-    )
-
-
-def build_quantile_levels(
+def build_levels(
     X: Array,
     count: Count,
     names: Sequence[str] | None = None,
     *,
+    equally_wide: bool = False,
     velocities: Collection[int] = (),
     allow_constant: bool = False,
 ) -> VariableLevels:
-    """Levels that hold about equally many calibration rows each.
+    """Levels that hold about equally many calibration rows each, or are equally wide.
 
     Equal edges, which many equal values make, are merged, so a variable may get fewer
     levels. Velocities that go both ways get a level of standing still and half of the
@@ -120,28 +107,12 @@ def build_quantile_levels(
     tell one side from the other.
 
     Args:
+        count: Levels of all variables, or of each, at least 2.
+        equally_wide: Whether all levels of a variable are (paper, section 2.6.1).
         velocities: Columns (from 0) that hold velocities [rad/s].
         allow_constant: Whether a column may be constant; all of it is then in one
             level.
     """
-    X, names, counts = _checked(X, count, names, allow_constant)
-    edges = [
-        _around_zero(column, k) if i in velocities else _quantiles(column, k)
-        for i, (column, k) in enumerate(zip(X.T, counts, strict=True))
-    ]
-    return _levels_of(X, names, edges)
-
-
-def _levels_of(
-    X: Array, names: tuple[str, ...], edges: Sequence[Array]
-) -> VariableLevels:
-    low, high = make_read_only(X.min(axis=0)), make_read_only(X.max(axis=0))
-    return VariableLevels(names, tuple(map(make_read_only, edges)), low, high)
-
-
-def _checked(
-    X: Array, count: Count, names: Sequence[str] | None, constant: bool = False
-) -> tuple:
     X = check_block(X, "X")
     names = check_column_names(names, X.shape[1], "x")
     counts = list(count) if isinstance(count, Sequence) else [count] * len(names)
@@ -154,9 +125,17 @@ def _checked(
         check_count(
             levels, 2, MOST, "levels", "One level cannot tell two states apart."
         )
-    if not constant:
+    if not allow_constant:
         check_varying(X, names)
-    return X, names, counts
+    low, high = make_read_only(X.min(axis=0)), make_read_only(X.max(axis=0))
+    edges = []
+    for i, (column, k) in enumerate(zip(X.T, counts, strict=True)):
+        if equally_wide:
+            edges.append(low[i] + (high[i] - low[i]) * np.arange(1, k) / k)
+        else:
+            place = _around_zero if i in velocities else _quantiles
+            edges.append(place(column, k))
+    return VariableLevels(names, tuple(map(make_read_only, edges)), low, high)
 
 
 def _quantiles(x: Array, count: int) -> Array:
@@ -227,10 +206,10 @@ def choose_table_levels(
     """
     both, turns = _by_turns(X[:, speeds], loads), range(0, 2 * len(speeds), 2)
     moving = speeds if velocities is None else velocities
-    states = build_quantile_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
+    states = build_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
     name_pairs = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
     named = [name for pair in name_pairs for name in pair]
-    pairs = build_quantile_levels(
+    pairs = build_levels(
         both, PAIR_LEVELS, named, velocities=turns, allow_constant=True
     )
     single = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]

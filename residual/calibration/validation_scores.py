@@ -2,7 +2,7 @@
 
 RMSEC and RMSEV are 100 ||Y* - Yhat|| / ||Y*|| on the rows that a fold fitted and on
 those that it held out (paper, eq. 29), Y* the measured torque. On measured motion a
-joint has rows only where it moves (`Training.with_fitted_standstill` says why).
+joint has rows only where it moves (`TrainingRows.with_fitted_standstill` says why).
 
 The paper's systematic and random schemes hold out rows whose neighbors, or whose
 repetition a period later, stay in the training set: they measure memory of the path.
@@ -199,9 +199,9 @@ class SchemeErrors:
         scheme: The scheme.
         options: Options that were tried.
         fitted, held_out: On rows fitted and held out, by option. (folds, options, j).
-        paper_fitted, paper_held_out: The same of the paper's form with 0 to A
-            components; None where it was not fitted.
-        power_fitted, power: Squared torque of the rows. (folds, j).
+        paper_fitted_errors, paper_held_out_errors: The same of the paper's form with 0
+            to A components; None where it was not fitted.
+        fitted_power, power: Squared torque of the rows. (folds, j).
         seconds: On rows held out, per second. (options, seconds, j).
         forecasts: Corrections of the rows of one fold, by option, and by all
             components of the paper's form; None where no fold was asked for.

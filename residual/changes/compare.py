@@ -36,6 +36,7 @@ from residual.model.compare import (
 )
 from residual.model.model import Model
 from residual.model.nominal import FitLogs, NominalModel, prepare_fit_logs, start_model
+from residual.model.rollout import compute_position_errors
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.splitting import find_session_start, pick_spread_pieces
@@ -102,6 +103,7 @@ def compare_epochs(
             [r.id for r in held_out],
             same_run,
             find_worse_joints(models, proof),
+            compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
         ),
         edit=run_edit_tests(
             models,

@@ -204,7 +204,7 @@ class ChangeRegression:
     ) -> Array:
         """Evidence of each candidate by the fall of the squared error. Shape (c,).
 
-        As `Contrast.fit`, without a look at single blocks.
+        As `contrast`, without a look at single blocks.
         """
         named_sums = self.sums(named) if named else None
         by_size: dict[tuple, list[int]] = {}

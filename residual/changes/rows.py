@@ -356,7 +356,6 @@ class JointRows:
     Attributes:
         layout: Where its rows come from.
         y: Torque that the nuisance leaves [N m]. Shape (rows,).
-        torque: What the nuisance explains or not: the filtered torque. Shape (rows,).
     """
 
     def __init__(

@@ -82,7 +82,7 @@ class ChangeSearch:
         return replace(self, changes=tuple(c for c in self.changes if c not in gone))
 
     def share(self, candidate: ChangeCandidate, theta: Array) -> tuple[float, int]:
-        """As `share_of`."""
+        """Return the share of torque that a change has, and on which joint."""
         return change_torque_share(self.both, self.table.joints, candidate, theta)
 
 

@@ -13,6 +13,7 @@ from residual.check.column_reading import (
     find_misread_columns,
     find_wrong_robot,
 )
+from residual.check.drive_chain import find_drive_faults
 from residual.check.kinematics import (
     explains_by_zero_shift,
     find_impossible_sample_rate,
@@ -23,7 +24,11 @@ from residual.check.kinematics import (
     find_velocity_faults,
 )
 from residual.check.mounting import REMOVED, compute_body_evidence, find_mounting_fault
-from residual.check.physics_columns import CheckMotion, filter_check_motion
+from residual.check.physics_columns import (
+    CheckMotion,
+    compute_nominal_torque,
+    filter_check_motion,
+)
 from residual.check.result import MOUNTING, Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
     find_constant_angles,
@@ -43,10 +48,23 @@ from residual.check.torque_shares import (
 from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.dynamics import compute_last_joint_distance
-from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
+from residual.robot.dynamics import (
+    PER_LINK,
+    compute_last_joint_distance,
+    compute_reach,
+    compute_robot_regressor,
+    read_inertial_parameters,
+)
+from residual.robot.limits import (
+    drop_placeholder_limits,
+    find_limit_flaws,
+    find_placeholder_limits,
+)
+from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
+from residual.robot.robot import Robot
 from residual.signals.splitting import pick_spread_pieces
 
+FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 
 
@@ -71,6 +89,9 @@ def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
         ]
         robot = drop_placeholder_limits(robot, recordings)
         faults += _faults(robot, recordings)
+        if any(r.drive is not None for r in recordings):
+            # A torque without a column has no unit or sign: all of it is the drive's.
+            faults = [f for f in faults if all(r.signal != "tau" for r in f.repairs)]
     return LogCheck(tuple(sorted(faults, key=lambda fault: not fault.certain)))
 
 
@@ -111,17 +132,27 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, whole = find_robot_file_faults(robot), logs
+    faults, (driven, logs) = (
+        find_robot_file_faults(robot),
+        find_drive_faults(robot, logs),
+    )
+    faults, whole = faults + driven, logs
     logs = pick_spread_pieces(logs)
     motion = filter_check_motion(logs)
     faults += find_insufficient_motion(logs, motion)
-    if motion is None or any(fault.certain for fault in faults):
+    if motion is None or any(fault.certain for fault in faults if fault not in driven):
         return [*faults, *speeds]
+    robot, held = find_weight_in_torque(robot, motion)
+    faults += held
     columns, reading = find_misread_columns(robot, motion)
     slipped, mounted = find_torque_slips(robot, motion), None
     if slipped and slipped.alone and any(fault.certain for fault in columns):
         slipped = None
     given = build_given_reading(robot.dof)
+    alone = motion.moving.any(axis=0).sum() < 2
+    if alone and reading.torque_order != given.torque_order:
+        # Of joints that are held no torque says whose it is.
+        columns, reading = [], given
     # A reading that is not worth a word is none, and another arm's is no reading.
     counts = any(fault.kind != WRONG for fault in columns)
     read = _nats(robot, motion, reading if counts else given)
@@ -278,10 +309,19 @@ def confirm_repairs(
     return after + float(np.sum(rows * units)) > before + CHECK.suspect_nats
 
 
+def check_robot(robot: Robot) -> LogCheck:
+    """Check the file of a robot alone: bodies, gravity and limits."""
+    faults = find_robot_file_faults(robot)
+    for joint, words in find_limit_flaws(robot):
+        faults.append(Fault("robot_file", (joint,), False, words))
+    return LogCheck(tuple(faults))
+
+
 def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
     bodies, out = list(robot.model.inertias)[1:], []
     mass, reach = sum(b.mass for b in bodies), compute_last_joint_distance(robot.model)
+    reach = reach or compute_reach(robot.model)
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
     for there, sizes, unit, scale in (
         (reach > 50.0, "lengths", "millimetres", 1e-3),
@@ -301,22 +341,58 @@ def find_robot_file_faults(robot: Robot) -> list[Fault]:
     if size and not CHECK.earth_gravity[0] < size < CHECK.earth_gravity[1]:
         words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
         out.append(Fault("robot_file", (), size > 3 * CHECK.earth_gravity[1], words))
-    wrong = []
-    for joint, body in enumerate(bodies, start=1):
-        least, *_, most = np.linalg.eigvalsh(body.inertia)
-        if body.mass < 0 or least < -1e-3 * most:
-            wrong.append((joint, f"link {joint} has a moment of {least:.3g} kg m^2"))
-        elif (
-            body.mass * most > (body.mass * CHECK.gyration_ratio * max(reach, 0.1)) ** 2
-        ):
-            radius = np.sqrt(most / body.mass)
-            words = f"the mass of link {joint} is spread over {radius:.3g} m"
-            wrong.append((joint, words))
-    if wrong:
-        joints, words = zip(*wrong, strict=True)
-        evidence = f"No body is like that: {'; '.join(words)}."
-        out.append(Fault("robot_file", joints, True, evidence))
+    if robot.flaws and not out:
+        joints = tuple(sorted({flaw.joint for flaw in robot.flaws}))
+        words = f"{'; '.join(describe_body_flaws(robot.flaws))}. {BODY_REMEDY}"
+        out.append(Fault("robot_file", joints, False, words))
     return out
+
+
+def find_weight_in_torque(
+    robot: Robot, motion: CheckMotion
+) -> tuple[Robot, list[Fault]]:
+    """Return the arm whose drives carry what the logs show, and the fault if other.
+
+    A file may say that a force beside the drives holds a part of the weight; whether a
+    log was taken so, only its torque says: beside friction and rotors it lacks a share
+    of that part, near one or near none.
+    """
+    if robot.carried is None:
+        return robot, []
+    free = replace(robot, carried=None)
+    regressor = compute_robot_regressor(free, motion.q, motion.qd, motion.qdd)
+    whole = regressor @ read_inertial_parameters(robot.model)
+    held = whole - compute_nominal_torque(robot, motion)
+    parts = []
+    for j in np.flatnonzero(motion.moving.sum(axis=0) > FEWEST_ROWS):
+        use, tau = motion.moving[:, j], motion.tau[:, j]
+        qd, qdd = motion.qd[use, j], motion.qdd[use, j]
+        drive = np.stack([np.ones_like(qd), qd, np.sign(qd), qdd], axis=1)
+        load = regressor[use, j, -PER_LINK:]  # a tool that the file does not have
+        part = np.column_stack([held[use, j], (whole[:, j] - tau)[use], load])
+        part -= drive @ np.linalg.lstsq(drive, part, rcond=None)[0]
+        parts.append(part / max(float(np.sqrt(np.mean(tau[use] ** 2))), 1e-9))
+    if not parts:
+        return robot, []
+    rows = np.concatenate(parts)
+    load = rows[:, 2:]
+    alone = rows[:, :2] - load @ np.linalg.lstsq(load, rows[:, :2], rcond=None)[0]
+    power = float(rows[:, 0] @ rows[:, 0])
+    # On few joints a load may look like the weight of all links.
+    apart = float(alone[:, 0] @ alone[:, 0]) > CHECK.weight_share**2 * power
+    looked_at = alone if apart else rows
+    share = float(looked_at[:, 0] @ looked_at[:, 1])
+    share /= max(float(looked_at[:, 0] @ looked_at[:, 0]), 1e-300)
+    if abs(share) > 0.5:
+        return robot, []
+    words = (
+        f"The torque has the weight of {join_with_commas(robot.carried.links)}, which "
+        "the file says is held beside the drives (gravcomp): it lacks "
+        f"{100 * abs(share):.0f} % of it."
+    )
+    repairs = (Repair("robot", gravcomp=False),)
+    sure = apart and abs(share) < CHECK.weight_share
+    return free, [Fault("robot_file", (), sure, words, repairs)]
 
 
 def find_insufficient_motion(

@@ -22,8 +22,8 @@ from residual.robot.dynamics import (
     build_motion_key,
     compute_flange_jacobian,
     compute_gravity_torque,
-    compute_inertial_regressor,
     compute_last_joint_distance,
+    compute_robot_regressor,
     read_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -119,7 +119,7 @@ def compute_nominal_torque(robot: Robot, motion: CheckMotion) -> Array:
 def _inertial_columns(robot: Robot, motion: CheckMotion) -> tuple[Array, Array]:
     """Return the inertial regressor, and the torque of the robot file. (n, dof)."""
     parts = motion.q, motion.qd, motion.qdd
-    y = compute_inertial_regressor(robot.model, *parts)
+    y = compute_robot_regressor(robot, *parts)
     torque = make_read_only(y @ read_inertial_parameters(robot.model))
     with _LOCK:
         _TORQUES[build_motion_key(robot, *parts)] = torque
@@ -171,7 +171,7 @@ def _inertial_root(robot: Robot) -> Array:
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
-    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot))
+    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot, BODY))
     lever = _LEVER * compute_last_joint_distance(robot.model)
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
     out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from residual.drive import Drive
 from residual.errors import InputError, format_joint_numbers, quote_value
 from residual.quantity import convert_to_plain_values
 
@@ -16,6 +17,7 @@ KINDS: tuple[str, ...] = (
     MOUNTING,
     *("torque_sign", "angle_sign", "joint_order", "torque_unit", "angle_unit"),
     *("time_unit", "gear_ratio", "gravity_removed", "commanded", "clock", INTERLEAVED),
+    "drive",
     *("spike", "frozen", "constant", "quantised", "saturated", "velocity_mismatch"),
     *("out_of_range", "lockstep", "too_short", "no_reversal"),
     *("robot_file", "wrong_robot", *FORMER),
@@ -26,7 +28,7 @@ KINDS: tuple[str, ...] = (
 class Repair:
     """How a signal of the log, or the robot file, has to be read; None: as it is."""
 
-    signal: str  # "q", "qd", "tau", "q_ref", "t" or "robot"
+    signal: str  # "q", "qd", "tau", "q_ref", "t", "robot" or "drive"
     joints: tuple[int, ...] = ()  # that it concerns, from 1; () for all
     sign: tuple[int, ...] | None = None  # of each of the joints
     # Factor on the signal, one for all or one for each of the joints.
@@ -34,7 +36,9 @@ class Repair:
     # The log's channel (from 1) that is the signal of joint 1, 2, ...
     order: tuple[int, ...] | None = None
     gravity: tuple[float, ...] | None = None  # in the base frame [m/s^2]
+    gravcomp: bool | None = None  # whether what an MJCF states of it holds
     unwrap: bool = False  # whole turns between two samples are to be undone
+    drive: Drive | None = None  # how torque follows from the goal
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,6 +25,8 @@ class CheckThresholds:
     # Single samples and constant values.
     spike_ratio: float = 12.0  # times the 99 % quantile of the signal's deviations
     spike_share: float = 0.002  # of the samples: more are not single ones
+    outlier_share: float = 1e-3  # of the largest of its signal: less is no outlier
+    bit_share: float = 0.02  # of the same: a larger step is no bit of a sensor
     frozen_s: float = 0.3
     jump_rad: float = 0.01  # by which a frozen angle returns
     torque_step_ratio: float = 0.08  # of the torque's rms
@@ -54,7 +56,6 @@ class CheckThresholds:
     excursion_ratio: float = 5.0  # of a limit, over several samples: no arm does
 
     # The robot file, and what a motion shows.
-    gyration_ratio: float = 3.0  # radius of gyration over the reach
     earth_gravity: tuple[float, float] = (9.6, 10.0)  # m/s^2
     shortest_s: float = 7.5  # of motion, all logs together
     one_way_share: float = 0.02  # of a path that does not count as a way back

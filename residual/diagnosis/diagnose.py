@@ -34,6 +34,7 @@ from residual.model.nominal import (
     refuse_known_values_with_baseline,
     start_model,
 )
+from residual.model.rollout import compute_position_errors
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joint_count
 from residual.signals.splitting import find_session_start, split_off_last_quarter
@@ -128,6 +129,7 @@ def diagnose(
             [r.id for r in held_out],
             same_run,
             find_worse_joints(models, proof),
+            compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
         ),
         check,
         warnings,

@@ -86,7 +86,7 @@ class SharedColumns:
     """The shared columns of all rivals: numbers in a design, in their order.
 
     Attributes:
-        examined: The diagnosis.
+        outcome: The diagnosis.
         fitted: The fit with all that it names.
         groups: Groups of columns after those of the nominal model.
         place: Where a design's column stands among the shared ones.

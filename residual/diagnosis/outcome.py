@@ -139,7 +139,7 @@ def search_without_names(
     friction behind that it made room for. And what it hid may be found now.
 
     Args:
-        examined: The diagnosis so far; its prior is kept.
+        outcome: The diagnosis so far; its prior is kept.
         withdrawn: What may not be named any more.
     """
     first = outcome.start.task

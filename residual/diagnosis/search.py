@@ -7,9 +7,9 @@ orthogonal least squares; Chen, Billings and Luo 1989). A candidate c joins the 
 
 with K the number of candidates and V_c the number of shapes of c: the price of choosing
 the best of many (a uniform prior over them). It must also lower the error of a joint,
-or spare the nominal parameters (`admissible`). Quadratic forms on Gram matrices screen
-all candidates at once (`evidence.priors.screen`); only the best few are fitted, and
-only the winner's shape is refined. After each addition a member gives way to a better
+or spare the nominal parameters. Quadratic forms on Gram matrices screen all candidates
+at once (`screen_candidates`); only the best few are fitted, and only the winner's shape
+is refined. After each addition a member gives way to a better
 candidate, and members that lost their evidence are deleted.
 """
 

@@ -341,8 +341,8 @@ REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 # What remains after the findings: what it depends on, joint by joint.
 #
 # States come first (`curves`), since a function of the motion swings with it; a wave in
-# time is searched in what they leave (`wave_of`). Where nothing beats chance on
-# left-out rows, nothing is said.
+# time is searched in what they leave (`find_spectral_line`). Where nothing beats chance
+# on left-out rows, nothing is said.
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -5,8 +5,12 @@ Pinocchio's order (xx, xy, yy, xz, yz, zz); what a user reads is mass, centre, a
 inertia about that centre, in the axes of a frame that is fixed to the link.
 """
 
+from dataclasses import replace
+
 import numpy as np
 import pinocchio as pin
+
+from residual.robot.dynamics import LazyRegressor
 
 PARAMETERS = {
     "mass": "kg",
@@ -27,7 +31,11 @@ ARM = 0.1  # m from the frame to the centre of a usual body
 def columns(state, joints, shape):
     """The regressor of the link that carries it. Shape (n, dof, 10)."""
     (link,) = joints
-    return state.regressor[:, :, 10 * link : 10 * link + 10]
+    regressor = state.regressor
+    if state.robot.carried is not None:  # what is added, nothing holds
+        free = replace(state.robot, carried=None)
+        regressor = LazyRegressor(free, (state.q, state.qd, state.qdd))
+    return regressor[:, :, 10 * link : 10 * link + 10]
 
 
 def values_in(placement, theta):
@@ -67,8 +75,12 @@ def usual_in(placement):
 
 
 def prior_sd(robot):
-    """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin."""
-    mass = 0.08 * sum(body.mass for body in robot.model.inertias)
+    """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin.
+
+    Of an arm of one joint its load is the most of it: all of its mass.
+    """
+    share = 0.08 if robot.dof > 1 else 1.0
+    mass = share * sum(body.mass for body in robot.model.inertias)
     return np.array([mass] + 3 * [0.2 * mass] + 6 * [0.03 * mass])
 
 
@@ -83,7 +95,8 @@ def is_parameter_reportable(key, values, stds):
 def possible(theta, limits, lightest):
     """No heavier than the arm, no lighter than a mass [kg], and within reach."""
     mass, turn = theta[0], np.linalg.norm(theta[1:4])
-    near = turn < limits.reach * max(abs(mass), LEAST * limits.weight)
+    least = LEAST if limits.load_mass_seen else 1.0
+    near = turn < limits.reach * max(abs(mass), least * limits.weight)
     return bool(lightest <= mass < limits.weight and near)
 
 

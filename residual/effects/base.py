@@ -33,6 +33,8 @@ class JointLimits:
         reach: Length of the arm when it is stretched [m].
         nominal_coefficients: Of the same effect in the model, as refitted; zero where
             it has none. Shape (k,).
+        load_mass_seen: Whether the mass of a load moves a torque by itself; of an arm
+            of one joint only its moments do.
     """
 
     torque: float
@@ -42,6 +44,7 @@ class JointLimits:
     weight: float
     reach: float
     nominal_coefficients: Array
+    load_mass_seen: bool = True
 
 
 SLACK = 0.1  # of what the model has: by so much a change may overshoot it
@@ -161,6 +164,7 @@ class State:
             for those of the robot's own description. Shape (10 dof,).
         drive: Torque that the drives themselves take per speed [N m s/rad] and per
             acceleration [kg m^2]; None for none. Shape (2, dof).
+        enabled: Share of a drive that is on; None for on. Shape (n, dof).
     """
 
     robot: Robot
@@ -175,6 +179,7 @@ class State:
     tau_model: Array
     inertial: Array | None = None
     drive: Array | None = None
+    enabled: Array | None = None
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -189,6 +194,7 @@ class MotionSpan:
         torque: Largest size of the logged torque, as a 99.5 % quantile [N m]; None
             where it is not known. Shape (dof,).
         prismatic: Which joints slide; () for none.
+        switched: Joints whose drive is off in a part of the logs; () for none.
     """
 
     speed: Array
@@ -197,6 +203,7 @@ class MotionSpan:
     cutoff: float
     torque: Array | None = None
     prismatic: tuple[bool, ...] = ()
+    switched: tuple[bool, ...] = ()
 
 
 Columns = Callable[[State, Joints, Shape], Array]
@@ -246,6 +253,7 @@ class EffectTrait(Flag):
     # It distorts the report of the torque, not the torque: its columns are computed
     # from a torque without it.
     REPORT = auto()
+    POWERED = auto()  # it is there while the drive is on: its formula is of that time
     GROUPABLE = auto()  # it is also tried on all joints at once
 
 

@@ -7,6 +7,7 @@ from residual.robot.dynamics import read_inertial_parameters
 
 # Of the body that the model has: what is more is a body beside it, and a flange nine
 # times as heavy is a load.
+MOST_LOAD = 10.0  # times the link of a single joint: what it carries
 MOST = 1.0
 
 
@@ -24,6 +25,13 @@ def _bodies(theta, joints, robot):
     return (scale * body).ravel()
 
 
+def _possible(theta, shape, limits):
+    """No body weighs less than nothing; the load of a single joint may be any."""
+    if not limits.load_mass_seen:
+        return bool(abs(theta[0]) < MOST_LOAD)
+    return bool(-1 < theta[0] < MOST)
+
+
 EFFECT = Effect(
     name="link_inertia",
     noun="the inertia",
@@ -37,9 +45,9 @@ EFFECT = Effect(
     columns=_columns,
     scope="link",
     traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
-    prior_sd=lambda robot: np.array([0.3]),
-    # No body weighs less than nothing.
-    possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
+    # The link of an arm of one joint is its load.
+    prior_sd=lambda robot: np.array([0.3 if robot.dof > 1 else 1.0]),
+    possible=_possible,
     variable=None,
     portable=ExportedLaw(bodies=_bodies),
     display=lambda values: {"mass and inertia": (100 * float(values[0]), "%")},

@@ -286,7 +286,7 @@ def label_folds(tracks: Sequence[Track]) -> list[Array]:
     for k, pieces in enumerate(logs):
         for i, number in enumerate(pieces):
             m = len(tracks[number].tau)
-            # A piece of a log lies in one block of it (``splitting.in_pieces``).
+            # A piece of a log lies in one block of it (`split_long_logs`).
             within = (np.arange(m) if len(pieces) == 1 else np.full(m, i)) * blocks
             out.append(k * blocks + within // (m if len(pieces) == 1 else len(pieces)))
     return out

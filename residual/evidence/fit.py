@@ -374,14 +374,20 @@ def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> Join
     known = np.isfinite(limit) & (limit > 0)
     unknown = THRESHOLDS.unknown_limit_factor * seen
     torque = np.where(known, np.maximum(limit, seen), unknown)
+    weight = float(sum(body.mass for body in robot.model.inertias))
+    reach = compute_reach(robot.model)
+    if robot.dof == 1 and reach:
+        # What a single joint carries is its load: as much as it can hold.
+        weight = max(weight, float(torque[0]) / (9.81 * reach))
     return JointLimits(
         torque=float(torque[on].max()),
         lower=float(robot.lower[on].min()),
         upper=float(robot.upper[on].max()),
         speed=float(design.speed[on].max()),
-        weight=float(sum(body.mass for body in robot.model.inertias)),
-        reach=compute_reach(robot.model),
+        weight=weight,
+        reach=reach,
         nominal_coefficients=_model_coefficients(design, fit, group),
+        load_mass_seen=robot.dof > 1,
     )
 
 

@@ -45,23 +45,26 @@ TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
 
-def compute_inertial_sd(robot: Robot) -> Array:
+def compute_inertial_sd(robot: Robot, scale: float = 1.0) -> Array:
     """Size of each inertial parameter, for relative priors [SI]. Shape (10 dof,).
 
     A link's centre is never known better than a share of 5 cm, its inertia of 1 dm
-    squared times its mass, so that a zero in a URDF is not taken as exact.
+    squared times its mass, so that a zero in a URDF is not taken as exact. What the
+    file cannot be right about stays as open at any scale.
     """
     out = []
     for body in list(robot.model.inertias)[1 : robot.dof + 1]:
         size = np.abs(body.toDynamicParameters())
         floor = body.mass * np.array([0.0] + 3 * [0.05] + 6 * [0.01])
         out.append(np.maximum(np.maximum(size, floor), 1e-4))
+    for flaw in robot.flaws:
+        out[flaw.joint - 1] = np.maximum(out[flaw.joint - 1], flaw.doubt / scale)
     return np.concatenate(out)
 
 
-@lru_cache(maxsize=4)  # of one robot, asked for under a score of priors
-def compute_inertial_precision(robot: Robot) -> Array:
-    """Prior precision of the inertial parameters at a relative scale of 1.
+@lru_cache(maxsize=16)  # of one robot, asked for under a score of priors
+def compute_inertial_precision(robot: Robot, scale: float = 1.0) -> Array:
+    """Prior precision of the inertial parameters, to be divided by the scale squared.
 
     Half of a link's doubt is common to its ten parameters (the density of a CAD body
     is off), half is each one's own. Without the common half, a wrong mass would cost
@@ -70,7 +73,7 @@ def compute_inertial_precision(robot: Robot) -> Array:
     Returns:
         Block diagonal by link. Shape (10 dof, 10 dof).
     """
-    sd = compute_inertial_sd(robot)
+    sd = compute_inertial_sd(robot, scale)
     out = np.zeros((len(sd), len(sd)))
     for i, body in enumerate(list(robot.model.inertias)[1 : robot.dof + 1]):
         own = slice(10 * i, 10 * i + 10)
@@ -145,7 +148,7 @@ def build_relative_prior(
     precision = np.zeros((len(design.nominal), len(design.nominal)))
     size = len(nominal.model.inertial)
     robot = nominal.model.robot
-    precision[:size, :size] = compute_inertial_precision(robot) / scale**2
+    precision[:size, :size] = compute_inertial_precision(robot, scale) / scale**2
     for link, mass in read_known_masses(robot).items():
         at = PER_LINK * link
         precision[at, at] += 1 / (EXACT * mass) ** 2
@@ -343,7 +346,8 @@ class GroupStack:
 
         Args:
             weight: Information of a unit of squared error of each joint. Shape (dof,).
-            half: ``overlap`` by the lower factor of the fit's precision. (m, size).
+            half: Products of the columns of the fit with all, by the lower factor of
+                the precision of the fit. Shape (m, size).
         """
         own = half[:, self.ids].transpose(1, 0, 2)
         known = np.tensordot(weight, self.gram, 1)

@@ -95,7 +95,7 @@ class ModelExport:
     source: AnyModel  # the model
     carried: AnyModel  # the part of it that the files hold
     omissions: tuple[OmittedTerm, ...] = ()
-    rms: float = 0.0  # torque of all omissions together, as in `Omission` [N m]
+    rms: float = 0.0  # torque of all omissions together, as in `OmittedTerm` [N m]
     largest: float = 0.0
 
 

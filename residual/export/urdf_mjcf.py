@@ -37,7 +37,7 @@ from residual.model.dynamics import compute_model_mass_matrix
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import build_kinematic_chain
-from residual.robot.robot import write_urdf_with_inertias
+from residual.robot.robot import refuse_carried_weight, write_urdf_with_inertias
 
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
 URDF_CAN = ("damping", "friction")
@@ -61,6 +61,7 @@ def split_joint_properties(
 ) -> ModelExport:
     """Separate what the joints and bodies of a target can represent from the rest."""
     model = remove_tables(source)
+    refuse_carried_weight(model.robot, target)
     total = sum_joint_properties(model)
 
     def refuse(term: Term) -> str:
@@ -76,8 +77,7 @@ def split_joint_properties(
                 return (
                     f"{target} allows no negative {name}, got "
                     f"{total[name][joint]:.3g} {unit}: `modelgap identify` gives its "
-                    "standard deviation, and with --essential sets a value to 0 that "
-                    "the logs do not distinguish from 0"
+                    "standard deviation; --prior 0.03 keeps it near its nominal value"
                 )
         # A constant torque is a spring that is at rest elsewhere.
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0

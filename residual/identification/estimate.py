@@ -4,9 +4,8 @@
 - wls: a joint weighs by its noise, w_j = 1 / (s_j^2 t_j), with s_j the standard
   deviation of its residual and t_j the autocorrelation time of it;
 - irls: also each row by its own residual u = r / s_j, with s_j the joint's noise by the
-  median absolute residual. Huber: weight min(1, k / |u|), k = 1.345; bisquare:
-  (1 - (u / c)^2)^2 inside |u| < c, c = 4.685 (Huber 1981; Holland and Welsch 1977: both
-  lose 5 % on Gaussian noise).
+  median absolute residual: weight min(1, k / |u|), k = 1.345 (Huber 1981: 5 % are lost
+  on Gaussian noise).
 
 The covariance is the sandwich B M B, B = (sum w_j x'x + L)^-1, M = sum w_j^2 s_j^2 t_j
 x'x + L, right for each of them as long as the model is.
@@ -29,11 +28,10 @@ from residual.identification.observability import JointRows
 from residual.recording import Array
 
 METHODS = ("ols", "wls", "irls")
-LOSSES = ("huber", "bisquare")
 _CUT = 1e-10  # singular values below this share tell nothing: nominal stays
 _FLOOR = 1e-7  # of torque rms: noise of logs that have none
 _ROUNDS, _REWEIGHTINGS = 20, 50
-_K, _C = 1.345, 4.685
+_K = 1.345
 _MAD = 1.4826  # median absolute value to standard deviation, of Gaussian noise
 
 Blocks = tuple[Array, ...]
@@ -45,30 +43,19 @@ class Options:
 
     Attributes:
         method: "ols", "wls" or "irls".
-        loss: "huber" or "bisquare", for irls.
         prior: Relative scale of a Gaussian prior about the nominal, None for a free
             fit.
-        essential: Drop parameters that the fit does not need.
     """
 
     method: str = "wls"
-    loss: str = "huber"
     prior: float | None = None
-    essential: bool = False
 
     def __post_init__(self) -> None:
         check_name(self.method, METHODS, "method")
-        check_name(self.loss, LOSSES, "loss")
         if self.prior is not None and not 0 < self.prior < np.inf:
             raise InputError(
                 f"Prior scale {self.prior:g}: expected a positive number such as 0.03, "
                 "the share by which nominal values may be off."
-            )
-        if self.prior is not None and self.essential:
-            raise InputError(
-                "A prior and the essential reduction exclude each other: one keeps "
-                "what is not needed near its nominal value, the other sets it to 0. "
-                "Give one of them."
             )
 
 
@@ -218,7 +205,7 @@ def estimate_parameters(
     weights, means = None, np.ones((2, len(weight)))
     outliers = np.zeros(len(weight))
     if options.method == "irls":
-        theta, noise, weights = fit_reweighted(rows, start, theta, memory, options.loss)
+        theta, noise, weights = fit_reweighted(rows, start, theta, memory)
         # Mean psi' and mean psi^2 of each joint's standardised residuals turn the
         # covariance of least squares into that of the robust fit.
         for j, (r, s) in enumerate(
@@ -227,13 +214,8 @@ def estimate_parameters(
             if len(r) == 0:
                 continue
             u = r / s
-            means[1, j] = np.mean((_weight(u, options.loss) * u) ** 2)
-            if options.loss == "huber":
-                slope = np.abs(u) <= _K
-            else:
-                v = (u / _C) ** 2
-                slope = np.where(v < 1, (1 - v) * (1 - 5 * v), 0.0)
-            means[0, j] = max(np.mean(slope), 0.05)
+            means[1, j] = np.mean((_weight(u) * u) ** 2)
+            means[0, j] = max(np.mean(np.abs(u) <= _K), 0.05)
         weight = 1 / (noise**2 * memory)
         outliers = np.array([np.mean(w < 0.5) if len(w) else 0.0 for w in weights])
     # The sandwich, in units of size.
@@ -285,26 +267,18 @@ def _least_noise(rows: JointRows) -> float:
 
 
 def fit_reweighted(
-    rows: JointRows,
-    start: FitStart,
-    theta: Array,
-    autocorrelation_times: Array,
-    loss: str,
+    rows: JointRows, start: FitStart, theta: Array, autocorrelation_times: Array
 ) -> tuple[Array, Array, tuple[Array, ...]]:
-    """Fit until weights and parameters agree; bisquare starts from Huber.
+    """Fit until weights and parameters agree.
 
     Returns:
         Parameters (b,), noise of each joint [N m] (dof,), weights of rows (m_j,) each.
     """
-    if loss == "bisquare":
-        theta, _, _ = fit_reweighted(rows, start, theta, autocorrelation_times, "huber")
     for _ in range(_REWEIGHTINGS):
         residual = compute_joint_residuals(rows, theta)
         middle = [np.median(np.abs(r)) if len(r) else 0.0 for r in residual]
         noise = np.maximum(_MAD * np.array(middle), _least_noise(rows))
-        weights = tuple(
-            _weight(r / s, loss) for r, s in zip(residual, noise, strict=True)
-        )
+        weights = tuple(_weight(r / s) for r, s in zip(residual, noise, strict=True))
         before = theta
         theta = solve_least_squares(
             compress_joint_rows(rows, weights),
@@ -316,8 +290,5 @@ def fit_reweighted(
     return theta, noise, weights
 
 
-def _weight(u: Array, loss: str) -> Array:
-    size = np.abs(u)
-    if loss == "huber":
-        return np.minimum(1.0, _K / np.maximum(size, _K))
-    return np.where(size < _C, (1 - (size / _C) ** 2) ** 2, 0.0)
+def _weight(u: Array) -> Array:
+    return np.minimum(1.0, _K / np.maximum(np.abs(u), _K))

@@ -9,7 +9,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import fdtri
 
 from residual.errors import InputError
 from residual.identification.estimate import (
@@ -58,61 +57,7 @@ from residual.robot.robot import Robot, check_joint_count
 from residual.signals.splitting import find_session_start, split_off_last_quarter
 from residual.signals.track import FilterSettings
 
-_LIMIT = 0.05  # relative sd that every parameter may keep
-_CHANCE = 0.95
 _ROWS_PER_PARAMETER = 3
-
-
-# Essential parameters: drop what the logs do not need (Gautier, Janot 2013).
-#
-# The parameter of the largest relative standard deviation is set to zero and the others
-# are fitted again, as long as that deviation is above a limit and the squares do not
-# grow by more than chance: F = (S_r - S) / d / (S / (n - p)). Rows are autocorrelated:
-# they count as in the weights, and p is spent of all of them alike.
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class EssentialReduction:
-    """The outcome of a reduction."""
-
-    dropped: tuple[int, ...]  # parameters set to zero, in the order in which they went
-    start: FitStart  # start of the fit of those that remain
-    f_value: float  # f of all that was dropped together
-    f_limit: float  # its 95 % quantile
-
-
-def drop_inessential_parameters(
-    blocks: tuple[Array, ...], start: FitStart, estimate: Estimate, row_count: int
-) -> EssentialReduction:
-    """Drop parameters one by one; the full fit's weights are kept."""
-    weight = estimate.weight
-    rows = float(estimate.independent_rows.sum())
-    least = float(weight @ sum_squared_residuals(blocks, estimate.theta))
-    freedom = rows * max(1 - len(start.free) / row_count, 0.1)
-    kept = EssentialReduction((), start, 0.0, float("nan"))
-    theta = estimate.theta
-    while len(kept.start.free) > 1:
-        keep = kept.start.free
-        size, pick = start.size[keep], np.ix_(keep, keep)
-        scaled = compute_weighted_gram(blocks, weight)[pick] * np.outer(size, size)
-        covariance = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True)
-        sd = size * np.sqrt(np.maximum(np.diag(covariance), 0))
-        relative = sd / np.maximum(np.abs(theta[keep]), 1e-300)
-        if relative.max() <= _LIMIT:
-            break
-        worst = int(keep[np.argmax(relative)])
-        value = kept.start.value.copy()
-        value[worst] = 0.0
-        tried = replace(kept.start, value=value, free=keep[keep != worst])
-        theta = solve_least_squares(blocks, weight, tried)
-        count = len(kept.dropped) + 1
-        more = float(weight @ sum_squared_residuals(blocks, theta)) - least
-        ratio = more / count / (least / freedom)
-        limit = float(fdtri(count, freedom, _CHANCE))
-        if ratio > limit:
-            break
-        kept = EssentialReduction((*kept.dropped, worst), tried, float(ratio), limit)
-    return kept
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -129,20 +74,15 @@ class Identification:
     # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
     preflight: Observability  # what the motion cannot tell
-    essential: (
-        EssentialReduction | None
-    )  # what was dropped, None where nothing was to be
     # Compressed rows (``solve``), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
     @property
     def status(self) -> tuple[str, ...]:
-        """Of each parameter: "fitted", "nominal" or "dropped"."""
+        """Of each parameter: "fitted" or "nominal"."""
         out = ["fitted"] * len(self.base)
         for parameter in self.preflight.fixed:
             out[parameter.index] = "nominal"
-        for i in self.essential.dropped if self.essential else ():
-            out[i] = "dropped"
         return tuple(out)
 
 
@@ -220,17 +160,12 @@ def _fitted(
         start = replace(start, free=np.arange(len(base)), precision=precision)
         shown = replace(shown, fixed=())
     estimate = estimate_parameters(rows, blocks, start, options)
-    essential = None
-    if options.essential:
-        essential = drop_inessential_parameters(
-            blocks, start, estimate, int(rows.counts.sum())
-        )
-        estimate = estimate_parameters(rows, blocks, essential.start, options)
     full = base.expand_to_standard(estimate.theta, nominal.coefficients(), wide)
     model = nominal.with_coefficients(full)
     compressed = compress_joint_rows(rows, estimate.row_weights)
-    fit = (base, estimate, theta, wide, shown, essential, compressed)
-    return Identification(options, logs, nominal, model, *fit)
+    return Identification(
+        options, logs, nominal, model, base, estimate, theta, wide, shown, compressed
+    )
 
 
 # Full parameters that a body can have, nearest to the nominal among those that fit.

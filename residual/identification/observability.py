@@ -102,10 +102,13 @@ def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
 
 def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State:
     """Return single states as the effects see them, a second apart. Shapes (n, dof)."""
-    regressor = dynamics.compute_inertial_regressor(model.robot.model, q, qd, qdd)
+    regressor = dynamics.compute_robot_regressor(model.robot, q, qd, qdd)
     rigid = regressor @ model.inertial
     t = np.arange(len(q), dtype=float)
-    return State(model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid)
+    # A drive that is off in a part tells its damping from the joint's.
+    on = np.broadcast_to((np.arange(len(q)) % 2)[:, None], q.shape)
+    own = model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid
+    return State(*own, enabled=on)
 
 
 def build_joint_rows(

@@ -261,15 +261,22 @@ class Model:
         """What the effects see of one log, with this model's own torque."""
         t = track.t - (track.t[0] if self.clock is None else self.clock)
         motion = track.q, track.qd, track.qdd
-        return self.state(track.rate, t, motion)
+        return self.state(track.rate, t, motion, track.enabled)
 
-    def state(self, rate: float, t: Array, motion: Sequence[Array]) -> State:
+    def state(
+        self,
+        rate: float,
+        t: Array,
+        motion: Sequence[Array],
+        enabled: Array | None = None,
+    ) -> State:
         """What the effects see of a motion that is known, with this model's own torque.
 
         Args:
             rate: Sample rate [Hz].
             t: Session time [s]. Shape (n,).
             motion: q, qd and qdd in SI units. Shapes (n, dof).
+            enabled: Share of a drive that is on; None for on. Shape (n, dof).
         """
         q, qd, qdd = motion
         regressor = LazyRegressor(self.robot, (q, qd, qdd))
@@ -287,6 +294,7 @@ class Model:
             tau_model=rigid,
             inertial=self.loaded(),
             drive=self.drive(),
+            enabled=enabled,
         )
         standstill = self.standstill or (SMOOTH,) * self.robot.dof
         return self.replace_standstill(state, standstill)

@@ -364,10 +364,25 @@ def prepare_fit_logs(
         cutoff=min(t.cutoff for t in tracks),
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
         prismatic=robot.prismatic,
+        switched=_find_switched_joints(tracks),
     )
     noisier = add_angle_noise(some, [tracks[i] for i in shown], filters)
     places = tuple(np.flatnonzero(small).tolist())
     return FitLogs(robot, tracks, clock, span, floor, filters, noisier, places)
+
+
+def _find_switched_joints(tracks: Sequence[Track]) -> tuple[bool, ...]:
+    """Which joints' drives are off in a part of the logs; () for none."""
+    logged = [
+        t.enabled[:: t.step][t.moving.any(axis=1)]
+        for t in tracks
+        if t.enabled is not None
+    ]
+    if not logged:
+        return ()
+    on = np.concatenate(logged) > 0.5
+    off = (~on).any(axis=0) & (on.any(axis=0) | (len(logged) < len(tracks)))
+    return tuple(off.tolist())
 
 
 def start_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> Model:

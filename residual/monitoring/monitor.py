@@ -37,19 +37,17 @@ class ScoreKind(NamedTuple):
     fault: str  # what it looks for
 
 
-# The surest first; from `BIAS` on errors are collected over 0.25 and over 1 s.
+# The surest first; from `BIAS` on errors are collected over a window.
 KINDS = (
     ScoreKind("frozen", "encoder", "frozen"),
     ScoreKind("still", "encoder", "frozen"),
-    ScoreKind("encoder noise", "encoder", "noise"),
-    ScoreKind("torque noise", "torque", "noise"),
     ScoreKind("jump", "encoder", "jump"),
     ScoreKind("spikes", "torque", "spikes"),
-    *(ScoreKind(name, "torque", "bias") for name in ("bias", "long bias")),
-    *(ScoreKind(name, "torque", "lost scale") for name in ("scale", "long scale")),
-    *(ScoreKind(name, "encoder", "bias") for name in ("tracking", "long tracking")),
+    ScoreKind("bias", "torque", "bias"),
+    ScoreKind("scale", "torque", "lost scale"),
+    ScoreKind("tracking", "encoder", "bias"),
 )
-STILL, BIAS, SCALE, TRACKING = 1, 6, 8, 10
+STILL, BIAS, SCALE, TRACKING = 1, 4, 5, 6
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -121,7 +119,7 @@ def compute_monitor_signals(model: Model, recording: Recording) -> MonitorSignal
 
 
 def _raw(recording: Recording, late: Array) -> tuple[Array, ...]:
-    """What is seen of each sample, as `Sight.raw` has it, but across gaps. (n, dof)."""
+    """Return `MonitorSignals.raw` of each sample, across gaps too. (n, dof)."""
     from scipy.ndimage import median_filter
 
     q, tau, spread = recording.q, recording.tau, MONITOR.spread
@@ -164,31 +162,19 @@ def compute_scores(log: MonitorSignals, size: Array) -> Array:
     one = np.ones(off.shape)
     gapless = log.gapless[:, None] * one
     weight = gapless / np.where(log.slow, size[1], size[0]) ** 2
-    windows = [max(2, round(seconds * log.rate)) for seconds in MONITOR.windows]
+    rows = max(2, round(MONITOR.window * log.rate))
     return np.array(
         [
-            *(travel, count, _level(bend, windows[0]), _level(off, windows[0])),
-            *(bend, off),
-            *(np.abs(_matched(weight, log.residual, one, n)) for n in windows),
-            *(
-                _matched(weight, -log.residual, log.expected, n).clip(0)
-                for n in windows
-            ),
-            *(np.abs(_matched(gapless, log.tracking, one, n)) for n in windows),
+            *(travel, count, bend, off),
+            np.abs(_matched(weight, log.residual, one, rows)),
+            _matched(weight, -log.residual, log.expected, rows).clip(0),
+            np.abs(_matched(gapless, log.tracking, one, rows)),
         ]
     )
 
 
-def _level(x: Array, count: int) -> Array:
-    """Return the median of the last rows, which no single spike lifts. (m, dof)."""
-    from scipy.ndimage import median_filter
-
-    before = np.vstack([np.zeros((count, x.shape[1])), x])
-    return median_filter(before, (count, 1), origin=((count - 1) // 2, 0))[count:]
-
-
 def _matched(weight: Array, x: Array, f: Array, count: int) -> Array:
-    """Collect a feature over trailing windows; 0 where nothing was to be seen."""
+    """Collect a feature over a trailing window; 0 where nothing was to be seen."""
     over, under = _trailing(weight * f * x, count), _trailing(weight * f * f, count)
     seen = under > _TINY
     return over / np.sqrt(np.where(seen, under, 1.0)) * seen
@@ -210,7 +196,7 @@ class Alarm:
     time: float  # when it was raised, on the clock of the log [s]
     joint: int  # from 1
     sensor: str  # "encoder" or "torque"
-    fault: str  # frozen, jump, drift, spikes, noise, bias or lost scale
+    fault: str  # frozen, jump, drift, spikes, bias or lost scale
     kind: str  # the number that named it, of `KINDS`
     score: float  # that number over its limit, above 1
     until: float  # when the last score fell below its limit [s]
@@ -415,9 +401,9 @@ def _named(
         min(int(np.searchsorted(t, t[first] + wait, "right")), stop)
         for wait in (MONITOR.together, MONITOR.later)
     )
-    for fault in ("frozen", "noise", "jump", "spikes"):
+    for fault in ("frozen", "jump", "spikes"):
         kinds = [k for k, kind in enumerate(KINDS) if kind.fault == fault]
-        part = ratio[kinds, first : later if fault == "noise" else soon].max(axis=1)
+        part = ratio[kinds, first:soon].max(axis=1)
         if part.max() > 1:
             k, j = np.unravel_index(np.argmax(part), part.shape)
             return kinds[k], int(j)
@@ -439,7 +425,7 @@ def _fault(log: MonitorSignals, values: Array, first: int, k: int, j: int) -> st
     a ramp than a step about the alarm; each is fitted from any row on.
     """
     start, until = log.t[first], log.t[first] + MONITOR.later
-    after = (log.t >= start + MONITOR.windows[0]) & (log.t <= until)
+    after = (log.t >= start + MONITOR.window) & (log.t <= until)
     bias, scale = (np.square(values[kind, after, j]).sum() for kind in (BIAS, SCALE))
     if k < TRACKING and scale > bias:
         return "lost scale"

@@ -388,7 +388,7 @@ def describe_settling_time(seconds: float, after: float | None, chance: float) -
 
 
 def predict_best_motion(question: OpenQuestion) -> dict | None:
-    """Return what the best of some free motions promises, as `plan_of`.
+    """Return what the best of some free motions promises, as `describe_plan`.
 
     None where none of them would decide. How much of a motion is enough is asked of one
     that an arm can make.

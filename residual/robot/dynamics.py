@@ -38,7 +38,8 @@ def _over(shape: tuple[int, ...], solve: Callable, model: pin.Model, *motion) ->
     rows = [np.ascontiguousarray(x, dtype=float) for x in motion]
     data, out = model.createData(), np.empty((len(rows[0]), *shape))
     for i, sample in enumerate(zip(*rows, strict=True)):
-        out[i] = solve(model, data, *sample)
+        # Pinocchio gives a matrix of one column as a vector.
+        out[i] = np.reshape(solve(model, data, *sample), shape)
     return out
 
 
@@ -61,6 +62,19 @@ def compute_inertial_regressor(
     """
     shape = (model.nv, PER_LINK * model.nv)
     return _over(shape, pin.computeJointTorqueRegressor, model, q, qd, qdd)
+
+
+def compute_robot_regressor(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
+    """Return the same without the weight that the drives do not carry."""
+    out = compute_inertial_regressor(robot.model, q, qd, qdd)
+    if (carried := robot.carried) is not None:
+        still = np.zeros_like(q)
+        weight = compute_inertial_regressor(robot.model, q, still, still)
+        bodies = weight.reshape(*q.shape, robot.dof, PER_LINK)[..., :4]
+        held = np.einsum("njbk,bkl->njbl", bodies, carried.shares)
+        held *= carried.missing[:, None, None]
+        out.reshape(*q.shape, robot.dof, PER_LINK)[..., :4] -= held
+    return out
 
 
 def compute_mass_matrix(model: pin.Model, q: Array) -> Array:
@@ -128,7 +142,8 @@ def find_flange_axis(model: pin.Model) -> Array:
 def find_joint_axis(model: pin.Model, joint: int) -> Array:
     """Return the axis that a joint turns about or slides along, in its frame. (3,)."""
     data, zero = model.createData(), pin.neutral(model)
-    column = pin.computeJointJacobian(model, data, zero, joint)[:, joint - 1]
+    jacobian = np.reshape(pin.computeJointJacobian(model, data, zero, joint), (6, -1))
+    column = jacobian[:, joint - 1]
     return column[3:] if column[3:].any() else column[:3]
 
 
@@ -144,10 +159,13 @@ def compute_last_joint_distance(model: pin.Model) -> float:
 
 
 def compute_reach(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the flange [m]."""
-    return compute_last_joint_distance(model) + float(
-        np.linalg.norm(find_flange_placement(model).translation)
-    )
+    """Return the way from the base over all joints to the flange [m].
+
+    Of an arm of one joint without a flange it is the lever of its mass.
+    """
+    way = compute_last_joint_distance(model)
+    way += float(np.linalg.norm(find_flange_placement(model).translation))
+    return way or float(np.linalg.norm(model.inertias[model.nv].lever))
 
 
 def read_inertial_parameters(model: pin.Model) -> Array:
@@ -231,7 +249,7 @@ class LazyRegressor:
     made.
     """
 
-    robot: Robot  # the arm
+    robot: Robot  # the arm; without `carried` all of its weight counts
     motion: tuple[Array, Array, Array]  # q, qd and qdd [rad, rad/s, rad/s^2], (n, dof)
 
     def __array__(self, dtype=None, copy=None) -> Array:
@@ -245,7 +263,7 @@ class LazyRegressor:
         """Some of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
             motion = (x[key] for x in self.motion)
-            return compute_inertial_regressor(self.robot.model, *motion)
+            return compute_robot_regressor(self.robot, *motion)
         dof = self.motion[0].shape[1]
         if isinstance(key[2], slice):
             first, stop, step = key[2].indices(PER_LINK * dof)
@@ -262,11 +280,11 @@ class LazyRegressor:
         By the recursive algorithm, in a third of the time, where it is not known.
         """
         blocks = self._remembered()
-        if blocks is None:
+        if blocks is None and self.robot.carried is None:
             body = replace_inertial_parameters(self.robot.model, parameters)
             return compute_inverse_dynamics(body, *self.motion)
         out = np.zeros(self.motion[0].shape)
-        for i, block in enumerate(blocks):
+        for i, block in enumerate(self.links()):
             part = parameters[PER_LINK * i : PER_LINK * (i + 1)]
             out[:, : i + 1] += (block.reshape(-1, PER_LINK) @ part).reshape(-1, i + 1)
         return out

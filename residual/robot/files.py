@@ -32,7 +32,7 @@ from residual.errors import (
     shorten_value,
 )
 from residual.recording import Array
-from residual.robot.urdf import ArmChoice
+from residual.robot.urdf import GRAVCOMP, ArmChoice, abbreviate_list
 
 
 def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
@@ -140,7 +140,7 @@ _TEXTS = {
     "serial": (SERIAL, "a text of 1 to 40 letters, digits, '.', '_' and '-'"),
 }
 _TABLES = {
-    "robot": ("name", "serial", "gravity"),
+    "robot": ("name", "serial", "gravity", "gravcomp"),
     "joints": (
         "gear_ratio",
         "torque_per_unit",
@@ -210,7 +210,8 @@ def parse_robot_settings(
         effects: Parameters of each effect that may be declared; None to take any.
 
     Returns:
-        Fields of a `Robot`, and its gravity in the base frame [m/s^2], shape (3,).
+        Fields of a `Robot`, its gravity in the base frame [m/s^2], shape (3,), and
+        whether a weight that its file says is carried is.
 
     Raises:
         RobotError: On a wrong size or a value out of range.
@@ -223,6 +224,11 @@ def parse_robot_settings(
         if name in _TABLES:
             check_keys(table, _TABLES[name], f"[{name}] of {where}")
     about = content.get("robot", {})
+    if not isinstance(about.get("gravcomp", True), bool):
+        raise RobotError(
+            f"{where}: gravcomp is {quote_value(about['gravcomp'])}, expected true or "
+            "false: whether what the MJCF states of it holds for the logs."
+        )
     return {
         **_joints(content.get("joints", {}), dof, where),
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
@@ -231,6 +237,7 @@ def parse_robot_settings(
         "known_values": _known_values(content.get("known", {}), f"[known] of {where}"),
         "name": _text(about, "name", where),
         "serial": _text(about, "serial", where),
+        "gravcomp": about.get("gravcomp", True),
         "gravity": _array(about.get("gravity", GRAVITY), (3,), f"{where}: gravity"),
     }
 
@@ -382,6 +389,7 @@ class _Writer:
         for b in range(1, self.m.nbody):
             self._body(b)
         self._equalities()
+        self._carried_weight()
         text = ET.tostring(self.root, encoding="unicode")
         gravity = tuple(float(g) for g in self.m.opt.gravity)
         return CompiledMjcf(text, gravity, self.properties, tuple(self.notes))
@@ -465,6 +473,29 @@ class _Writer:
             tensor = {key: repr(float(value)) for key, value in moments}
             tensor |= {"ixy": "0", "ixz": "0", "iyz": "0"}
             ET.SubElement(node, "inertia", tensor)
+
+    def _carried_weight(self) -> None:
+        """Note which share of the weight is not in the torque of which joints."""
+        m = self.m
+        held = np.flatnonzero(m.body_gravcomp * m.body_mass)
+        if not len(held):
+            return
+        names = [self.frames[b][0] for b in held]
+        counted = np.flatnonzero(m.jnt_actgravcomp)
+        node = ET.SubElement(self.root, "modelgap")
+        for name, share in zip(names, m.body_gravcomp[held], strict=True):
+            of = {"link": name, "share": repr(float(share))}
+            ET.SubElement(node, GRAVCOMP, of)
+        for j in counted:
+            ET.SubElement(node, GRAVCOMP, {"joint": m.jnt(j).name or f"joint{j}"})
+        own = "all joints" if len(counted) == m.njnt else f"{len(counted)} joints"
+        self.notes.append(
+            f"gravcomp: the weight of {abbreviate_list(names)} is held by a force "
+            "beside the drives and missing from their torque (where the logs have it: "
+            f"gravcomp = false in robot.toml, [robot])"
+            + f"; {own} count it as their own"
+            * bool(len(counted))
+        )
 
     def _equalities(self) -> None:
         m = self.m

@@ -1,8 +1,6 @@
 """The robot: rigid body from its file, everything else from its robot.toml.
 
-Also the one word for its file and how it is read, which requests and records keep, and
-the limits that logs show to be placeholders: who writes a file without knowing a limit
-writes some number, and an arm that keeps none of them has no limits.
+Also the one word for its file and how it is read, which requests and records keep.
 """
 
 import hashlib
@@ -27,8 +25,8 @@ from residual.errors import (
     check_name,
     shorten_value,
 )
-from residual.quantity import convert_to_sliding_unit
-from residual.recording import Array, Recording, compute_speed_quantile
+from residual.recording import Array, Recording
+from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
     GRAVITY,
     CompiledMjcf,
@@ -41,6 +39,12 @@ from residual.robot.files import (
     parse_robot_settings,
     parse_toml,
     read_mjcf,
+)
+from residual.robot.plausibility import (
+    BodyFlaw,
+    find_body_flaws,
+    read_link_bodies,
+    repair_impossible_bodies,
 )
 from residual.robot.urdf import UrdfArm, read_joint_link, read_urdf
 
@@ -58,7 +62,8 @@ class Robot:
 
     Attributes:
         name: Slug, 1 to 40 of a-z, 0-9, "_" and "-".
-        model: Pinocchio model with nq == nv == dof, gravity set.
+        model: Pinocchio model with nq == nv == dof, gravity set; where the file has a
+            body that cannot exist, with the nearest that can.
         urdf: URDF text the model was built from: continuous joints as revolute, those
             outside of the chain as fixed.
         toml: Canonical text of the robot.toml (JSON, keys sorted), "{}" for none.
@@ -80,6 +85,9 @@ class Robot:
         locked: Joints of its file that are outside of the chain, and where they stand
             [rad or m].
         notes: What of its file was not taken as it stands, in words.
+        flaws: Bodies of its file that no link has (``plausibility``).
+        carried: Weight that is missing from the torque of its drives, by its file; None
+            where they carry all.
     """
 
     name: str
@@ -102,6 +110,8 @@ class Robot:
     known_values: Mapping[str, float] = field(default_factory=dict)
     locked: Mapping[str, float] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
+    flaws: tuple[BodyFlaw, ...] = ()
+    carried: CarriedWeight | None = None
 
     def __repr__(self) -> str:
         declared = ", ".join(self.declared) or "rigid body alone"
@@ -162,8 +172,8 @@ def load_robot(
     Args:
         spec: A built-in name, a folder with exactly one robot file (URDF, xacro or
             MJCF) and an optional robot.toml, or the file itself; how it is read may
-            follow (`word_of`). A built-in name wins over a folder of that name in the
-            working directory.
+            follow (`parse_robot_reference`). A built-in name wins over a folder of that
+            name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have
@@ -254,6 +264,20 @@ def add_known_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     return _with_table(robot, "known", values) if values else robot
 
 
+def refuse_carried_weight(robot: Robot, target: str) -> None:
+    """Refuse an arm whose drives do not carry all of its weight.
+
+    Raises:
+        RobotError: If it is one, with what to do.
+    """
+    if robot.carried is not None:
+        raise RobotError(
+            f"{robot.name} has a weight that its drives do not carry (gravcomp of its "
+            f"MJCF), and {target} knows none. Leave gravcomp out of the file, or give "
+            "gravcomp = false in robot.toml, [robot]: then its drives carry all."
+        )
+
+
 def replace_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
     """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
     return _with_table(robot, "robot", {"gravity": [float(g) for g in gravity]})
@@ -291,7 +315,13 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
         place = (body.name, body.parentJoint, body.placement, pin.FrameType.OP_FRAME)
         model.addFrame(pin.Frame(*place), append_inertia=False)
     model.gravity.linear = extra.pop("gravity")
-    limits = {"velocity_limit": speed, "torque_limit": effort}
+    bodies = read_link_bodies(model, arm.urdf)
+    flaws = find_body_flaws(model, bodies)
+    model = repair_impossible_bodies(model, bodies, flaws)
+    limits = {"velocity_limit": speed, "torque_limit": effort, "flaws": flaws}
+    limits["carried"] = None
+    if extra.pop("gravcomp"):
+        limits["carried"] = read_carried_weight(model, arm.urdf, bodies)
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
     return Robot(dof=dof, **parts, **limits | extra)
 
@@ -383,7 +413,9 @@ def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
 
     Raises:
         InputError: If a mass is not positive: no URDF can hold it.
+        RobotError: If the drives do not carry all of its weight.
     """
+    refuse_carried_weight(robot, "a URDF")
     root = ET.fromstring(robot.urdf)
     joints = {j.get("name", ""): j for j in root.findall("joint")}
     links = {link.get("name", ""): link for link in root.findall("link")}
@@ -466,73 +498,3 @@ def parse_robot_reference(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
     for key, value in options:
         out.setdefault(key, []).append(value)
     return place, out
-
-
-BROKEN = 1.5  # times a limit: files are a little too strict
-ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
-NEARLY = 0.8  # of the joints
-FEWEST = 3  # joints: of two nobody says what is usual
-STRIDE, SHARE = 0.1, 0.95  # s over which a speed is taken; of the samples are slower
-# What arms do at most; beyond it columns or units are wrong, not the file. A torque
-# that is so many times its limit is in another unit.
-FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
-STRONGEST = 30.0  # times the limit
-
-_WORDS = {
-    "velocity_limit": ("speed limit", "rad/s"),
-    "torque_limit": ("torque limit", "N m"),
-    "upper": ("range", "rad"),
-}
-
-
-def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
-    """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speeds = []
-    for r in logs:
-        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
-        speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
-    speed = np.max(speeds, axis=0)
-    torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
-    # Another zero, or an encoder that begins again, leaves a range for what it is.
-    span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
-    leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
-    travel = robot.upper - robot.lower
-    checked = {
-        "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
-        "torque_limit": (torque, robot.torque_limit, True),
-        "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
-    }
-    out = {}
-    for key, (size, limit, possible) in checked.items():
-        ratio = size / limit
-        if key == "torque_limit":
-            possible = ratio.max() < STRONGEST
-        if possible and _is_placeholder(ratio, limit):
-            name, unit = _WORDS[key]
-            worst = int(np.argmax(ratio))
-            unit = convert_to_sliding_unit(unit) if robot.prismatic[worst] else unit
-            out[key] = (
-                f"the {name} of joint {worst + 1} is {limit[worst]:.3g} {unit} in the "
-                f"robot file, and it reaches {size[worst]:.3g} {unit}"
-            )
-    return out
-
-
-def _is_placeholder(ratio: Array, limit: Array) -> bool:
-    """Whether all limits are one number that is broken, or nearly all by one factor."""
-    if len(limit) < FEWEST or not np.isfinite(limit).all():
-        return False
-    broken = ratio > BROKEN
-    middle = float(np.median(ratio))
-    near = broken & (ratio < ALIKE * middle) & (ratio > middle / ALIKE)
-    equal = np.ptp(limit) < 1e-3 * limit.max()
-    return bool((equal and broken.any()) or near.mean() >= NEARLY)
-
-
-def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
-    """Return the robot without the limits that are placeholders."""
-    limits = find_placeholder_limits(robot, recordings)
-    out = {key: np.full(robot.dof, np.inf) for key in limits}
-    if "upper" in out:
-        out["lower"] = -out["upper"]
-    return replace(robot, **out) if out else robot

@@ -20,6 +20,9 @@ from residual.recording import Array
 
 ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
 MOVING = ("revolute", "continuous", "prismatic")
+# In <modelgap>, an element of ours: of a link the share of its weight that is held
+# beside the drives, of a joint that its drive counts that as its own.
+GRAVCOMP = "gravcomp"
 # Of a branch on fewer joints than lead to it, at least so many, nobody says "arm".
 TRUNK = 3
 _NAMED = 6  # joints of a line

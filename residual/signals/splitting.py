@@ -51,7 +51,7 @@ def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
         return (recording,)
     n = len(recording.t)
     rate = (n - 1) / recording.duration
-    # The rows of a slow log come from a slower filter (``Filters.cutoff``).
+    # The rows of a slow log come from a slower filter (`FilterSettings.cutoff`).
     over = round(compute_piece_overlap(min(cutoff, 0.08 * rate), rate) * rate)
     edges = np.linspace(0, n, count + 1).astype(int)
     return tuple(
@@ -67,8 +67,8 @@ def compute_piece_overlap(cutoff: float, rate: float) -> float:
 
 def slice_recording(recording: Recording, start: int, stop: int) -> Recording:
     """Return the samples from ``start`` up to ``stop`` of a log, without a copy."""
-    arrays = {f.name: getattr(recording, f.name) for f in fields(recording)[2:]}
-    part = {k: x[start:stop] for k, x in arrays.items() if x is not None}
+    values = {f.name: getattr(recording, f.name) for f in fields(recording)}
+    part = {k: x[start:stop] for k, x in values.items() if isinstance(x, np.ndarray)}
     return replace(recording, **part)
 
 

@@ -134,6 +134,7 @@ class Track:
     valid: Array  # row lies outside the edges and gaps. Shape (m,), bool
     moving: Array  # row is used for that joint. Shape (m, dof), bool
     torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
+    enabled: Array | None = None  # share of a drive that is on, (n, dof); None for on
     entire: bool = True  # it is no piece of a longer log
 
     @property
@@ -158,6 +159,8 @@ class _Uniform:
     q: Array
     tau: Array
     gap: Array
+    masked: Array  # joint's torque is not known there, (n, dof) or (n, 1), bool
+    enabled: Array | None  # share of a drive that is on, (n, dof)
 
 
 def estimate_sample_rate(t: Array) -> float:
@@ -263,14 +266,24 @@ def resample_recording(recording: Recording, filters: FilterSettings) -> Recordi
     return Recording(recording.id, recording.robot, t, q, tau)
 
 
+def _even_times(times: Array) -> tuple[float, Array]:
+    """Return the rate [Hz] of some times, and as many evenly spaced."""
+    rate = estimate_sample_rate(times)
+    t = np.arange(times[0], times[-1] + 0.5 / rate, 1 / rate)
+    return rate, t[t <= times[-1] + 1e-9]
+
+
 def _resample(log: Recording) -> _Uniform:
-    rate = estimate_sample_rate(log.t)
-    t = np.arange(log.t[0], log.t[-1] + 0.5 / rate, 1 / rate)
-    t = t[t <= log.t[-1] + 1e-9]
+    rate, t = _even_times(log.t)
     late = (np.diff(log.t) > 6 / rate).astype(float)
     gap = np.interp(t, log.t[1:], late) > 0
     q, tau = (interpolate_signals(t, log.t, x) for x in (log.q, log.tau))
-    return _Uniform(rate, t, q, tau, gap)
+    masked, enabled = np.zeros((len(t), 1), bool), None
+    if log.masked is not None:  # between two masked samples all is
+        masked = interpolate_signals(t, log.t, log.masked) > 0.5
+    if log.enabled is not None:
+        enabled = interpolate_signals(t, log.t, log.enabled)
+    return _Uniform(rate, t, q, tau, gap, masked, enabled)
 
 
 def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
@@ -315,6 +328,7 @@ def _track(
     q, qd, qdd = motion
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+    still |= dilate_mask(u.masked, first // 2)[::first]
     half = int(np.ceil(filters.margin / cutoff * rate))
     still = dilate_mask(still, half)
     inner = ~dilate_mask(u.gap, (2 * half + 1) * first // 2)[:: first * step]
@@ -343,6 +357,7 @@ def _track(
         valid=inner,
         moving=~still[::step] & inner[:, None],
         torque_noise=noise,
+        enabled=None if u.enabled is None else u.enabled[::first],
         entire=not piece,
     )
 
@@ -355,6 +370,28 @@ def _thinned(u: _Uniform, first: int) -> Array:
     if first == 1:
         return u.tau
     return filter_low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
+
+
+def filter_torque(
+    t: Array, tau: Array, masked: Array, track: Track
+) -> tuple[Array, Array]:
+    """Return another torque of a log as its track has it, and its masked rows.
+
+    Args:
+        t: Times of the samples of the track [s]. Shape (n,).
+        tau, masked: Torque [N m] and whether it is not known. Shapes (n, dof).
+
+    Returns:
+        Shapes (m, dof).
+    """
+    rate, grid = _even_times(t)
+    off = interpolate_signals(grid, t, masked) > 0.5
+    u = _Uniform(rate, grid, tau, interpolate_signals(grid, t, tau), off, off, None)
+    first = round(u.rate / track.rate)
+    half = int(np.ceil(FilterSettings().margin / track.cutoff * track.rate))
+    masked = dilate_mask(dilate_mask(u.masked, first // 2)[::first], half)
+    tau = filter_low_pass(_thinned(u, first), track.cutoff, track.rate, track.step)
+    return tau, np.broadcast_to(masked[:: track.step], tau.shape)
 
 
 def dilate_mask(mask: Array, half_width: int) -> Array:

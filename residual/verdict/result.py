@@ -14,6 +14,7 @@ from residual.model.bodies import BodyCorrection
 from residual.model.compare import ErrorSums, FindingScatter, LogPrediction
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
+from residual.model.rollout import PositionErrors
 from residual.quantity import (
     convert_to_plain_values,
     format_percent,
@@ -335,6 +336,8 @@ class ErrorTables:
             filtered, where they move.
         worse: Joints from 1 that the findings make worse beyond chance, where they
             move.
+        position: Of models that go by themselves under the goals of the held-out logs;
+            None where torque was measured.
     """
 
     metric: str
@@ -348,6 +351,7 @@ class ErrorTables:
     overall_filtered: Mapping[str, Number]
     overall_moving: Mapping[str, Number]
     worse: tuple[int, ...]
+    position: PositionErrors | None = None
 
 
 @dataclass(frozen=True, slots=True)
@@ -444,7 +448,7 @@ class Diagnosis:
             it depends on most (over time where there is none).
         sentences: One plain sentence per finding, in the order of the findings.
         adoptable: Model to adopt: the augmented one, or the fit of both epochs.
-        question: What these logs leave open (`planning.question.Question`), for
+        question: What these logs leave open (`OpenQuestion`), for
             `modelgap next`; None of a comparison.
     """
 
@@ -536,6 +540,7 @@ def tabulate_errors(
     logs: Sequence[str],
     same_run: bool = False,
     worse: Sequence[int] = (),
+    position: PositionErrors | None = None,
 ) -> ErrorTables:
     """Return the errors of several models as plain values [%].
 
@@ -566,6 +571,7 @@ def tabulate_errors(
         overall_filtered=overall("filtered"),
         overall_moving=overall("moving"),
         worse=tuple(worse),
+        position=position,
     )
 
 

@@ -79,6 +79,7 @@ def _robot() -> Schema:
         "name": _TEXT | {"pattern": f"^{slug}$"},
         "serial": _TEXT | {"pattern": f"^{serial}$"},
         "gravity": _ROW | {"minItems": 3, "maxItems": 3},
+        "gravcomp": {"type": "boolean"},
     }
     gear = ("gear_ratio", "torque_per_unit")
     limits = ("torque_limit", "velocity_limit", "acceleration_limit")

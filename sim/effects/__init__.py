@@ -4,7 +4,6 @@ A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin; one that 
 with ``_`` has none. The registry is read by `sim.plant.effect_catalogue` alone.
 """
 
-from collections.abc import Iterable
 from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
@@ -23,19 +22,3 @@ def load_effects() -> dict[str, Effect]:
     )
     kin = (getattr(m, "EFFECTS", None) or (m.EFFECT,) for m in modules)
     return {effect.name: effect for effects in kin for effect in effects}
-
-
-_ADDED: dict[str, Effect] = {}
-
-
-def register_effects(effects: Iterable[Effect]) -> None:
-    """Let synthetic arms of this process hide more than the folder has.
-
-    So a benchmark hides its own: they are known by name, and in no list.
-    """
-    _ADDED.update({effect.name: effect for effect in effects})
-
-
-def find_effect_definition(name: str) -> Effect:
-    """Return an effect of the folder, or one that was added."""
-    return _ADDED[name] if name in _ADDED else load_effects()[name]

@@ -17,15 +17,6 @@ def _polar(p):
     return np.hypot(p["cos"], p["sin"]), np.arctan2(-p["cos"], p["sin"])
 
 
-def _law(state, p):
-    size, zero = _polar(p)
-    return (
-        size
-        * friction_laws.gas_spring_torque(state.q - zero)
-        / friction_laws.gas_spring_peak_torque()
-    )
-
-
 def _row(p, joints):
     size, zero = _polar(p)
     return friction_laws.GAS_SPRING, size / friction_laws.gas_spring_peak_torque(), zero
@@ -44,5 +35,4 @@ EFFECT = Effect(
     where=draw_balanced_joint,
     draw=_draw,
     torque=_row,
-    law=_law,
 )

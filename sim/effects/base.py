@@ -1,4 +1,4 @@
-"""What the simulated world knows of an effect: data, and how each arm has it."""
+"""What the simulated world knows of an effect: data, and how the arm has it."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -7,7 +7,6 @@ from typing import Literal, NamedTuple
 
 import numpy as np
 import pinocchio as pin
-from numba import njit
 
 from residual.errors import InputError
 from residual.recording import Array
@@ -19,37 +18,6 @@ Values = Mapping[str, float]
 Joints = tuple[int, ...]  # from 0, unless said otherwise
 Scope = Literal["joint", "pair", "flange", "global"]
 OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of Sizes
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SyntheticMotion:
-    """The true state of a synthetic arm during one log, for one hidden effect.
-
-    Kinematics and friction have one column per joint of the effect (k of them), in the
-    order of its joints.
-
-    Attributes:
-        t: Session time: zero when the session began, pauses counted [s]. Shape (n,).
-        q: True positions [rad]. Shape (n, k).
-        qd: True velocities [rad/s]. Shape (n, k).
-        qdd: True accelerations [rad/s^2]. Shape (n, k).
-        bristle: State of the dry friction, -1 to 1: the sign of the motion, with
-            memory. Shape (n, k).
-        load: True torque of the rigid body [N m]. Shape (n, k).
-        coulomb: True Coulomb level of the base friction [N m]. Shape (k,).
-        displacement: Displacement over which the bristles yield [rad]. Shape (k,).
-        rng: Random stream of this effect in this log.
-    """
-
-    t: Array
-    q: Array
-    qd: Array
-    qdd: Array
-    bristle: Array
-    load: Array
-    coulomb: Array
-    displacement: Array
-    rng: Rng
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -139,11 +107,9 @@ class PlantEffectTrait(Enum):
 class Effect:
     """One effect that an arm may hide.
 
-    Most effects need `name`, `parameters`, `amount`, `draw`, one function of the plant
-    (`push` is the most general) and `law`; all other fields have defaults. Each
-    function takes the values p with defaults filled in. Those of the plant in the
-    physics engine and of the synthetic arm need not be the same formula, and none is
-    one of the diagnosis.
+    Most effects need `name`, `parameters`, `amount`, `draw` and one function of the
+    plant (`push` is the most general); all other fields have defaults. Each function
+    takes the values p with defaults filled in. None is a formula of the diagnosis.
 
     Attributes:
         name: Its name in the vocabulary; ``x_...`` outside of it.
@@ -153,20 +119,20 @@ class Effect:
         above: Limits that a value must exceed.
         signs: Keys that are 1 or -1.
         together: Keys of which all are given or none.
-        of_drive: Which number of the drives it changes, by its name in `Sizes`; its
+        of_drive: Which number of the drives it changes, by its name in `OfDrive`; its
             value adds to what the robot declares.
         amount: Parameters that its torque is in proportion to; the first is the one
             that its size is stated in, several are one vector.
         along: Parameters that grow along without being the size.
         also: Names in the vocabulary for a part of its torque, true beside its own.
-        traits: What sets it apart (`Trait`).
+        traits: What sets it apart (`PlantEffectTrait`).
         where: (rng, dof, sizes) -> a joint, from 1, of the usual ones.
         draw: (rng, sizes) -> values of usual size.
 
-        body: (model, joints, p) -> the changed rigid body. On both arms.
-        encoder: p -> constant, cosine and sine of true minus reading [rad]. Both arms.
-        gain: p -> how much more torque is reported than given, as a share. Both arms.
-        report: (tau, t, onset, p) -> what is reported of a torque (n, k). Both arms.
+        body: (model, joints, p) -> the changed rigid body.
+        encoder: p -> constant, cosine and sine of true minus reading [rad].
+        gain: p -> how much more torque is reported than given, as a share.
+        report: (tau, t, onset, p) -> what is reported of a torque (n, k).
 
         friction: (p, Coulomb level) -> kind and numbers of a row of friction.
         gear: p -> inertia, sign, level and coefficient of a gear that a pair shares.
@@ -177,13 +143,8 @@ class Effect:
             own ones count, of a global effect all. Shape (dof,).
         transmission: p -> compliance of a spring between motor and link [rad/(N m)],
             half of the play between them [rad]; 0 for none.
-        begins: p -> share of the motion after which it acts.
+        onset_share: p -> share of the motion after which it acts.
         drift: p -> rate at which an encoder wanders off [rad/s].
-
-        law: (state, p) -> torque on the joints of a synthetic arm. Shape (n, k).
-        load: (model, q, p) -> torque on all joints of it. Shape (n, dof).
-        lead: (load, rate, p) -> by how much a motor of it leads its link, for the
-            torque of the joint and samples per second [rad]. Shape (n,).
     """
 
     name: str
@@ -215,22 +176,10 @@ class Effect:
     onset_share: Callable[[Values], float] | None = None
     drift: Callable[[Values], float] | None = None
 
-    law: Callable[[SyntheticMotion, Values], Array] | None = None
-    load: Callable[[pin.Model, Array, Values], Array] | None = None
-    lead: Callable[[Array, float, Values], Array] | None = None
-
     @property
     def named(self) -> bool:
         """Whether the vocabulary has a name for it."""
         return not self.name.startswith("x_")
-
-    @property
-    def supports_synthetic_arm(self) -> bool:
-        """Whether a synthetic arm can have it."""
-        ways = (self.law, self.load, self.lead, self.body, self.encoder, self.gain)
-        return any(ways) or (
-            bool(self.report) and PlantEffectTrait.SENSOR not in self.traits
-        )
 
     @property
     def has_channel(self) -> bool:
@@ -261,42 +210,6 @@ def split_into_components(
     """Return a vector of that length and direction by its two components."""
     parts = size * float(np.cos(angle)), size * float(np.sin(angle))
     return dict(zip(keys, parts, strict=True))
-
-
-def compute_bristle_states(x: Array, displacement: Array) -> Array:
-    """Return the state of the bristles of several contacts, between -1 and 1.
-
-    Dry friction with memory, driven by the true displacement.
-
-    dz/dx = (1 - z sign(dx)) / displacement    (Dahl 1968, exponent 1)
-
-    integrated exactly between samples: z goes to sign(dx) over some displacements and
-    stays where it is at standstill, so that the torque of a joint at rest can be any
-    value within its friction.
-
-    Args:
-        x: Relative positions of the two sides [rad]. Shape (n, k).
-        displacement: Displacement over which a contact yields [rad]. Shape (k,).
-
-    Returns:
-        States, zero at the first sample. Shape (n, k).
-    """
-    return _dahl(
-        np.ascontiguousarray(x, dtype=float), np.asarray(displacement, dtype=float)
-    )
-
-
-@njit(cache=True)
-def _dahl(x, displacement):
-    n, k = x.shape
-    z = np.zeros((n, k))
-    for i in range(1, n):
-        for j in range(k):
-            step = x[i, j] - x[i - 1, j]
-            side = 1.0 if step >= 0 else -1.0
-            rest = np.exp(-abs(step) / displacement[j])
-            z[i, j] = side + (z[i - 1, j] - side) * rest
-    return z
 
 
 TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")

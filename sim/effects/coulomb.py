@@ -10,5 +10,4 @@ EFFECT = Effect(
     amount=("level",),
     draw=lambda rng, sizes: {"level": rng.uniform(0.3, 1.0) * sizes.coulomb},
     friction=build_row_function(friction_laws.LEVEL, "level"),
-    law=lambda state, p: p["level"] * state.bristle,
 )

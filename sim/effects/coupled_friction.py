@@ -3,18 +3,7 @@
 f = level z(u) + coefficient u'; torque (f, sign f), z a bristle driven by u.
 """
 
-import numpy as np
-
-from sim.effects.base import Effect, compute_bristle_states, draw_sign
-
-
-def _law(state, p):
-    way = p["sign"]
-    u = state.q[:, 0] + way * state.q[:, 1]
-    z = compute_bristle_states(u[:, None], state.displacement[:1])[:, 0]
-    f = p["level"] * z + p["coefficient"] * (state.qd[:, 0] + way * state.qd[:, 1])
-    return np.column_stack([f, way * f])
-
+from sim.effects.base import Effect, draw_sign
 
 EFFECT = Effect(
     name="coupled_friction",
@@ -35,5 +24,4 @@ EFFECT = Effect(
         "sign": draw_sign(rng),
     },
     gear=lambda p: (p["inertia"], p["sign"], p["level"], p["coefficient"]),
-    law=_law,
 )

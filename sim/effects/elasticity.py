@@ -11,5 +11,4 @@ EFFECT = Effect(
     where=draw_first_joint,
     draw=lambda rng, sizes: {"stiffness": rng.uniform(3e3, 1.5e4)},
     transmission=lambda p: (1.0 / p["stiffness"], 0.0),
-    lead=lambda load, rate, p: load / p["stiffness"],
 )

@@ -1,7 +1,5 @@
 """A constant torque."""
 
-import numpy as np
-
 from sim.effects.base import Effect, build_row_function, draw_sign
 from sim.engine import friction_laws
 
@@ -13,5 +11,4 @@ EFFECT = Effect(
         "torque": draw_sign(rng) * rng.uniform(0.02, 0.06) * sizes.torque
     },
     torque=build_row_function(friction_laws.CONSTANT, "torque"),
-    law=lambda state, p: p["torque"] * np.ones_like(state.q),
 )

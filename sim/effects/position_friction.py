@@ -13,11 +13,6 @@ def _polar(p):
     return np.hypot(p["cos"], p["sin"]), np.arctan2(p["sin"], p["cos"])
 
 
-def _law(state, p):
-    size, phase = _polar(p)
-    return size * friction_laws.eccentric_gear_wave(state.q - phase) * state.bristle
-
-
 EFFECT = Effect(
     name="position_friction",
     parameters={"cos": "N m", "sin": "N m"},
@@ -26,5 +21,4 @@ EFFECT = Effect(
         rng.uniform(0.2, 0.5) * sizes.coulomb, draw_angle(rng)
     ),
     friction=lambda p, level: (friction_laws.POSITION, *_polar(p)),
-    law=_law,
 )

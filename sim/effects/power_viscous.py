@@ -3,12 +3,6 @@
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
-
-def _law(state, p):
-    thin = friction_laws.shear_thinning_factor(state.qd, p["exponent"])
-    return p["coefficient"] * state.qd * thin
-
-
 EFFECT = Effect(
     name="power_viscous",
     parameters={"coefficient": "N m (s/rad)^p", "exponent": "1"},
@@ -18,5 +12,4 @@ EFFECT = Effect(
         "exponent": rng.uniform(0.3, 0.7),
     },
     friction=build_row_function(friction_laws.POWER, "coefficient", "exponent"),
-    law=_law,
 )

@@ -1,21 +1,12 @@
 """level z of another contact, whose bristles yield further."""
 
-import numpy as np
-
 from sim.effects.base import (
     Effect,
     PlantEffectTrait,
     build_row_function,
-    compute_bristle_states,
     draw_any_joint,
 )
 from sim.engine import friction_laws
-
-
-def _law(state, p):
-    ways = np.full(state.q.shape[1], p["displacement"])
-    return p["level"] * compute_bristle_states(state.q, ways)
-
 
 EFFECT = Effect(
     name="presliding",
@@ -30,5 +21,4 @@ EFFECT = Effect(
         "displacement": rng.uniform(0.003, 0.03),
     },
     friction=build_row_function(friction_laws.BRISTLE, "level", "displacement"),
-    law=_law,
 )

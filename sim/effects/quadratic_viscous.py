@@ -3,16 +3,10 @@
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
-
-def _law(state, p):
-    return p["coefficient"] * state.qd * friction_laws.smooth_absolute_speed(state.qd)
-
-
 EFFECT = Effect(
     name="quadratic_viscous",
     parameters={"coefficient": "N m s^2/rad^2"},
     amount=("coefficient",),
     draw=lambda rng, sizes: {"coefficient": rng.uniform(0.15, 0.5) * sizes.viscous},
     friction=build_row_function(friction_laws.QUADRATIC, "coefficient"),
-    law=_law,
 )

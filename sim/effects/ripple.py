@@ -3,13 +3,6 @@
 from sim.effects.base import Effect, build_row_function, draw_angle
 from sim.engine import friction_laws
 
-
-def _law(state, p):
-    return p["amplitude"] * friction_laws.motor_cogging_wave(
-        p["order"] * state.q + p["phase"]
-    )
-
-
 EFFECT = Effect(
     name="ripple",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
@@ -21,5 +14,4 @@ EFFECT = Effect(
         "phase": draw_angle(rng),
     },
     torque=build_row_function(friction_laws.RIPPLE, "amplitude", "order", "phase"),
-    law=_law,
 )

@@ -8,5 +8,4 @@ EFFECT = Effect(
     of_drive="rotor",
     amount=("inertia",),
     draw=lambda rng, sizes: {"inertia": rng.uniform(0.3, 1.0) * sizes.rotor},
-    law=lambda state, p: p["inertia"] * state.qdd,
 )

@@ -13,7 +13,4 @@ EFFECT = Effect(
         "rest": rng.uniform(-0.3, 0.3) + sizes.centre,
     },
     torque=build_row_function(friction_laws.HOSE, "stiffness", "rest"),
-    law=lambda state, p: (
-        p["stiffness"] * friction_laws.hose_deflection(state.q - p["rest"])
-    ),
 )

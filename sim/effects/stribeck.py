@@ -3,16 +3,6 @@
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
 
-
-def stribeck(state, p):
-    """Return the torque on a synthetic arm; its exponent is 2. Shape (n, k)."""
-    return (
-        p["level"]
-        * state.bristle
-        * friction_laws.stribeck_factor(state.qd, p["velocity"])
-    )
-
-
 EFFECT = Effect(
     name="stribeck",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
@@ -26,5 +16,4 @@ EFFECT = Effect(
     friction=build_row_function(
         friction_laws.STRIBECK, "level", "velocity", "exponent"
     ),
-    law=stribeck,
 )

@@ -3,7 +3,7 @@
 import numpy as np
 import pinocchio as pin
 
-from residual.robot.dynamics import find_flange_frame, find_flange_placement
+from residual.robot.dynamics import find_flange_frame
 from sim.effects.base import (
     Array,
     Effect,
@@ -28,18 +28,6 @@ def _push(p: Values, arm: MovingArm) -> Array:
     return jacobian[:3].T @ _force(p)
 
 
-def _load(model: pin.Model, q: Array, p: Values) -> Array:
-    """Return what a weight of 1 kg at the flange takes in a field of that strength."""
-    bare = pin.Model(model)
-    for i in range(1, bare.njoints):
-        bare.inertias[i] = pin.Inertia.Zero()
-    point = pin.Inertia(1.0, np.zeros(3), np.zeros((3, 3)))
-    bare.inertias[bare.njoints - 1] = find_flange_placement(model).act(point)
-    bare.gravity.linear = _force(p)
-    data = bare.createData()
-    return np.array([pin.computeGeneralizedGravity(bare, data, x) for x in q])
-
-
 def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
     push = rng.normal(size=3)
     push *= rng.uniform(10.0, 40.0) / np.linalg.norm(push)
@@ -55,5 +43,4 @@ EFFECT = Effect(
     traits=frozenset({PlantEffectTrait.RARE}),
     draw=_draw,
     push=_push,
-    load=_load,
 )

@@ -35,28 +35,6 @@ def _random_walk(p, t, rng):
     return p["amplitude"] * walk / walk.std()
 
 
-def _random_walks(state, p):
-    walk = state.rng.normal(size=state.q.shape).cumsum(axis=0)
-    walk -= walk.mean(axis=0)
-    return p["amplitude"] * walk / walk.std(axis=0)
-
-
-def _cogging_sum(state, p):
-    """Return amplitude cos(order (q_i + q_j)) on joint i, nothing on joint j."""
-    torque = p["amplitude"] * np.cos(p["order"] * state.q.sum(axis=1))
-    return np.column_stack([torque, np.zeros_like(torque)])
-
-
-def _friction_jump(state, p):
-    """Return level z in the second part of every log, from `share` of it on."""
-    late = np.arange(len(state.t)) >= p["share"] * len(state.t)
-    return p["level"] * late[:, None] * state.bristle
-
-
-def _on_all(series):
-    return lambda s, p: series(p, s.t, s.rng)[:, None] * np.ones_like(s.q)
-
-
 def _wall(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
     side = draw_sign(rng)
     angle = sizes.centre + side * rng.uniform(0.1, 0.4) * sizes.amplitude
@@ -75,7 +53,6 @@ EFFECTS = (
             "phase": draw_angle(rng),
         },
         series=_vibration,
-        law=_on_all(_vibration),
     ),
     Effect(
         name="x_square_wave",
@@ -85,14 +62,12 @@ EFFECTS = (
             "frequency": rng.uniform(0.2, 0.4),
         },
         series=_square_wave,
-        law=_on_all(_square_wave),
     ),
     Effect(
         name="x_random_walk",
         parameters={"amplitude": "N m"},
         draw=lambda rng, sizes: {"amplitude": _size(rng, sizes)},
         series=_random_walk,
-        law=_random_walks,
     ),
     Effect(
         name="x_cogging_sum",
@@ -108,7 +83,6 @@ EFFECTS = (
             p["order"],
             joints[1],
         ),
-        law=_cogging_sum,
     ),
     Effect(
         name="x_friction_jump",
@@ -120,7 +94,6 @@ EFFECTS = (
         },
         friction=build_row_function(friction_laws.LEVEL, "level"),
         onset_share=lambda p: p["share"],
-        law=_friction_jump,
     ),
     Effect(
         name="x_dead_zone",

@@ -10,5 +10,4 @@ EFFECT = Effect(
     amount=("coefficient",),
     draw=lambda rng, sizes: {"coefficient": rng.uniform(0.3, 1.0) * sizes.viscous},
     friction=build_row_function(friction_laws.VISCOUS, "coefficient"),
-    law=lambda state, p: p["coefficient"] * state.qd,
 )

@@ -11,5 +11,4 @@ EFFECT = Effect(
         "coefficient": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.viscous
     },
     friction=build_row_function(friction_laws.VISCOUS_ASYMMETRY, "coefficient"),
-    law=lambda state, p: p["coefficient"] * state.qd * state.bristle,
 )

@@ -1,20 +1,7 @@
-"""Friction that fades as the gear warms up.
-
-On synthetic arms level z (0.75 exp(-t/T) + 0.25 exp(-t/(3T))): oil, then the housing;
-in the physics engine the friction itself heats.
-"""
-
-import numpy as np
+"""Friction that fades as the gear warms up by it."""
 
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws
-
-
-def _law(state, p):
-    oil = np.exp(-state.t / p["time_constant"])
-    fade = 0.75 * oil + 0.25 * oil ** (1 / 3)
-    return p["level"] * fade[:, None] * state.bristle
-
 
 EFFECT = Effect(
     name="warmup",
@@ -26,5 +13,4 @@ EFFECT = Effect(
         "time_constant": rng.uniform(40.0, 150.0),
     },
     friction=build_row_function(friction_laws.WARMUP, "level", "time_constant"),
-    law=_law,
 )

@@ -118,9 +118,3 @@ def grease_thinning_factor(warmth: Value, growth: Value) -> Value:
 def step_warmth(warmth: Value, power: Value, time_constant: Value, dt: float) -> Value:
     """Return a warmth after a step, for a power in units of the usual one."""
     return warmth + dt / time_constant * (power - warmth)
-
-
-def gear_twist_angle(load: Value, twist: Value, span: Value) -> Value:
-    """Return twist x / sqrt(1 + x^2 / 2), x = load / span: it hardens [rad]."""
-    x = load / span
-    return twist * x / np.sqrt(1.0 + x * x / 2.0)

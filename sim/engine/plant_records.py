@@ -97,6 +97,17 @@ class SensorNoise:
 
 
 @dataclass(frozen=True, slots=True)
+class ServoDrive:
+    """What a position-controlled arm does with a goal, a value per joint or none."""
+
+    gain: tuple[float, ...] = ()  # torque per angle [N m/rad]; none: 1
+    limit: tuple[float, ...] = ()  # of its torque [N m]; none: that of the arm
+    delay: tuple[float, ...] = ()  # until a goal arrives [s]
+    goal_speed: tuple[float, ...] = ()  # with which its firmware follows [rad/s]
+    damping: tuple[float, ...] = ()  # of the motor while it is on [N m s/rad]
+
+
+@dataclass(frozen=True, slots=True)
 class PlantSpec:
     """The hidden half of a spec: what the diagnosis must find out by itself."""
 
@@ -114,6 +125,9 @@ class PlantSpec:
     # Usual work of the arm before its session began, which left it warm; only a
     # background feels it [s].
     worked_before: float = 0.0
+    # Of an arm that is sent goals and nothing else; None where the controller sends
+    # torques.
+    drive: ServoDrive | None = None
 
 
 class DriveParameters(NamedTuple):

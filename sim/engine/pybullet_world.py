@@ -1,15 +1,13 @@
-"""PyBullet: integrator of the link side, camera, GIFs; only this file imports it.
+"""PyBullet: integrator of the link side; only this file imports it.
 
 One step is exact: tau = RNEA(q_k, v_k, (v_(k+1) - v_k) / dt) to about 1e-11 N m, and
 q_(k+1) = q_k + dt v_(k+1). Every setting below is needed for that.
 """
 
 import ctypes
-import io
 import os
 import sys
 import tempfile
-import xml.etree.ElementTree as ET
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,24 +15,13 @@ from typing import Self
 
 import numpy as np
 import pinocchio as pin
-from PIL import Image, ImageDraw
 
 from residual.errors import build_missing_package_error
 from residual.recording import Array
 from residual.robot.dynamics import find_joint_axis
 from residual.robot.files import find_prismatic_joints
-from residual.robot.robot import Robot
-from sim.engine.geometry import build_arm_capsules
-from sim.engine.plant_records import ReferenceMotion
 
 _FREE = 1e3  # rad and rad/s: limits that nothing reaches
-_LOOK = {"yaw": 52.0, "pitch": -18.0, "roll": 0.0, "upAxisIndex": 2}
-_FIELD = 40.0  # degrees from top to bottom
-_AWAY = 2.1  # distance of the camera, in lengths of the arm
-_UP = 0.4  # height that it looks at, in lengths of the arm
-_TILES = 4  # from the middle to the edge of the floor
-_FLOOR = ((0.86, 0.88, 0.9, 1.0), (0.76, 0.79, 0.82, 1.0))
-_LIGHT = (1.2, -1.6, 3.0)
 
 
 def write_model_urdf(model: pin.Model) -> str:
@@ -208,180 +195,3 @@ class BulletWorld(_Client):
             physicsClientId=self._client,
         )
         bullet.stepSimulation(physicsClientId=self._client)
-
-
-class BulletCamera(_Client):
-    """A camera on one arm, on a floor, without a display.
-
-    TinyRenderer computes pictures on the processor; nothing here moves by physics.
-
-    Args:
-        urdf: What the arm looks like: primitive shapes, no meshes.
-        length: Length of the stretched arm [m].
-        floor: Whether there is a floor at z = 0.
-        size: Width and height of a picture [pixels].
-    """
-
-    def __init__(
-        self, urdf: str, length: float, floor: bool, size: tuple[int, int]
-    ) -> None:
-        super().__init__(urdf)
-        self._size = size
-        self._joints = [
-            joint
-            for joint in range(bullet.getNumJoints(self._arm, **self._on))
-            if bullet.getJointInfo(self._arm, joint, **self._on)[2]
-            == bullet.JOINT_REVOLUTE
-        ]
-        if floor:
-            self._lay_floor(1.2 * length)
-        self._view = bullet.computeViewMatrixFromYawPitchRoll(
-            (0.15 * length, 0.0, _UP * length), _AWAY * length, **_LOOK
-        )
-        self._lens = bullet.computeProjectionMatrixFOV(
-            _FIELD, size[0] / size[1], 0.05 * length, 10 * length
-        )
-
-    def take_picture(self, q: Array) -> Array:
-        """Return a picture of the arm in a posture.
-
-        Returns:
-            Red, green and blue, 0 to 255. Shape (height, width, 3).
-        """
-        for joint, position in zip(self._joints, q, strict=True):
-            bullet.resetJointState(self._arm, joint, float(position), **self._on)
-        width, height = self._size
-        picture = bullet.getCameraImage(
-            width,
-            height,
-            self._view,
-            self._lens,
-            lightDirection=_LIGHT,
-            # Its shadows lie in stripes on a floor, and take longer than all the rest.
-            shadow=0,
-            renderer=bullet.ER_TINY_RENDERER,
-            **self._on,
-        )
-        pixels = np.asarray(picture[2], dtype=np.uint8)
-        return pixels.reshape(height, width, 4)[:, :, :3]
-
-    def _lay_floor(self, half: float) -> None:
-        """Lay tiles of two shades, which show where the arm stands.
-
-        Small ones: the renderer looks at every pixel around a triangle, and takes
-        seconds for long thin ones.
-        """
-        side = half / _TILES
-        corners = side * np.array([[0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, 0]])
-        places = range(-_TILES, _TILES)
-        for shade, colour in enumerate(_FLOOR):
-            tiles = [(i, j) for i in places for j in places if (i + j) % 2 == shade]
-            points = [
-                corner + side * np.array([i, j, 0])
-                for i, j in tiles
-                for corner in corners
-            ]
-            faces = [4 * n + k for n in range(len(tiles)) for k in (0, 1, 2, 0, 2, 3)]
-            shape = bullet.createVisualShape(
-                bullet.GEOM_MESH,
-                vertices=np.array(points).tolist(),
-                indices=faces,
-                normals=[(0.0, 0.0, 1.0)] * len(points),
-                rgbaColor=colour,
-                **self._on,
-            )
-            bullet.createMultiBody(baseVisualShapeIndex=shape, **self._on)
-
-
-_SIZE = (400, 320)  # pixels
-_COLOURS = 64
-_LONGEST = 10.0  # s that a picture shows where nothing repeats
-_PLAYED = 6.0  # s that it plays at most
-_STICK = 0.7  # radius of links that have no shape, in radii of the capsules
-_COLOUR = "1 0.43 0.1 1"
-
-
-def animate_reference(robot: Robot, motion: ReferenceMotion, frames: int = 60) -> bytes:
-    """Return a GIF of the arm along a reference, one period of it where it repeats."""
-    shown = motion.period or _LONGEST
-    rows = motion.t <= shown + 1e-9
-    return animate_samples(robot, motion.t[rows], motion.q[rows], frames)
-
-
-def animate_samples(robot: Robot, t: Array, q: Array, frames: int = 60) -> bytes:
-    """Return a GIF of the arm along samples, in real time or faster.
-
-    Args:
-        robot: The arm. Links without a primitive shape are drawn as rods.
-    """
-    rows = np.searchsorted(t, np.linspace(t[0], t[-1], frames, endpoint=False))
-    span = float(t[-1] - t[0])
-    arm = build_arm_capsules(robot.model)
-    length, stands = arm.radius / 0.07, bool(arm.low)
-    with BulletCamera(write_visible_urdf(robot), length, stands, _SIZE) as camera:
-        shots = [(camera.take_picture(q[row]), t[row] - t[0]) for row in rows]
-    pictures = []
-    for pixels, time in shots:
-        picture = Image.fromarray(pixels)
-        title = f"{robot.name}  {time:4.1f} s"
-        ImageDraw.Draw(picture).text((8, 6), title, fill=(60, 60, 60))
-        pictures.append(picture)
-    # One palette for all: what does not move then costs nothing.
-    palette = pictures[0].quantize(_COLOURS, dither=Image.Dither.NONE)
-    pictures = [p.quantize(palette=palette, dither=Image.Dither.NONE) for p in pictures]
-    out = io.BytesIO()
-    pause = 1000 * min(span, _PLAYED) / frames
-    pictures[0].save(
-        out,
-        format="GIF",
-        save_all=True,
-        append_images=pictures[1:],
-        duration=max(20, round(pause / 10) * 10),
-        loop=0,
-    )
-    return out.getvalue()
-
-
-def write_visible_urdf(robot: Robot) -> str:
-    """Return a URDF with the robot's primitive shapes, rods where it has none.
-
-    Meshes are files beside the URDF, which nobody can count on.
-    """
-    root = ET.fromstring(robot.urdf)
-    joints = {
-        parent.get("link"): joint
-        for joint in root.findall("joint")
-        for parent in joint.findall("parent")
-    }
-    radius = _STICK * build_arm_capsules(robot.model).radius
-    for link in root.findall("link"):
-        for shape in [*link.findall("collision"), *link.findall("visual")]:
-            if shape.tag == "collision" or shape.find("geometry/mesh") is not None:
-                link.remove(shape)
-        joint = joints.get(link.get("name"))
-        if link.find("visual") is None and joint is not None:
-            _add_rod(link, joint, radius)
-    return ET.tostring(root, encoding="unicode")
-
-
-def _add_rod(link: ET.Element, joint: ET.Element, radius: float) -> None:
-    """Draw a link as a rod from its own frame to the joint it carries."""
-    origin = joint.find("origin")
-    words = (origin.get("xyz") if origin is not None else None) or "0 0 0"
-    end = np.array([float(word) for word in words.split()])
-    length = float(np.linalg.norm(end))
-    if length < 1e-3:
-        return
-    turn = pin.Quaternion.FromTwoVectors(np.array([0.0, 0.0, 1.0]), end / length)
-    angles = pin.rpy.matrixToRpy(turn.toRotationMatrix())
-    visual = ET.SubElement(link, "visual")
-    place = {"xyz": _words(end / 2), "rpy": _words(angles)}
-    ET.SubElement(visual, "origin", place)
-    size = {"length": f"{length:.6g}", "radius": f"{min(radius, length / 2):.6g}"}
-    ET.SubElement(ET.SubElement(visual, "geometry"), "cylinder", size)
-    material = ET.SubElement(visual, "material", {"name": f"rod_{link.get('name')}"})
-    ET.SubElement(material, "color", {"rgba": _COLOUR})
-
-
-def _words(values: Array) -> str:
-    return " ".join(f"{value:.6g}" for value in values)

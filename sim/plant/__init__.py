@@ -1,5 +1,5 @@
 """The arm under control: bodies, friction, transmission, drives and their faults.
 
-`stepping` is the loop; each other file is one physical level. What an arm may hide
+`closed_loop` is the loop; each other file is one physical level. What an arm may hide
 stands in `sim.effects`.
 """

@@ -175,7 +175,7 @@ def build_and_simulate(
     """Build the arm of a spec and drive it; arguments as of `simulate`.
 
     Args:
-        command: What drives it in place of the nominal model (`controller_of`).
+        command: What drives it in place of the nominal model (`choose_controller`).
     """
     arm, label = build_plant_arm(robot, plant), format_motion_label(reference, start)
     controller = choose_controller(robot, reference, command)

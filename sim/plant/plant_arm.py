@@ -8,7 +8,7 @@ import pinocchio as pin
 
 from residual.errors import InputError
 from residual.recording import Array
-from residual.robot.robot import Robot
+from residual.robot.robot import Robot, refuse_carried_weight
 from sim.engine import friction_laws
 from sim.engine.plant_records import (
     DriveParameters,
@@ -59,7 +59,7 @@ def list_torque_channels(
 
 
 def build_contact_rows(effects: Effects, active: Sequence[int], soft: Array) -> Array:
-    """Return the contacts (`Constants`). Shape (c, 6).
+    """Return the contacts (`StepConstants`). Shape (c, 6).
 
     A shared gear that does not act yet is there, without friction and inertia.
     """
@@ -139,7 +139,7 @@ def build_torque_rows(
 
 
 def build_background_rows(background: JointBackground | None, first_slot: int) -> Array:
-    """Return what friction of each joint is by direction and warmth (`Constants`)."""
+    """Return friction of each joint by direction and warmth (`StepConstants`)."""
     if background is None:
         return np.zeros((0, 5))
     slots = first_slot + 2 * np.arange(len(background.span))
@@ -213,6 +213,7 @@ class ArmPhase:
 
 def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
     """Build the arm of a spec."""
+    refuse_carried_weight(robot, "the simulated arm")
     for effect in plant.effects:
         check_effect(effect, robot)
     rng = create_random_stream(plant.seed, "friction")
@@ -223,6 +224,9 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
             for f, value in zip(factors, read_nominal_drives(robot), strict=True)
         )
     )
+    if plant.drive is not None and plant.drive.damping:
+        # Of the motor, not of its gears; to the arm it is the same.
+        base = base._replace(viscous=base.viscous + np.array(plant.drive.damping))
     model = scatter_inertias(
         robot.model, plant.scatter, create_random_stream(plant.seed, "scatter")
     )
@@ -238,7 +242,7 @@ def build_initial_state(arm: PlantArm, start: float) -> PlantState:
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == friction_laws.WARMUP]:
         memory[int(slot)] = compute_warmth_after(start, constant)
     if arm.background is not None:
-        # Oil and housing side by side, joint by joint, as `used_rows` finds them.
+        # Oil and housing side by side, joint by joint (`build_background_rows`).
         warmth = compute_start_warmth(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
     gears = len(find_shared_gears(arm.effects))

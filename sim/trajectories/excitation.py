@@ -78,7 +78,7 @@ def expand_free_coefficients(free_coefficients: Array) -> tuple[Array, Array]:
 
 
 def extract_free_coefficients(series: FourierSeries) -> Array:
-    """Return what `harmonics` made a series of. Shape (8, dof)."""
+    """Return what `expand_free_coefficients` made a series of. Shape (8, dof)."""
     first, second = series.sine * _ORDER, series.cosine * _ORDER**2
     return np.vstack([_BALANCED.T @ first, _BALANCED.T @ second])
 
@@ -389,7 +389,7 @@ class ExcitationProblem:
         return np.concatenate([_INSIDE - _largest(u)[0] for u in self._shares(x)])
 
     def compute_margin_gradients(self, x: Array) -> Array:
-        """Return the derivative of `spare` by x. Shape (3 * dof, x)."""
+        """Return the derivative of `compute_margins` by x. Shape (3 * dof, x)."""
         limits = self.place.limits
         dof, joints = len(limits.half), np.arange(len(limits.half))
         bounds = (limits.half, limits.velocity, limits.acceleration)

@@ -74,7 +74,7 @@ def plan_reference_motion(
 def plan_motion(
     robot: Robot, spec: TrajectorySpec, optimised: bool = True
 ) -> MotionPlan:
-    """Plan a motion and check it; arguments and errors as of `make_reference`."""
+    """Plan a motion and check it, as `plan_reference_motion` before it is sampled."""
     _check_spec(spec)
     rng = create_random_stream(spec.seed, f"trajectory/{spec.kind}")
     # One thread: sums in another order would end the search elsewhere.

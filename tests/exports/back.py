@@ -2,16 +2,18 @@
 
 import ctypes
 import json
+import os
 import runpy
 import shutil
+import subprocess
 import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
+import pytest
 
-from flows.steps.export import compile_library
 from residual.export.c99 import make_c_identifier
 from residual.export.model_export import (
     RATE,
@@ -33,8 +35,6 @@ from residual.signals.track import SMOOTH
 STATES = 1000  # random ones, of one comparison
 CREEP = 1e-3  # rad/s: dry friction must have its value from here on
 FULL = 20.0  # tanh of it is one, to the last bit
-SIGNALS = ("q", "qd", "qdd")  # inputs of an FMU
-KINDS = ("model exchange", "co-simulation")  # of an FMU
 AROUND = """\
 #include "{header}"
 void along(int n, const double *t, const double *q, const double *qd,
@@ -49,6 +49,22 @@ void along(int n, const double *t, const double *q, const double *qd,
 """
 # The torque of the target, and that of what the export carries [N m].
 Pair = tuple[Array, Array]
+
+
+def find_compiler() -> str | None:
+    """Return the C compiler of this machine: $CC, else cc or gcc; None for none."""
+    names = (os.environ.get("CC", ""), "cc", "gcc")
+    return next((result for n in names if n and (result := shutil.which(n))), None)
+
+
+needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
+
+
+def compile_library(place: Path, source: str, name: str) -> None:
+    """Compile a file of a folder into a shared library there."""
+    flags = ("-std=c99", "-O2", "-Wall", "-Wextra", "-pedantic", "-shared", "-fPIC")
+    command = [find_compiler() or "cc", *flags, "-o", name, source, "-lm"]
+    subprocess.run(command, cwd=place, check=True, capture_output=True)
 
 
 def text_of(made: ModelExport) -> str:
@@ -175,7 +191,7 @@ def compiled(made: ModelExport) -> Iterator[Callable[[NoiselessMotion], Array]]:
     p = make_c_identifier(name.removesuffix(".h"))
     around = AROUND.format(header=name, p=p, dof=dof).encode()
     with unpacked({name: text, "around.c": around}) as place:
-        compile_library(place, ["around.c"], "around.so")
+        compile_library(place, "around.c", "around.so")
         library = ctypes.CDLL(str(place / "around.so"))
 
         def along(motion: NoiselessMotion) -> Array:
@@ -186,78 +202,6 @@ def compiled(made: ModelExport) -> Iterator[Callable[[NoiselessMotion], Array]]:
             return out
 
         yield along
-
-
-def fmu_back(made: ModelExport) -> Pair:
-    """Let FMPy check the FMU and play it along a motion, in both ways."""
-    from fmpy.validation import validate_fmu
-
-    (content,) = made.files.values()
-    with unpacked({"model.fmu": content}) as place:
-        path = place / "model.fmu"
-        assert validate_fmu(str(path)) == []
-        got, want = _along(
-            made, lambda motion: np.hstack([played(path, motion, k) for k in KINDS])
-        )
-    return got, np.hstack([want] * len(KINDS))
-
-
-def played(path: Path, motion: NoiselessMotion, kind: str) -> Array:
-    """Return the torque of every sample, at its own time [N m]. Shape (n, dof).
-
-    FMPy's own loop for co-simulation reads outputs before it sets inputs.
-    """
-    import fmpy
-
-    if kind == KINDS[1]:
-        return _stepped(path, motion)
-    dof = motion.q.shape[1]
-    names = [f"{signal}{j + 1}" for signal in SIGNALS for j in range(dof)]
-    columns = [motion.t, *np.hstack(motion.parts).T]
-    kinds = [("time", float), *((name, float) for name in names)]
-    rows = np.array(list(zip(*columns, strict=True)), dtype=kinds)
-    step = float(motion.t[1] - motion.t[0])
-    done = fmpy.simulate_fmu(
-        str(path),
-        fmi_type="ModelExchange",
-        solver="Euler",
-        start_time=float(motion.t[0]),
-        stop_time=float(motion.t[-1]),
-        step_size=step,
-        output_interval=step,
-        input=rows,
-        output=[f"tau{j + 1}" for j in range(dof)],
-    )
-    return np.column_stack([done[f"tau{j + 1}"] for j in range(dof)])
-
-
-def _stepped(path: Path, motion: NoiselessMotion) -> Array:
-    import fmpy
-    from fmpy.fmi2 import FMU2Slave
-
-    dof = motion.q.shape[1]
-    about = fmpy.read_model_description(str(path))
-    folder = fmpy.extract(str(path))
-    own = FMU2Slave(
-        guid=about.guid,
-        unzipDirectory=folder,
-        modelIdentifier=about.coSimulation.modelIdentifier,
-        instanceName="model",
-    )
-    inputs, outputs = list(range(3 * dof)), list(range(3 * dof, 4 * dof))
-    rows, out = np.hstack(motion.parts), np.empty_like(motion.q)
-    own.instantiate()
-    own.setupExperiment(startTime=float(motion.t[0]))
-    own.enterInitializationMode()
-    own.exitInitializationMode()
-    for k, (now, row) in enumerate(zip(motion.t, rows, strict=True)):
-        own.setReal(inputs, row)
-        out[k] = own.getReal(outputs)
-        own.doStep(float(now), float(motion.t[1] - motion.t[0]))
-    own.terminate()
-    own.freeInstance()
-    shutil.rmtree(folder, ignore_errors=True)
-    return out
 
 
 def rrd_back(made: ModelExport) -> Pair:
@@ -286,7 +230,6 @@ BACK: Mapping[str, Callable[[ModelExport], Pair]] = {
     "mjcf": mjcf_back,
     "mujoco": mujoco_back,
     "c99": c99_back,
-    "fmu": fmu_back,
     "rrd": rrd_back,
     "table": table_back,
 }

@@ -194,3 +194,38 @@ def test_every_kind_has_its_words():
 def test_a_document_that_is_no_check_is_refused(document):
     with pytest.raises(InputError, match="check"):
         read_log_check(document)
+
+
+ROBOT_FILE = """<robot name="two"><link name="b"/>
+<link name="u"><inertial><origin xyz="0 0 0.2"/><mass value="1.6"/>
+  <inertia ixx="0.05" iyy="0.05" izz="0.4" ixy="0" ixz="0" iyz="0"/></inertial></link>
+<link name="w"><inertial><origin xyz="0 0 0.12"/><mass value="0.7"/>
+  <inertia ixx="0.004" iyy="0.004" izz="0.001" ixy="0" ixz="0" iyz="0"/></inertial>
+</link>
+<joint name="shoulder" type="revolute"><parent link="b"/><child link="u"/>
+  <axis xyz="0 1 0"/><limit lower="-2" upper="2" velocity="5" effort="60"/></joint>
+<joint name="elbow" type="revolute"><parent link="u"/><child link="w"/>
+  <origin xyz="0 0 0.35"/><axis xyz="0 1 0"/>
+  <limit lower="-2" upper="2" velocity="5" effort="0.1"/></joint></robot>"""
+
+
+def test_without_a_log_the_robot_file_is_told(tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    Path("arm.urdf").write_text(ROBOT_FILE)
+    assert run("check --robot arm.urdf --json arm.json") == 0
+    said = capsys.readouterr().out
+    assert "The robot file is implausible in 2 points." in said
+    assert "Link 'u': tensor ixx 0.05, iyy 0.05, izz 0.4 kg m^2: the moment" in said
+    assert "torque limit is 0.1 N m, and the weight of the arm alone takes" in said
+    assert "    w (joint 2: elbow)" in said
+    document = json.loads(Path("arm.json").read_text())
+    assert [(f["joints"], f["certain"]) for f in document["faults"]] == [
+        ([1], False),
+        ([2], False),
+    ]
+    assert [body["flaw"] for body in document["robot"]["bodies"]] == [
+        "impossible",
+        None,
+    ]
+    assert run("check --robot irb140") == 0
+    assert "Nothing in the robot file is implausible." in capsys.readouterr().out

@@ -1,18 +1,15 @@
 """modelgap export, from the shell and from Python, through each target and back."""
 
-import io
 import json
 import re
 import sys
-import zipfile
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.steps import export as exporting
-from flows.steps.export import export_model, find_compiler
+from flows.steps.export import export_model
 from flows.steps.model_choice import read_model
 from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError, UnknownNameError
@@ -21,7 +18,7 @@ from residual.export.urdf_mjcf import to_mujoco
 from residual.model.lookup import CorrectedModel, JointCorrection
 from residual.robot.robot import load_robot
 from residual.signals.track import CHOICES
-from tests.exports.back import BACK, CREEP, inverse, passive
+from tests.exports.back import BACK, CREEP, inverse, needs_compiler, passive
 from tests.exports.models import ARMS, NAMES, model_with, robot_of
 from tests.residual.arms import urdf_text
 from tests.residual.test_model_record import lookup
@@ -33,14 +30,11 @@ TOLERANCES = {
     "urdf": 1e-12,
     "json": 0.0,
     "c99": 1e-11,
-    "fmu": 1e-9,
     "rrd": 1e-12,
 }
 OTHERS = sorted(set(ARMS) - {"seven"})
-needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
-REASON = dict.fromkeys(("c99", "fmu"), needs_compiler)
-NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "fmu": "fmpy", "rrd": "rerun"}
-REASON["mujoco"] = (needs_compiler, pytest.mark.long)
+REASON = {"c99": needs_compiler, "mujoco": (needs_compiler, pytest.mark.long)}
+NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "rrd": "rerun"}
 
 
 def _every(robot):
@@ -180,15 +174,6 @@ def test_a_missing_extra_says_what_to_install(monkeypatch):
     message = r"needs Rerun.*'\.\[export\]' in the checkout"
     with pytest.raises(InputError, match=message):
         export_model(model_with(robot_of("irb140"), "viscous"), "rrd")
-
-
-def test_without_a_compiler_an_fmu_has_its_sources_alone(monkeypatch):
-    monkeypatch.setattr(exporting, "find_compiler", lambda: None)
-    source = model_with(robot_of("irb140"), "viscous")
-    (content,) = export_model(source, "fmu").files.values()
-    with zipfile.ZipFile(io.BytesIO(content)) as packed:
-        folders = {name.split("/")[0] for name in packed.namelist()}
-        assert folders == {"modelDescription.xml", "sources"}
 
 
 def test_models_of_the_store_are_found_by_their_id(tmp_path):

@@ -18,7 +18,7 @@ from warehouse.store_catalogue import read_record
 
 KEYS = (
     "schema robot declared method prior logs held_out same_run condition noise rows "
-    "independent_rows outliers parameters essential error acceleration_error "
+    "independent_rows outliers parameters error acceleration_error "
     "least_mass_matrix consistent warnings"
 )
 
@@ -56,12 +56,11 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
 
 
 def test_json_alone_on_standard_output(place, capsys):
-    words = "identify A.csv --robot arm.urdf --method irls --essential --json -"
+    words = "identify A.csv --robot arm.urdf --method irls --json -"
     assert run(words) == 0
     shown = capsys.readouterr()
     document = json.loads(shown.out)
     assert (document["method"], document["same_run"]) == ("irls", True)
-    assert document["essential"]["f"] <= document["essential"]["f_limit"]
     assert "no --holdout given" in document["warnings"][0]
     assert "fit: A | baseline" in shown.err
 

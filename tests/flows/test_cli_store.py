@@ -216,7 +216,7 @@ def test_a_question_loads_no_simulation_and_no_method(ids):
     script = (
         "import sys; from flows.cli import main; "
         f"code = main(['sql', 'SELECT 1', '--store', {str(ids['store'])!r}]); "
-        "slow = {'scipy', 'numba', 'prefect', 'pybullet', 'matplotlib', 'sklearn'}; "
+        "slow = {'scipy', 'numba', 'prefect', 'pybullet', 'sklearn'}; "
         "print(code, sorted(slow & set(sys.modules)))"
     )
     done = subprocess.run(

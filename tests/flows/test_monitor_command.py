@@ -107,15 +107,13 @@ def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
     assert kept.to_record() == augmented.to_record()
 
 
-def test_the_command_prints_a_table_and_draws(run_store, tmp_path, capsys):
+def test_the_command_prints_a_table(run_store, capsys):
     store, good, fine, bad = run_store
-    picture = tmp_path / "out.png"
     words = ["monitor", ROBOT, bad[:8], "--calibrate", *good, "--store", str(store)]
-    assert main([*words, "--plot", str(picture)]) == 0
+    assert main(words) == 0
     output = capsys.readouterr().out
-    for word in (bad[:8], "encoder", "jump", "1 run", "modelgap show", str(picture)):
+    for word in (bad[:8], "encoder", "jump", "1 run", "modelgap show"):
         assert word in output
-    assert picture.read_bytes().startswith(b"\x89PNG")
     assert main([*words[:2], fine, *words[3:]]) == 0
     assert "No alarm in 4 s of 1 run" in capsys.readouterr().out
 
@@ -130,7 +128,6 @@ BAD = {
     "abc123 F --calibrate GGG": "is no diagnosis in",
     "irb14 F --calibrate GGG": "irb140",
     "irb140 zz --calibrate GGG": "'zz' is not an id",
-    "irb140 F --calibrate GGG --plot no/such/dir.png": "there is no folder",
     "irb140 F --calibrate GGG --per-hour 0": "0 false alarms per hour",
 }
 

@@ -196,22 +196,3 @@ def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> N
     words = file.getvalue().replace(",", " ").split()
     assert {"ripple", "J11", *cells} <= set(words)
     assert max(map(len, file.getvalue().splitlines())) <= 60
-
-
-def test_terminal_says_the_verdict_first_and_then_everything() -> None:
-    text = printed(outcomes.several())
-    flat = " ".join(text.split())
-    assert flat.startswith("The model lacks Coulomb friction on all six joints, a bal")
-    for words in (
-        "J4 41.22 ± 0.61 N m",
-        "amplitude 7020 ± 42 N m",
-        "2. a balancer on joint 2 or a spring",
-        "probability 97 % (of any of these)",
-        "by plausibility, probability 83 %, held-out motion: neutral",
-        "12.4 7.9",
-        "Next experiment",
-    ):
-        assert words in flat
-    assert "Smallest detectable" not in text
-    assert "Smallest detectable" in printed(outcomes.nothing())
-    assert "Warning: delay is withdrawn" in printed(outcomes.unknown())

@@ -48,7 +48,7 @@ def commands(folder: Path) -> dict[str, list[str]]:
         "effects": ["diagnose", fast, pick, *ARM, *proof],
         "none": ["diagnose", pick, *ARM, *earlier, *proof],
         "unknown": ["diagnose", strange, *ARM, *earlier],
-        "identification": ["identify", fast, pick, *ARM, *proof, "--essential"],
+        "identification": ["identify", fast, pick, *ARM, *proof],
         "calibration": ["calibrate", *short[1:], *ARM],
     }
 

@@ -48,9 +48,6 @@ def spoilt(log: Recording, fault: str, joint: int, onset: float) -> Recording:
         tau[first:, j] += 0.15 * RANGE[j]
     elif fault == "lost scale":
         tau[first:, j] *= 0.7
-    elif fault == "noise":
-        noise = np.random.default_rng(first).normal(size=len(tau) - first)
-        tau[first:, j] += 0.05 * RANGE[j] * noise
     elif fault == "drift":
         q[first:, j] += np.deg2rad(2.0) * (log.t[first:] - log.t[first])
     return replace(log, q=q, tau=tau)

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows.steps.export import find_compiler
 from residual.calibration.correction_choice import MAIN
 from residual.errors import InputError
 from residual.export.c99 import make_c_identifier, to_c99
@@ -15,7 +14,7 @@ from residual.export.urdf_mjcf import to_mjcf, to_urdf
 from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, JointCorrection
 from residual.model.model import Model
 from residual.signals.track import CHOICES
-from tests.exports.back import c99_back
+from tests.exports.back import c99_back, needs_compiler
 from tests.exports.models import NAMES, model_with, robot_of, term
 from tests.residual.test_model_record import lookup
 
@@ -36,7 +35,6 @@ CARRIED = {
     "mjcf": JOINTS | BODIES | MUJOCO,
     "c99": set(NAMES) - AHEAD,
 }
-needs_compiler = pytest.mark.skipif(find_compiler() is None, reason="no C compiler")
 
 
 @pytest.mark.parametrize("target", sorted(WRITERS))
@@ -106,7 +104,7 @@ def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
     (omission,) = export.omissions
     assert omission.name == "coulomb"
     assert omission.why.startswith("MJCF allows no negative friction, got -1 N m: ")
-    assert "--essential" in omission.why
+    assert "--prior 0.03" in omission.why
     robot = robot_of("irb140")
     lone, sprung = (
         to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"])

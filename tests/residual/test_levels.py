@@ -1,3 +1,5 @@
+from functools import partial
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -5,19 +7,20 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from residual.calibration.nominal_pls import merge_equal_rows
-from residual.calibration.table_regression import build_equal_levels as equal_levels
-from residual.calibration.table_regression import build_quantile_levels
+from residual.calibration.table_regression import build_levels
 from residual.errors import InputError
 
 COLUMNS = arrays(
     float, st.integers(3, 40), elements=st.floats(-5, 5, width=16), fill=st.nothing()
 ).filter(lambda x: np.ptp(x) > 0.1)
 
+equal_levels = partial(build_levels, equally_wide=True)
+
 
 @given(
     COLUMNS,
     st.integers(2, 30),
-    st.sampled_from([equal_levels, build_quantile_levels]),
+    st.sampled_from([equal_levels, build_levels]),
 )
 @settings(max_examples=60, deadline=None)
 def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, make):
@@ -40,21 +43,21 @@ def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
 
 
 def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
-    codes = build_quantile_levels(x := rng.normal(size=1000), 10).encode(x)
+    codes = build_levels(x := rng.normal(size=1000), 10).encode(x)
     assert np.ptp(np.bincount(codes.values[:, 0])) <= 1
     x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
-    levels = build_quantile_levels(x, 10)
+    levels = build_levels(x, 10)
     assert 2 <= levels.sizes[0] < 10
     assert np.unique(levels.encode(x).values).size > 1
 
 
 def test_velocities_get_a_level_of_standing_still(rng):
     qd = np.concatenate([rng.normal(size=500), np.zeros(300)])
-    levels = build_quantile_levels(qd, 10, velocities=(0,))
+    levels = build_levels(qd, 10, velocities=(0,))
     low, still, high = levels.encode(np.array([-0.002, 0.0, 0.002])).values[:, 0]
     assert low < still < high
     assert levels.sizes == (11,)
-    one_way = build_quantile_levels(np.abs(qd) + 1, 10, velocities=(0,))
+    one_way = build_levels(np.abs(qd) + 1, 10, velocities=(0,))
     assert 0.001 not in one_way.edges[0]
 
 
@@ -78,7 +81,7 @@ def test_merged_rows_keep_every_sum(rng, levels):
             "levels must be 2 to .*, got 1",
         ),
         (
-            lambda: build_quantile_levels(np.arange(5.0), 0),
+            lambda: build_levels(np.arange(5.0), 0),
             "levels must be 2 to .*, got 0",
         ),
         (lambda: equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),

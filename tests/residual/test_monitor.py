@@ -27,7 +27,6 @@ def test_sensors_in_order_raise_no_alarm(seed):
         ("frozen", 0.1),
         ("jump", 0.1),
         ("spikes", 0.1),
-        ("noise", 0.3),
         ("bias", 1.0),
         ("lost scale", 1.0),
         ("drift", 1.0),

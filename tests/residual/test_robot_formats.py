@@ -5,8 +5,12 @@ import pytest
 
 from flows.inputs.read import load_command_robot as load_arm
 from residual.errors import InputError, RobotError
-from residual.robot.dynamics import compute_inverse_dynamics
-from residual.robot.robot import load_robot
+from residual.robot.dynamics import LazyRegressor, read_inertial_parameters
+from residual.robot.robot import (
+    build_robot,
+    load_robot,
+    write_urdf_with_inertias,
+)
 from tests.residual.arms import urdf_text
 
 mujoco = pytest.importorskip("mujoco", reason="the extra mjcf is not installed")
@@ -53,23 +57,48 @@ def written(folder, text, name="arm.xml"):
     return folder / name
 
 
-def test_an_mjcf_has_the_dynamics_that_mujoco_gives_it(tmp_path):
-    robot = load_arm(written(tmp_path, MJCF))
+HELD = {
+    "none": {},
+    "some": {'"shoulder"': 'gravcomp="1"', '"fore"': 'gravcomp="0.4"'},
+    # The drive of tilt counts what holds the bodies as its own torque.
+    "counted": {'"fore"': 'gravcomp="0.7"', '"tilt"': 'actuatorgravcomp="true"'},
+}
+
+
+@pytest.mark.parametrize("held", HELD.values(), ids=HELD)
+def test_an_mjcf_has_the_dynamics_that_mujoco_gives_it(tmp_path, held):
+    text = MJCF
+    for name, attribute in held.items():
+        text = text.replace(f"name={name}", f"name={name} {attribute}")
+    robot = load_arm(written(tmp_path, text))
     assert robot.joints == ARM
     assert robot.locked == {"finger1": 0, "finger2": pytest.approx(0.01)}
-    model = mujoco.MjModel.from_xml_string(MJCF)
+    model = mujoco.MjModel.from_xml_string(text)
     for part in ("dof_damping", "dof_frictionloss", "dof_armature"):
         getattr(model, part)[:] = 0
     model.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_CONSTRAINT
     data, rng = mujoco.MjData(model), np.random.default_rng(1)
     states = rng.uniform(-0.8, 0.8, (3, 20, 4))
-    ours = compute_inverse_dynamics(robot.model, *states)
+    ours = LazyRegressor(robot, tuple(states)) @ read_inertial_parameters(robot.model)
     for (q, qd, qdd), tau in zip(np.moveaxis(states, 1, 0), ours, strict=True):
         data.qpos[:], data.qvel[:], data.qacc[:] = 0, 0, 0
         data.qpos[4:] = 0, 0.01
         data.qpos[:4], data.qvel[:4], data.qacc[:4] = q, qd, qdd
         mujoco.mj_inverse(model, data)
         np.testing.assert_allclose(tau, data.qfrc_inverse[:4], atol=1e-10)
+
+
+def test_weight_that_is_held_beside_the_drives_is_said_and_may_be_denied(tmp_path):
+    text = MJCF.replace('"fore"', '"fore" gravcomp="1"')
+    robot = load_arm(written(tmp_path, text))
+    assert robot.carried.links == ("fore",)
+    assert any("gravcomp: the weight of fore" in note for note in robot.notes)
+    again = build_robot(robot.name, robot.urdf, robot.toml)  # from what a store keeps
+    np.testing.assert_array_equal(again.carried.shares, robot.carried.shares)
+    with pytest.raises(RobotError, match="gravcomp = false"):
+        write_urdf_with_inertias(robot, read_inertial_parameters(robot.model))
+    (tmp_path / "robot.toml").write_text("[robot]\ngravcomp = false\n")
+    assert load_arm(tmp_path).carried is None
 
 
 def test_what_else_an_mjcf_says_is_declared(tmp_path):

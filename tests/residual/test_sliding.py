@@ -1,9 +1,7 @@
 """Joints that slide: their dynamics, their units, and what is named on them."""
 
 import csv
-import io
 import json
-import zipfile
 from dataclasses import replace
 
 import numpy as np
@@ -13,7 +11,7 @@ import pytest
 import modelgap as mg
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
-from residual.export.c99 import to_c99, to_fmu
+from residual.export.c99 import to_c99
 from residual.export.support_point_tables import to_table
 from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
 from residual.quantity import convert_to_sliding_unit
@@ -83,11 +81,6 @@ def test_an_export_says_the_units_of_each_joint():
     model = model_with(arm("scara"), "viscous")
     head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
     assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
-    (content,) = to_fmu(model, lambda sources: None).files.values()
-    with zipfile.ZipFile(io.BytesIO(content)) as archive:
-        text = archive.read("modelDescription.xml").decode()
-    after = [text.split(f'name="tau{j}"')[1].split('unit="')[1] for j in (1, 3)]
-    assert [part.split('"')[0] for part in after] == ["N.m", "N"]
 
 
 def test_units_follow_the_joint():

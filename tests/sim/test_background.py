@@ -5,6 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.synthetic.background import (
+    FrictionMotion,
+    compute_background_torque,
+    compute_cogging,
+)
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import (
     Plant,
@@ -14,13 +19,7 @@ from benchmarks.synthetic.quasi_static import (
 )
 from residual.errors import InputError
 from sim.engine.plant_records import SyntheticEffect
-from sim.plant.joint_background import (
-    FrictionMotion,
-    compute_background_torque,
-    compute_cogging,
-    draw_background,
-    simulate_torque_logging,
-)
+from sim.plant.joint_background import draw_background, simulate_torque_logging
 from sim.plant.typical_sizes import estimate_typical_sizes
 from tests.sim.plant_cases import ROBOT, motion
 

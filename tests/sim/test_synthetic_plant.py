@@ -2,14 +2,14 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.synthetic.amounts import list_unnamed_effects as unnamed_effects
+from benchmarks.synthetic.laws import compute_bristle_states
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_model
 from benchmarks.synthetic.quasi_static import true_torque as torque
 from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from sim.effect_draws import draw_effect, list_drawable_effects
-from sim.effects.base import compute_bristle_states
 from sim.engine.plant_records import create_random_stream
-from sim.plant.effect_catalogue import list_unnamed_effects as unnamed_effects
 from sim.plant.typical_sizes import scatter_inertias
 from tests.sim import plant_cases
 from tests.sim.plant_cases import ROBOT

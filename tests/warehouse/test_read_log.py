@@ -10,7 +10,8 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_log
-from warehouse.logs.column_map import CsvFormat
+from warehouse.logs.column_map import CsvFormat, SignalMap
+from warehouse.logs.log_window import find_leaps
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -207,6 +208,19 @@ def test_joint_columns_that_misfit_are_refused(robot, samples, write, extra, mes
         read_log(write(table, (*NAMES, extra)), robot)
 
 
+def test_a_map_that_names_its_columns_reads_a_part_of_an_arm(robot, samples, write):
+    names = ("t", "q2", "q3", "tau2", "tau3", "q1", "tau1", "qd1", "qd2", "qd3")
+    table = np.column_stack([samples, *samples.T])
+    q, tau = SignalMap(("q2", "q3"), "rad"), SignalMap(("tau2", "tau3"), "N m")
+    named = ColumnMap(signals={"q": q, "tau": tau})
+    log, understood = read_log(write(table, names), robot, named)
+    np.testing.assert_array_equal(log.q, samples[:, 1:3])
+    assert log.qd is None  # of other joints: those of the map need not be 1 and 2
+    assert understood.ignored == names[5:]
+    with pytest.raises(InputError, match="'tau3' is beyond"):
+        read_log(write(table, names), robot, ColumnMap(signals={"q": q}))
+
+
 def broken_parquet(samples):
     sink = pa.BufferOutputStream()
     pq.write_table(pa.table({"t": samples[:, 0]}), sink)
@@ -294,3 +308,12 @@ def test_noise_of_an_encoder_is_no_second_arm(samples, write, make_robot, noise)
     samples[:, 1:3] += noise * rng.normal(size=(len(samples), 2))
     log, _ = read_log(write(samples), make_robot())
     assert len(log.t) == len(samples)
+
+
+def test_a_false_reading_that_is_repeated_is_a_leap_there_and_back():
+    q = np.linspace(0, 5, 600)[:, None]
+    q[20:22] += 3.5
+    q[40] -= 1.0
+    assert np.flatnonzero(find_leaps(q)).tolist() == [20, 21, 40]
+    q[20:26] += 3.5  # no false reading lasts so long
+    assert 25 not in np.flatnonzero(find_leaps(q))

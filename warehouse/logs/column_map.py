@@ -5,7 +5,7 @@ Only what the map states is converted.
 
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from difflib import get_close_matches
 from pathlib import Path
@@ -15,6 +15,7 @@ import numpy as np
 from pydantic import ConfigDict, Field, model_validator
 from pydantic.dataclasses import dataclass as table
 
+from residual.drive import Drive
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from warehouse.toml_records import build_toml_record, read_toml
@@ -121,6 +122,8 @@ class ColumnMap:
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
+    # How torque follows from goal and position; None where it is in columns.
+    drive: Drive | None = None
 
     @property
     def time_unit_seconds(self) -> float:
@@ -154,6 +157,7 @@ class _File:
     q_ref: SignalMap | None = None
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
+    drive: Drive | None = None
 
 
 class MissingColumnsError(InputError):
@@ -196,6 +200,7 @@ def _column_map(content: Mapping, name: str) -> ColumnMap:
         signals={k: _in_unit(k, s, name) for k, s in maps.items() if s},
         csv=file.csv,
         bag=file.bag,
+        drive=file.drive,
     )
 
 
@@ -236,21 +241,37 @@ class ColumnSelection:
     signals: Mapping[str, SignalMap]
     ignored: tuple[str, ...]
     nanoseconds: str | None = None
+    enabled: str | None = None
 
     @property
     def used(self) -> tuple[str, ...]:
         """Columns that are read, time first."""
         joints = (c for signal in self.signals.values() for c in signal.columns)
-        clock = (self.time, self.nanoseconds) if self.nanoseconds else (self.time,)
-        return (*clock, *joints)
+        return (*filter(None, (self.time, self.nanoseconds, self.enabled)), *joints)
 
 
 def select_columns(
     columns: tuple[str, ...], column_map: ColumnMap, robot: Robot, source: str
 ) -> ColumnSelection:
-    """Find the columns of every signal."""
-    signals, dof = {}, robot.dof
+    """Find the columns of every signal.
+
+    Raises:
+        InputError: If a signal that the map leaves to its usual names has columns of
+            more joints than the robot: then they are of another arm, or of a part of
+            it that only the map can name. Or the drive has values of other joints.
+    """
+    signals, dof, drive = {}, robot.dof, column_map.drive
+    beyond = _find_columns_beyond(columns, dof)
+    needed = _NEEDED if drive is None else ("q", "q_ref")
+    if drive is not None and drive.dof not in (None, dof):
+        raise InputError(
+            f"drive has values for {drive.dof} joints, the robot has {dof} "
+            f"({', '.join(robot.joints)}). Give one value per joint."
+        )
+    part = all(name in column_map.signals for name in needed)
     for name in JOINT_SIGNALS:
+        if name == "tau" and drive is not None:
+            continue  # it follows from goal and position
         signal = column_map.signals.get(name)
         if signal is not None and len(signal.columns) != dof:
             raise InputError(
@@ -260,22 +281,34 @@ def select_columns(
             )
         if signal is None:
             signal = build_default_signal(name, dof)
-            # An optional signal is read where it is whole, else ignored and named.
-            if name not in _NEEDED and not set(signal.columns) <= set(columns):
+            if name in beyond and not part:
+                raise InputError(
+                    f"{source}: column '{beyond[name]}' is beyond the robot's joints 1 "
+                    f"to {dof}. Is --robot the right one? To look at a part of an arm, "
+                    "name its columns of q and tau in --map; else rename the column."
+                )
+            # An optional signal is read where it is whole, else ignored and named; of
+            # a part of an arm its first joints need not be those of the robot.
+            whole = set(signal.columns) <= set(columns) and name not in beyond
+            if name not in needed and not whole:
                 continue
         signals[name] = signal
-    chosen = ColumnSelection(column_map.time, signals, (), column_map.nanoseconds)
+    clock = column_map.time, signals, (), column_map.nanoseconds
+    chosen = ColumnSelection(*clock, enabled=drive and drive.enabled)
     _check_there(chosen.used, columns, source)
     ignored = tuple(c for c in columns if c not in chosen.used and c)
-    for column in sorted(ignored):
+    return replace(chosen, ignored=ignored)
+
+
+def _find_columns_beyond(columns: Sequence[str], dof: int) -> dict[str, str]:
+    """Return the first column of no joint of the robot, by its signal."""
+    out: dict[str, str] = {}
+    for column in sorted(columns):
         match = _JOINT_COLUMN.fullmatch(column)
         # Python reads no number of thousands of digits.
         if match and (len(match[2]) > 9 or not 1 <= int(match[2]) <= dof):
-            raise InputError(
-                f"{source}: column '{column}' is beyond the robot's joints 1 to {dof}. "
-                "Is --robot the right one? Else remove or rename the column."
-            )
-    return replace(chosen, ignored=ignored)
+            out.setdefault(match[1], column)
+    return out
 
 
 def check_column_units(

@@ -13,7 +13,7 @@ import pyarrow as pa
 
 from residual.errors import InputError, RecordingError, shorten_value
 from residual.plugins import load_plugins
-from residual.recording import Recording
+from residual.recording import Recording, apply_drive
 from residual.robot.robot import Robot
 from warehouse.logs.column_map import (
     ColumnMap,
@@ -39,6 +39,7 @@ from warehouse.logs.log_window import (
     describe_log_oddities,
     find_implausible_samples,
     find_interleaved_arms,
+    find_leaps,
     find_time_fault,
     split_log_spec,
 )
@@ -47,6 +48,7 @@ from warehouse.logs.ros_bags import open_bag
 Array = np.ndarray
 
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
+MOST_MASKED = 0.1  # of the samples of a log with a drive are no numbers, at the most
 LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
 # What the files of each format begin with; all others are text.
 _BAGS, _PARQUET = (b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"), b"PAR1"
@@ -326,7 +328,7 @@ def read_opened_log(
     file: str,
     window: LogWindow | None = None,
 ) -> tuple[Recording, LogSummary]:
-    """Read a log that is open, as `read_any`.
+    """Read a log that is open, as `read_log`.
 
     Args:
         file: As the user wrote it, without the window.
@@ -412,7 +414,7 @@ def _samples(
     with np.errstate(over="ignore", invalid="ignore"):
         t = table[chosen.time] * columns.time_unit_seconds
     q = np.column_stack([table[c] for c in chosen.signals["q"].columns])
-    mixed = find_interleaved_arms(q, label)
+    mixed = find_interleaved_arms(q, label, t)
     keep, doubts = find_increasing_rows(t, name)
     at = _rows(keep)
     if window is not None:
@@ -423,25 +425,62 @@ def _samples(
         raw = np.column_stack([table.pop(c)[at] for c in signal.columns])
         with np.errstate(over="ignore", invalid="ignore"):  # huge become infinite
             signals[k] = convert_to_link_side(k, raw, signal, robot)
+    if chosen.enabled:
+        on = table.pop(chosen.enabled)[at, None]
+        signals["enabled"] = np.repeat(on, robot.dof, axis=1)
     rows, broken = find_finite_rows(signals, label)
+    masks = {}
+    if columns.drive is not None and rows.mean() >= 1 - MOST_MASKED:
+        rows, masks["masked"], lost = _mask_rows(signals, rows, robot)
+        words = f"{label}: {lost} samples are masked: no number, or a leap and back."
+        broken = (LogDoubt("spike", (), words, certain=False),) if lost else ()
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
         raise RecordingError(
             reason or f"{label} has {rows.sum()} samples; widen the window."
         )
     kept = _rows(rows)
+    if columns.drive is not None:
+        signals["tau"] = np.zeros_like(signals["q"])
     recording = Recording(
         id=label,
         robot=robot.name,
         t=move_large_array_to_disk(t[at][kept]),
         **{k: move_large_array_to_disk(signals.pop(k)[kept]) for k in tuple(signals)},
+        **masks,
     )
+    if columns.drive is not None:
+        recording = apply_drive(recording, columns.drive)
     # Arrow keeps what a text took while it was read: of an hour 700 MB.
     pa.default_memory_pool().release_unused()
     with np.errstate(over="ignore"):
         doubts = (*doubts, *broken, *find_implausible_samples(recording, robot))
     doubts = (mixed,) if mixed else doubts
     return recording, doubts
+
+
+def _mask_rows(
+    signals: Mapping[str, Array], rows: Array, robot: Robot
+) -> tuple[Array, Array, int]:
+    """Return the rows to keep of an arm with drives, the masked ones, their number.
+
+    A bus loses packets and turns bits: samples that are no numbers or leap there and
+    back are left out, and all between their neighbours is masked. A goal beyond the
+    range of its joint is masked, too: a stop carries the arm.
+
+    Args:
+        rows: Rows in which every signal is a number. Shape (n,).
+
+    Returns:
+        Shapes (n,), (kept rows, dof), and how many samples are left out.
+    """
+    q, goal = signals["q"], signals["q_ref"]
+    keep = rows.copy()
+    keep[np.flatnonzero(rows)[find_leaps(q[rows])]] = False
+    beside = ~keep | ~np.r_[keep[1:], True] | ~np.r_[True, keep[:-1]]
+    with np.errstate(invalid="ignore"):
+        masked = (goal < robot.lower) | (goal > robot.upper) | beside[:, None]
+    return keep, masked[keep], int(np.sum(~keep))
 
 
 def _rows(keep: Array) -> slice | Array:

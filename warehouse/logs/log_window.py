@@ -12,7 +12,8 @@ import numpy as np
 
 from residual.errors import InputError, RecordingError, shorten_value
 from residual.recording import Array, Recording, compute_speed_quantile
-from residual.robot.robot import Robot, drop_placeholder_limits
+from residual.robot.limits import drop_placeholder_limits
+from residual.robot.robot import Robot
 
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
@@ -22,6 +23,7 @@ RUN = 5
 # Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
 LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
 NEARER = 3.0  # times, that the next reading but one is nearer where two take turns
+GAP = 1.5  # times the usual step of time
 STEPS = 32  # readings that a joint must have, or it is at rest
 BLOCK = 1 << 17  # samples that are looked at together
 # A joint that moves by less than this share of the largest span within _LATELY rests.
@@ -194,8 +196,14 @@ def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Ar
     """One number for each sample of a block that is not the one before; its row."""
     rows = slice(max(start - 1, 0), start + BLOCK)
     values = np.hstack([recording.q[rows], recording.tau[rows]])
+    if recording.drive is not None:
+        # Torque follows from the angles, whose steps two motions share: the clock of a
+        # bus does not tick alike twice.
+        ticks = np.diff(recording.t[rows], prepend=recording.t[rows][:1])
+        values = np.column_stack([values, np.where(ticks > 0, ticks.round(6), 0.0)])
     # Standing still repeats one sample, in any log: count it once.
-    changed = np.r_[start == 0, (np.diff(values, axis=0) != 0).any(axis=1)]
+    signals = values[:, : 2 * recording.dof]
+    changed = np.r_[start == 0, (np.diff(signals, axis=0) != 0).any(axis=1)]
     bits = np.ascontiguousarray(values[changed]).view(np.uint64)
     mixed = (bits ^ (bits >> np.uint64(29))) * factors[: bits.shape[1]]
     hashes = np.bitwise_xor.reduce(mixed ^ (mixed >> np.uint64(32)), axis=1)
@@ -298,17 +306,46 @@ def _why_slow(t: Array) -> str:
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
-def find_interleaved_arms(q: Array, source: str) -> LogDoubt | None:
+FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
+HELD = 3  # samples in which a log may repeat one false reading
+
+
+def find_leaps(q: Array) -> Array:
+    """Return the samples at which an angle leaps there and back. Shape (n,), bool.
+
+    A bit that a bus turns is no motion: the sample lies far from both neighbours, which
+    lie near to each other; so do a few where a log repeats what it read.
+
+    Args:
+        q: Angles [rad]. Shape (n, dof).
+    """
+    out = np.zeros(len(q), bool)
+    if len(q) < RUN:
+        return out
+    step = np.abs(np.diff(q, axis=0))
+    far = np.maximum(FAR, BEYOND * np.quantile(step, 0.98, axis=0))
+    for held in range(1, HELD + 1):
+        over = np.abs(q[held + 1 :] - q[: -held - 1])
+        leaps = np.minimum(step[held:], step[:-held]) > np.maximum(far, 2 * over)
+        for first in np.flatnonzero(leaps.any(axis=1)):
+            out[first + 1 : first + 1 + held] = True
+    return out
+
+
+def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
     """Find readings of two arms in turn: leaps there and back that no joint can do.
 
     Args:
         q: Readings in any unit, all rows. Shape (n, dof).
+        t: Their times; over a gap, where samples were left out, any way is possible.
     """
     if len(q) < RUN:
         return None
     if _in_turn(q):
         return _two_arms(source, len(q) - 1, len(q))
     signs = np.stack([_leaps(joint_angles) for joint_angles in q.T], axis=1)
+    steps = np.diff(t)
+    signs[steps > GAP * np.nanmedian(steps)] = 0
     # A single joint leaps where its reading is coarse or begins again.
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
     if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:

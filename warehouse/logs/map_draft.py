@@ -15,6 +15,7 @@ from pathlib import Path
 
 import numpy as np
 
+from residual.drive import Drive
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from warehouse.logs.column_map import (
@@ -56,16 +57,21 @@ WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
         ("qd", "geschwindigkeit vitesse velocidad"),
         ("q", "q pos position positions ang angle angles theta winkel joint joints"),
         ("q", "jpos qpos axis achse axes posizione posición angolo ángulo"),
+        ("q", "goal goals action observation"),
     )
 )
 # Letters that are a whole name, as in "J1" and "M1": likely, and no more.
 LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
 CURRENTS = frozenset(_split("current currents cur curr strom courant amps i"))
 WANTED = frozenset(  # what was asked of the arm, not what it did
-    _split("ref reference target cmd command commanded des desired set setpoint soll")
+    _split("ref reference references target cmd command commanded des desired set soll")
+    + _split("setpoint action")
     + _split("goal d planned nominal udes kdes")
 )
-MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb"))
+MEASURED = frozenset(
+    _split("act actual meas measured msr ist state feedback fb present")
+)
+SWITCHES = frozenset(_split("enable enabled on active"))  # of a drive
 TIMES = frozenset(  # besides what ends with "time" or "zeit"
     _split("t ts times timestamp stamp zeitstempel clock elapsed temps tiempo tempo")
 )
@@ -209,6 +215,7 @@ FASTEST = 1e4  # Hz: no controller logs faster, so a unit that says so is anothe
 MOSTLY = 0.95  # of the steps of a clock go on
 NEEDED = ("time", "q", "tau")
 _SECONDS = {**TIME_UNITS, "ns": 1e-9}
+LEVELS = 20  # values of a torque at least; a bus servo's current has 5 to 13 in 6 s
 TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
 _SECONDS_OF = re.compile(r"secs?$")
 
@@ -306,8 +313,16 @@ class _Drafter:
             self._doubt("csv", "numbers have a comma before the decimals")
         clock, unit = self._time()
         signals = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
+        needed, drive = NEEDED, self._drive(signals)
+        if drive is not None:
+            needed, signals["tau"] = ("time", "q", "q_ref"), None
+            columns = replace(columns, drive=drive)
         some = {name: signal for name, signal in signals.items() if signal}
-        used = {*clock, *(c for s in some.values() for c in s.columns)}
+        used = {
+            drive and drive.enabled,
+            *clock,
+            *(c for s in some.values() for c in s.columns),
+        }
         ns = unit == "ns"
         return ColumnMapDraft(
             columns=replace(
@@ -316,13 +331,13 @@ class _Drafter:
                 time_unit="us" if ns else unit,
                 time_scale=1e-3 if ns else 1.0,
                 nanoseconds=clock[1] if len(clock) > 1 else None,
-                signals={n: s for n, s in some.items() if n in NEEDED},
+                signals={n: s for n, s in some.items() if n in needed},
             ),
             format=self.format,
             doubts={name: tuple(words) for name, words in self.doubts.items()},
-            optional={n: s for n, s in some.items() if n not in NEEDED},
+            optional={n: s for n, s in some.items() if n not in needed},
             missing=tuple(
-                n for n in NEEDED if n not in some and not (n == "time" and clock)
+                n for n in needed if n not in some and not (n == "time" and clock)
             ),
             unread=tuple(c for c in self.log.columns if c and c not in used),
         )
@@ -501,6 +516,31 @@ class _Drafter:
         elif self.preset.angle == "deg":
             self._doubt(name, "degrees by the format; radians fit too")
         return self.preset.angle or "rad"
+
+    def _drive(self, signals: Mapping[str, SignalMap | None]) -> Drive | None:
+        """Return the drive that gives torque where no column does, but goals are."""
+        tau = signals["tau"]
+        levels = self._count_levels(tau.columns) if tau else 0
+        if signals["q_ref"] is None or (tau and (levels is None or levels >= LEVELS)):
+            return None
+        if tau:
+            names = abbreviate_column_names(tau.columns)
+            self._doubt("drive", f"{names} has {levels} values in the log: no torque")
+        self._doubt(
+            "drive",
+            "torque as a spring from position to goal; is q_ref the goal that was sent "
+            "to the drives? Then modelgap check finds gain, limit, delay, goal_speed",
+        )
+        switches = (c for c in self.log.columns if SWITCHES & {*split_column_name(c)})
+        both = (c for c in switches if self._count_levels((c,)) in (1, 2))
+        return Drive(enabled=next(both, None))
+
+    def _count_levels(self, columns: tuple[str, ...]) -> int | None:
+        """Values that the coarsest of some columns takes; None for no numbers."""
+        read = self._read(columns)
+        if read is None:
+            return None
+        return min(len(np.unique(x[np.isfinite(x)])) for x in read.T)
 
     def _reach(self, q: Array) -> float:
         """How far angles lie beyond the limits of the joints, at the most [rad]."""

@@ -154,12 +154,12 @@ def test_currents_beside_another_mounting_are_two_faults(amperes):
 def test_readings_of_one_motion_share_its_torque(monkeypatch):
     """Every log of a set is checked alone, and what costs is a regressor."""
     robot, logs = clean_logs("small")
-    compute, calls = physics_columns.compute_inertial_regressor, []
+    compute, calls = physics_columns.compute_robot_regressor, []
 
     def count(*motion):
         calls.append(motion)
         return compute(*motion)
 
-    monkeypatch.setattr(physics_columns, "compute_inertial_regressor", count)
+    monkeypatch.setattr(physics_columns, "compute_robot_regressor", count)
     assert check_logs(robot, edited(logs, tau=turned(2))).certain
     assert len(calls) < 65

@@ -8,17 +8,26 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from residual.check.check import check_logs, find_insufficient_motion
+from flows.inputs.repair import format_repair_lines
+from residual.check.check import (
+    check_logs,
+    find_insufficient_motion,
+    find_weight_in_torque,
+)
 from residual.check.kinematics import find_limit_violations
+from residual.check.physics_columns import filter_check_motion
 from residual.check.result import Repair
+from residual.robot.carried_weight import CarriedWeight
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
 from residual.robot.robot import load_robot
 from residual.signals.filters import filter_low_pass
 from tests.residual.arms import arm, plain_logs
 from tests.residual.check.damaged import clean_logs, edited, kinds, times
 from warehouse.logs import read_log
+from warehouse.logs.column_map import ColumnMap
 
 EXAMPLE = Path(__file__).parents[3] / "examples" / "hidden"
+DOWN = np.array([0, 0, -9.81])  # m/s^2
 CONSTANTS = np.array([8.0, 15.0, 10.0, 12.0, 9.0, 14.0])  # N m per logged A
 
 
@@ -140,23 +149,33 @@ def millimetres(model):
         placement.translation = 1000 * placement.translation
 
 
-def negative(model):
-    parameters = model.inertias[2].toDynamicParameters()
-    parameters[4] = -1.0
-    model.inertias[2] = pin.Inertia.FromDynamicParameters(parameters)
-
-
 def in_mm_per_s2(model):
     model.gravity.linear = np.array([0, 0, -9810.0])
 
 
-@pytest.mark.parametrize("change", [grams, millimetres, negative, in_mm_per_s2])
+@pytest.mark.parametrize("change", [grams, millimetres, in_mm_per_s2])
 def test_a_robot_that_cannot_be_is_certain_and_reported_alone(change):
     robot, logs = clean_logs("irb140")
     model = pin.Model(robot.model)
     change(model)
     (fault,) = check_logs(replace(robot, model=model), logs).faults
     assert (fault.kind, fault.certain) == ("robot_file", True)
+
+
+@pytest.mark.parametrize(("name", "sure"), [("small", False), ("irb140", True)])
+def test_a_weight_that_the_file_says_is_held_and_the_torque_has_is_told(name, sure):
+    robot, (log, *_) = clean_logs(name)
+    every = np.tile(np.eye(4), (robot.dof, 1, 1))
+    carried = CarriedWeight(every, np.ones(robot.dof, dtype=bool), ("link2",))
+    arm_held = replace(robot, carried=carried)
+    free, (fault,) = find_weight_in_torque(arm_held, filter_check_motion([log]))
+    assert free.carried is None
+    assert (fault.kind, fault.certain) == ("robot_file", sure)
+    line = format_repair_lines(fault.repairs, robot, ColumnMap())
+    assert line == "gravcomp = false"
+    weight = compute_gravity_torque(robot.model, log.q, DOWN)
+    motion = filter_check_motion([replace(log, tau=log.tau - weight)])
+    assert find_weight_in_torque(arm_held, motion) == (arm_held, [])
 
 
 def test_a_short_log_a_one_way_joint_and_joints_in_step_are_said():

@@ -11,14 +11,20 @@ from residual.check.check import check_logs
 from residual.check.kinematics import find_time_unit, find_velocity_faults
 from residual.check.kinematics import find_uneven_time_steps as uneven_time_steps
 from residual.check.result import Repair
-from residual.check.sample_faults import find_frozen_signals
+from residual.check.sample_faults import (
+    find_constant_angles,
+    find_frozen_signals,
+    find_spikes,
+)
 from residual.errors import InputError
 from residual.recording import Recording
+from residual.robot.dynamics import compute_inverse_dynamics
 from sim.engine.plant_records import create_random_stream
 from sim.plant.sensors import draw_torque_noise
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 from tests.residual.arms import arm, bare_irb140, plain_logs
 from tests.residual.check.damaged import (
+    AXES,
     clean_logs,
     edited,
     kinds,
@@ -207,3 +213,35 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
     if joint == 3:
         (fault,) = kinds(robot, [replace(log, tau=1e3 * log.tau) for log in logs])
         assert fault == ("torque_unit", (), True)
+
+
+def jointwise(robot, bit=3.8e-4):
+    """A log in which joint 1 moves; the bits of the others' sensors toggle."""
+    t = np.arange(0, 16, 0.02)
+    q, qd, qdd = np.zeros((3, len(t), robot.dof))
+    q += np.linspace(0.4, -0.3, robot.dof)
+    for size, w in ((0.5, 1.9), (0.2, 4.1)):
+        q[:, 0] += size * np.sin(w * t)
+        qd[:, 0] += size * w * np.cos(w * t)
+        qdd[:, 0] -= size * w**2 * np.sin(w * t)
+    tau = compute_inverse_dynamics(robot.model, q, qd, qdd)
+    tau[:, 0] += 2 * np.tanh(qd[:, 0] / 0.05) + qd[:, 0]
+    tau[:, 1:] = tau[0, 1:]  # their gears hold them
+    tau += 0.02 * (np.random.default_rng(1).random(tau.shape) < 0.1)
+    q = bit * np.round(q / bit)
+    q[[100, 420], -1] += bit
+    return Recording("jointwise", robot.name, t, q, tau)
+
+
+@pytest.mark.parametrize("axes", [AXES[1:], AXES])
+def test_joints_that_are_held_while_one_moves_raise_no_alarm(axes):
+    robot = arm(axes)
+    log = jointwise(robot)
+    assert check_logs(robot, [log]).faults == ()
+    held = replace(log, q=np.where(np.arange(robot.dof) > 0, log.q[0], log.q))
+    assert find_constant_angles(robot, held) == []
+    q, tau = np.array(log.q), np.array(log.tau)
+    q[300, -1] += 0.05
+    tau[300, -1] += 2.0
+    faults = find_spikes(replace(log, q=q, tau=tau))
+    assert [f.joints for f in faults] == 2 * [(robot.dof,)]

@@ -1,0 +1,58 @@
+"""How much of an effect there is, and which numbers say so."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from sim.effects import load_effects
+from sim.effects.base import PlantEffectTrait
+
+
+def list_unnamed_effects() -> list[str]:
+    """Return the names of those that no vocabulary has, broken sensors apart."""
+    return [
+        name
+        for name, effect in load_effects().items()
+        if not effect.named and PlantEffectTrait.SENSOR not in effect.traits
+    ]
+
+
+def compute_effect_amount(name: str, parameters: Mapping[str, float]) -> float | None:
+    """Return how much there is of an effect, without sign: its torque grows with it.
+
+    In the unit of its first parameter, or the inverse of that (compliance of a gear).
+
+    Returns:
+        The amount, None for an effect that has none in proportion to its torque
+        (presliding, saturation, all out of the vocabulary).
+    """
+    effect = load_effects().get(name)
+    if effect is None or not effect.amount:
+        return None
+    size = float(np.linalg.norm([parameters[key] for key in effect.amount]))
+    return convert_stated_size(name, size)
+
+
+def convert_stated_size(name: str, x: float) -> float:
+    """Return an amount as the size that people state, or the other way round."""
+    return 1.0 / x if PlantEffectTrait.INVERSE in load_effects()[name].traits else x
+
+
+def scale_effect_parameters(
+    name: str, parameters: Mapping[str, float], factor: float
+) -> dict[str, float]:
+    """Return the parameters of the same effect, larger by a factor."""
+    effect = load_effects()[name]
+    keys = (*effect.amount, *effect.along)
+    if PlantEffectTrait.INVERSE in effect.traits:
+        return {k: v / factor if k in keys else v for k, v in parameters.items()}
+    return {k: v * factor if k in keys else v for k, v in parameters.items()}
+
+
+def find_main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
+    """Return the key that an estimate is judged by: of a vector its largest part."""
+    effect = load_effects().get(name)
+    keys = [key for key in effect.amount if key in parameters] if effect else []
+    if not keys:
+        return next(iter(parameters), None)
+    return max(keys, key=lambda key: abs(parameters[key]))

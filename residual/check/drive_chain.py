@@ -1,0 +1,330 @@
+"""What stands between goal and torque of a drive, searched on a free refit.
+
+An arm without torque sensors has the torque of its drives (`residual.drive`), which is
+right as far as their chain is. Of a wrong chain no body, friction and offset leave
+little: each joint's torque, in units of its gain, is refitted on the inertial
+regressor, the rotor, friction while the drive is on and off, and a constant, and the
+chain that leaves least is the one of the drive. Rows at the limit are not fitted: what
+they leave counts by itself, so that no limit is bought by leaving out rows. By how much
+each part of the chain is better than the one of the map is told in nats.
+
+The gain follows at last, from the torque of the bodies in the robot file with their
+known load: it is as right as their masses are.
+"""
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+import pinocchio as pin
+
+from residual.check.result import Fault, Repair, list_true_joints
+from residual.check.thresholds import CHECK
+from residual.drive import IDEAL, Drive, compute_drive_torque, limit_goal
+from residual.errors import join_with_commas
+from residual.recording import Array, Recording, apply_drive
+from residual.robot.dynamics import (
+    PER_LINK,
+    compute_inertial_regressor,
+    find_flange_placement,
+    read_inertial_parameters,
+)
+from residual.robot.robot import Robot
+from residual.signals.splitting import pick_spread_pieces
+from residual.signals.track import FilterSettings, Track, build_tracks, filter_torque
+
+_SECONDS = 120.0  # of logs that are looked at
+_RIDGE = 1e-3  # of a column's power: directions that move no torque stay at zero
+_APART = 0.1  # s: rows nearer to each other count as one: the filter's own memory
+_SHARP = 0.25  # of the speed floor, over which dry friction turns
+_FEWEST = 20  # rows of a joint
+# Where each part is looked for: of the joint's speed; s; of the largest distance of
+# goal and position. Then nearer and nearer around the best.
+_GRIDS = {
+    "goal_speed": np.geomspace(0.3, 3.0, 24),
+    "delay": np.arange(0.0, 0.16, 0.01),
+    "limit": np.geomspace(0.03, 1.0, 24),
+}
+_FINER = {"goal_speed": 0.025, "delay": 0.0025, "limit": 0.04}
+# Values that are the same: relative, the delay in seconds.
+_ALIKE = {"goal_speed": 0.1, "delay": 0.015, "limit": 0.25, "gain": 0.1}
+_UNSURE = 0.1  # relative error of a gain from which on nothing is said of it
+_LOCAL = 6  # columns: torque of the file, rotor, friction twice and dry, a constant
+FACTOR = (
+    "Torques and sizes hold up to one factor a joint until a mass is weighed "
+    "(--known payload.mass=...); a datasheet is a guess within a factor of two."
+)
+Chain = Mapping[str, Array]  # parts by name, (dof,); limits in units of the gain [rad]
+_WORDS = {
+    "goal_speed": ("the goal travels at", "{:.3g} rad/s"),
+    "delay": ("it comes late by", "{:.3g} s"),
+    "limit": ("torque ends at", "{:.3g} N m"),
+}
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class ChainRows:
+    """Rows of all logs and joints on which chains are compared."""
+
+    logs: tuple[Recording, ...]
+    tracks: tuple[Track, ...]
+    columns: tuple[Array, ...]  # of each joint, the torque of the file first, (m, k)
+    rows: tuple[Array, ...]  # rows of each joint of all. Shape (m,), bool
+    spread: float  # independent rows for each row that is there
+
+    def score(self, chain: Chain) -> Array:
+        """Return the log evidence of one chain on every joint, up to a constant.
+
+        Args:
+            chain: Parts by name, for each joint; the limit in units of the gain [rad].
+
+        Returns:
+            Shape (dof,) [nats].
+        """
+        out = np.zeros(len(self.columns))
+        for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
+            kept = ~clipped
+            if kept.sum() < _FEWEST:
+                out[j] = -np.inf
+                continue
+            residual = y - columns @ _refit(columns[kept], y[kept])
+            size = np.sqrt(np.mean(y**2)) + 1e-12
+            for part in (kept, clipped):
+                if part.any():
+                    left = np.sqrt(np.mean(residual[part] ** 2)) / size
+                    out[j] -= self.spread * part.sum() * np.log(left + 1e-9)
+        return out
+
+    def limit_goals(self, speed: Array) -> "ChainRows":
+        """Return the same rows with goals that travel at a speed, once for all."""
+        drive = Drive(goal_speed=tuple(map(float, speed)))
+        logs = (replace(r, q_ref=limit_goal(drive, r.q_ref, r.t)) for r in self.logs)
+        return replace(self, logs=tuple(logs))
+
+    def _rows_of(self, chain: Chain) -> list[tuple]:
+        """Columns, torque over gain [rad] and rows at the limit of every joint."""
+        drive = Drive(**_as_parts(chain))
+        torques, clipped = [], []
+        for log, track in zip(self.logs, self.tracks, strict=True):
+            driven = log.q_ref, log.q, log.t, log.enabled
+            torque = compute_drive_torque(drive, *driven)
+            tau, masked = filter_torque(log.t, *torque, track)
+            torques.append(tau)
+            clipped.append(masked)
+        tau, at_limit = np.concatenate(torques), np.concatenate(clipped)
+        return [
+            (columns[use], tau[use, j], at_limit[use, j])
+            for j, (columns, use) in enumerate(
+                zip(self.columns, self.rows, strict=True)
+            )
+        ]
+
+    def estimate_gains(self, chain: Chain) -> tuple[Array, Array]:
+        """Return each joint's gain [N m/rad] by the file's bodies; its relative sd."""
+        gains, errors = np.ones((2, len(self.columns)))
+        for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
+            # Torque of the file, rotor, friction and a constant.
+            x = columns[~clipped, :_LOCAL]
+            rows = len(x) * self.spread
+            if len(x) < _FEWEST or rows <= _LOCAL or not x[:, 0].any():
+                errors[j] = np.inf
+                continue
+            theta = _refit(x, y[~clipped], 1e-9)
+            noise = np.mean((y[~clipped] - x @ theta) ** 2) / rows * len(x)
+            scale = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
+            inverse = np.linalg.pinv((x / scale).T @ (x / scale))
+            sd = np.sqrt(noise * inverse[0, 0]) / scale[0]
+            errors[j] = sd / max(theta[0], 1e-12)
+            gains[j] = 1 / max(theta[0], 1e-12)
+        return gains, errors
+
+
+def _refit(columns: Array, y: Array, ridge: float = _RIDGE) -> Array:
+    scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
+    x = columns / scale
+    gram = x.T @ x + ridge * len(x) * np.eye(x.shape[1])
+    return np.linalg.solve(gram, x.T @ y) / scale
+
+
+def _as_parts(chain: Chain) -> dict[str, tuple[float, ...]]:
+    return {name: tuple(map(float, values)) for name, values in chain.items()}
+
+
+def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | None:
+    """Return the rows of some logs of an arm with drives; None where nothing moves."""
+    logs = tuple(pick_spread_pieces(logs, _SECONDS, _SECONDS))
+    tracks, floor = build_tracks(
+        [replace(r, masked=None) for r in logs], FilterSettings()
+    )
+    parameters = _known_parameters(robot)
+    parts: list[list[Array]] = [[] for _ in range(robot.dof)]
+    for track in tracks:
+        motion = track.q, track.qd, track.qdd
+        regressor = compute_inertial_regressor(robot.model, *motion)
+        nominal = regressor @ parameters
+        on = np.ones_like(track.qd) if track.enabled is None else track.enabled
+        dry = np.tanh(track.qd / (_SHARP * floor))
+        for j, own in enumerate(parts):
+            speed = track.qd[:, j]
+            local = [nominal[:, j], track.qdd[:, j], speed * on[:, j], speed, dry[:, j]]
+            columns = [*local, np.ones_like(speed), *regressor[:, j, PER_LINK * j :].T]
+            own.append(track.filter(np.column_stack(columns)))
+    use = np.concatenate([track.moving for track in tracks])
+    if use.sum(axis=0).max() < _FEWEST:
+        return None
+    step = np.median([track.step / track.rate for track in tracks])
+    columns = tuple(np.concatenate(own) for own in parts)
+    spread = min(1.0, float(step) / _APART)
+    return ChainRows(logs, tracks, columns, tuple(use.T), spread)
+
+
+def _known_parameters(robot: Robot) -> Array:
+    """Inertial parameters of the file, with the load that is known [SI]. (10 dof,)."""
+    out = read_inertial_parameters(robot.model)
+    mass = robot.known_values.get("payload.mass", 0.0)
+    if mass:
+        com = [robot.known_values.get(f"payload.com_{axis}", 0.0) for axis in "xyz"]
+        place = find_flange_placement(robot.model).act(np.array(com))
+        load = pin.Inertia(mass, place, np.zeros((3, 3)))
+        out[-PER_LINK:] += load.toDynamicParameters()
+    return out
+
+
+def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain]:
+    """Return the chain that leaves least of every joint, and what its parts are worth.
+
+    Joints have nothing to do with each other, so that one value is tried on all of
+    them at a time. Goal speed goes first, without a limit, which could pass for it.
+
+    Args:
+        first: The chain of the map. Shapes (dof,); limits in units of the gain.
+
+    Returns:
+        Values, and how much better they are than the map's [nats]. Shapes (dof,).
+    """
+    dof = len(rows.columns)
+    speed = np.max([np.quantile(np.abs(t.qd), 0.99, axis=0) for t in rows.tracks], 0)
+    distance = [np.abs(r.q_ref - r.q).max(axis=0) for r in rows.logs]
+    unit = {"goal_speed": speed, "delay": np.ones(dof), "limit": np.max(distance, 0)}
+    grids = {
+        name: [first[name], np.full(dof, IDEAL[name]), *np.outer(grid, unit[name])]
+        for name, grid in _GRIDS.items()
+    }
+    chain = {name: np.full(dof, IDEAL[name]) for name in _GRIDS}
+    chain, _ = _improve(rows, chain, "goal_speed", grids["goal_speed"])
+    chain, free = _improve(rows, chain, "delay", grids["delay"])
+    for step in (2, 1):
+        chain, free = _improve(rows, chain, "goal_speed", _near(chain, step))
+        chain, free = _improve(rows, chain, "delay", _near(chain, step, "delay"))
+    without = rows.score(chain | {"goal_speed": first["goal_speed"]})
+    worth = {"goal_speed": free - without}
+    # Delay and limit stand in for each other: both at once.
+    best, limited = chain, free
+    for limit in grids["limit"]:
+        other, score = _improve(rows, chain | {"limit": limit}, "delay", grids["delay"])
+        better = score > limited
+        limited = np.where(better, score, limited)
+        best = {n: np.where(better, other[n], best[n]) for n in best}
+    for step in (2, 1):
+        for name in _GRIDS:
+            best, limited = _improve(rows, best, name, _near(best, step, name))
+    for name in ("delay", "limit"):
+        worth[name] = limited - rows.score(best | {name: first[name]})
+    return best, worth
+
+
+def _improve(
+    rows: ChainRows, chain: Chain, name: str, tries: Iterable[Array]
+) -> tuple[Chain, Array]:
+    """Return the chain with the best of some values of a part, and its score."""
+    scores, values = rows.score(chain), chain[name]
+    tried = dict(chain)
+    if name != "goal_speed":  # it comes first, and takes the longest
+        rows = rows.limit_goals(chain["goal_speed"])
+        tried["goal_speed"] = np.full_like(values, IDEAL["goal_speed"])
+    for value in tries:
+        score = rows.score(tried | {name: value})
+        values = np.where(score > scores, value, values)
+        scores = np.maximum(score, scores)
+    return chain | {name: values}, scores
+
+
+def _near(chain: Chain, step: int, name: str = "goal_speed") -> list[Array]:
+    """Return values around the one of a chain, nearer with a smaller step."""
+    values, steps = chain[name], step * _FINER[name] * np.array([-1.0, 1.0])
+    if name == "delay":
+        return [np.maximum(values + s, 0.0) for s in steps]
+    return [values * (1 + s) for s in steps]
+
+
+def find_drive_faults(
+    robot: Robot, logs: Sequence[Recording]
+) -> tuple[list[Fault], list[Recording]]:
+    """Find parts of the chain that the map lacks or has wrong.
+
+    Returns:
+        One fault with the line that mends it, or none; and the logs with the torque of
+        the chain that was found.
+    """
+    drive = logs[0].drive
+    if drive is None or any(r.drive != drive or r.q_ref is None for r in logs):
+        return [], list(logs)
+    rows = build_chain_rows(robot, logs)
+    if rows is None:
+        return [], list(logs)
+    given = drive.values("gain", robot.dof)
+    first = {name: drive.values(name, robot.dof) for name in _GRIDS}
+    first["limit"] = first["limit"] / given
+    chain, worth = search_drive_chain(rows, first)
+    wrong = {}
+    for name, values in chain.items():
+        least = _ALIKE[name] * (1.0 if name == "delay" else np.minimum(values, 1e9))
+        with np.errstate(invalid="ignore"):  # two without an end are the same
+            far = ~(np.abs(values - first[name]) <= least) & (values != first[name])
+        wrong[name] = (worth[name] > CHECK.odds_nats) & far
+        chain[name] = np.where(wrong[name], values, first[name])
+    gain, error = rows.estimate_gains(chain)
+    far = np.abs(np.log(gain / given)) > np.maximum(_ALIKE["gain"], 3 * error)
+    # A gain of the map stands against the file's masses, not against a weighed one.
+    asked = not drive.gain or "payload.mass" in robot.known_values
+    wrong["gain"] = far & (error < _UNSURE) & asked
+    gain = np.where(wrong["gain"], gain, given)
+    bad = np.any(list(wrong.values()), axis=0)
+    if not bad.any():
+        return [], list(logs)
+    chain |= {"gain": gain, "limit": chain["limit"] * gain}
+    parts = {n: v for n, v in chain.items() if np.any(v != IDEAL[n])}
+    found = Drive(**_as_parts(parts), enabled=drive.enabled)
+    # Certain is what the map leaves out; another value may be a change of the arm.
+    left_out = {n: wrong[n] & (first[n] == IDEAL[n]) for n in worth}
+    certain = [w[left_out[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
+    words = _describe(robot, wrong, worth, chain, given)
+    repairs = (Repair("drive", drive=found),)
+    fault = Fault("drive", list_true_joints(bad), any(certain), words, repairs)
+    return [fault], [apply_drive(r, found) for r in logs]
+
+
+def _describe(
+    robot: Robot, wrong: Chain, worth: Chain, chain: Chain, given: Array
+) -> str:
+    """Return what is wrong with a chain in words."""
+    parts = []
+    for name in worth:
+        joints = wrong[name]
+        if joints.any():
+            words, form = _WORDS[name]
+            values = join_with_commas([form.format(v) for v in chain[name][joints]])
+            parts.append(f"{words} {values} ({worth[name][joints].sum():.0f} nats)")
+    out = [f"The drive is not the one of the map: {'; '.join(parts)}."] if parts else []
+    scaled = wrong["gain"]
+    if scaled.any():
+        known = "payload.mass" in robot.known_values
+        mapped, new = (
+            join_with_commas([f"{g:.3g}" for g in x[scaled]])
+            for x in (given, chain["gain"])
+        )
+        source = "the known mass" if known else "the masses of the robot file"
+        out.append(f"By {source} its gain is {new} N m/rad, {mapped} in the map.")
+        if not known:
+            out.append(FACTOR)
+    return " ".join(out)

@@ -1,0 +1,100 @@
+"""The drive of a joint that follows a goal: the torque of an arm without sensors of it.
+
+A position-controlled servo presses with its gain times what is left of the way, and
+three things stand between the goal that a log has and the one that the servo follows:
+its firmware lets the goal travel at a limited speed, the bus delivers it late, and the
+amplifier gives no more than its limit.
+
+tau = clip(gain · (g(t - delay) - q), -limit, limit),    |dg/dt| <= goal_speed
+"""
+
+from dataclasses import dataclass
+from math import inf
+from typing import ClassVar
+
+import numpy as np
+
+Array = np.ndarray
+
+# Of a drive that nothing limits; a torque is then known up to a factor.
+IDEAL = {"gain": 1.0, "limit": inf, "delay": 0.0, "goal_speed": inf}
+
+
+@dataclass(frozen=True, slots=True)
+class Drive:
+    """The chain from goal to torque, one value for each joint; empty where unknown."""
+
+    gain: tuple[float, ...] = ()  # torque per angle [N m/rad]; 1 where empty
+    limit: tuple[float, ...] = ()  # largest torque [N m]; none where empty
+    delay: tuple[float, ...] = ()  # from a logged goal to its torque [s]; 0 where empty
+    goal_speed: tuple[float, ...] = ()  # of the goal [rad/s]; no limit where empty
+    enabled: str | None = None  # column that is 0 where the drives are off
+
+    __pydantic_config__: ClassVar[dict] = {"extra": "forbid"}  # of a COLUMNS.toml
+
+    def __post_init__(self) -> None:
+        for name in IDEAL:
+            values = getattr(self, name)
+            if not all(0 < v < inf or v == IDEAL[name] for v in values):
+                raise ValueError(f"{name} must be a list of positive numbers")
+        lengths = {len(getattr(self, name)) for name in IDEAL} - {0}
+        if len(lengths) > 1:
+            raise ValueError("lists have different lengths, expected one per joint")
+
+    @property
+    def dof(self) -> int | None:
+        """Number of joints that it has values for; None where it has none."""
+        return max(len(getattr(self, name)) for name in IDEAL) or None
+
+    def values(self, name: str, dof: int) -> Array:
+        """Return a field's values, those of an ideal drive where it is empty. (dof,).
+
+        Args:
+            name: Field: gain, limit, delay or goal_speed.
+        """
+        return np.array(getattr(self, name) or [IDEAL[name]] * dof, dtype=float)
+
+
+def limit_goal(drive: Drive, goal: Array, t: Array) -> Array:
+    """Return the goal that the drives follow: limited in speed, then late [rad].
+
+    Args:
+        goal: As logged [rad]. Shape (n, dof).
+        t: Times of the samples [s]. Shape (n,).
+    """
+    dof = goal.shape[1]
+    speed = drive.values("goal_speed", dof)
+    followed, step = np.array(goal, dtype=float), np.diff(t)
+    for j in np.flatnonzero(np.isfinite(speed)):
+        at, line = float(goal[0, j]), followed[:, j]
+        reach = (speed[j] * step).tolist()
+        for i, (end, most) in enumerate(zip(goal[1:, j].tolist(), reach, strict=True)):
+            at += min(max(end - at, -most), most)
+            line[i + 1] = at
+    late = drive.values("delay", dof)
+    for j in np.flatnonzero(late):
+        followed[:, j] = np.interp(t - late[j], t, followed[:, j])
+    return followed
+
+
+def compute_drive_torque(
+    drive: Drive, goal: Array, q: Array, t: Array, enabled: Array | None = None
+) -> tuple[Array, Array]:
+    """Return the torque of the drives [N m], and where it is at its limit.
+
+    Args:
+        goal, q: Goal as logged and position [rad]. Shapes (n, dof).
+        t: Times of the samples [s]. Shape (n,).
+        enabled: 0 where a drive is off; None for on. Shape (n,) or (n, dof).
+
+    Returns:
+        Torques, and a mask. Shapes (n, dof).
+    """
+    dof = goal.shape[1]
+    gain, limit = (drive.values(name, dof) for name in ("gain", "limit"))
+    tau = gain * (limit_goal(drive, goal, t) - q)
+    on = np.ones(tau.shape, bool)
+    if enabled is not None:
+        on &= (enabled if enabled.ndim == 2 else enabled[:, None]) != 0
+    at_limit = (np.abs(tau) >= limit) & on
+    return np.where(on, np.clip(tau, -limit, limit), 0.0), at_limit

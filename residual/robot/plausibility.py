@@ -1,0 +1,291 @@
+"""Bodies of a robot file that no link has, judged from the file alone.
+
+A tensor of positive mass has a covariance S = tr(I) / 2 - I that is positive: no moment
+exceeds the sum of the two others. Its radius of gyration lies between that of a ball of
+the heaviest metal and about half of what the link is long. A tensor that several links
+of different mass share, or a ball's with one digit, was typed in, not computed.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pinocchio as pin
+
+from residual.errors import join_with_commas
+from residual.recording import Array
+from residual.robot.files import find_prismatic_joints
+
+LIGHTEST, HEAVIEST = 300.0, 20_000.0  # kg/m^3 of a ball as large, as small as a link
+WIDEST = 0.8  # radius of gyration over the link's length; a dumbbell's is 0.5
+WIDEST_BALL = 0.5  # the same of three equal moments; a hollow ball's is 0.41
+FARTHEST = 2.0  # a centre's distance from the link's joints over its length
+HEAVIEST_LINK = 0.9  # of the mass that moves, where three links or more do
+BODY_REMEDY = (
+    "These moments are left open in a fit, and a body that cannot exist is taken as "
+    "the nearest that can. Give the real ones in the robot file."
+)
+SLACK = 0.005  # of the largest moment: what rounding leaves of an exact plate
+THIN = 0.02  # of the largest eigenvalue of S: a repaired body is no flatter
+# Of the inertia that its joint feels: a smaller moment is not worth a word.
+SHARE, IMPOSSIBLE_SHARE = 0.01, 1e-4
+_KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class BodyFlaw:
+    """What is wrong with the body of one link of a robot file."""
+
+    link: str  # its name in the file
+    joint: int  # that moves it, from 1
+    # "impossible" (no mass has such moments), "spread" or "dense" (too large or small
+    # for its mass and length), "placeholder", "centre", "mass"
+    kind: str
+    words: str  # what is given, and what was expected
+    # Deviation that the ten parameters of the joint's body are left with [SI]; zero
+    # where they are not in doubt. Shape (10,).
+    doubt: Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LinkBody:
+    """The body of one link as its file gives it, in the axes of its joint."""
+
+    link: str
+    joint: int  # that moves it, from 1
+    mass: float  # [kg]
+    centre: Array  # from the joint's origin [m], (3,)
+    tensor: Array  # about the centre [kg m^2], (3, 3)
+    entries: tuple[float, ...]  # moments and products as they stand in the file
+    length: float  # of the link, as its joints, centre and mass show it [m]
+    away: float  # of the centre from the line through its joints [m]
+
+    @property
+    def moments(self) -> Array:
+        """Principal moments, increasing [kg m^2]. Shape (3,)."""
+        return np.linalg.eigvalsh(self.tensor)
+
+    @property
+    def radius(self) -> float:
+        """Largest radius of gyration about the centre [m]."""
+        return float(np.sqrt(max(self.moments[2], 0.0) / max(self.mass, 1e-12)))
+
+
+def read_link_bodies(model: pin.Model, urdf: str) -> tuple[LinkBody, ...]:
+    """Return the bodies with a mass or a tensor that a joint of the arm moves.
+
+    Args:
+        model: The Pinocchio model of the URDF.
+        urdf: Its text, joints outside of the arm fixed.
+    """
+    root, out = ET.fromstring(urdf), []
+    ends: dict[str, list[Array]] = {}
+    for joint in root.findall("joint"):
+        parent = joint.find("parent").get("link", "")
+        ends.setdefault(parent, []).append(_vector(joint.find("origin"), "xyz"))
+    for link in root.findall("link"):
+        name, node = link.get("name", ""), link.find("inertial")
+        if node is None:
+            continue
+        frame = model.frames[model.getFrameId(name, pin.FrameType.BODY)]
+        if frame.parentJoint == 0:
+            continue
+        mass, tensor = node.find("mass"), node.find("inertia")
+        mass = 0.0 if mass is None else float(mass.get("value", "0"))
+        given = tuple(
+            0.0 if tensor is None else float(tensor.get(key, "0")) for key in _KEYS
+        )
+        if not mass and not any(given):
+            continue
+        origin = node.find("origin")
+        turned = frame.placement.rotation @ pin.rpy.rpyToMatrix(_vector(origin, "rpy"))
+        centre = _vector(origin, "xyz")
+        sizes = [float(np.linalg.norm(end)) for end in ends.get(name, [])]
+        length = max(*sizes, _ball(mass, LIGHTEST), 0.0)
+        at = [_distance(centre, end) for end in (np.zeros(3), *ends.get(name, []))]
+        out.append(
+            LinkBody(
+                name,
+                int(frame.parentJoint),
+                mass,
+                frame.placement.act(centre),
+                turned @ _matrix(given) @ turned.T,
+                given,
+                max(length, 2 * float(np.linalg.norm(centre))),
+                min(at) / max(length, 1e-9),
+            )
+        )
+    return tuple(out)
+
+
+def find_body_flaws(
+    model: pin.Model, bodies: Sequence[LinkBody]
+) -> tuple[BodyFlaw, ...]:
+    """Return what is wrong with the bodies of an arm, one flaw for each link."""
+    felt = _felt_inertias(model, bodies)
+    moving = sum(body.mass for body in bodies)
+    out = []
+    for body in bodies:
+        kind, words = _judge(body, bodies, moving)
+        share = abs(body.moments).max()
+        if kind in ("dense", "mass", "centre"):  # what is wrong is what is missing
+            share = max(share, body.mass * body.length**2)
+        least = IMPOSSIBLE_SHARE if kind == "impossible" else SHARE
+        if kind and share >= least * felt[body.joint - 1]:
+            out.append(BodyFlaw(body.link, body.joint, kind, words, _doubt(body, kind)))
+    return tuple(out)
+
+
+def describe_body_flaws(flaws: Sequence[BodyFlaw]) -> list[str]:
+    """Return the flaws in words, links with the same one together."""
+    links: dict[str, list[str]] = {}
+    for flaw in flaws:
+        links.setdefault(flaw.words, []).append(f"'{flaw.link}'")
+    return [
+        f"Link{'s' * (len(names) > 1)} {join_with_commas(names)}: {words}"
+        for words, names in links.items()
+    ]
+
+
+def repair_impossible_bodies(
+    model: pin.Model, bodies: Sequence[LinkBody], flaws: Sequence[BodyFlaw]
+) -> pin.Model:
+    """Return the model with the nearest tensors that can exist; others stay."""
+    links = {flaw.link for flaw in flaws if flaw.kind == "impossible"}
+    if not links:
+        return model
+    model = pin.Model(model)
+    for body in (body for body in bodies if body.link in links):
+        whole = model.inertias[body.joint]
+        # No mass moves, so a tensor about any point changes by the same.
+        tensor = whole.inertia + _nearest(body) - body.tensor
+        model.inertias[body.joint] = pin.Inertia(whole.mass, whole.lever, tensor)
+    return model
+
+
+def _judge(
+    body: LinkBody, bodies: Sequence[LinkBody], moving: float
+) -> tuple[str, str]:
+    """Kind and words of the worst that is wrong with a body; "" for nothing."""
+    least, middle, most = body.moments
+    given = _words(body)
+    if not body.mass:
+        return "impossible", f"{given} without a mass: expected both or neither"
+    if least < -SLACK * max(most, -least):
+        return "impossible", f"{given} has the moment {least:.3g} kg m^2, expected >= 0"
+    if least + middle < (1 - SLACK) * most:
+        words = f"{most:.3g} exceeds {least:.3g} + {middle:.3g}, the two others"
+        return "impossible", f"{given}: the moment {words}, which no body has"
+    if len(bodies) > 2 and body.mass > HEAVIEST_LINK * moving:
+        words = f"{body.mass:.4g} kg of the {moving:.4g} kg that move"
+        return "mass", f"{words}: expected less than {HEAVIEST_LINK:.0%} on one link"
+    if body.away > FARTHEST:
+        away = body.away * body.length
+        return "centre", (
+            f"its centre lies {np.linalg.norm(body.centre):.3g} m from its joint: "
+            f"{away:.3g} m off a link of {body.length:.3g} m"
+        )
+    if not most:
+        return "", ""  # a point on purpose; the reader tells it
+    ball = most - least <= 1e-6 * most
+    widest = (WIDEST_BALL if ball else WIDEST) * body.length
+    if body.radius > widest:
+        return "spread", (
+            f"{given} on {body.mass:.4g} kg: radius of gyration {body.radius:.3g} m, "
+            f"expected at most {widest:.2g} m on a link of {body.length:.2g} m"
+        )
+    alike = [
+        other.link
+        for other in bodies
+        if other.joint != body.joint
+        and other.entries == body.entries
+        and abs(other.mass - body.mass) > 0.01 * body.mass
+    ]
+    if alike:
+        words = f"{given} on links of different mass"
+        return "placeholder", f"{words}: a placeholder"
+    if ball and f"{most:.3e}"[1:5] == ".000":
+        return "placeholder", f"{given}, a ball's with one digit: a placeholder"
+    densest = np.sqrt(0.1) * _ball(body.mass, HEAVIEST)
+    if body.radius < densest:
+        return "dense", (
+            f"{given} on {body.mass:.4g} kg: radius of gyration {body.radius:.2g} m, "
+            f"expected at least {densest:.2g} m, that of a ball of gold"
+        )
+    return "", ""
+
+
+def _doubt(body: LinkBody, kind: str) -> Array:
+    """Deviation of the ten parameters of a flawed body. Shape (10,)."""
+    out, size = np.zeros(10), max(body.mass, 0.0) * body.length**2
+    # About the joint's origin, where a tensor in doubt is as wrong as about its centre.
+    out[4:] = max(float(abs(body.moments).max()), 0.1 * size)
+    if kind in ("mass", "centre"):
+        away = max(float(np.linalg.norm(body.centre)), body.length)
+        out[1:4] = body.mass * away
+        out[4:] += body.mass * away**2
+    if kind == "mass":
+        out[0] = body.mass
+    return out
+
+
+def _nearest(body: LinkBody) -> Array:
+    """The tensor nearest to a body's that some distribution of mass has. (3, 3)."""
+    if not body.mass:
+        return np.zeros((3, 3))
+    tensor = body.tensor
+    values, axes = np.linalg.eigh(np.trace(tensor) / 2 * np.eye(3) - tensor)
+    values = np.maximum(values, THIN * max(values[-1], 1e-12))
+    spread = (axes * values) @ axes.T
+    return np.trace(spread) * np.eye(3) - spread
+
+
+def _felt_inertias(model: pin.Model, bodies: Sequence[LinkBody]) -> Array:
+    """Inertia about each joint, the arm at zero [kg m^2]. Shape (dof,).
+
+    Of rods as long and heavy as the links: their tensors are what is in question.
+    """
+    model, rods = pin.Model(model), np.zeros(model.njoints)
+    for body in bodies:
+        rods[body.joint] += body.mass * body.length**2 / 12
+    for j in range(1, model.njoints):
+        whole = model.inertias[j]
+        tensor = rods[j] * np.eye(3)
+        model.inertias[j] = pin.Inertia(whole.mass, whole.lever, tensor)
+    felt = np.abs(np.diag(pin.crba(model, model.createData(), pin.neutral(model))))
+    turning = 0.0
+    for j, slides in enumerate(find_prismatic_joints(model)):
+        # A joint that slides feels no moment, the one before it that turns does.
+        felt[j] = turning = turning if slides else felt[j]
+    return felt
+
+
+def _words(body: LinkBody) -> str:
+    first, second, third, *products = body.entries
+    if first == second == third and not any(products):
+        return f"ixx = iyy = izz = {first:.4g} kg m^2"
+    named = zip(_KEYS, body.entries, strict=True)
+    kept = [f"{k} {v:.4g}" for n, (k, v) in enumerate(named) if n < 3 or v]
+    return f"tensor {', '.join(kept)} kg m^2"
+
+
+def _ball(mass: float, density: float) -> float:
+    """Diameter of a ball [m]."""
+    return 2 * (3 * max(mass, 0.0) / (4 * np.pi * density)) ** (1 / 3)
+
+
+def _distance(point: Array, end: Array) -> float:
+    """Distance from the line from the origin to an end [m]."""
+    along = float(np.clip(point @ end / max(end @ end, 1e-12), 0.0, 1.0))
+    return float(np.linalg.norm(point - along * end))
+
+
+def _vector(node: ET.Element | None, key: str) -> Array:
+    text = "0 0 0" if node is None else node.get(key, "0 0 0")
+    return np.array(text.split(), float)
+
+
+def _matrix(entries: Sequence[float]) -> Array:
+    xx, yy, zz, xy, xz, yz = entries
+    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

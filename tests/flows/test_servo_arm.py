@@ -1,0 +1,120 @@
+"""An arm that is sent goals: simulated, stored, made again and read back."""
+
+import numpy as np
+import pytest
+
+from flows.report.diagnosis import build_diagnosis_document
+from flows.report.sentences import format_headline
+from flows.report.tables import build_position_table
+from flows.specs import parse_spec
+from flows.steps import experiment, rerun
+from residual.drive import Drive, compute_drive_torque
+from residual.errors import InputError
+from residual.verdict.document import to_json
+from residual.verdict.result import Diagnosis
+from sim.engine.plant_records import ReferenceMotion, ServoDrive
+from sim.plant.servo import build_servo_law, follow_goal
+from tests.verdict_documents import typed
+from warehouse.runs import open_seal, read_channels, read_run
+
+GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]
+DRIVE = {"gain": GAIN, "limit": [300, 300, 200, 60, 60, 30]}
+HIDDEN = {"damping": [60.0, 80.0, 35.0, 5.0, 5.0, 2.5], "delay": [0.03] * 6}
+
+
+def spec(**changes):
+    content = {
+        "seed": 7,
+        "trajectory": {"kind": "cyclic", "duration": 6.0, "periods": 1},
+        "rates": {"control": 1000, "log": 100},
+        "drive": DRIVE,
+        "plant": {"drive": HIDDEN},
+    }
+    return parse_spec(content | changes, "SPEC.toml")
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory):
+    store = tmp_path_factory.mktemp("servo")
+    return store, experiment.simulate_and_store(spec(), store)
+
+
+def test_a_run_has_goals_and_the_torque_that_its_declared_drives_make_of_them(stored):
+    log = read_run(*stored)
+    assert log.drive == Drive(tuple(GAIN), tuple(DRIVE["limit"]))
+    tau, at_limit = compute_drive_torque(log.drive, log.q_ref, log.q, log.t)
+    np.testing.assert_array_equal(log.tau, tau)
+    np.testing.assert_array_equal(log.masked, at_limit)
+    assert 0.01 < np.abs(log.q_ref - log.q).max() < 0.5
+    # What a torque sensor would have read is in the seal alone.
+    real = open_seal(*stored).truth["tau_drive"]
+    assert np.abs(real - tau).max() > 1.0
+    assert "e_tau" not in read_channels(*stored)
+
+
+def test_the_sealed_half_has_the_true_drives_and_the_run_is_made_again(stored):
+    sealed = open_seal(*stored).spec["drive"]
+    assert sealed == {**DRIVE, **HIDDEN, "goal_speed": []}
+    store, run = stored
+    assert rerun.rerun(run, store, verify=True).reproduced
+
+
+def test_firmware_and_bus_stand_between_a_goal_and_its_torque():
+    t = np.arange(0, 1, 1e-3)
+    goal = np.where(t < 0.1, 0.0, 1.0)[:, None]
+    asked = ReferenceMotion("step", t, goal, 0 * goal, 0 * goal, None)
+    servo = ServoDrive((8.0,), (2.0,), (0.05,), (4.0,))
+    walked = follow_goal(servo, asked, 10)
+    expected = np.clip(4.0 * (t - 0.149), 0.0, 1.0)
+    np.testing.assert_allclose(walked.q[:, 0], expected, atol=1e-9)
+    law, zero = build_servo_law(servo, walked), np.zeros(1)
+    assert law(0, zero, zero, zero) == 0.0
+    assert law(999, zero, zero, zero) == 2.0
+    assert law(999, zero + 0.9, zero, zero) == pytest.approx(0.8)
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"drive": None}, r"add \[drive\] with what the log says"),
+        ({"controller": {"model": "adopted"}}, "is sent goals, so no model can drive"),
+        ({"drive": {"gain": [-1.0]}}, "gain must be a list of positive numbers"),
+        ({"drive": {"gain": [1.0, 2.0]}}, "gain has 2 values, expected 6"),
+    ],
+)
+def test_a_spec_that_no_such_arm_has_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        experiment.load_spec_robot(spec(**changes))
+
+
+POSITION = {
+    "rms": {"nominal": None, "identified": [0.03, 0.2], "augmented": [0.01, 0.02]},
+    "overall": {"nominal": None, "identified": 0.14, "augmented": 0.0158},
+    "diverged": {"nominal": ["C at 1.20 s"], "identified": [], "augmented": []},
+    "left_out": ["backlash"],
+}
+
+
+def test_position_stands_beside_torque_in_sentence_table_and_document():
+    effect = {"name": "payload", "joints": [2], "probability": 0.99}
+    document = {"effects": [effect], "error": {"position": POSITION}}
+    result = Diagnosis(typed(document, 2))
+    assert to_json(result.verdict)["error"]["position"] == POSITION
+    assert format_headline(result.verdict).endswith(
+        "Position by itself under the logged goal, rms: diverged in C at 1.20 s "
+        "(nominal) → 0.0158 rad (with payload)."
+    )
+    table = build_position_table(result)
+    assert "without gear backlash" in table.title
+    assert table.rows[0] == ("nominal", "–", "–", "–")
+    assert table.rows[2] == ("augmented", "0.01", "0.02", "0.0158")
+    page = build_diagnosis_document(result, drawn=False)
+    (proof,) = (section for section in page.sections if section.id == "proof")
+    assert table.title in [getattr(part, "title", "") for part in proof.parts]
+
+
+def test_position_is_unknown_where_torque_was_measured():
+    result = Diagnosis(typed({}, 2))
+    assert to_json(result.verdict)["error"]["position"] is None
+    assert build_position_table(result) is None
+    assert "Position" not in format_headline(result.verdict)

@@ -1,0 +1,93 @@
+"""The drive of a joint: torque from goal and position."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from residual.check.check import check_logs
+from residual.diagnosis.diagnose import diagnose
+from residual.drive import Drive, compute_drive_torque, limit_goal
+from residual.identification.identify import identify
+from residual.planning.drive_logs import list_separating_logs
+from residual.recording import Recording, apply_drive
+from residual.robot.dynamics import (
+    compute_inverse_dynamics,
+    replace_inertial_parameters,
+)
+from residual.robot.robot import add_known_values, load_robot
+from tests import plain_arm
+from tests.residual.arms import arm
+from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
+
+T = np.arange(0, 2, 0.01)
+STEP = np.where(T < 0.5, 0.0, 1.0)[:, None]
+
+
+def test_an_ideal_drive_is_a_spring_to_the_goal():
+    tau, at_limit = compute_drive_torque(Drive(gain=(3.0,)), STEP, 0.25 * STEP, T)
+    np.testing.assert_allclose(tau, 3.0 * 0.75 * STEP)
+    assert not at_limit.any()
+
+
+def test_a_goal_travels_at_its_speed_and_arrives_late():
+    drive = Drive(goal_speed=(2.0,), delay=(0.1,))
+    goal = limit_goal(drive, STEP, T)[:, 0]
+    expected = np.clip(2.0 * (T - 0.49 - 0.1), 0, 1)  # it sets off a sample before
+    np.testing.assert_allclose(goal, expected, atol=1e-9)
+
+
+def test_a_drive_gives_its_limit_and_nothing_when_it_is_off():
+    drive = Drive(gain=(3.0,), limit=(2.0,))
+    tau, at_limit = compute_drive_torque(drive, STEP, 0 * STEP, T, T < 1)
+    assert set(tau[T >= 0.5, 0]) == {2.0, 0.0}
+    np.testing.assert_array_equal(at_limit[:, 0], (T >= 0.5) & (T < 1))
+
+
+def test_next_says_which_logs_separate_what_is_open():
+    q, drive, robot = 0 * STEP, Drive(gain=(3.0,)), load_robot("irb140")
+    measured = Recording("a", "arm", T, q, q)
+    assert list_separating_logs(robot, [measured]) == ()
+    on = replace(measured, q_ref=STEP, drive=drive)
+    first, *_ = more = list_separating_logs(robot, [on])
+    assert "switch it off once" in first
+    assert len(more) == 3
+    off = replace(on, enabled=(T < 1)[:, None])
+    known = add_known_values(robot, {"payload.mass": 0.5})
+    (gain,) = list_separating_logs(known, [on, off])
+    assert "at another gain" in gain
+
+
+@pytest.mark.parametrize(
+    ("values", "words"),
+    [
+        ({"gain": (0.0,)}, "gain must be a list of positive numbers"),
+        ({"delay": (-0.1,)}, "delay must be a list of positive numbers"),
+        ({"gain": (1.0, 2.0), "limit": (1.0,)}, "expected one per joint"),
+    ],
+)
+def test_a_drive_refuses_values_that_none_has(values, words):
+    with pytest.raises(ValueError, match=words):
+        Drive(**values)
+
+
+def test_damping_of_a_drive_that_is_off_in_a_part_is_named():
+    fit = [apply_drive(drive_log(s, off=(4.0, 6.5)), DRIVE) for s in (3, 4)]
+    test = [apply_drive(drive_log(5, off=(4.0, 6.5)), DRIVE)]
+    verdict = diagnose(pendulum(), fit, held_out=test, declared=("coulomb",))
+    first = verdict.effects[0]
+    assert "drive_damping" in {first.name, *(e.name for e in first.equivalent)}
+    size = first.parameters["coefficient"]
+    assert size.value == pytest.approx(DAMPING, rel=0.1)
+
+
+@pytest.mark.parametrize("axes", [ONE, ("0 1 0", "0 1 0")], ids=["one", "two"])
+def test_an_arm_of_few_joints_runs_through_check_and_identification(axes):
+    robot = arm(axes, "[declared.viscous]\n[declared.coulomb]\n")
+    logs = plain_arm.logs(robot, robot.model, "ab", 5)
+    assert not check_logs(robot, logs).certain
+    found = identify(robot, logs).model
+    tau = compute_inverse_dynamics(robot.model, *(3 * [0.3 * np.ones((1, robot.dof))]))
+    own = replace_inertial_parameters(robot.model, found.inertial)
+    again = compute_inverse_dynamics(own, *(3 * [0.3 * np.ones((1, robot.dof))]))
+    np.testing.assert_allclose(again, tau, rtol=0.05)
