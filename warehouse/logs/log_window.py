@@ -305,14 +305,15 @@ def _why_slow(t: Array) -> str:
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
+SPOILT = 3  # samples in a row that a bus spoils
 FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
 
 
 def find_leaps(q: Array) -> Array:
     """Return the samples at which an angle leaps there and back. Shape (n,), bool.
 
-    A bit that a bus turns is no motion: the sample lies far from both neighbours, which
-    lie near to each other.
+    A reading that a bus spoils is no motion: up to three samples lie far from both
+    neighbours, which lie near to each other.
 
     Args:
         q: Angles [rad]. Shape (n, dof).
@@ -322,9 +323,12 @@ def find_leaps(q: Array) -> Array:
         return out
     step = np.abs(np.diff(q, axis=0))
     far = np.maximum(FAR, BEYOND * np.quantile(step, 0.98, axis=0))
-    over = np.abs(q[2:] - q[:-2])
-    leaps = np.minimum(step[1:], step[:-1]) > np.maximum(far, 2 * over)
-    out[1:-1] = leaps.any(axis=1)
+    for k in range(1, SPOILT + 1):
+        over = np.abs(q[k + 1 :] - q[: -k - 1])
+        edges = np.minimum(step[:-k], step[k:])
+        starts = np.flatnonzero((edges > np.maximum(far, 2 * over)).any(axis=1)) + 1
+        for i in range(k):
+            out[starts + i] = True
     return out
 
 
