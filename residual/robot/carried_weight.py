@@ -1,7 +1,7 @@
 """The weight that the drives of an arm do not carry, by what its robot file states.
 
 MuJoCo holds a body with ``gravcomp`` against that share of its weight by a force of its
-own. Joints with ``actuatorgravcomp`` count it as torque of their drive; on the others
+own. Joints with actuatorgravcomp count it as torque of their drive; on the others
 it is missing from it:
 
 tau = Y(q, qd, qdd) pi - G(q) C pi

@@ -22,6 +22,7 @@ SIZES = {
     "coulomb_asymmetry": ([1.0], ()),
     "coupled_friction": ([1.0, 0.3, 0.02], (-1.0, 0.05)),
     "delay": ([0.01], (0.012,)),
+    "drive_damping": ([1.1], ()),
     "elasticity": ([1e-5], ()),
     "encoder_eccentricity": ([0.01, 0.02], ()),
     "encoder_offset": ([0.02], ()),

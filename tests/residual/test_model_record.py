@@ -42,7 +42,7 @@ def term(robot: Robot, name: str, seed: int) -> Term:
         np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0)
     )
     shapes = effect.shapes(span, joints[0] if joints else 0)
-    shape = shapes[seed % len(shapes)]
+    shape = shapes[seed % len(shapes)] if shapes else ()
     seen = Model(robot, read_inertial_parameters(robot.model), (), np.full(dof, 0.01))
     count = effect.columns(seen.observe(seen_track(robot)), joints, shape).shape[2]
     return Term(effect, joints, shape, 1e-3 * rng.normal(size=count))

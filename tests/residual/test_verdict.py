@@ -78,7 +78,7 @@ FORM = {
     "nominal_scale next_experiment warnings log_check contradictions drift background "
     "changes alternatives edit bodies frames suspected too_small",
     "unexplained": "joints fraction noise_floor depends_on kind per_joint noise_model",
-    "error": "metric filter logs same_run worse " + " ".join(TABLES),
+    "error": "metric filter logs same_run worse position " + " ".join(TABLES),
 }
 FORM = {part: set(keys.split()) for part, keys in FORM.items()}
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
