@@ -25,7 +25,7 @@ WRITERS = {
     "c99": to_c99,
 }
 # What each target can say of one effect alone; all else must be listed.
-JOINTS = {"viscous", "coulomb"}
+JOINTS = {"drive_damping", "viscous", "coulomb"}
 BODIES = {"payload", "link_body", "link_inertia"}
 MUJOCO = {"rotor_inertia", "spring", "quadratic_viscous", "base_tilt"}
 AHEAD = {"backlash", "elasticity"}  # they look ahead in time
