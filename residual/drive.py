@@ -18,6 +18,10 @@ Array = np.ndarray
 
 # Of a drive that nothing limits; a torque is then known up to a factor.
 IDEAL = {"gain": 1.0, "limit": inf, "delay": 0.0, "goal_speed": inf}
+FACTOR = (
+    "Torques and sizes hold up to one factor a joint until a mass is weighed (--known "
+    "payload.mass=...); a datasheet is a guess within a factor of two."
+)
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,6 +23,7 @@ from flows.steps.check import correct_mounting, refuse_faulty_logs
 from flows.storage import diagnosis as records
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
+from residual.drive import FACTOR
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -36,7 +37,11 @@ def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     robot = _robot(request, robot)
     read = inputs.read_logs(request, "to diagnose", robot)
-    return replace(read, warnings=(*read.warnings, *_of_others(request, robot)))
+    warnings = [*read.warnings, *_of_others(request, robot)]
+    driven = any(r.drive is not None for r in (*read.fit, *read.baseline))
+    if driven and "payload.mass" not in robot.known_values:
+        warnings.append(f"torque follows from the drives' gains: {FACTOR}")
+    return replace(read, warnings=tuple(warnings))
 
 
 def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:

@@ -20,7 +20,7 @@ import pinocchio as pin
 
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.thresholds import CHECK
-from residual.drive import IDEAL, Drive, compute_drive_torque, limit_goal
+from residual.drive import FACTOR, IDEAL, Drive, compute_drive_torque, limit_goal
 from residual.errors import join_with_commas
 from residual.recording import Array, Recording, apply_drive
 from residual.robot.dynamics import (
@@ -50,10 +50,6 @@ _FINER = {"goal_speed": 0.025, "delay": 0.0025, "limit": 0.04}
 _ALIKE = {"goal_speed": 0.1, "delay": 0.015, "limit": 0.25, "gain": 0.1}
 _UNSURE = 0.1  # relative error of a gain from which on nothing is said of it
 _LOCAL = 6  # columns: torque of the file, rotor, friction twice and dry, a constant
-FACTOR = (
-    "Torques and sizes hold up to one factor a joint until a mass is weighed "
-    "(--known payload.mass=...); a datasheet is a guess within a factor of two."
-)
 Chain = Mapping[str, Array]  # parts by name, (dof,); limits in units of the gain [rad]
 _WORDS = {
     "goal_speed": ("the goal travels at", "{:.3g} rad/s"),

@@ -131,7 +131,8 @@ class Track:
     cutoff: float  # Cut-off of the identification filter [Hz]
     step: int  # decimation from features to rows
     tau: Array  # filtered torque of each row [N m], (m, dof)
-    valid: Array  # row lies outside the edges and gaps. Shape (m,), bool
+    # Row lies outside the edges and gaps, and no joint is masked. Shape (m,), bool.
+    valid: Array
     moving: Array  # row is used for that joint. Shape (m, dof), bool
     torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
     enabled: Array | None = None  # share of a drive that is on, (n, dof); None for on
@@ -328,8 +329,9 @@ def _track(
     q, qd, qdd = motion
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    still |= dilate_mask(u.masked, first // 2)[::first]
     half = int(np.ceil(filters.margin / cutoff * rate))
+    masked = dilate_mask(u.masked, first // 2)[::first]
+    still |= masked
     still = dilate_mask(still, half)
     inner = ~dilate_mask(u.gap, (2 * half + 1) * first // 2)[:: first * step]
     edge = max(2, round(filters.edge * rate / step))
@@ -354,7 +356,7 @@ def _track(
         cutoff=cutoff,
         step=step,
         tau=filter_low_pass(_thinned(u, first), cutoff, rate, step),
-        valid=inner,
+        valid=inner & ~dilate_mask(masked, half)[::step].any(axis=1),
         moving=~still[::step] & inner[:, None],
         torque_noise=noise,
         enabled=None if u.enabled is None else u.enabled[::first],

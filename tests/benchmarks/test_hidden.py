@@ -7,6 +7,7 @@ import pytest
 from benchmarks.hidden.draw import draw_sized, measured, vocabulary
 from benchmarks.hidden.score import Name, estimate, members, score
 from residual.effects import load_effects
+from residual.effects.base import EffectTrait
 from residual.robot.robot import load_robot
 from residual.verdict.result import Detectable
 from sim.engine.plant_records import create_random_stream as make_rng
@@ -101,7 +102,10 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
 
 def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
     named, strange = vocabulary(load_robot("irb140"))
-    assert set(load_effects()) == set(named)
+    # Damping by a drive needs a log with goals: benchmarks/servo_parts.
+    effects = load_effects().items()
+    usual = {name for name, e in effects if EffectTrait.POWERED not in e.traits}
+    assert usual == set(named)
     assert strange
     assert not [name for name in strange if name.startswith("x_fault")]
 

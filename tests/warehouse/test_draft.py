@@ -218,3 +218,38 @@ def test_a_format_that_is_not_known_is_said(tmp_path, table):
     path = write(tmp_path / "a.csv", "t;q1;q2;tau1;tau2", table)
     with pytest.raises(InputError, match="ur-rtde"):
         draft_column_map(path, two(tmp_path), "ur-rtd")
+
+
+GOALS = {
+    "goal_position_#;present_position_#": "goal_position_",
+    "action.#;observation.state.#": "action.",
+    "desired_position_#;feedback_position_#": "desired_position_",
+}
+
+
+@pytest.mark.parametrize("header", GOALS)
+def test_goals_without_torque_are_drafted_with_a_drive(header, tmp_path):
+    wanted, present = header.split(";")
+    names = [n.replace("#", str(j)) for n in (wanted, present) for j in (1, 2)]
+    t = np.arange(0, 3, 0.01)
+    columns = [t, *(np.sin(t + k) for k in range(4)), np.round(np.sin(t)), t < 2]
+    columns.insert(6, np.round(np.cos(t)))
+    text = ",".join(["t", *names, "current_1", "current_2", "torque_enable"])
+    np.savetxt(
+        tmp_path / "log.csv",
+        np.column_stack(columns),
+        "%.6f",
+        ",",
+        "\n",
+        text,
+        comments="",
+    )
+    draft = draft_column_map(tmp_path / "log.csv", arm())
+    assert draft.columns.signals["q_ref"].columns[0] == GOALS[header] + "1"
+    assert draft.columns.signals["q"].columns == tuple(names[2:])
+    assert "tau" not in draft.columns.signals
+    assert draft.columns.drive.enabled == "torque_enable"
+    assert "no torque" in draft.doubts["drive"][0]
+    assert "is q_ref the goal" in draft.doubts["drive"][1]
+    written = drafted_map(draft, "log.csv", arm())
+    assert tomllib.loads(written)["drive"] == {"enabled": "torque_enable"}

@@ -1,5 +1,6 @@
 """Reading CSV and Parquet logs: what arrives, and what is said of bad ones."""
 
+import tempfile
 from pathlib import Path
 
 import numpy as np
@@ -9,9 +10,11 @@ import pytest
 
 from residual.errors import InputError
 from residual.robot.robot import load_robot
+from tests.residual.arms import arm
 from warehouse.logs import ColumnMap, read_log
-from warehouse.logs.column_map import CsvFormat, SignalMap
-from warehouse.logs.log_window import find_leaps
+from warehouse.logs.column_map import CsvFormat, SignalMap, read_column_map
+from warehouse.logs.log_reading import MemoryLog, read_opened_log
+from warehouse.logs.log_window import find_interleaved_arms, find_leaps
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
@@ -317,3 +320,68 @@ def test_a_false_reading_that_is_repeated_is_a_leap_there_and_back():
     assert np.flatnonzero(find_leaps(q)).tolist() == [20, 21, 40]
     q[20:26] += 3.5  # no false reading lasts so long
     assert 25 not in np.flatnonzero(find_leaps(q))
+
+
+DRIVEN = "drive = {gain = [2.0, 3.0], limit = [1.0, 9.0], enabled = 'on'}\n"
+
+
+def driven_log(change=lambda table: None):
+    """A log of two joints with goals and no torque, through a map."""
+    t = np.arange(0, 4, 0.01)
+    q = np.column_stack([np.sin(t), np.cos(2 * t)])
+    table = {"t": t, "q1": q[:, 0], "q2": q[:, 1], "on": (t < 3).astype(float)}
+    table |= {"q_ref1": q[:, 0] + 0.4, "q_ref2": q[:, 1] + 0.1 * t}
+    change(table)
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "map.toml"
+        path.write_text(DRIVEN)
+        columns = read_column_map(path)
+    return read_opened_log(MemoryLog(table, "log"), arm(), columns, "log", "log")
+
+
+def test_a_drive_of_the_map_gives_torque_where_the_log_has_none():
+    log, understood = driven_log()
+    assert (log.tau[log.t >= 3] == 0).all()
+    np.testing.assert_allclose(
+        log.tau[log.t < 3], [2.0, 3.0] * (log.q_ref - log.q)[:300]
+    )
+    assert not log.masked.any()
+    assert "on" in understood.used
+    assert log.drive.limit == (1.0, 9.0)
+
+
+def test_a_lost_or_leaping_sample_of_a_drive_is_masked_and_the_log_is_read():
+    def spoil(table):
+        table["q1"][50:52] += 3.0
+        table["q_ref2"][120] = np.nan
+
+    log, understood = driven_log(spoil)
+    assert len(log.t) == 397
+    assert not {0.5, 0.51, 1.2} & set(log.t.round(3))
+    at = log.t[log.masked.any(axis=1)].round(3)
+    np.testing.assert_array_equal(at, [0.49, 0.52, 1.19, 1.21])
+    assert [d.certain for d in understood.doubts] == [False]
+    assert "3 samples are masked" in understood.doubts[0].words
+
+
+def test_a_drive_at_its_limit_or_beyond_the_range_is_masked():
+    def pull(table):
+        table["q_ref1"][100:200] = table["q1"][100:200] + 0.6  # 1.2 N m of 1
+        table["q_ref2"][250:260] = 9.0  # rad
+
+    log, _ = driven_log(pull)
+    assert log.masked[100:200, 0].all()
+    assert log.masked[250:260, 1].all()
+    assert log.masked.sum() == 110
+
+
+def test_a_drive_needs_the_goal_and_a_value_for_each_joint():
+    with pytest.raises(InputError, match="missing column q_ref1"):
+        driven_log(lambda table: table.pop("q_ref1"))
+
+
+def test_angles_over_a_gap_in_time_are_no_second_arm():
+    t = np.arange(0, 8, 0.01)
+    keep = np.abs(np.sin(3 * t)) > 0.3  # rows at the middle are left out
+    q = np.sin(3 * t[keep])[:, None]
+    assert find_interleaved_arms(q, "log", t[keep]) is None

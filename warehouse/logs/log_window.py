@@ -306,15 +306,15 @@ def _why_slow(t: Array) -> str:
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
+SPOILT = 3  # samples in a row that a bus spoils
 FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
-HELD = 3  # samples in which a log may repeat one false reading
 
 
 def find_leaps(q: Array) -> Array:
     """Return the samples at which an angle leaps there and back. Shape (n,), bool.
 
-    A bit that a bus turns is no motion: the sample lies far from both neighbours, which
-    lie near to each other; so do a few where a log repeats what it read.
+    A reading that a bus spoils is no motion: up to three samples lie far from both
+    neighbours, which lie near to each other.
 
     Args:
         q: Angles [rad]. Shape (n, dof).
@@ -324,11 +324,12 @@ def find_leaps(q: Array) -> Array:
         return out
     step = np.abs(np.diff(q, axis=0))
     far = np.maximum(FAR, BEYOND * np.quantile(step, 0.98, axis=0))
-    for held in range(1, HELD + 1):
-        over = np.abs(q[held + 1 :] - q[: -held - 1])
-        leaps = np.minimum(step[held:], step[:-held]) > np.maximum(far, 2 * over)
-        for first in np.flatnonzero(leaps.any(axis=1)):
-            out[first + 1 : first + 1 + held] = True
+    for k in range(1, SPOILT + 1):
+        over = np.abs(q[k + 1 :] - q[: -k - 1])
+        edges = np.minimum(step[:-k], step[k:])
+        starts = np.flatnonzero((edges > np.maximum(far, 2 * over)).any(axis=1)) + 1
+        for i in range(k):
+            out[starts + i] = True
     return out
 
 
