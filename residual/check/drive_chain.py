@@ -272,6 +272,8 @@ def find_drive_faults(
     first = {name: drive.values(name, robot.dof) for name in _GRIDS}
     first["limit"] = first["limit"] / given
     chain, worth = search_drive_chain(rows, first)
+    fall = rows.score(chain) - rows.score(first)
+    halved = fall > np.log(2) * rows.spread * np.sum(rows.rows, axis=1)
     wrong = {}
     for name, values in chain.items():
         least = _ALIKE[name] * (1.0 if name == "delay" else np.minimum(values, 1e9))
@@ -291,8 +293,9 @@ def find_drive_faults(
     chain |= {"gain": gain, "limit": chain["limit"] * gain}
     parts = {n: v for n, v in chain.items() if np.any(v != IDEAL[n])}
     found = Drive(**_as_parts(parts), enabled=drive.enabled)
-    # Certain is what the map leaves out; another value may be a change of the arm.
-    left_out = {n: wrong[n] & (first[n] == IDEAL[n]) for n in worth}
+    # Certain is what the map leaves out, where it halves what is left of the torque:
+    # another value may be a change of the arm, and less what an effect does.
+    left_out = {n: wrong[n] & (first[n] == IDEAL[n]) & halved for n in worth}
     certain = [w[left_out[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
     words = _describe(robot, wrong, worth, chain, given)
     repairs = (Repair("drive", drive=found),)
