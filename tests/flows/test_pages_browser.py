@@ -12,7 +12,7 @@ PAGES = {
     "several": lambda: render_diagnosis_page(outcomes.several(), "kr300"),
     "nothing": lambda: render_diagnosis_page(outcomes.nothing(), "kr300"),
 }
-WIDTHS = (1280, 390)
+WIDTHS = (1280, 768, 390)
 # Draws what is drawn when it comes into sight, and opens what is folded.
 UNFOLD = """
 for (const fold of document.querySelectorAll("details")) fold.open = true;
@@ -58,6 +58,19 @@ PALE = """(() => {
   }
   return faint;
 })()"""
+# How light the page is, 0 to 255; a figure is never lighter or darker.
+GROUND = """((of) => of.every((c) => c === of[0]) ? Number(of[0].match(/\\d+/)) : NaN)(
+  [...document.querySelectorAll("body, .main-svg:first-child")].map(
+    (one) => getComputedStyle(one).backgroundColor))"""
+# What Tab must reach, and how what has the focus shows it.
+CONTROLS = """[...document.querySelectorAll(
+  "a[href], summary, select, input, button")].filter((one) =>
+  one.checkVisibility()).length"""
+FOCUS = """((one) => one === document.body ? null : [
+  [...document.querySelectorAll("*")].indexOf(one), one.matches(
+    "a[href], summary, select, input, button"),
+  getComputedStyle(one).outlineStyle === "solid"
+    && parseFloat(getComputedStyle(one).outlineWidth) >= 2])(document.activeElement)"""
 # Buttons of a figure have names of their own; with the tester the library measures text
 # that nobody sees.
 WORDLESS = """[...document.querySelectorAll(
@@ -89,9 +102,29 @@ def test_a_page_is_whole_readable_and_alone(tab, tmp_path, name):
         tab.wait(DRAWN, f"all figures of {name} are drawn")
         assert tab.run("document.body.scrollWidth <= innerWidth"), (name, width)
         assert tab.run(CLIPPED) == [], (name, width)
-        assert tab.run(PALE) == [], (name, width)
+        for scheme, shade in (("dark", "< 64"), ("light", "> 192")):
+            tab.prefer(scheme)
+            tab.wait(f"{GROUND} {shade}", f"{name} is {scheme}")
+            assert tab.run(PALE) == [], (name, width, scheme)
         assert tab.run(WORDLESS) == [], (name, width)
     assert tab.said == tab.refused == []
     assert set(tab.asked.values()) == {page.as_uri()}
     tab.run("document.querySelector('h1').style.color = '#999'")
     assert len(tab.run(PALE)) == 1  # so it sees what is faint
+
+
+def test_tab_reaches_every_control_of_a_page_and_shows_where_it_is(tab, tmp_path):
+    page = tmp_path / "page.html"
+    page.write_text(PAGES["several"](), encoding="utf-8")
+    tab.open(page.as_uri())
+    ready = "location.protocol === 'file:' && document.readyState === 'complete'"
+    tab.wait(f"{ready} && {SHOWN}", "all figures are drawn")
+    count, seen = tab.run(CONTROLS), {}
+    assert count > 10
+    for _ in range(3 * count):
+        tab.press_tab()
+        if (focus := tab.run(FOCUS)) is None or focus[0] in seen:
+            break
+        seen[focus[0]] = focus[1:]
+    assert sum(control for control, _ in seen.values()) == count
+    assert all(outlined for _, outlined in seen.values())
