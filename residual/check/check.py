@@ -68,8 +68,20 @@ FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
 # Kinds that the torque of the bodies in the robot file tells.
 _BY_BODIES = frozenset(
-    "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
-    "torque_scale gravity_removed friction_removed mounting wrong_robot".split()
+    [
+        "torque_sign",
+        "angle_sign",
+        "joint_order",
+        "torque_unit",
+        "angle_unit",
+        "time_unit",
+        "gear_ratio",
+        "torque_scale",
+        "gravity_removed",
+        "friction_removed",
+        "mounting",
+        "wrong_robot",
+    ]
 )
 
 
