@@ -2,14 +2,13 @@
 
 from dataclasses import replace
 from functools import cache
-from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from residual.check.check import check_logs
-from residual.check.drive_chain import find_drive_faults, search_drive_chain
-from residual.drive import IDEAL, Drive
+from residual.check.drive_chain import find_drive_faults
+from residual.drive import Drive
 from residual.recording import apply_drive
 from residual.robot.robot import add_known_values
 from tests.residual.driven import DRIVE, drive_log, pendulum
@@ -62,30 +61,3 @@ def test_no_row_at_the_limit_of_a_drive_is_fitted():
     assert 0.05 < np.mean(log.masked) < 0.95
     again = apply_drive(log, Drive(gain=(60.0,)))
     assert not again.masked.any()
-
-
-class SaturatedRows:
-    """Rows at 2 rad/s: with a limit, a faster goal is better by next to nothing."""
-
-    columns = (None,)
-    tracks = (SimpleNamespace(qd=np.full((9, 1), 2.0)),)
-    logs = (SimpleNamespace(q_ref=np.ones((9, 1)), q=np.zeros((9, 1))),)
-
-    def __init__(self, speed=None):
-        self.speed = speed
-
-    def limit_goals(self, speed):
-        return SaturatedRows(speed)
-
-    def score(self, chain):
-        speed = chain["goal_speed"] if self.speed is None else self.speed
-        speed = np.minimum(speed, 1e3)
-        free = -(np.log(speed / 2.0) ** 2)
-        return np.where(np.isfinite(chain["limit"]), 10 + 1e-3 * speed, free)
-
-
-def test_the_speed_of_a_goal_does_not_drift_where_the_limit_hides_it():
-    first = {name: np.array([v]) for name, v in IDEAL.items() if name != "gain"}
-    chain, _ = search_drive_chain(SaturatedRows(), first)
-    assert np.isfinite(chain["limit"][0])
-    assert chain["goal_speed"][0] == pytest.approx(2.0, rel=0.03)
