@@ -214,8 +214,7 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain]:
         chain, free = _improve(rows, chain, "delay", _near(chain, step, "delay"))
     without = rows.score(chain | {"goal_speed": first["goal_speed"]})
     worth = {"goal_speed": free - without}
-    # Delay and limit stand in for each other: both at once. Under a limit, goals that
-    # travel faster than the joint can are all alike, so that their speed stays.
+    # Delay and limit stand in for each other: both at once.
     best, limited = chain, free
     for limit in grids["limit"]:
         other, score = _improve(rows, chain | {"limit": limit}, "delay", grids["delay"])
@@ -223,7 +222,7 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain]:
         limited = np.where(better, score, limited)
         best = {n: np.where(better, other[n], best[n]) for n in best}
     for step in (2, 1):
-        for name in ("delay", "limit"):
+        for name in _GRIDS:
             best, limited = _improve(rows, best, name, _near(best, step, name))
     for name in ("delay", "limit"):
         worth[name] = limited - rows.score(best | {name: first[name]})
