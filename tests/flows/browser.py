@@ -84,6 +84,11 @@ class Tab:
             mobile=width < 600,
         )
 
+    def prefer(self, scheme: str) -> None:
+        """Ask pages for "light" or "dark"."""
+        wish = [{"name": "prefers-color-scheme", "value": scheme}]
+        self._call("Emulation.setEmulatedMedia", features=wish)
+
     def _call(self, method: str, **params: Any) -> dict:
         number = next(self._number)
         order = {"id": number, "method": method, "params": params}

@@ -12,7 +12,7 @@ PAGES = {
     "several": lambda: render_diagnosis_page(outcomes.several(), "kr300"),
     "nothing": lambda: render_diagnosis_page(outcomes.nothing(), "kr300"),
 }
-WIDTHS = (1280, 390)
+WIDTHS = (1280, 768, 390)
 # Draws what is drawn when it comes into sight, and opens what is folded.
 UNFOLD = """
 for (const fold of document.querySelectorAll("details")) fold.open = true;
@@ -58,6 +58,10 @@ PALE = """(() => {
   }
   return faint;
 })()"""
+# How light the page is, 0 to 255; a figure is never lighter or darker.
+GROUND = """((of) => of.every((c) => c === of[0]) ? Number(of[0].match(/\\d+/)) : NaN)(
+  [...document.querySelectorAll("body, .main-svg:first-child")].map(
+    (one) => getComputedStyle(one).backgroundColor))"""
 # Buttons of a figure have names of their own; with the tester the library measures text
 # that nobody sees.
 WORDLESS = """[...document.querySelectorAll(
@@ -89,7 +93,12 @@ def test_a_page_is_whole_readable_and_alone(tab, tmp_path, name):
         tab.wait(DRAWN, f"all figures of {name} are drawn")
         assert tab.run("document.body.scrollWidth <= innerWidth"), (name, width)
         assert tab.run(CLIPPED) == [], (name, width)
-        assert tab.run(PALE) == [], (name, width)
+        for scheme, light in (("dark", False), ("light", True)):
+            tab.prefer(scheme)
+            tab.wait(
+                f"({GROUND} > 128) === {str(light).lower()}", f"{name} is {scheme}"
+            )
+            assert tab.run(PALE) == [], (name, width, scheme)
         assert tab.run(WORDLESS) == [], (name, width)
     assert tab.said == tab.refused == []
     assert set(tab.asked.values()) == {page.as_uri()}

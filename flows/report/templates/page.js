@@ -11,15 +11,26 @@
     modeBarButtons: [["zoom2d", "pan2d", "resetScale2d", "toImage"]],
   };
 
-  function draw(box) {
-    if (box.dataset.drawn) return;
-    box.dataset.drawn = "yes";
-    const figure = JSON.parse(box.querySelector("script").textContent);
-    box.textContent = "";
-    const layout = { autosize: true, height: box.clientHeight, ...figure.layout };
+  const figures = new Map(); // the JSON of each drawn figure
+
+  // Colours have the form that the style sheet gives them; on paper their own.
+  function paint(box, paper) {
+    const style = getComputedStyle(document.documentElement);
+    const form = (all, hex) => style.getPropertyValue(`--of-${hex}`).trim() || all;
+    const text = figures.get(box);
+    const figure = JSON.parse(paper ? text : text.replace(/(?<=")#([0-9a-f]{6})(?=")/g, form));
+    const size = paper ? { autosize: false, width: PAPER } : { autosize: true };
+    const layout = { ...size, height: box.clientHeight, ...figure.layout };
     // A finger scrolls the page and does not zoom a figure.
     if (matchMedia("(pointer: coarse)").matches) layout.dragmode = false;
-    Plotly.newPlot(box, figure.data, layout, config);
+    Plotly.react(box, figure.data, layout, config);
+  }
+
+  function draw(box) {
+    if (figures.has(box)) return;
+    figures.set(box, box.querySelector("script").textContent);
+    box.textContent = "";
+    paint(box);
   }
 
   const observer = new IntersectionObserver(
@@ -36,7 +47,7 @@
   const next = () => {
     const folded = "details:not([open])";
     const shown = (each) => each.clientWidth > 0 && !each.closest(folded);
-    const box = boxes.find((each) => !each.dataset.drawn && shown(each));
+    const box = boxes.find((each) => !figures.has(each) && shown(each));
     if (!box) return;
     draw(box);
     setTimeout(next);
@@ -52,11 +63,14 @@
     }
     for (const box of boxes) {
       draw(box);
-      Plotly.relayout(box, { autosize: false, width: PAPER });
+      paint(box, true);
     }
   });
   addEventListener("afterprint", () => {
     for (const fold of closed.splice(0)) fold.open = false;
-    for (const box of boxes) Plotly.relayout(box, { autosize: true, width: null });
+    for (const box of figures.keys()) paint(box);
+  });
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => {
+    for (const box of figures.keys()) paint(box);
   });
 })();
