@@ -112,9 +112,13 @@ def _solve_body(
         gram += part.gram / sd**2
         sums = sums + (part.torque - part.model) / sd**2
         square += (power - 2 * cross + model) / sd**2
-    factor = cho_factor(gram)
-    at = cho_solve(factor, sums)
-    size = 2 * float(np.log(np.diag(factor[0])).sum()) - float(np.log(prior).sum())
+    unit = 1 / np.sqrt(np.diag(gram))
+    scaled = gram * np.outer(unit, unit)
+    np.fill_diagonal(scaled, 1 + 1e-12)
+    factor = cho_factor(scaled)
+    at = unit * cho_solve(factor, unit * sums)
+    size = 2 * float(np.log(np.diag(factor[0]) / unit).sum())
+    size -= float(np.log(prior).sum())
     return square - float(sums @ at), at, size
 
 

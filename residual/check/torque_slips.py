@@ -73,7 +73,10 @@ def find_torque_slips(robot: Robot, motion: CheckMotion) -> TorqueSlips | None:
     """
     given = _Candidate((), robot, motion, fit_nominal_shares(robot, motion))
     fine = _is_clean(given.shares)
-    best = max(_candidates(given, fine), key=lambda candidate: candidate.nats)
+    candidates = list(_candidates(given, fine))
+    if not candidates:  # bodies of such a file make no torque to compare
+        return None
+    best = max(candidates, key=lambda candidate: candidate.nats)
     start = best if best.nats - given.nats > CHECK.suspect_nats else given
     if fine and start is given:
         return None
@@ -91,7 +94,7 @@ def _pair(best: "_Candidate") -> TorqueSlips | None:
         motion = replace(best.motion, tau=best.motion.tau * known)
         best = replace(best, faults=(*best.faults, unit), motion=motion)
     elif len(best.faults) == 1 and not _is_clean(best.shares):
-        again = max(_candidates(best), key=lambda candidate: candidate.nats)
+        again = max(_candidates(best), key=lambda c: c.nats, default=best)
         more = again.nats - best.nats > CHECK.suspect_nats
         best = again if more else best
     kinds = {fault.kind for fault in best.faults}

@@ -5,13 +5,14 @@ import xml.etree.ElementTree as ET
 import numpy as np
 import pytest
 
+from residual.check.check import check_logs
 from residual.evidence.priors import compute_inertial_sd
 from residual.model.bodies import build_pseudo_inertias
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.limits import find_limit_flaws
 from residual.robot.plausibility import describe_body_flaws
 from residual.robot.robot import build_robot
-from tests.residual.arms import urdf_text
+from tests.residual.arms import plain_logs, urdf_text
 
 KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
@@ -61,6 +62,20 @@ def test_a_body_that_no_link_has_is_told_and_left_open(edits, kind):
     else:
         given = robot.model.inertias[2].mass
         assert given == edits["l2"].get("mass", sound.model.inertias[2].mass)
+
+
+@pytest.fixture(scope="module")
+def sound_logs():
+    return plain_logs(robot_with({}), range(3), np.zeros(3))
+
+
+@pytest.mark.parametrize("name", FLAWS)
+def test_no_log_is_blamed_for_a_body_that_no_link_has(name, sound_logs):
+    """Whatever the file says: no crash, and nothing of the log is certain."""
+    edits, _ = FLAWS[name]
+    faults = check_logs(robot_with(edits), sound_logs).faults
+    assert "robot_file" in {f.kind for f in faults}
+    assert {f.kind for f in faults if f.certain} <= {"robot_file"}
 
 
 def test_one_tensor_on_links_of_different_mass_is_a_placeholder_of_each():
