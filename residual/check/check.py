@@ -156,11 +156,8 @@ def _of_the_arm(
 
     Physics is the same all along a log: of long ones seven minutes are looked at.
     """
-    faults, (driven, logs) = (
-        find_robot_file_faults(robot),
-        find_drive_faults(robot, logs),
-    )
-    faults, whole = faults + driven, logs
+    driven, logs = find_drive_faults(robot, logs)
+    faults, whole = find_robot_file_faults(robot) + driven, logs
     logs = pick_spread_pieces(logs)
     motion = filter_check_motion(logs)
     faults += find_insufficient_motion(logs, motion)

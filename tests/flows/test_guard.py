@@ -244,13 +244,13 @@ def bodies(size: int):
     """Give a body in parts of a megabyte, and count those that were taken."""
     taken = []
 
-    def given():
+    def parts():
         for part in range(size):
             taken.append(part)
             more = part + 1 < size
             yield {"type": "http.request", "body": b" " * (1 << 20), "more_body": more}
 
-    return given(), taken
+    return parts(), taken
 
 
 def test_a_large_body_without_the_key_is_not_read():
