@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 
+from residual.check import drive_chain
 from residual.check.check import check_logs
 from residual.check.drive_chain import find_drive_faults
 from residual.drive import Drive
@@ -20,19 +21,30 @@ def logs():
 
 
 @cache
-def found():
+def find_fault():
     (fault,), _ = find_drive_faults(pendulum(), logs())
     return fault
 
 
 def test_a_chain_that_the_map_leaves_out_is_found_with_its_line():
-    (repair,) = found().repairs
-    assert found().certain
-    assert found().joints == (1,)
+    (repair,) = find_fault().repairs
+    assert find_fault().certain
+    assert find_fault().joints == (1,)
     assert repair.drive.goal_speed[0] == pytest.approx(2.0, rel=0.08)
     assert repair.drive.delay[0] == pytest.approx(0.04, abs=0.015)
     assert repair.drive.gain[0] == pytest.approx(60.0, rel=0.1)
-    assert "until a mass is weighed" in found().evidence
+    assert "until a mass is weighed" in find_fault().evidence
+
+
+@pytest.mark.parametrize(("speed", "certain"), [(2.2, True), (4.0, False)])
+def test_a_chain_is_certain_where_it_halves_what_is_left(monkeypatch, speed, certain):
+    """Less may be an effect of the library, however many nats it is worth."""
+    chain = {"goal_speed": [speed], "delay": [0.0], "limit": [np.inf]}
+    worth = {"goal_speed": [100.0], "delay": [0.0], "limit": [0.0]}
+    answer = [{k: np.array(v) for k, v in each.items()} for each in (chain, worth)]
+    monkeypatch.setattr(drive_chain, "search_drive_chain", lambda *_: answer)
+    (fault,), _ = find_drive_faults(pendulum(), logs())
+    assert fault.certain == certain
 
 
 def test_with_its_chain_a_log_has_no_fault_of_its_drive():
