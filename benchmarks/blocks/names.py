@@ -106,10 +106,11 @@ def select_names(logs: FitLogs, nominal: NominalModel) -> list[Name]:
         candidates = recompute_candidates(design, candidates)
     runs: dict[tuple, Found] = {}
 
-    def run(prior: NominalPrior) -> None:
+    def run(prior: NominalPrior) -> Found:
         key = prior.scale, tuple(sorted(prior.widths.items()))
         if key not in runs:
             runs[key] = search(prior).run()
+        return runs[key]
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
     # Below the scales that are too rough for names of bodies such a name may mend it.
@@ -117,8 +118,7 @@ def select_names(logs: FitLogs, nominal: NominalModel) -> list[Name]:
         own: list[Found] = []
         for scale in reversed(space.scales):
             if (scale > THRESHOLDS.rough_scale) == rough:
-                run(space.at(scale, space.even[0]))
-                own.append(list(runs.values())[-1])
+                own.append(run(space.at(scale, space.even[0])))
                 if _falls_behind(own):
                     break
     weighted = _weigh(design, candidates, list(runs.values()))
