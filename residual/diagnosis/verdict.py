@@ -27,7 +27,7 @@ from residual.diagnosis.unexplained import (
     list_dependences,
 )
 from residual.effects import load_effects
-from residual.effects.base import Effect, EffectTrait
+from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import format_joint_numbers
 from residual.evidence.fit import Fit, PossibleModel, invert_scaled
 from residual.evidence.priors import (
@@ -65,6 +65,7 @@ from residual.verdict.result import (
     Place,
     Unexplained,
     Verdict,
+    add_motor_class,
     replace_by_model_values,
 )
 
@@ -111,7 +112,8 @@ def build_verdict(
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
-        return [_finding(f, i, confirmed) for i, f in enumerate(some, 1)]
+        span = outcome.logs.span
+        return [_finding(f, i, confirmed, span) for i, f in enumerate(some, 1)]
 
     return Verdict(
         robot=robot.name,
@@ -160,7 +162,9 @@ def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detect
     return out
 
 
-def _finding(named: NamedEffect, order: int, standing: ConfirmedNames) -> Finding:
+def _finding(
+    named: NamedEffect, order: int, standing: ConfirmedNames, span: MotionSpan
+) -> Finding:
     gains = {**standing.gains, **dict(standing.validation.kept)}
     gain = float(np.mean([gains[t] for t in named.tested]))
     splits = [standing.splits[t] for t in named.tested]
@@ -178,7 +182,11 @@ def _finding(named: NamedEffect, order: int, standing: ConfirmedNames) -> Findin
         joints=named.joints,
         probability=convert_to_plain_values(named.probability),
         order=order,
-        equivalent=tuple(Place(*other) for other in named.equivalent),
+        equivalent=add_motor_class(
+            Place(named.effect.name, named.joints),
+            [Place(*other) for other in named.equivalent],
+            span,
+        ),
         parameters=parameters,
         combinations={
             key: Parameter(
