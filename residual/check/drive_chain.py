@@ -4,11 +4,10 @@ An arm without torque sensors has the torque of its drives (`residual.drive`), w
 right as far as their chain is. Of a wrong chain no body, friction and offset leave
 little: each joint's torque, in units of its gain, is refitted on the inertial
 regressor, the rotor, friction while the drive is on and off, and a constant, and the
-chain that leaves least is the one of the drive. Noise is Student's t (Lange, Little and
-Taylor 1989, J. Am. Stat. Assoc. 84:881): some rows that no chain explains, as a servo
-that protects itself, bend no value. Rows at the limit are not fitted but count, so that
-no limit is bought by leaving out rows. By how much each part of the chain is better
-than the one of the map is told in nats, with the range of values that are as good.
+chain that leaves least is the one of the drive. Rows at the limit are not fitted but
+count, so that no limit is bought by leaving out rows; rows at rest count too, since a
+goal that has set off already would push the joint. By how much each part of the chain
+is better than the one of the map is told in nats, with the range of values as good.
 
 The gain follows at last, from the torque of the bodies in the robot file with their
 known load: it is as right as their masses are.
@@ -20,6 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
+from residual.check.physics_columns import compute_row_rms
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.thresholds import CHECK
 from residual.drive import FACTOR, IDEAL, Drive, compute_drive_torque, limit_goal
@@ -40,7 +40,6 @@ _RIDGE = 1e-3  # of a column's power: directions that move no torque stay at zer
 _APART = 0.1  # s: rows nearer to each other count as one: the filter's own memory
 _SHARP = 0.25  # of the speed floor, over which dry friction turns
 _FEWEST = 20  # rows of a joint
-_TAILS, _ROUNDS = 3.0, 4  # degrees of freedom of Student's t; refits of its weights
 # Where each part is looked for: of the joint's speed; s; of the largest distance of
 # goal and position. Then nearer and nearer around the best.
 _GRIDS = {
@@ -85,11 +84,8 @@ class ChainRows:
         out = np.full(len(self.columns), -np.inf)
         for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
             if (~clipped).sum() >= _FEWEST:
-                size = np.sqrt(np.mean(y**2)) + 1e-12
-                _, residual, scale = _refit(columns, y, ~clipped)
-                far = np.log1p((residual / scale) ** 2 / _TAILS)
-                loss = np.log(scale / size) + (_TAILS + 1) / 2 * far
-                out[j] = -self.spread * loss.sum()
+                left = _refit(columns, y, ~clipped)[1] / (compute_row_rms(y) + 1e-12)
+                out[j] = -self.spread * len(y) * np.log(left + 1e-9)
         return out
 
     def limit_goals(self, speed: Array) -> "ChainRows":
@@ -123,8 +119,8 @@ class ChainRows:
             if rows <= _LOCAL or not x[~clipped, 0].any():
                 errors[j] = np.inf
                 continue
-            theta, _, noise = _refit(x, y, ~clipped, 1e-9)
-            size = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
+            theta, noise = _refit(x, y, ~clipped, 1e-9)
+            size = compute_row_rms(x) + 1e-12
             inverse = np.linalg.pinv((x / size)[~clipped].T @ (x / size)[~clipped])
             sd = noise * np.sqrt(inverse[0, 0] / self.spread) / size[0]
             errors[j] = sd / max(theta[0], 1e-12)
@@ -134,25 +130,18 @@ class ChainRows:
 
 def _refit(
     columns: Array, y: Array, kept: Array, ridge: float = _RIDGE
-) -> tuple[Array, Array, float]:
-    """Fit the kept rows; return coefficients, what all rows leave, and its scale."""
-    size = np.sqrt(np.mean(columns[kept] ** 2, axis=0)) + 1e-12
+) -> tuple[Array, float]:
+    """Fit the kept rows; return the coefficients, and the rms that all rows leave."""
+    size = compute_row_rms(columns[kept]) + 1e-12
     x = columns / size
-    fitted, weights, penalty = x[kept], np.ones(len(y)), ridge * np.eye(x.shape[1])
-    free = np.ones(x.shape[1], bool)
-    for _ in range(_ROUNDS):
-        weighted = fitted * weights[kept, None]
-        gram = weighted.T @ fitted + weights[kept].sum() * penalty
-        target = weighted.T @ y[kept]
-        theta = np.linalg.solve(gram, target)
-        while (theta[_BRAKES] < 0).any():  # no friction pushes
-            free[_BRAKES] &= theta[_BRAKES] >= 0
-            theta = np.zeros(len(free))
-            theta[free] = np.linalg.solve(gram[np.ix_(free, free)], target[free])
-        residual = y - x @ theta
-        scale = np.sqrt(np.mean(weights * residual**2)) + 1e-12
-        weights = (_TAILS + 1) / (_TAILS + (residual / scale) ** 2)
-    return theta / size, residual, float(scale)
+    gram = x[kept].T @ x[kept] + ridge * kept.sum() * np.eye(x.shape[1])
+    target, free = x[kept].T @ y[kept], np.ones(x.shape[1], bool)
+    theta = np.linalg.solve(gram, target)
+    while (theta[_BRAKES] < 0).any():  # no friction pushes
+        free[_BRAKES] &= theta[_BRAKES] >= 0
+        theta = np.zeros(len(free))
+        theta[free] = np.linalg.solve(gram[np.ix_(free, free)], target[free])
+    return theta / size, float(compute_row_rms(y - x @ theta))
 
 
 def _as_parts(chain: Chain) -> dict[str, tuple[float, ...]]:
@@ -181,7 +170,6 @@ def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | Non
             own.append(track.filter(np.column_stack(columns)))
     if sum(track.moving.sum(axis=0) for track in tracks).max() < _FEWEST:
         return None
-    # Rows at rest too: a goal that has set off already would push the joint.
     use = np.concatenate([track.valid for track in tracks])
     step = np.median([track.step / track.rate for track in tracks])
     columns = tuple(np.concatenate(own)[use] for own in parts)
