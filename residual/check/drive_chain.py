@@ -220,10 +220,16 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Cha
     worth = {
         "goal_speed": free - _try(rows, without, "delay", grids["delay"])[0].max(0)
     }
-    # Delay and limit stand in for each other: both at once, then the speed once more.
-    shifts = np.linspace(-0.04, 0.04, 9)
-    chain, _ = _improve(rows, chain, "limit", grids["limit"], shifts)
-    chain, _ = _improve(rows, chain, "goal_speed", grids["goal_speed"], _SHIFTS)
+    # A limit passes for a speed, and a delay for a limit: from the map's chain, from
+    # this speed and from none, limit and delay at once, then the speed once more.
+    shifts, start = np.linspace(-0.04, 0.04, 9), chain
+    chain, top = first, rows.score(first)
+    for speed in (start["goal_speed"], np.full(dof, IDEAL["goal_speed"])):
+        other = start | {"goal_speed": speed}
+        other, _ = _improve(rows, other, "limit", grids["limit"], shifts)
+        other, score = _improve(rows, other, "goal_speed", grids["goal_speed"], _SHIFTS)
+        better, top = score > top, np.maximum(score, top)
+        chain = {name: np.where(better, other[name], chain[name]) for name in chain}
     for step in (4, 2, 1, 2, 1):
         for name in _GRIDS:
             shifts = _SHIFTS * (name != "delay")
