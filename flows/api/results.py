@@ -14,9 +14,9 @@ from flows.api.remedies import advise_in_python
 from flows.api.store import Table
 from flows.inputs.read import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files
-from flows.requests import Diagnose
+from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.calibrate import calibrate_logs
+from flows.steps.calibrate import calibrate as calibrate_request
 from flows.steps.diagnose import (
     ROLES,
     add_stored_runs,
@@ -24,7 +24,7 @@ from flows.steps.diagnose import (
     store_diagnosis,
 )
 from flows.steps.diagnose import diagnose as diagnose_request
-from flows.steps.identify import identify_logs
+from flows.steps.identify import identify as identify_request
 from flows.steps.model_choice import choose_request_model
 from flows.storage import calibration as calibrated
 from flows.storage import identification_record as identified
@@ -177,7 +177,7 @@ def diagnose(
     logs = build_log_sets(robot, fit, baseline, held_out)
     request = Diagnose(
         robot=robot.name,
-        declared=None if declared is None else tuple(declared),
+        declared=_names(declared),
         known=tuple(f"{k}={float(v)!r}" for k, v in (known or {}).items()),
         trust_log=trust_log,
         store=None if store is None else resolve_store_folder(str(store)),
@@ -186,6 +186,10 @@ def diagnose(
         return _diagnose_runs(request, logs, progress)
     logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
     return convert_to_subclass(Diagnosis, diagnose_request(request, logs, progress))
+
+
+def _names(declared: Sequence[str] | None) -> tuple[str, ...] | None:
+    return None if declared is None else tuple(declared)
 
 
 def _diagnose_runs(
@@ -267,12 +271,19 @@ def identify(
     Arguments and errors as in ``diagnose``, and:
 
     Args:
-        options: Weights, prior, and selection of parameters; None for weighted least
-            squares without a prior.
+        options: Weights and prior; None for weighted least squares without a prior.
         consistent: Also find physically consistent inertias.
     """
-    sets = build_log_sets(robot, fit, held_out=held_out)
-    outcome = identify_logs(sets, declared, options, consistent, trust_log)
+    sets, how = build_log_sets(robot, fit, held_out=held_out), options or Options()
+    request = Identify(
+        robot=robot.name,
+        method=how.method,
+        declared=_names(declared),
+        prior=how.prior,
+        consistent=consistent,
+        trust_log=trust_log,
+    )
+    outcome, _ = identify_request(request, sets)
     return convert_to_subclass(Identification, outcome)
 
 
@@ -332,8 +343,9 @@ def calibrate(
             of the time.
     """
     sets = build_log_sets(robot, fit)
-    names = None if declared is None else tuple(declared)
-    settings = core.CalibrationSettings(declared=names, with_figures=figures)
+    request = Calibrate(
+        robot=robot.name, declared=_names(declared), trust_log=trust_log
+    )
     runs = [CalibrationRun(log) for log in sets.fit]
-    outcome, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return convert_to_subclass(Calibration, outcome, warnings=warnings)
+    made = calibrate_request(request, sets, runs, with_figures=figures)
+    return convert_to_subclass(Calibration, made.calibration, warnings=made.warnings)
