@@ -13,7 +13,6 @@ from flows.requests import Demo
 from flows.steps import demo as steps
 from flows.steps import experiment
 from flows.workers import InlineExecutor
-from tests.flows.adopted_arm import unchecked
 from tests.verdict_documents import typed
 
 # Short, and with families of motion that need no search: of eight experiments each
@@ -31,8 +30,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     monkeypatch.setattr(experiment, "ProcessExecutor", lambda _: InlineExecutor())
     for name in ("FIT", "HELD_OUT", "DURATION"):
         monkeypatch.setattr(steps, name, globals()[name])
-    with unchecked():
-        assert main(["demo", "--effect", "payload", "--store", "store"]) == 0
+    assert main(["demo", "--effect", "payload", "--store", "store"]) == 0
     done = capsys.readouterr()
     # Nobody looks at a terminal: of slow work a line now and then, nothing else.
     assert all(re.match(r" *\d+% ", line) for line in done.err.splitlines())

@@ -15,7 +15,7 @@ from residual.verdict.result import Place
 from tests.residual.arms import arm, names
 from tests.residual.linear import LINE, OTHER, PLANE, Problem
 
-RATE, SECONDS = 125.0, 10.0
+RATE, SECONDS = 125.0, 15.0
 ROTOR = 0.5  # kg m^2 on joint 2, of which the model knows nothing
 COARSE = 6e-3  # rad: an encoder of ten bits
 
