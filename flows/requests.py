@@ -6,10 +6,11 @@ says how to repeat it; store and column map are not part of that.
 """
 
 import re
+import shlex
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, fields
 from pathlib import Path
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args, get_type_hints
 
 from cyclopts import Parameter, Token
 
@@ -198,6 +199,26 @@ class Request:
             if getattr(self, name, None):
                 return f"--{name}"
         return None if getattr(self, "declared", None) is None else "--declared"
+
+
+def format_command(request: Request, *more: str) -> str:
+    """Return the command line of a request about logs, with more words at its end."""
+    words = ["modelgap", request.command, *request.logs]
+    hints = get_type_hints(type(request), include_extras=True)
+    for each in fields(request):
+        value, parts = getattr(request, each.name), get_args(hints[each.name])
+        parameter = Parameter.combine(*(p for p in parts if isinstance(p, Parameter)))
+        if parameter.parse is False or value in (None, each.default):
+            continue
+        (option, *_) = parameter.name or (f"--{each.name.replace('_', '-')}",)
+        if value is True:
+            words.append(option)
+        elif isinstance(value, tuple) and not parameter.converter:
+            words += [word for one in value for word in (option, one)]
+        else:
+            text = value if isinstance(value, str | Path) else ",".join(value) or "none"
+            words += [option, str(text)]
+    return shlex.join([*words, *more])
 
 
 @dataclass(frozen=True, slots=True)

@@ -86,6 +86,7 @@ def code_hash(*places: str) -> str:
     return digest.hexdigest()[:16]
 
 
+@cache  # of a file that several rooms have
 def bare(source: str) -> str:
     """Return Python source without comments, docstrings and line breaks."""
     tree = ast.parse(source)

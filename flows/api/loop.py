@@ -9,8 +9,9 @@ from flows.api.logs import check_recordings
 from flows.api.remedies import advise_in_python
 from flows.api.results import Diagnosis, build_log_sets, convert_to_subclass
 from flows.outputs import Progress, write_files
+from flows.requests import Diagnose
 from flows.specs import parse_spec
-from flows.steps.diagnose import diagnose_logs
+from flows.steps.diagnose import diagnose
 from flows.steps.experiment import (
     compute_run_id,
     format_reference_csv,
@@ -115,10 +116,11 @@ def next_experiment(
     """
     check_duration(seconds)
     logs = build_log_sets(robot, fit, baseline, held_out)
-    outcome = diagnose_logs(logs, progress=progress)
+    request = Diagnose(robot=robot.name)
+    outcome = diagnose(request, logs, progress)
     diagnosis = convert_to_subclass(Diagnosis, outcome)
     if outcome.question is None:
-        outcome = diagnose_logs(logs, progress=progress, ignore_baseline=True)
+        outcome = diagnose(request, logs, progress, ignore_baseline=True)
     best = rank_motions(outcome.question, robot, seconds, seed, progress)
     if best is None or best.best.outlook.separates_nothing:
         return Experiment(diagnosis, None, None)

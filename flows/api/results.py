@@ -14,16 +14,17 @@ from flows.api.remedies import advise_in_python
 from flows.api.store import Table
 from flows.inputs.read import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files
+from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.calibrate import calibrate_logs
+from flows.steps.calibrate import calibrate as calibrate_request
 from flows.steps.diagnose import (
-    build_diagnose_request,
-    diagnose_logs,
+    ROLES,
+    add_stored_runs,
     read_stored_runs,
     store_diagnosis,
 )
 from flows.steps.diagnose import diagnose as diagnose_request
-from flows.steps.identify import identify_logs
+from flows.steps.identify import identify as identify_request
 from flows.steps.model_choice import choose_request_model
 from flows.storage import calibration as calibrated
 from flows.storage import identification_record as identified
@@ -174,36 +175,32 @@ def diagnose(
             of the logs is certain.
     """
     logs = build_log_sets(robot, fit, baseline, held_out)
-    if store is not None:
-        how = {"declared": declared, "trust_log": trust_log, "known": known or {}}
-        return _diagnose_runs(logs, resolve_store_folder(str(store)), progress, **how)
-    logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
-    return convert_to_subclass(
-        Diagnosis,
-        diagnose_logs(logs, declared=declared, trust_log=trust_log, progress=progress),
+    request = Diagnose(
+        robot=robot.name,
+        declared=_names(declared),
+        known=tuple(f"{k}={float(v)!r}" for k, v in (known or {}).items()),
+        trust_log=trust_log,
+        store=None if store is None else resolve_store_folder(str(store)),
     )
+    if store is not None:
+        return _diagnose_runs(request, logs, progress)
+    logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
+    return convert_to_subclass(Diagnosis, diagnose_request(request, logs, progress))
+
+
+def _names(declared: Sequence[str] | None) -> tuple[str, ...] | None:
+    return None if declared is None else tuple(declared)
 
 
 def _diagnose_runs(
-    logs: LogSets,
-    store: Path,
-    progress: Progress | None,
-    *,
-    declared: Sequence[str] | None,
-    trust_log: bool,
-    known: Mapping[str, float],
+    request: Diagnose, logs: LogSets, progress: Progress | None
 ) -> Diagnosis:
     """Diagnose runs of a store by the steps of the command, and store the result."""
-    roles = ("fit", "held_out", "baseline")
     ids = {
-        role: [_find_run(log, store) for log in getattr(logs, role)] for role in roles
+        role: tuple(_find_run(log, request.store) for log in getattr(logs, role))
+        for role in ROLES
     }
-    request = replace(
-        build_diagnose_request(ids, store),
-        declared=None if declared is None else tuple(declared),
-        trust_log=trust_log,
-        known=tuple(f"{name}={value!r}" for name, value in known.items()),
-    )
+    request = add_stored_runs(request, ids)
     choice = choose_request_model(request, logs.robot)
     request = replace(request, model=choice.diagnosis)
     read, begun = read_stored_runs(request), perf_counter()
@@ -274,12 +271,19 @@ def identify(
     Arguments and errors as in ``diagnose``, and:
 
     Args:
-        options: Weights, prior, and selection of parameters; None for weighted least
-            squares without a prior.
+        options: Weights and prior; None for weighted least squares without a prior.
         consistent: Also find physically consistent inertias.
     """
-    sets = build_log_sets(robot, fit, held_out=held_out)
-    outcome = identify_logs(sets, declared, options, consistent, trust_log)
+    sets, how = build_log_sets(robot, fit, held_out=held_out), options or Options()
+    request = Identify(
+        robot=robot.name,
+        method=how.method,
+        declared=_names(declared),
+        prior=how.prior,
+        consistent=consistent,
+        trust_log=trust_log,
+    )
+    outcome, _ = identify_request(request, sets)
     return convert_to_subclass(Identification, outcome)
 
 
@@ -339,8 +343,9 @@ def calibrate(
             of the time.
     """
     sets = build_log_sets(robot, fit)
-    names = None if declared is None else tuple(declared)
-    settings = core.CalibrationSettings(declared=names, with_figures=figures)
+    request = Calibrate(
+        robot=robot.name, declared=_names(declared), trust_log=trust_log
+    )
     runs = [CalibrationRun(log) for log in sets.fit]
-    outcome, warnings = calibrate_logs(sets, runs, settings, trust_log=trust_log)
-    return convert_to_subclass(Calibration, outcome, warnings=warnings)
+    made = calibrate_request(request, sets, runs, with_figures=figures)
+    return convert_to_subclass(Calibration, made.calibration, warnings=made.warnings)

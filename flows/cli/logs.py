@@ -32,6 +32,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
         logs: Logs: CSV, Parquet, ROS bag or MCAP files, windows (FILE@0:16.5,
             FILE@60%:) or ids of stored runs; none to check the robot file alone.
     """
+    from flows.inputs.read import read_logs
     from flows.report.document import print_parts
     from flows.report.robot_file import build_robot_document, describe_robot_check
     from flows.report.sentences import describe_check
@@ -46,7 +47,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
         out.write(document=lambda: build_robot_document(robot, report))
         print_parts(out.console, *describe_robot_check(robot, report))
         return out.finish()
-    read = checking.read_logs(request)
+    read = read_logs(request, "to check")
     out.say(*read.lines[1:])
     report = checking.check_log_sets(read)
     out.write(document=report.to_json)

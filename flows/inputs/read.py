@@ -165,17 +165,20 @@ def suggest_column_map(log: str, robot: str) -> Iterator[None]:
 
 
 def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> LogSets:
-    """Read the robot and every log of a request once.
+    """Read the robot and every log of a request once, also impossible ones.
 
     Args:
         purpose: What they are needed for, such as "to diagnose".
-        robot: Their robot; None for the one that the request names.
+        robot: Their robot, without --known; None for the one that the request names.
     """
     held_out = getattr(request, "held_out", ())
+    baseline = getattr(request, "baseline", ())
     robot = robot or load_request_robot(request)
+    if hasattr(request, "known"):
+        robot = apply_known_values(robot, parse_known_values(request.known), baseline)
     check_declared(getattr(request, "declared", None))
     require_logs(request.logs, purpose, request.command)
-    sets = (request.logs, getattr(request, "baseline", ()), held_out)
+    sets = (request.logs, baseline, held_out)
     columns, store = request.columns, request.store
     return read_log_sets(sets, robot, columns, store, True, called=request.robot)
 

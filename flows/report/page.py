@@ -4,7 +4,6 @@ import base64
 import hashlib
 import json
 import re
-import shlex
 from collections.abc import Sequence
 from functools import cache
 from importlib.util import find_spec
@@ -15,7 +14,7 @@ from markupsafe import Markup
 
 from flows.report.document import BoldText, Document, html_tag
 from flows.report.phrases import capitalize_first
-from flows.requests import Diagnose
+from flows.requests import Diagnose, format_command
 from warehouse.code_provenance import format_version
 from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import read_parquet
@@ -79,7 +78,8 @@ def describe_request_origin(request: Diagnose, page: str = "report.html") -> Pai
         "Program": (format_version(),),
     }
     facts = [(name, _ids(values)) for name, values in inputs.items() if values]
-    return [*facts, (_AGAIN, html_tag("kbd", format_diagnose_command(request, page)))]
+    again = format_command(request, "--report", page)
+    return [*facts, (_AGAIN, html_tag("kbd", again))]
 
 
 def read_diagnosis_origin(store: Path, id: str) -> Pairs:
@@ -90,29 +90,9 @@ def read_diagnosis_origin(store: Path, id: str) -> Pairs:
     )
     if not request:
         return facts
-    again = format_diagnose_command(Diagnose.from_record(request, None), "report.html")
+    request = Diagnose.from_record(request, None)
+    again = format_command(request, "--report", "report.html")
     return [*facts[:-1], (_AGAIN, html_tag("kbd", again))]
-
-
-def format_diagnose_command(request: Diagnose, page: str | None) -> str:
-    """Return the command line of a diagnosis, with its page if there is one."""
-    words = ["modelgap", "diagnose", *request.logs, "--robot", request.robot]
-    for option, values in (
-        ("--holdout", request.held_out),
-        ("--baseline", request.baseline),
-    ):
-        words += [word for value in values for word in (option, value)]
-    if request.declared is not None:
-        words += ["--declared", ",".join(request.declared) or "none"]
-    words += [word for value in request.known for word in ("--known", value)]
-    for option, value in (
-        ("--map", request.columns),
-        ("--model", request.model),
-        ("--store", request.store),
-    ):
-        words += [option, str(value)] if value else []
-    words += ["--trust-log"] if request.trust_log else []
-    return shlex.join([*words, "--report", page] if page else words)
 
 
 @cache

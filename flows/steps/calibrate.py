@@ -67,25 +67,30 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[CalibrationRun, ...]]:
     return replace(logs, each=tuple(lines)), tuple(runs)
 
 
+@one_blas_thread
 def calibrate(
     request: Calibrate,
     logs: LogSets,
-    runs: tuple[CalibrationRun, ...],
+    runs: Sequence[CalibrationRun],
     progress: Progress | None = None,
+    with_figures: bool = True,
 ) -> StoredCalibration:
     """Fit and validate every model; store what was found if all logs are runs.
 
     Args:
         runs: The same as runs of a calibration.
+        with_figures: Whether to compute what only figures need.
 
     Raises:
         InputError: If the logs are not usable together, or a fault of them is certain.
     """
     store, ids = resolve_store_folder(request.store), tuple((logs.runs or {}).values())
     begun = perf_counter()
-    made, warnings = calibrate_logs(
-        logs, runs, _settings(request), request.trust_log, progress
-    )
+    report = refuse_faulty_logs(logs, request.trust_log)
+    robot = correct_mounting(logs, report).robot
+    settings = replace(_settings(request), with_figures=with_figures)
+    # One thread: the products are small, two threads only wait for each other.
+    made = fit_tables(robot, runs, settings, progress)
     asked = request.to_record() | {
         "logs": list(ids),
         "robot_hash": logs.robot.content_hash,
@@ -93,27 +98,7 @@ def calibrate(
     stored = len(ids) == len(runs)
     seconds = {"calibrate": perf_counter() - begun}
     kept = store_calibration(store, made, asked, seconds) if stored else {}
-    return StoredCalibration(made, warnings, kept)
-
-
-@one_blas_thread
-def calibrate_logs(
-    logs: LogSets,
-    runs: Sequence[CalibrationRun],
-    settings: CalibrationSettings,
-    trust_log: bool = False,
-    progress: Progress | None = None,
-) -> tuple[Calibration, tuple[str, ...]]:
-    """Fit and validate every model; returns what is odd but usable beside it.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
-    """
-    report = refuse_faulty_logs(logs, trust_log)
-    logs = correct_mounting(logs, report)
-    # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(logs.robot, runs, settings, progress)
-    return made, (*logs.warnings, *report.sentences)
+    return StoredCalibration(made, (*logs.warnings, *report.sentences), kept)
 
 
 def _settings(request: Calibrate) -> CalibrationSettings:

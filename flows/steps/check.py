@@ -4,7 +4,6 @@ import re
 from collections.abc import Sequence
 from dataclasses import replace
 
-from flows.inputs import read as inputs
 from flows.inputs.read import LogSets, load_command_robot
 from flows.inputs.repair import (
     describe_repair_file,
@@ -24,13 +23,6 @@ from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.map_draft import draft_column_map
 
 _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
-
-
-def read_logs(request: Check) -> LogSets:
-    """Read the robot and every log, also physically impossible ones."""
-    known = inputs.parse_known_values(request.known)
-    robot = inputs.apply_known_values(inputs.load_request_robot(request), known)
-    return inputs.read_logs(request, "to check", robot)
 
 
 def draft_map(request: Map) -> str:

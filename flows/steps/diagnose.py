@@ -8,10 +8,7 @@ from time import perf_counter
 from flows.inputs import read as inputs
 from flows.inputs.read import (
     LogSets,
-    apply_known_values,
     is_run_id,
-    load_request_robot,
-    parse_known_values,
     read_file_serial,
     read_run_robot,
     read_run_serial,
@@ -30,25 +27,17 @@ from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
-_ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
+ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
 
 def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
-    robot = _robot(request, robot)
     read = inputs.read_logs(request, "to diagnose", robot)
-    warnings = [*read.warnings, *_of_others(request, robot)]
+    warnings = [*read.warnings, *_of_others(request, read.robot)]
     driven = any(r.drive is not None for r in (*read.fit, *read.baseline))
-    if driven and "payload.mass" not in robot.known_values:
+    if driven and "payload.mass" not in read.robot.known_values:
         warnings.append(f"torque follows from the drives' gains: {FACTOR}")
     return replace(read, warnings=tuple(warnings))
-
-
-def _robot(request: Diagnose, robot: Robot | None = None) -> Robot:
-    robot = robot or load_request_robot(request)
-    return apply_known_values(
-        robot, parse_known_values(request.known), request.baseline
-    )
 
 
 def _of_others(request: Diagnose, robot: Robot) -> list[str]:
@@ -64,42 +53,25 @@ def _of_others(request: Diagnose, robot: Robot) -> list[str]:
     ]
 
 
+@one_blas_thread
 def diagnose(
     request: Diagnose,
     logs: LogSets,
     progress: Progress | None = None,
     ignore_baseline: bool = False,
 ) -> Diagnosis:
-    """Find what the model lacks, by a store: its models, its runs."""
-    store, model = resolve_store_folder(request.store), None
-    if request.model:
-        model = records.read_adoptable_model(store, request.model)
-        before = logs.baseline or _behind(request.model, logs, store)
-        logs = replace(logs, baseline=before)
-    how = {"declared": request.declared, "trust_log": request.trust_log}
-    return diagnose_logs(
-        logs, **how, model=model, progress=progress, ignore_baseline=ignore_baseline
-    )
-
-
-@one_blas_thread
-def diagnose_logs(
-    logs: LogSets,
-    *,
-    declared: Sequence[str] | None = None,
-    trust_log: bool = False,
-    model: method.Model | None = None,
-    progress: Progress | None = None,
-    ignore_baseline: bool = False,
-) -> Diagnosis:
     """Find what the model lacks, and say whether an experiment would tell more.
 
     Args:
-        declared: Effects that the model has; None for the robot's own list.
-        model: The adopted model; None for the nominal one.
+        request: Its options; its logs, baseline and robot were read into the next.
         ignore_baseline: Look at the logs by themselves although there is a baseline.
     """
-    report = refuse_faulty_logs(logs, trust_log)
+    store, declared = resolve_store_folder(request.store), request.declared
+    if request.model:
+        declared = records.read_adoptable_model(store, request.model)
+        before = logs.baseline or _behind(request.model, logs, store)
+        logs = replace(logs, baseline=before)
+    report = refuse_faulty_logs(logs, request.trust_log)
     logs = correct_mounting(logs, report)
     # One thread: the products are small, two threads only wait for each other.
     result = method.diagnose(
@@ -107,7 +79,7 @@ def diagnose_logs(
         logs.fit,
         baseline=logs.baseline,
         held_out=logs.held_out,
-        declared=declared if model is None else model,
+        declared=declared,
         progress=progress,
         ignore_baseline=ignore_baseline,
         check=report,
@@ -175,8 +147,8 @@ def store_diagnosis(
     Returns:
         The ids of the diagnosis, and of the validation that has its curves.
     """
-    ids = {role: [log.id for log in getattr(logs, role)] for role in _ROLES}
-    words = {name: tuple(ids[role]) for role, name in _ROLES.items()}
+    ids = {role: [log.id for log in getattr(logs, role)] for role in ROLES}
+    words = {name: tuple(ids[role]) for role, name in ROLES.items()}
     record = replace(request, **words).to_record()
     parents = {role: names for role, names in ids.items() if names}
     hash = {"robot_hash": logs.robot.content_hash}
@@ -194,7 +166,7 @@ def store_diagnosis(
 
 def resolve_whole_runs(logs: LogSets) -> LogSets | None:
     """Return logs by the whole ids of their runs; None unless all are whole runs."""
-    parts = {role: getattr(logs, role) for role in _ROLES}
+    parts = {role: getattr(logs, role) for role in ROLES}
     if any(log.id not in (logs.runs or {}) for part in parts.values() for log in part):
         return None
     named = {
@@ -212,6 +184,10 @@ def build_diagnose_request(
     Args:
         runs: Ids by role: fit, and held_out and baseline where there are such.
     """
-    words = {name: tuple(runs.get(role, ())) for role, name in _ROLES.items()}
-    robot = read_run_robot(runs["fit"], store)
-    return Diagnose(robot=robot, **words, store=store, model=model)
+    return add_stored_runs(Diagnose(robot="", store=store, model=model), runs)
+
+
+def add_stored_runs(request: Diagnose, runs: Mapping[str, Sequence[str]]) -> Diagnose:
+    """Return a request with ids of runs by role, and their robot."""
+    words = {name: tuple(runs.get(role, ())) for role, name in ROLES.items()}
+    return replace(request, robot=read_run_robot(runs["fit"], request.store), **words)

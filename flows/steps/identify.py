@@ -1,6 +1,6 @@
 """Identify the model of a robot from logs or runs; store it if all are runs."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
@@ -18,7 +18,6 @@ from residual.identification.identify import (
     ValidatedIdentification,
     identify_and_validate,
 )
-from residual.model.model import Model
 from residual.robot.robot import Robot
 
 
@@ -28,6 +27,7 @@ def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:
     return inputs.read_logs(request, "to identify from", robot)
 
 
+@one_blas_thread
 def identify(
     request: Identify, logs: LogSets
 ) -> tuple[ValidatedIdentification, str | None]:
@@ -36,43 +36,25 @@ def identify(
     Returns:
         What was identified, and the id of the model; None where it is not stored.
     """
-    known, begun = None, perf_counter()
+    known, begun = request.declared, perf_counter()
     if request.model:
         known = read_adoptable_model(resolve_store_folder(request.store), request.model)
-    result = identify_logs(
-        logs,
-        request.declared if known is None else known,
-        _options(request),
-        request.consistent,
-        request.trust_log,
-    )
-    count = len(request.logs) + len(request.held_out)
-    if request.store is None and len(logs.runs) < count:
-        return result, None
-    seconds = {"identify": perf_counter() - begun}
-    return result, _keep(result, request, logs.runs, seconds)
-
-
-@one_blas_thread
-def identify_logs(
-    logs: LogSets,
-    known: Sequence[str] | Model | None = None,
-    options: Options | None = None,
-    consistent: bool = False,
-    trust_log: bool = False,
-) -> ValidatedIdentification:
-    """Identify and prove it.
-
-    Args:
-        known: Effects that the model has, None for the robot's own list; or a model.
-    """
-    report = refuse_faulty_logs(logs, trust_log)
+    report = refuse_faulty_logs(logs, request.trust_log)
     logs = correct_mounting(logs, report)
     result = identify_and_validate(
-        logs.robot, logs.fit, logs.held_out, known, options, consistent
+        logs.robot,
+        logs.fit,
+        logs.held_out,
+        known,
+        _options(request),
+        request.consistent,
     )
     warnings = (*logs.warnings, *report.sentences, *result.warnings)
-    return replace(result, warnings=warnings)
+    result, runs = replace(result, warnings=warnings), logs.runs or {}
+    if request.store is None and len(runs) < len(logs.fit) + len(logs.held_out):
+        return result, None
+    seconds = {"identify": perf_counter() - begun}
+    return result, _keep(result, request, runs, seconds)
 
 
 def _options(request: Identify) -> Options:

@@ -20,7 +20,7 @@ from flows.service.state import (
     start_process,
     stop_process,
 )
-from flows.service.up import build_server_command
+from flows.service.up import build_server_command, create_history
 from flows.settings import API, build_prefect_environment
 from tests.waiting import until
 
@@ -85,6 +85,7 @@ def free_port() -> int:
 @contextmanager
 def served(home: Path, **more: str) -> Iterator[RunningService]:
     """Start the server of `modelgap up` as it starts it, and no worker."""
+    create_history(home)
     running = RunningService("127.0.0.1", free_port(), "sqlite")
     env = build_server_environment(running, home, None) | more
     start_process(home, "server", build_server_command(running), env)

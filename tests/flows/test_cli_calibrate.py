@@ -13,6 +13,7 @@ from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
 from residual.calibration.validation_scores import DEFAULT, NOTHING
+from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import write_csv
 from tests.residual.identified import logs, workplace
 from warehouse.query.store import open_store
@@ -23,7 +24,10 @@ KEYS = (
 )
 
 
-pytestmark = pytest.mark.usefixtures("few_tables")
+@pytest.fixture(autouse=True)
+def quick(few_tables):
+    with unchecked():
+        yield
 
 
 def run(words):

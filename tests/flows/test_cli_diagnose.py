@@ -3,14 +3,17 @@
 import json
 import os
 import re
+import shlex
 import subprocess
 import sys
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 
 import pytest
 
 from flows.cli import main
+from flows.cli.app import app
+from flows.requests import Diagnose, format_command
 from residual.diagnosis import diagnose as loop
 
 ROOT = Path(__file__).parents[2]
@@ -51,6 +54,29 @@ def test_every_log_goes_into_the_set_that_the_words_say(folder, calls, capsys, w
     assert sorted(names.split(", ")) == sorted(re.findall(r"(\w)\.csv", words))
     assert about == "300 samples, 100 Hz, 2.99 s; read t q1..6 tau1..6"
     assert "verdict none" in shown
+
+
+def test_the_command_on_a_page_gives_its_request_again():
+    """With every option; a new one is to have a value here."""
+    request = Diagnose(
+        ("A.csv", "B c.csv"),
+        robot="irb140",
+        baseline=("h.csv",),
+        held_out=("C.csv", "D.csv"),
+        declared=(),
+        columns="m.toml",
+        known=("payload.mass=2",),
+        store="s",
+        trust_log=True,
+        model="ab",
+    )
+    usual = {f.name for f in fields(request) if getattr(request, f.name) == f.default}
+    assert usual == {"chain", "tip", "xacro_args", "package_dirs"}  # with the robot
+    words = shlex.split(format_command(request, "--report", "o.html"))
+    _, bound, _ = app.parse_args(words[1:], print_error=False, exit_on_error=False)
+    given = bound.arguments
+    assert replace(given["request"], logs=given["logs"]) == request
+    assert given["report"] == "o.html"
 
 
 def test_files_are_written_and_named(folder, calls, capsys):

@@ -229,8 +229,8 @@ def test_an_escape_in_a_record_is_not_printed(run, store):
 
 
 @pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
-def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(run, command):
-    _, out, _ = run(command, "--help")
+def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(cli, command):
+    _, out, _ = cli(command, "--help")
     found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT|CHOICE)\b", out)
     assert not found, f"{found[0]}: give it a metavar"
     assert "[ARGS" not in out

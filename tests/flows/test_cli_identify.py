@@ -80,7 +80,7 @@ def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
 @pytest.fixture(scope="module")
 def imported(tmp_path_factory):
     """A folder with a store of three runs; these by the word for their motion."""
-    folder = workplace(tmp_path_factory.mktemp("runs"), "ABC", 8.0)
+    folder = workplace(tmp_path_factory.mktemp("runs"), "ABC", 4.0)
     with chdir(folder), unchecked():
         for log, motion in zip("ABC", ("fourier", "fourier", "welding"), strict=True):
             words = f"import {log}.csv --robot arm.urdf --store s --tag lot=1"
@@ -156,4 +156,4 @@ def test_the_query_of_the_page_reads_the_files_by_plain_duckdb(runs):
     *_, query = re.findall(r"```sql\n(.*?)```", page.read_text(), re.S)
     rows = duckdb.sql(query.replace("STORE", "s")).fetchall()
     assert {row[0] for row in rows} == set(runs)
-    assert all(samples == 2000 and peak > 0 for _, samples, peak in rows)
+    assert all(samples == 1000 and peak > 0 for _, samples, peak in rows)

@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[2]
 pytestmark = pytest.mark.prefect
 
 
-@pytest.fixture
+@pytest.fixture(scope="module")
 def flows(server):
     """All flows, loaded only now: Prefect takes its settings when it is."""
     from flows.pipelines import nightly
@@ -59,30 +59,7 @@ def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(
     assert [name for name, _ in order][-1] == "judge_adoption"
 
 
-def test_a_night_has_a_seed_of_its_own_and_survives_a_failure(
-    flows, order, tmp_path, monkeypatch
-):
-    monkeypatch.setenv("MODELGAP_STORE", str(tmp_path))
-    assert flows.nightly() == str(tmp_path / "report.html")
-    (name, given), *rest = order
-    assert name == "run_campaign"
-    (request,) = given
-    assert (request.path, request.held_out) == ("examples/nightly.toml", "welding")
-    assert request.seed == 20261122_020000  # when it was due
-    assert request.store == str(tmp_path)
-    # Three analyses go on beside it.
-    beside = ["identify", "calibrate", "validate"]
-    assert sorted(n for n, _ in rest if n in beside) == sorted(beside)
-    needed = ["resolve_adopted_model", "diagnose_stored_runs", "store_diagnosis_page"]
-    needed += ["read_verdict_headline", "judge_adoption"]
-    assert [name for name, _ in rest if name not in beside] == needed
-    # The diagnosis goes by the model that the robot has.
-    assert dict(rest)["diagnose_stored_runs"][0][2] == "11" * 10
-    assert dict(rest)["validate"][0].run == "cc"  # what was held out is validated
-
-
-@pytest.fixture
-def lost_answer(monkeypatch):
+def lose_an_answer(patch):
     """Lose the server's answer to the first artifact, as on a busy machine.
 
     Prefect's client asks again, and the server keeps what it gets a second time too:
@@ -98,25 +75,62 @@ def lost_answer(monkeypatch):
                 raise httpx.ReadTimeout("lost", request=request)
         return answer
 
-    monkeypatch.setattr(httpx.Client, "send", lose)
-    return lost
+    patch.setattr(httpx.Client, "send", lose)
 
 
-def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(
-    flows, order, tmp_path, monkeypatch, lost_answer
-):
+@pytest.fixture(scope="module")
+def night(flows, tmp_path_factory):
+    """A night with a finding: its folder, state, steps in their order, and notices."""
+    folder, events = tmp_path_factory.mktemp("night"), []
+    with pytest.MonkeyPatch.context() as patch:
+        order = faked(patch, folder)
+        lose_an_answer(patch)
+        patch.setenv("MODELGAP_STORE", str(folder))
+        patch.setenv(PAGES, "http://127.0.0.1:4200/pages")
+        tasks = flows.tasks
+        patch.setattr(tasks, "send_event", lambda name, about: events.append(name))
+        verdict = SimpleNamespace(effects=("spring",), robot="irb140")
+        patch.setattr(tasks, "read_verdict", lambda *_: verdict)
+        patch.setattr(tasks, "format_headline", lambda _: "a spring on joint 2")
+        state = flows.nightly(return_state=True)
+    return SimpleNamespace(folder=folder, state=state, order=order, events=events)
+
+
+def test_a_night_has_a_seed_of_its_own_and_its_steps_in_order(night):
+    assert night.state.result() == str(night.folder / "report.html")
+    (name, given), *rest = night.order
+    assert name == "run_campaign"
+    (request,) = given
+    assert (request.path, request.held_out) == ("examples/nightly.toml", "welding")
+    assert request.seed == 20261122_020000  # when it was due
+    assert request.store == str(night.folder)
+    # Three analyses go on beside it.
+    beside = ["identify", "calibrate", "validate"]
+    assert sorted(n for n, _ in rest if n in beside) == sorted(beside)
+    needed = ["resolve_adopted_model", "diagnose_stored_runs", "store_diagnosis_page"]
+    needed += ["read_verdict_headline", "judge_adoption"]
+    assert [name for name, _ in rest if name not in beside] == needed
+    # The diagnosis goes by the model that the robot has.
+    assert dict(rest)["diagnose_stored_runs"][0][2] == "11" * 10
+    assert dict(rest)["validate"][0].run == "cc"  # what was held out is validated
+
+
+def test_a_finding_is_told_once(night):
+    assert night.events == ["modelgap.notice.finding"]
+
+
+def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(night):
     from prefect.artifacts import Artifact
     from prefect.client.orchestration import get_client
     from prefect.client.schemas.filters import ArtifactFilter, ArtifactFilterFlowRunId
 
-    monkeypatch.setenv(PAGES, "http://127.0.0.1:4200/pages")
-    state = flows.nightly(store=str(tmp_path), return_state=True)
-    own = ArtifactFilterFlowRunId(any_=[state.state_details.flow_run_id])
+    id = night.state.state_details.flow_run_id
+    own = ArtifactFilterFlowRunId(any_=[id])
     with get_client(sync_client=True) as client:
         left = client.read_artifacts(artifact_filter=ArtifactFilter(flow_run_id=own))
-        assert client.read_flow_run(state.state_details.flow_run_id).name == NAME
+        assert client.read_flow_run(id).name == NAME
     keys = ["calibrate", "identify", "report", "validate", "verdict"]
-    assert len(left) > len(keys)  # one was kept twice, as lost_answer has it
+    assert len(left) > len(keys)  # one was kept twice, as its answer was lost
     assert sorted({(a.key, a.data) for a in left}) == [
         (key, Artifact.get(key).data) for key in keys
     ]
@@ -190,18 +204,6 @@ def test_dask_makes_the_same_runs_with_the_same_bits(
         here, there = (read_channels(store, id) for store in stores)
         assert here.keys() == there.keys()
         assert all(np.array_equal(here[name], there[name]) for name in here)
-
-
-def test_a_finding_is_told_once(flows, order, monkeypatch, tmp_path):
-    from flows.pipelines import tasks
-
-    events = []
-    monkeypatch.setattr(tasks, "send_event", lambda name, about: events.append(name))
-    verdict = SimpleNamespace(effects=("spring",), robot="irb140")
-    monkeypatch.setattr(tasks, "read_verdict", lambda *_: verdict)
-    monkeypatch.setattr(tasks, "format_headline", lambda _: "a spring on joint 2")
-    flows.nightly("CAMPAIGN.toml", store=str(tmp_path))
-    assert events == ["modelgap.notice.finding"]
 
 
 def _deployments() -> list[dict]:

@@ -11,6 +11,7 @@ from flows.inputs.read import load_command_robot as load_arm
 from flows.inputs.read import read_run_robot
 from residual.errors import InputError
 from residual.robot.robot import set_serial_number
+from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
@@ -23,7 +24,8 @@ JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 
 @pytest.fixture
 def place(own_folder):
-    return workplace(own_folder, "AB", 8.0)
+    with unchecked():
+        yield workplace(own_folder, "AB", 6.5)
 
 
 @pytest.fixture

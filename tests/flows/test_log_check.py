@@ -8,6 +8,7 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
+from flows.inputs.read import read_logs
 from flows.report.sentences import format_headline
 from flows.requests import Check, Diagnose
 from flows.steps import check as steps
@@ -196,7 +197,7 @@ def test_the_door_checks_and_refuses_likewise(place, fake_check):
 def hidden_logs():
     folder = ROOT / "examples" / "hidden"
     files = tuple(str(folder / f"fit_{number}.csv") for number in (1, 2, 3))
-    return steps.read_logs(Check(files, robot="irb140"))
+    return read_logs(Check(files, robot="irb140"), "to check")
 
 
 def test_sound_logs_are_not_refused_one_by_one(hidden_logs):

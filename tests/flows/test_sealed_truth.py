@@ -12,10 +12,12 @@ from flows.steps import experiment
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
 from flows.storage.diagnosis import read_verdict
 from flows.storage.sealed_truth import show_truth
+from residual.diagnosis import diagnose as diagnosis
 from residual.errors import InputError
 from residual.verdict.document import to_json
 from tests.flows import adopted_arm
 from tests.flows.test_points import OPEN
+from tests.once import once
 from warehouse import store_files
 from warehouse.query.named_queries import NAMED
 from warehouse.query.store import open_store, query_store_rows, select_run_ids
@@ -130,9 +132,14 @@ def verdict(store, ids):
 
 
 def test_a_verdict_is_the_same_byte_for_byte_whatever_is_known_of_its_runs(
-    tmp_path, compiled_plant
+    tmp_path, compiled_plant, monkeypatch
 ):
-    """Without seals, campaigns and marks; with other tags and points; once opened."""
+    """Without seals, campaigns and marks; with other tags and points; once opened.
+
+    A question to plant or method that differs in anything is answered anew.
+    """
+    for module, name in ((diagnosis, "diagnose"), (experiment, "run_experiment")):
+        monkeypatch.setattr(module, name, once(getattr(module, name)))
     stores = [tmp_path / name for name in ("plain", "known", "bare")]
     runs = []
     for number, store in enumerate(stores):

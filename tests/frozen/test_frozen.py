@@ -1,4 +1,7 @@
-"""What the program says of fixed logs is what it said before its modules moved."""
+"""What the program says of fixed logs is what it said before its modules moved.
+
+And `mg.diagnose`, `mg.identify` and `mg.calibrate` say what the commands say, by key.
+"""
 
 import json
 from dataclasses import asdict, replace
@@ -7,11 +10,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import modelgap as mg
+from flows.steps import check as checking
+from flows.steps import identify as identification
+from residual.diagnosis import diagnose as diagnosis
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.monitoring.monitor import calibrate_monitor
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
-from tests.frozen.make import HIDDEN, document
+from tests.frozen.make import HIDDEN, commands, document, lasting
+from tests.once import once
 from warehouse.logs.log_reading import read_log
 
 FROZEN = Path(__file__).parent
@@ -23,6 +31,22 @@ CLOSE = 1e-6
 # and 2e-3 with kernels of another one (OPENBLAS_CORETYPE=Sandybridge); of other sizes
 # 6e-8.
 CLOSE_BODY = 5e-3
+
+
+# What the command and the door ask in the end.
+METHODS = [
+    (checking, "check_logs"),
+    (diagnosis, "diagnose"),
+    (identification, "identify_and_validate"),
+]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def computed_once():
+    with pytest.MonkeyPatch.context() as patch:
+        for module, name in METHODS:
+            patch.setattr(module, name, once(getattr(module, name)))
+        yield
 
 
 def frozen(name):
@@ -57,6 +81,23 @@ def test_it_says_what_it_said(name, tmp_path):
 @pytest.mark.long  # two minutes: every scheme, every number of levels
 def test_a_calibration_has_the_figures_it_had(tmp_path):
     assert_same(document("calibration", tmp_path), frozen("calibration"))
+
+
+@pytest.mark.parametrize(
+    "name",
+    ["effects", "identification", pytest.param("calibration", marks=pytest.mark.long)],
+)
+def test_the_door_says_what_the_command_says(name, tmp_path):
+    verb, *words = commands(tmp_path)[name]
+    logs, proof = words[: words.index("--robot")], words[words.index("irb140") + 2 :]
+    robot = mg.load_robot("irb140")
+    read = mg.read_logs([*logs, *proof], robot)
+    more = {"held_out": read[len(logs) :]} if proof else {}
+    result = getattr(mg, verb)(robot, read[: len(logs)], **more)
+    ours = lasting(json.loads(json.dumps(result.to_json())))
+    said = document(name, tmp_path)
+    assert ours.keys() == said.keys()
+    assert [key for key in said if ours[key] != said[key]] == []
 
 
 def test_a_monitor_has_the_limits_it_had():

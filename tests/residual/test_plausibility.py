@@ -69,10 +69,10 @@ def sound_logs():
     return plain_logs(robot_with({}), range(3), np.zeros(3))
 
 
-@pytest.mark.parametrize("name", FLAWS)
-def test_no_log_is_blamed_for_a_body_that_no_link_has(name, sound_logs):
+# A check takes a second, so of each kind one.
+@pytest.mark.parametrize("edits", {kind: e for e, kind in FLAWS.values()}.values())
+def test_no_log_is_blamed_for_a_body_that_no_link_has(edits, sound_logs):
     """Whatever the file says: no crash, and nothing of the log is certain."""
-    edits, _ = FLAWS[name]
     faults = check_logs(robot_with(edits), sound_logs).faults
     assert "robot_file" in {f.kind for f in faults}
     assert {f.kind for f in faults if f.certain} <= {"robot_file"}

@@ -15,7 +15,7 @@ from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Splits
 from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.exports.bodies import refusals
-from tests.residual.arms import SEVEN, arm, diagnose_case, names, plain_logs, short_case
+from tests.residual.arms import arm, diagnose_case, names, plain_logs, short_case
 
 OFFSET = Effect("offset", (1,), {"torque": 4.0})
 CHURN = Effect("quadratic_viscous", (2,), {"coefficient": 1.5})
@@ -49,9 +49,6 @@ MAKE = {
     "same run": lambda: diagnose_case(
         short_case(arm(), OFFSET, seed=51, duration=6.0), held_out=()
     ),
-    "seven joints": lambda: diagnose_case(
-        short_case(arm(SEVEN), seed=56, duration=6.0)
-    ),
     DEAD: lambda: half_dead(moving=[0]),
     MUTE: lambda: half_dead(moving=[0, 1], silent=[1]),
 }
@@ -83,7 +80,7 @@ FORM = {
 FORM = {part: set(keys.split()) for part, keys in FORM.items()}
 EVIDENCE = {"nats", "by", "held_out", "held_out_gain", "p_value", "splits"}
 DEPENDENCE = {"joint", "on", "of", "form", "share", "frequency"}
-NO_EFFECTS = {"none": "none", "unknown": "unknown", "seven joints": "none"}
+NO_EFFECTS = {"none": "none", "unknown": "unknown"}
 
 
 @pytest.mark.parametrize("kind", KINDS)
@@ -188,7 +185,7 @@ def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():
 @pytest.mark.parametrize("kind", KINDS)
 def test_arrays_have_an_entry_per_joint_and_joints_are_numbered_from_one(kind):
     verdict = document(kind)
-    dof = 7 if kind == "seven joints" else 2
+    dof = 2
     for table in ("held_out", "filtered", "moving"):
         for stage in ("nominal", "identified", "augmented"):
             assert len(verdict["error"][table][stage]) == dof
