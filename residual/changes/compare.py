@@ -86,8 +86,6 @@ def compare_epochs(
     search, judgements, augmented = _judge_changes(
         search, proof, lambda own: build_augmented_model(own, nominal, before.model)
     )
-    if check is not None and check.certain:  # what was found may be the fault
-        search = replace(search, changes=())
     models = {"nominal": before.model, "identified": after.model}
     # Where nothing changed the contract of the verdict has both alike.
     models["augmented"] = augmented.model if search.changes else after.model

@@ -5,16 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.column_reading import (
-    ColumnReading,
-    apply_reading,
-    build_given_reading,
-    compute_reading_odds,
-    find_misread_columns,
-    find_wrong_robot,
-)
 from residual.check.kinematics import (
-    explains_by_zero_shift,
     find_impossible_sample_rate,
     find_joints_in_degrees,
     find_limit_violations,
@@ -22,9 +13,15 @@ from residual.check.kinematics import (
     find_uneven_time_steps,
     find_velocity_faults,
 )
-from residual.check.mounting import REMOVED, compute_body_evidence, find_mounting_fault
-from residual.check.physics_columns import CheckMotion, filter_check_motion
-from residual.check.result import MOUNTING, Fault, LogCheck, Repair, list_true_joints
+from residual.check.commanded import find_commanded_torque
+from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
+from residual.check.physics_columns import (
+    CheckMotion,
+    compute_residual,
+    filter_check_motion,
+)
+from residual.check.readings import find_misreadings
+from residual.check.result import Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
     find_constant_angles,
     find_encoder_wraps,
@@ -33,21 +30,15 @@ from residual.check.sample_faults import (
     scale_signal,
     smooth_spikes,
 )
+from residual.check.slips import repair_motion, repair_torques
 from residual.check.thresholds import CHECK
-from residual.check.torque_shares import (
-    build_torque_unit_fault,
-    compute_torque_factors,
-    find_commanded_torque,
-    fit_nominal_shares,
-)
-from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
 from residual.robot.dynamics import compute_last_joint_distance
 from residual.robot.robot import Robot, drop_placeholder_limits, find_placeholder_limits
 from residual.signals.splitting import pick_spread_pieces
 
-_VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
+_VELOCITY = "velocity_mismatch"
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
@@ -117,79 +108,15 @@ def _of_the_arm(
     faults += find_insufficient_motion(logs, motion)
     if motion is None or any(fault.certain for fault in faults):
         return [*faults, *speeds]
-    columns, reading = find_misread_columns(robot, motion)
-    slipped, mounted = find_torque_slips(robot, motion), None
-    if slipped and slipped.alone and any(fault.certain for fault in columns):
-        slipped = None
-    given = build_given_reading(robot.dof)
-    # A reading that is not worth a word is none, and another arm's is no reading.
-    counts = any(fault.kind != WRONG for fault in columns)
-    read = _nats(robot, motion, reading if counts else given)
-    second = -np.inf
-    if reading.angle_unit == 1.0:
-        mounted = find_mounting_fault(robot, motion)
-    gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and explains_by_zero_shift(robot, motion, logs, given):
-        mounted = None  # another zero says more than a weight that may be gone
-    if mounted:
-        # The rest is asked of the arm as it is mounted.
-        also, then = find_misread_columns(mounted.robot, motion)
-        # Of a load the weight is there where the arm's was taken out.
-        alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
-        second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds_nats
-    rivals = ((read, columns), (second, [mounted.fault] if mounted else []))
-    if slipped and all(_beats(slipped, *rival) for rival in rivals):
-        columns, robot = list(slipped.faults), slipped.robot
-        inclined = find_mounting_fault(robot, slipped.motion)
-        if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
-            # Rough factors of single torques turn gravity, too.
-            columns.append(replace(inclined.fault, certain=False))
-    else:
-        if mounted and second > read:
-            faults, robot = [*faults, mounted.fault], mounted.robot
-            if mounted.fault.kind != MOUNTING:
-                return [*faults, *speeds]
-            columns, reading = also, then
-        columns = _of_columns(robot, motion, columns)
-    if columns and explains_by_zero_shift(robot, motion, logs, reading):
-        return [*faults, *speeds, *find_limit_violations(robot, whole)]
-    columns += find_commanded_torque(robot, logs)
+    agree = not speeds and all(r.qd is not None for r in logs)
+    columns = find_misreadings(robot, motion, agree)
+    as_it_stands, _ = repair_motion(
+        robot, motion, [r for f in columns for r in f.repairs if r.gravity]
+    )
+    columns += find_commanded_torque(as_it_stands, logs)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += extend_repairs_to_velocities(columns, speeds, logs)
     return faults if mended else faults + find_limit_violations(robot, whole)
-
-
-def _beats(slipped: TorqueSlips, nats: float, faults: Sequence[Fault]) -> bool:
-    """Whether slips win against faults; no absolute is said of what a pair explains."""
-    sure = {fault.kind for fault in slipped.faults if fault.certain}
-    if any(fault.kind == REMOVED and fault.certain for fault in faults) and not sure:
-        return False
-    absolute = any(fault.kind in (WRONG, REMOVED) for fault in faults)
-    surer = any(fault.kind in sure and not fault.certain for fault in faults)
-    return not faults or surer or (slipped.pair and absolute) or slipped.nats >= nats
-
-
-def _of_columns(robot: Robot, motion: CheckMotion, columns: list[Fault]) -> list[Fault]:
-    """What single readings of the columns say, else the arm."""
-    if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
-        shares = fit_nominal_shares(robot, motion)
-        factors = compute_torque_factors(shares)
-        columns = (
-            columns
-            if factors is None
-            else [build_torque_unit_fault(robot, factors, shares)]
-        )
-    return columns or find_wrong_robot(robot, motion)
-
-
-def _nats(robot: Robot, motion: CheckMotion, reading: ColumnReading) -> float:
-    """Log evidence of one body under other columns than those given, less the odds."""
-    nats = compute_body_evidence(robot, apply_reading(robot, motion, reading))
-    # As likely as the log itself, in the unit that it is in.
-    rows = motion.spread * motion.moving.sum()
-    return (
-        nats + float(rows * np.log(reading.torque_unit)) - compute_reading_odds(reading)
-    )
 
 
 def extend_repairs_to_velocities(
@@ -242,6 +169,29 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
     return out
 
 
+def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the logs that miss more of one common arm than the others do."""
+    with np.errstate(all="ignore"):
+        motion = filter_check_motion(recordings)
+        if motion is None:
+            return list(recordings)
+        sums, dof = sum_arm(robot, motion), robot.dof
+        as_given = Torques(np.arange(dof), np.ones(dof))
+        fit = fit_arm(sums, as_given, sums.deviations(ROUGH))
+        rest = compute_residual(robot, motion, fit.at)
+        rms = [
+            np.sqrt(np.nanmean(rest[motion.log == k] ** 2, axis=0))
+            for k in range(len(recordings))
+        ]
+    out = []
+    for k, log in enumerate(recordings):
+        others = np.nanmin(np.delete(rms, k, axis=0), axis=0)
+        usual = np.maximum(CHECK.odd_ratio * others, CHECK.rough_rest * fit.size)
+        if np.any(rms[k] > usual) or np.isnan(rms[k]).all():
+            out.append(log)
+    return out
+
+
 def confirm_repairs(
     robot: Robot, log: Recording, others: Sequence[Recording], repairs: Iterable[Repair]
 ) -> bool:
@@ -250,32 +200,25 @@ def confirm_repairs(
     A short log alone may fit a wrong reading better; with the others it must, too. Both
     evidences are of one body and of the torques in the unit of the file.
     """
-    mended, units = log, 0.0
-    for repair in sorted(repairs, key=lambda r: r.order is None):
-        values = getattr(mended, repair.signal, None)
-        if values is None or (repair.sign, repair.scale, repair.order) == (None,) * 3:
-            continue
-        if repair.signal == "t":
-            mended = scale_signal(mended, "t", repair.scale)
-            continue
-        factor = np.ones(log.dof)
-        at = [j - 1 for j in repair.joints] or slice(None)
-        factor[at] = np.multiply(repair.sign or 1, repair.scale or 1)
-        order = [j - 1 for j in repair.order or range(1, log.dof + 1)]
-        mended = replace(mended, **{repair.signal: values[:, order] * factor})
-        if repair.signal == "tau":
-            units += np.log(np.abs(factor))
+    repairs = [r for r in repairs if r.signal in ("q", "t", "tau")]
     with np.errstate(all="ignore"):
-        motions = [
-            filter_check_motion(pick_spread_pieces([one, *others]))
-            for one in (log, mended)
-        ]
-        if None in motions:
-            return False
-        before, after = (compute_body_evidence(robot, motion) for motion in motions)
+        motion = filter_check_motion(pick_spread_pieces([log, *others]))
         own = filter_check_motion([log])
-    rows = 0.0 if own is None else own.spread * own.moving.sum(axis=0)
-    return after + float(np.sum(rows * units)) > before + CHECK.suspect_nats
+        if motion is None or own is None:
+            return False
+        _, mended = repair_motion(robot, own, repairs)
+        torques = repair_torques(repairs, robot.dof)
+        mended = replace(mended, tau=own.tau[:, torques.order] * torques.factor)
+        rest = filter_check_motion(pick_spread_pieces(others))
+        given = Torques(np.arange(robot.dof), np.ones(robot.dof))
+        before, after = (
+            fit_arm(sums, given, sums.deviations(ROUGH)).nats
+            for each in (own, mended)
+            for sums in (sum_arm(robot, each.join(rest)),)
+        )
+    rows = own.spread * own.moving.sum(axis=0)
+    units = float(rows @ np.log(np.abs(torques.factor)))
+    return after + units > before + CHECK.suspect_nats
 
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:

@@ -102,9 +102,7 @@ def diagnose(
     remains = analyze_unexplained(outcome, validation.fit, augmented)
     named, background = split_background(standing.named, outcome.logs.robot.dof)
     question = build_open_question(outcome, validation.fit, named)
-    if check is not None and check.certain:
-        named, models["augmented"] = (), models["identified"]
-    elif remains.correction is not None:  # tables for the rest are a model too
+    if remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
     # The error of every model on the held-out logs, beside plain least squares.
     filters = outcome.logs.filters

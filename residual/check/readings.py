@@ -1,0 +1,393 @@
+"""How a log is to be read: the slips that explain it best, and what else may.
+
+The log as given is scored first. Readings of the torques alone (signs, units, factors,
+exchanged channels) share its Gram matrix. Other arrangements of angles, clock and
+gravity are tried only where some joint strains the robot file; the best is completed by
+another until none is better.
+
+A fault is certain only where its reading wins under a rough file and under hardly any,
+over the log as given with every other cause; where friction takes power then; and where
+the log so read strains nothing. Else it is suspected, with its rivals.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from residual.check.evidence import (
+    LOOSE,
+    ROUGH,
+    ArmFit,
+    ArmSums,
+    Torques,
+    find_tilted_gravity,
+    fit_arm,
+    fit_nominal_shares,
+    has_possible_masses,
+    list_other_causes,
+    measure_strain,
+    sum_arm,
+)
+from residual.check.physics_columns import CheckMotion
+from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
+from residual.check.slips import (
+    Slip,
+    build_factor_slip,
+    build_mounting_slip,
+    build_order_slip,
+    build_sign_slip,
+    list_arrangement_slips,
+    list_scale_slips,
+    list_torque_units,
+    merge_orders,
+    repair_motion,
+    repair_torques,
+)
+from residual.check.thresholds import CHECK
+from residual.errors import format_joint_numbers
+from residual.recording import Array
+from residual.robot.robot import Robot
+
+WRONG = "wrong_robot"
+_DEPTH = 3  # slips of an arrangement at most
+_POLISHED = 4  # arrangements whose torques are read by turns
+# What a file, a balanced arm or an effect may always be, too.
+_NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
+_SCALED = ("torque_unit", "gear_ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A log as slips have it."""
+
+    slips: tuple[Slip, ...]
+    sums: ArmSums
+    torques: Torques
+
+    def fit(self, scale: float) -> ArmFit:
+        """Return one arm in its torques, bodies of that prior."""
+        return fit_arm(self.sums, self.torques, self.sums.deviations(scale))
+
+    @cached_property
+    def nats(self) -> float:
+        """Log evidence under a rough file."""
+        return self.fit(ROUGH).nats
+
+    @property
+    def value(self) -> float:
+        """Evidence, less the odds against it."""
+        return self.nats - CHECK.odds_nats * sum(slip.odds for slip in self.slips)
+
+    @cached_property
+    def strain(self) -> Array:
+        """How far the file must bend, joint by joint [nats]. Shape (dof,)."""
+        return measure_strain(self.sums, self.torques)
+
+    @property
+    def strained(self) -> bool:
+        """Whether some joint bends the file."""
+        return bool(self.strain.sum() > CHECK.strained_nats)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The readings of one motion; `arms` remembers the sums of each arrangement."""
+
+    robot: Robot
+    motion: CheckMotion
+    speeds_agree: bool
+    arms: dict[tuple, ArmSums] = field(default_factory=dict)
+
+    def read(self, slips: Sequence[Slip]) -> Reading:
+        """Return the reading of some slips."""
+        slips = tuple(slips)
+        repairs = tuple(r for slip in slips for r in slip.repairs)
+        weightless = any(slip.kind == REMOVED for slip in slips)
+        arranged = tuple(r for r in repairs if r.signal != "tau")
+        key = (arranged, weightless)
+        if key not in self.arms:
+            parts = repair_motion(self.robot, self.motion, arranged)
+            self.arms[key] = sum_arm(*parts, weightless)
+        torques = repair_torques(repairs, self.robot.dof)
+        return Reading(slips, self.arms[key], torques)
+
+    def complete(self, slips: Sequence[Slip]) -> Reading:
+        """Return an arrangement with the signs and factors that its torques show."""
+        base = self.read(slips)
+        shares = fit_nominal_shares(base.sums, base.torques.order)
+        signs = np.sign(base.torques.factor)
+        turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
+        joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
+        tried = [base]
+        if joints:
+            tried.append(self.read([*slips, build_sign_slip(joints, base.sums.dof)]))
+        factor = build_factor_slip(shares)
+        if factor:
+            units = [*list_torque_units(self.robot), factor]
+            tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
+        return max(tried, key=lambda reading: reading.value)
+
+    def polish(self, reading: Reading) -> Reading:
+        """Change signs, units and channels of torques by turns while it gains."""
+        dof = self.robot.dof
+        for _ in range(2 * dof):
+            tried = [self.read(slips) for slips in self._torque_changes(reading)]
+            best = max(tried, key=lambda each: each.value)
+            if best.value <= reading.value:
+                break
+            reading = best
+        return reading
+
+    def _torque_changes(self, reading: Reading) -> Iterator[list[Slip]]:
+        dof, slips = self.robot.dof, list(reading.slips)
+        rest = [slip for slip in slips if slip.kind != "torque_sign"]
+        now = {j for slip in slips if slip.kind == "torque_sign" for j in slip.joints}
+        every = set(range(1, dof + 1))
+        for change in [{j} for j in sorted(every)] + [every]:
+            joints = tuple(sorted(now ^ change))
+            yield [*rest, build_sign_slip(joints, dof)] if joints else rest
+        plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
+        shares = fit_nominal_shares(reading.sums, reading.torques.order)
+        shares = replace(shares, ratio=np.abs(shares.ratio))
+        factor = build_factor_slip(shares)
+        for unit in (*list_torque_units(self.robot), *([factor] if factor else [])):
+            yield [*plain, unit]
+        held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
+        for scale in list_scale_slips(held):
+            if not any(slip.joints == scale.joints for slip in slips):
+                yield [*slips, scale]
+        if not any(slip.kind == "joint_order" for slip in slips):
+            same = list(range(dof))
+            for a in range(dof):
+                for b in range(a):
+                    order = same.copy()
+                    order[a], order[b] = b, a
+                    yield [build_order_slip(order, ("tau",)), *slips]
+
+    def best(self) -> tuple[Reading, list[Reading]]:
+        """Return the best reading, and those that were tried beside it."""
+        reading = self.polish(self.complete(()))
+        others = [self.read(())]
+        if not reading.strained:  # a tilt of some degrees strains nothing
+            inclined = [*self._inclined(reading)]
+            tried = [self._turned(self.read([*reading.slips, s])) for s in inclined]
+            reading = max([reading, *tried], key=lambda each: each.value)
+        sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
+        for _ in range(_DEPTH):
+            if not reading.strained:
+                break
+            kept = [s for s in reading.slips if not s.of_torques]
+            kept += [s for s in reading.slips if s.of_torques and s.kind == "joint_order"]
+            drawn = [
+                sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
+            ]
+            drawn.sort(key=lambda each: -each.value)
+            tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
+            best = max(tried, key=lambda each: each.value)
+            others += tried
+            if best.value <= reading.value:
+                break
+            others.append(reading)
+            reading = best
+        return self._turned(self._pruned(reading)), others
+
+    def _pruned(self, reading: Reading) -> Reading:
+        """Leave out what a later slip has made superfluous."""
+        for slip in reading.slips[:-1]:
+            less = self.read([other for other in reading.slips if other is not slip])
+            if less.value > reading.value:
+                reading = less
+        return self.polish(self.read(merge_orders(reading.slips)))
+
+    def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
+        kinds = {slip.kind for slip in kept}
+        once = (MOUNTING, REMOVED, "time_unit", "angle_unit", "out_of_range")
+        for slip in list_arrangement_slips(self.robot, self.motion, self.speeds_agree):
+            if not (slip.kind in kinds and slip.kind in once):
+                yield slip
+        if MOUNTING not in kinds:
+            yield from self._inclined(reading)
+
+    def _inclined(self, reading: Reading) -> Iterator[Slip]:
+        if np.linalg.norm(reading.sums.gravity):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            if _angle(tilted, reading.sums.gravity) > CHECK.tilted_rad / 2:
+                yield build_mounting_slip(self._down, tilted)
+
+    @property
+    def _down(self) -> Array:
+        return np.asarray(self.robot.model.gravity.linear)
+
+    def _turned(self, reading: Reading) -> Reading:
+        """Turn gravity until no tilt is left that explains more."""
+        if not any(slip.kind == MOUNTING for slip in reading.slips):
+            return reading
+        for _ in range(12):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            turn = _angle(tilted, reading.sums.gravity)
+            slip = build_mounting_slip(self._down, tilted)
+            slips = [slip if s.kind == MOUNTING else s for s in reading.slips]
+            other = self.read(slips)
+            if turn < 2e-3 or other.nats < reading.nats - 2.0:
+                break
+            reading = other
+        # Arms are mounted along an axis; a load turns what the torques say a little.
+        gravity = reading.sums.gravity
+        size = float(np.linalg.norm(gravity))
+        axis = size * np.sign(gravity) * (np.abs(gravity) > 0.9 * size)
+        if axis.any() and _angle(axis, self._down) > CHECK.tilted_rad / 2:
+            slip = build_mounting_slip(self._down, axis)
+            near = self.read([slip if s.kind == MOUNTING else s for s in reading.slips])
+            if near.nats > reading.nats - CHECK.odds_nats:
+                return near
+        return reading
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Angle between two directions [rad]; none where one is nothing."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
+
+
+def find_misreadings(
+    robot: Robot, motion: CheckMotion, speeds_agree: bool
+) -> list[Fault]:
+    """Find what is wrong with the columns, the clock, or how the arm stands."""
+    search = Search(robot, motion, speeds_agree)
+    best, others = search.best()
+    if wrong := _find_wrong_robot(best):
+        return [wrong]
+    groups: dict[str, list[Slip]] = {}
+    for slip in best.slips:
+        groups.setdefault(slip.kind, []).append(slip)
+    faults = (_decide(search, best, others, group) for group in groups.values())
+    return [fault for fault in faults if fault is not None]
+
+
+def _decide(
+    search: Search, best: Reading, others: Sequence[Reading], group: Sequence[Slip]
+) -> Fault | None:
+    """Return the fault of slips of one kind; None where they are not worth a word."""
+    kind = group[0].kind
+    without = search.read([slip for slip in best.slips if slip not in group])
+    gain = best.nats - without.nats
+    if kind == "out_of_range" or gain < CHECK.suspect_nats:
+        return None
+    joints = tuple(sorted({j for slip in group for j in slip.joints}))
+    if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
+        return None
+    near = [
+        other
+        for other in others
+        if other.slips
+        and not any(slip.kind == "out_of_range" for slip in other.slips)
+        and other.value > best.value - CHECK.odds_nats
+        and {s.words for s in other.slips} != {s.words for s in best.slips}
+    ]
+    repairs = tuple(repair for slip in group for repair in slip.repairs)
+    same = [o for o in near if abs(o.nats - best.nats) < 3.0]
+    alternatives = tuple(
+        tuple(r for slip in other.slips for r in slip.repairs)
+        for other in same[:1]
+        if len(best.slips) == len(group)
+    )
+    rivals = [_name(other.slips) for other in near if other not in same]
+    rivals += _list_rivals(best, without, kind)
+    if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
+        rivals.append("masses of the robot file that are all off by one factor")
+    physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
+    loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
+    certain = (
+        kind not in _NEVER_CERTAIN
+        and not rivals
+        and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
+        and loose > CHECK.suspect_nats
+        and physics
+        and (kind not in _SCALED or _is_far(repairs))
+        and _count_strain(best.strain) < CHECK.certain_nats
+    )
+    words = ". ".join(slip.words for slip in group)
+    evidence = f"{words}: better by {gain:.0f} nats."
+    return Fault(
+        kind,
+        joints,
+        bool(certain),
+        evidence,
+        repairs,
+        alternatives=alternatives,
+        rivals=() if certain else tuple(dict.fromkeys(rivals))[:3],
+        settle="" if certain else _SETTLE.get(kind, ""),
+    )
+
+
+_SETTLE = {
+    MOUNTING: "Look at how the arm stands, or hold it still in three poses.",
+    REMOVED: "Hold the arm still with a link level: does its drive show the weight?",
+    "time_unit": "Log the speeds, or compare the length of the log with a clock.",
+    "torque_unit": "Weigh a link, or hang a known mass on the flange.",
+    "gear_ratio": "Read the gear ratios off the data sheet.",
+    "torque_scale": "Hang a known mass on the flange.",
+}
+
+
+def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
+    """Name the causes by which the log as given is explained nearly as well."""
+    out = []
+    for scale, least in ((ROUGH, CHECK.suspect_nats), (LOOSE, CHECK.odds_nats)):
+        reached = best.fit(scale).nats - least
+        for name, deviations in list_other_causes(without.sums, scale).items():
+            fit = fit_arm(without.sums, without.torques, deviations)
+            if fit.nats > reached and has_possible_masses(without.sums, fit):
+                out.append(name)
+    return out
+
+
+def _name(slips: Sequence[Slip]) -> str:
+    words = []
+    for slip in slips:
+        where = f", {format_joint_numbers(slip.joints)}" if slip.joints else ""
+        words.append(slip.kind.replace("_", " ") + where)
+    return " and ".join(words)
+
+
+def _is_common_factor(repairs: Sequence[Repair]) -> bool:
+    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
+    return bool(factors.max() < CHECK.joint_ratio * factors.min())
+
+
+def _is_far(repairs: Sequence[Repair]) -> bool:
+    """Whether no file of this arm is off by such factors."""
+    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
+    return bool(abs(np.mean(np.log(factors))) > np.log(CHECK.unit_certain_ratio))
+
+
+def _count_strain(strain: Array) -> float:
+    """By how much a robot file must bend, its worst joint left out [nats]."""
+    most = np.minimum(strain, CHECK.one_joint_nats)
+    return float(most.sum() - most.max())
+
+
+def _find_wrong_robot(best: Reading) -> Fault | None:
+    """Another arm, where even the best reading bends the file beyond a rough one.
+
+    Two joints may be odd, or hide an effect; more are another arm.
+    """
+    nats = _count_strain(best.strain)
+    kinds = sorted({slip.kind for slip in best.slips})
+    if nats < CHECK.certain_nats:
+        return None
+    tried = f" (the best: {', '.join(kinds)})" if kinds else ""
+    words = (
+        "No reordering, sign, unit or zero makes this log fit the robot"
+        f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
+        "without the worst joint)."
+    )
+    # What hardly a file still misses is geometry: no flaw of its bodies.
+    fit = best.fit(LOOSE)
+    missed = best.sums.rows * np.log(
+        np.maximum(fit.sigma / np.maximum(CHECK.rough_rest * fit.size, 1e-300), 1.0)
+    )
+    certain = _count_strain(missed) > CHECK.certain_nats
+    return Fault(WRONG, (), certain, words, rivals=(), settle="")
