@@ -20,6 +20,7 @@ from residual.check.physics_columns import (
     FRICTION,
     LOCAL,
     OUTER,
+    SHARE,
     TILT,
     WEIGHT,
     CheckMotion,
@@ -161,40 +162,46 @@ def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
     target = f[:, None] * sums.channel[joints, :, order] - sums.model
     floor = np.maximum(CHECK.least_rest * size, 0.001 * size.max())
     floor = np.maximum(floor, 1e-12)
-    sigma, prior = 2 * floor, deviations**-2.0
+    sigma = 2 * floor
     for turn in range(_ROUNDS + 1):
         weight = sigma**-2.0
-        gram = np.tensordot(weight, sums.gram, 1)
-        gram[np.diag_indices_from(gram)] += prior
+        # In deviations of the priors the matrix is at least the identity.
+        gram = np.tensordot(weight, sums.gram, 1) * np.outer(deviations, deviations)
+        gram[np.diag_indices_from(gram)] += 1.0
+        if not np.isfinite(gram).all():
+            none = np.zeros(sums.dof)
+            return ArmFit(-np.inf, 0.0 * deviations, size, size, none)
         factor = cho_factor(gram, overwrite_a=True, check_finite=False)
         right = weight @ target
-        at = cho_solve(factor, right, check_finite=False)
+        at = deviations * cho_solve(factor, deviations * right, check_finite=False)
         if turn == _ROUNDS:
             break
         left = square - 2 * target @ at + (sums.gram @ at) @ at
         left = np.sqrt(np.maximum(left, 0.0) / np.maximum(sums.rows, 1e-9))
         sigma = np.maximum(left, floor)
-    logs = 2 * np.log(np.diag(factor[0])).sum() - np.log(prior).sum()
     quad = weight @ square - right @ at
+    logs = 2 * np.log(np.diag(factor[0])).sum()
     moving = sums.rows > 0
     nats = -0.5 * (quad + logs) - sums.rows @ np.log(sigma)
     nats += sums.rows @ np.log(np.abs(f))
-    spread = np.einsum(
-        "jp,pj->j", sums.brake, cho_solve(factor, sums.brake.T, check_finite=False)
-    )
+    brake = sums.brake * deviations
+    solved = cho_solve(factor, brake.T, check_finite=False)
+    spread = np.sum(brake * solved.T, axis=1)
     braking = (sums.brake @ at) / np.sqrt(np.maximum(spread, _NOTHING))
     nats += float(np.sum((log_ndtr(braking) + np.log(2))[moving]))
     return ArmFit(float(nats), at, sigma, size, np.where(moving, braking, 0.0))
 
 
-def measure_strain(sums: ArmSums, torques: Torques) -> Array:
+def measure_strain(sums: ArmSums, fit: ArmFit) -> Array:
     """Return how far the robot file must bend to each torque, and still misses it.
 
     Half the square of the bodies' coefficients, shared by the joints behind which they
     are, what friction gives instead of taking, and a remainder of more than a rough
     model leaves [nats]. Shape (dof,).
+
+    Args:
+        fit: Under a rough file.
     """
-    fit = fit_arm(sums, torques, sums.deviations(ROUGH))
     bend = np.array(
         [0.5 * np.sum((fit.at[sums.link(j)] / ROUGH) ** 2) for j in range(sums.dof)]
     )
@@ -287,9 +294,11 @@ def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:
     return out
 
 
-def has_possible_masses(sums: ArmSums, fit: ArmFit) -> bool:
-    """Whether no body of a fit has a mass that is clearly negative."""
+def is_possible(sums: ArmSums, fit: ArmFit) -> bool:
+    """Whether no mass of a fit is clearly negative, and no weight turned over."""
     first = sums.outer.stop
     given = sums.bodies[::PER_LINK]
     masses = given + (sums.root @ fit.at[first:])[::PER_LINK]
-    return bool((masses > -0.5 * given - 0.02 * given.sum()).all())
+    balance = SHARE * fit.at[[sums.local(j).start + WEIGHT for j in range(sums.dof)]]
+    heavy = masses > -0.5 * given - 0.02 * given.sum()
+    return bool(heavy.all() and (balance > -1.5).all())

@@ -42,7 +42,7 @@ _NOTHING = 1e-9
 OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
 LOCAL = 10  # columns of one joint alone
 FRICTION, WEIGHT = (1, 2, 7, 8), 9  # of these
-_SHARE = 0.1  # of the weight that a joint may miss
+SHARE = 0.1  # of the weight that a joint may miss
 
 
 def compute_row_rms(x: Array) -> Array:
@@ -171,7 +171,7 @@ def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
         local = np.column_stack(
-            [size[j] * _local(motion, j, use), _SHARE * weight[use, j]]
+            [size[j] * _local(motion, j, use), SHARE * weight[use, j]]
         )
         bodies = np.zeros((int(use.sum()), PER_LINK * motion.dof))
         bodies[:, first:] = y[use, j, first:] @ root[first:, first:]
@@ -242,9 +242,9 @@ def _local(motion: CheckMotion, j: int, use: Array) -> Array:
             qd / speed,
             np.tanh(qd / (0.05 * speed)),
             np.ones_like(q),
-            0.5 * np.sin(q),
-            0.5 * np.cos(q),
-            0.5 * turn / wide,
+            0.15 * np.sin(q),
+            0.15 * np.cos(q),
+            0.15 * turn / wide,
             0.5 * np.abs(qd) / speed,
             0.5 * np.abs(qd) * qd / speed**2,
         ]

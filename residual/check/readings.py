@@ -13,10 +13,12 @@ the log so read strains nothing. Else it is suspected, with its rivals.
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from itertools import combinations
 
 import numpy as np
 
 from residual.check.evidence import (
+    GIVEN,
     LOOSE,
     ROUGH,
     ArmFit,
@@ -25,7 +27,7 @@ from residual.check.evidence import (
     find_tilted_gravity,
     fit_arm,
     fit_nominal_shares,
-    has_possible_masses,
+    is_possible,
     list_other_causes,
     measure_strain,
     sum_arm,
@@ -52,7 +54,9 @@ from residual.robot.robot import Robot
 
 WRONG = "wrong_robot"
 _DEPTH = 3  # slips of an arrangement at most
-_POLISHED = 4  # arrangements whose torques are read by turns
+_POLISHED = 3  # arrangements whose torques are read by turns
+_BRAKES = 2.0  # deviations: friction that takes power
+_ODD_NATS = 0.5  # of strain: a torque that may be another joint's
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
@@ -72,23 +76,53 @@ class Reading:
 
     @cached_property
     def nats(self) -> float:
-        """Log evidence under a rough file."""
-        return self.fit(ROUGH).nats
+        """Log evidence under the bodies of the file, or under a rough one."""
+        return max(self.fit(GIVEN).nats, self.rough.nats) - self.share_odds
+
+    @cached_property
+    def rough(self) -> ArmFit:
+        """One arm in its torques under a rough file."""
+        return self.fit(ROUGH)
+
+    @cached_property
+    def share_odds(self) -> float:
+        """Log odds against the shares that the loaded joints have of their torques.
+
+        A rough file, a load and a gear's losses are factors, too.
+        """
+        shares = fit_nominal_shares(self.sums, self.torques.order)
+        ratio = shares.ratio * self.torques.factor
+        shows = shares.loaded() & (shares.explained > CHECK.explained_least)
+        shows &= (ratio > 0) & (shares.ratio_sd < CHECK.ratio_sd * abs(shares.ratio))
+        away = np.log(ratio[shows]) / np.log(1 + CHECK.share_sd)
+        return float(0.5 * np.sum(np.minimum(away**2, CHECK.certain_nats)))
 
     @property
     def value(self) -> float:
         """Evidence, less the odds against it."""
-        return self.nats - CHECK.odds_nats * sum(slip.odds for slip in self.slips)
+        return self.nats - self.odds
+
+    @property
+    def odds(self) -> float:
+        """Log odds against its slips."""
+        return CHECK.odds_nats * sum(slip.odds for slip in self.slips)
+
+    @property
+    def sketched(self) -> float:
+        """Value under a rough file alone."""
+        return self.rough.nats - self.share_odds - self.odds
 
     @cached_property
     def strain(self) -> Array:
         """How far the file must bend, joint by joint [nats]. Shape (dof,)."""
-        return measure_strain(self.sums, self.torques)
+        return measure_strain(self.sums, self.rough)
 
     @property
     def strained(self) -> bool:
-        """Whether some joint bends the file."""
-        return bool(self.strain.sum() > CHECK.strained_nats)
+        """Whether the bodies of the file have to bend."""
+        rough = self.rough.nats > self.fit(GIVEN).nats
+        nats = self.strain.sum() + self.share_odds
+        return rough or bool(nats > CHECK.strained_nats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -127,15 +161,15 @@ class Search:
         if factor:
             units = [*list_torque_units(self.robot), factor]
             tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
-        return max(tried, key=lambda reading: reading.value)
+        return max(tried, key=lambda reading: reading.sketched)
 
     def polish(self, reading: Reading) -> Reading:
         """Change signs, units and channels of torques by turns while it gains."""
         dof = self.robot.dof
         for _ in range(2 * dof):
             tried = [self.read(slips) for slips in self._torque_changes(reading)]
-            best = max(tried, key=lambda each: each.value)
-            if best.value <= reading.value:
+            best = max(tried, key=lambda each: each.sketched, default=reading)
+            if best.sketched <= reading.sketched:
                 break
             reading = best
         return reading
@@ -145,26 +179,28 @@ class Search:
         rest = [slip for slip in slips if slip.kind != "torque_sign"]
         now = {j for slip in slips if slip.kind == "torque_sign" for j in slip.joints}
         every = set(range(1, dof + 1))
-        for change in [{j} for j in sorted(every)] + [every]:
+        # Of joints whose friction takes power nothing is to be said.
+        odd = reading.rough.braking < _BRAKES
+        for change in [{j} for j in list_true_joints(odd)] + [every] * bool(odd.any()):
             joints = tuple(sorted(now ^ change))
             yield [*rest, build_sign_slip(joints, dof)] if joints else rest
         plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
         shares = fit_nominal_shares(reading.sums, reading.torques.order)
         shares = replace(shares, ratio=np.abs(shares.ratio))
         factor = build_factor_slip(shares)
-        for unit in (*list_torque_units(self.robot), *([factor] if factor else [])):
-            yield [*plain, unit]
+        if factor or reading.share_odds > CHECK.strained_nats:
+            for unit in (*list_torque_units(self.robot), *([factor] if factor else [])):
+                yield [*plain, unit]
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
         for scale in list_scale_slips(held):
             if not any(slip.joints == scale.joints for slip in slips):
                 yield [*slips, scale]
         if not any(slip.kind == "joint_order" for slip in slips):
-            same = list(range(dof))
-            for a in range(dof):
-                for b in range(a):
-                    order = same.copy()
-                    order[a], order[b] = b, a
-                    yield [build_order_slip(order, ("tau",)), *slips]
+            odd |= reading.strain > _ODD_NATS
+            for a, b in combinations(np.flatnonzero(odd), 2):
+                order = list(range(dof))
+                order[a], order[b] = b, a
+                yield [build_order_slip(order, ("tau",)), *slips]
 
     def best(self) -> tuple[Reading, list[Reading]]:
         """Return the best reading, and those that were tried beside it."""
@@ -183,7 +219,7 @@ class Search:
             drawn = [
                 sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
             ]
-            drawn.sort(key=lambda each: -each.value)
+            drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
             best = max(tried, key=lambda each: each.value)
             others += tried
@@ -335,11 +371,14 @@ _SETTLE = {
 def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
     """Name the causes by which the log as given is explained nearly as well."""
     out = []
-    for scale, least in ((ROUGH, CHECK.suspect_nats), (LOOSE, CHECK.odds_nats)):
+    scales = {ROUGH: CHECK.suspect_nats, LOOSE: CHECK.odds_nats}
+    if kind in _SCALED:
+        del scales[LOOSE]  # bodies of any size have any unit
+    for scale, least in scales.items():
         reached = best.fit(scale).nats - least
         for name, deviations in list_other_causes(without.sums, scale).items():
             fit = fit_arm(without.sums, without.torques, deviations)
-            if fit.nats > reached and has_possible_masses(without.sums, fit):
+            if fit.nats > reached and is_possible(without.sums, fit):
                 out.append(name)
     return out
 
@@ -376,7 +415,7 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     """
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
-    if nats < CHECK.certain_nats:
+    if nats < (CHECK.suspect_nats if kinds else CHECK.certain_nats):
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (

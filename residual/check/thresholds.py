@@ -26,6 +26,7 @@ class CheckThresholds:
     least_rest: float = 0.02  # of a torque: no file is nearer
     rough_rest: float = 0.08  # of a torque: what a rough file may leave
     odd_ratio: float = 2.0  # of a log's rest to the least of the others
+    share_sd: float = 0.4  # relative, of what loads and losses leave of a torque
     gain_ratio: float = 1.6  # of one torque's factor: below it is an effect
 
     # Single samples and constant values.
