@@ -168,10 +168,11 @@ def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
         # In deviations of the priors the matrix is at least the identity.
         gram = np.tensordot(weight, sums.gram, 1) * np.outer(deviations, deviations)
         gram[np.diag_indices_from(gram)] += 1.0
-        if not np.isfinite(gram).all():
+        try:
+            factor = cho_factor(gram, overwrite_a=True)
+        except (ValueError, np.linalg.LinAlgError):  # angles of any size
             none = np.zeros(sums.dof)
             return ArmFit(-np.inf, 0.0 * deviations, size, size, none)
-        factor = cho_factor(gram, overwrite_a=True, check_finite=False)
         right = weight @ target
         at = deviations * cho_solve(factor, deviations * right, check_finite=False)
         if turn == _ROUNDS:

@@ -41,6 +41,7 @@ from residual.check.slips import (
     build_order_slip,
     build_sign_slip,
     list_arrangement_slips,
+    list_removals,
     list_scale_slips,
     list_torque_units,
     merge_orders,
@@ -121,7 +122,7 @@ class Reading:
     def strained(self) -> bool:
         """Whether the bodies of the file have to bend."""
         rough = self.rough.nats > self.fit(GIVEN).nats
-        nats = self.strain.sum() + self.share_odds
+        nats = self.strain.sum() + 0.5 * self.share_odds
         return rough or bool(nats > CHECK.strained_nats)
 
 
@@ -164,26 +165,31 @@ class Search:
         return max(tried, key=lambda reading: reading.sketched)
 
     def polish(self, reading: Reading) -> Reading:
-        """Change signs, units and channels of torques by turns while it gains."""
-        dof = self.robot.dof
-        for _ in range(2 * dof):
-            tried = [self.read(slips) for slips in self._torque_changes(reading)]
-            best = max(tried, key=lambda each: each.sketched, default=reading)
-            if best.sketched <= reading.sketched:
+        """Change signs, then units and channels of torques, while it gains."""
+        for _ in range(2 * self.robot.dof):
+            for changes in (self._list_signs, self._list_torques):
+                tried = [self.read(slips) for slips in changes(reading)]
+                best = max(tried, key=lambda each: each.sketched, default=reading)
+                if best.sketched > reading.sketched:
+                    reading = best
+                    break
+            else:
                 break
-            reading = best
         return reading
 
-    def _torque_changes(self, reading: Reading) -> Iterator[list[Slip]]:
-        dof, slips = self.robot.dof, list(reading.slips)
-        rest = [slip for slip in slips if slip.kind != "torque_sign"]
-        now = {j for slip in slips if slip.kind == "torque_sign" for j in slip.joints}
-        every = set(range(1, dof + 1))
+    def _list_signs(self, reading: Reading) -> Iterator[list[Slip]]:
+        dof = self.robot.dof
+        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
+        turned = (s.joints for s in reading.slips if s.kind == "torque_sign")
+        now, every = {j for joints in turned for j in joints}, set(range(1, dof + 1))
         # Of joints whose friction takes power nothing is to be said.
-        odd = reading.rough.braking < _BRAKES
-        for change in [{j} for j in list_true_joints(odd)] + [every] * bool(odd.any()):
+        odd = list_true_joints(reading.rough.braking < _BRAKES)
+        for change in [{j} for j in odd] + [every] * bool(odd):
             joints = tuple(sorted(now ^ change))
             yield [*rest, build_sign_slip(joints, dof)] if joints else rest
+
+    def _list_torques(self, reading: Reading) -> Iterator[list[Slip]]:
+        dof, slips = self.robot.dof, list(reading.slips)
         plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
         shares = fit_nominal_shares(reading.sums, reading.torques.order)
         shares = replace(shares, ratio=np.abs(shares.ratio))
@@ -196,7 +202,7 @@ class Search:
             if not any(slip.joints == scale.joints for slip in slips):
                 yield [*slips, scale]
         if not any(slip.kind == "joint_order" for slip in slips):
-            odd |= reading.strain > _ODD_NATS
+            odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
             for a, b in combinations(np.flatnonzero(odd), 2):
                 order = list(range(dof))
                 order[a], order[b] = b, a
@@ -206,9 +212,9 @@ class Search:
         """Return the best reading, and those that were tried beside it."""
         reading = self.polish(self.complete(()))
         others = [self.read(())]
-        if not reading.strained:  # a tilt of some degrees strains nothing
-            inclined = [*self._inclined(reading)]
-            tried = [self._turned(self.read([*reading.slips, s])) for s in inclined]
+        if not reading.strained:  # what a rough file bends to
+            bent = [*self._inclined(reading), *list_removals(self.robot)]
+            tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
             reading = max([reading, *tried], key=lambda each: each.value)
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         for _ in range(_DEPTH):
@@ -223,7 +229,7 @@ class Search:
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
             best = max(tried, key=lambda each: each.value)
             others += tried
-            if best.value <= reading.value:
+            if best.value <= reading.value + CHECK.odds_nats:
                 break
             others.append(reading)
             reading = best
@@ -231,11 +237,17 @@ class Search:
 
     def _pruned(self, reading: Reading) -> Reading:
         """Leave out what a later slip has made superfluous."""
-        for slip in reading.slips[:-1]:
-            less = self.read([other for other in reading.slips if other is not slip])
-            if less.value > reading.value:
-                reading = less
-        return self.polish(self.read(merge_orders(reading.slips)))
+        reading = self.read(merge_orders(reading.slips))
+        for slip in reading.slips:
+            rest = [other for other in reading.slips if other is not slip]
+            less = [self.read(rest)]
+            if not slip.of_torques:
+                arranged = [other for other in rest if not other.of_torques]
+                less.append(self.polish(self.complete(arranged)))
+            best = max(less, key=lambda each: each.value)
+            if best.value > reading.value and slip in reading.slips:
+                reading = best
+        return reading
 
     def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
         kinds = {slip.kind for slip in kept}
@@ -309,7 +321,8 @@ def _decide(
     kind = group[0].kind
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
-    if kind == "out_of_range" or gain < CHECK.suspect_nats:
+    least = CHECK.suspect_nats if kind != REMOVED else 2 * CHECK.odds_nats
+    if kind == "out_of_range" or gain < least:
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
@@ -398,8 +411,8 @@ def _is_common_factor(repairs: Sequence[Repair]) -> bool:
 
 def _is_far(repairs: Sequence[Repair]) -> bool:
     """Whether no file of this arm is off by such factors."""
-    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(abs(np.mean(np.log(factors))) > np.log(CHECK.unit_certain_ratio))
+    means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
+    return bool(np.abs(means).max() > np.log(CHECK.unit_certain_ratio))
 
 
 def _count_strain(strain: Array) -> float:
@@ -415,7 +428,8 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     """
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
-    if nats < (CHECK.suspect_nats if kinds else CHECK.certain_nats):
+    least = CHECK.certain_nats, CHECK.suspect_nats, 0.5 * CHECK.suspect_nats, 0.0
+    if nats < least[min(len(kinds), 3)]:
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (
@@ -428,5 +442,5 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     missed = best.sums.rows * np.log(
         np.maximum(fit.sigma / np.maximum(CHECK.rough_rest * fit.size, 1e-300), 1.0)
     )
-    certain = _count_strain(missed) > CHECK.certain_nats
-    return Fault(WRONG, (), certain, words, rivals=(), settle="")
+    certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
+    return Fault(WRONG, (), bool(certain), words)

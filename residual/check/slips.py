@@ -142,6 +142,12 @@ def list_arrangement_slips(
         for axis in size * np.vstack([np.eye(3), -np.eye(3)]):
             if axis @ down < np.cos(CHECK.tilted_rad / 2) * size**2:
                 yield build_mounting_slip(down, axis)
+    yield from list_removals(robot)
+
+
+def list_removals(robot: Robot) -> Iterator[Slip]:
+    """Yield the slip of a driver that takes the arm's weight out of the torque."""
+    if np.linalg.norm(robot.model.gravity.linear):
         words = (
             "Without the weight that the robot file gives the arm the torques are its "
             "own: the driver took gravity out before it was logged, or the arm is "

@@ -22,7 +22,7 @@ class CheckThresholds:
     one_joint_nats: float = 40.0  # bending at most: two joints may hide an effect
     broken_nats: float = 150.0  # bending: certainly another arm
 
-    strained_nats: float = 4.0  # of all joints: other arrangements are tried
+    strained_nats: float = 6.0  # of all joints: other arrangements are tried
     least_rest: float = 0.02  # of a torque: no file is nearer
     rough_rest: float = 0.08  # of a torque: what a rough file may leave
     odd_ratio: float = 2.0  # of a log's rest to the least of the others
