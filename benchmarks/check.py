@@ -19,7 +19,7 @@ from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154401:154401"
-_GROUPS = ("faults", "clean", "effects")
+_GROUPS = ("faults", "clean", "explained", "effects", "large_effects")
 
 
 def main() -> int:

@@ -1,12 +1,21 @@
 """Cases of each group: logs with faults and sound logs, checked and compared."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
 
 from benchmarks.check_parts import faults, reports
-from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SIX, Fault, host
+from benchmarks.check_parts.arms import (
+    DRAWN,
+    ENGINE,
+    HOSTS,
+    SEVEN,
+    SIX,
+    Fault,
+    host,
+)
+from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
@@ -34,6 +43,7 @@ FAULTS: Mapping[str, Fault] = {
     for name in names.split()
 }
 SIZES = 3
+_LARGE = 3.0  # times the usual size of an effect
 _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 
 
@@ -67,13 +77,17 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
     out += [Task("clean", name, seeds[0]) for name in fixed]
     named, strange = vocabulary(the_arm())
     hidden = (*named, *strange, *FORMS)
-    return out + [Task("effects", name, seed) for seed in seeds for name in hidden]
+    out += [Task("explained", name, seed) for seed in seeds for name in (SIX, SEVEN)]
+    groups = ("effects", "large_effects")
+    return out + [Task(g, n, seed) for seed in seeds for n in hidden for g in groups]
 
 
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error."""
-    do = {"faults": _faults, "clean": _clean, "effects": _effects}[task.group]
-    if task.group != "effects" and host(task.host, task.seed) is None:
+    do = {"faults": _faults, "clean": _clean, "explained": _explained}
+    do |= {"effects": _effects, "large_effects": _effects}
+    do = do[task.group]
+    if "effects" not in task.group and host(task.host, task.seed) is None:
         return {"rows": []}
     return {"rows": do(task)}
 
@@ -87,12 +101,20 @@ def summary(result: Mapping) -> str:
 
 
 def _faults(task: Task) -> list[dict]:
+    return _compared(task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)})
+
+
+def _explained(task: Task) -> list[dict]:
+    return _compared(task, EXPLAINED)
+
+
+def _compared(task: Task, faults: Mapping[str, Fault]) -> list[dict]:
     rows = []
-    for kind in _QUICK_KINDS if task.quick else FAULTS:
+    for kind, make_faulty in faults.items():
         for size in range(1 if task.quick else SIZES):
             arm = host(task.host, task.seed)
             rng = create_random_stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
-            faulty = FAULTS[kind](arm, size, rng)
+            faulty = make_faulty(arm, size, rng)
             if faulty is not None:
                 about = {"group": task.group, "host": arm.name, "seed": task.seed}
                 about |= {"size": size, "kind": kind, "joints": list(faulty.joints)}
@@ -112,6 +134,9 @@ def _effects(task: Task) -> list[dict]:
     form = task.host in FORMS
     name = FORMS[task.host][0] if form else task.host
     effect = draw_sized(robot, rng, name, None, ())
+    if task.group == "large_effects":
+        values = scale_effect_parameters(name, dict(effect.parameters), _LARGE)
+        effect = replace(effect, parameters=tuple(sorted(values.items())))
     hidden = as_form(effect, task.host) if form else effect
     made = make(_arm_for(name), [hidden], task.seed, task.seed)
     return [_sound(made.robot, made.fit, task, name)]

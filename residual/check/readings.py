@@ -229,8 +229,8 @@ class Search:
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
             best = max(tried, key=lambda each: each.value)
             others += tried
-            if best.value <= reading.value + CHECK.odds_nats:
-                break
+            if best.value <= reading.value + CHECK.suspect_nats - CHECK.odds_nats:
+                break  # not worth a word
             others.append(reading)
             reading = best
         return self._turned(self._pruned(reading)), others
@@ -428,8 +428,10 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     """
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
-    least = CHECK.certain_nats, CHECK.suspect_nats, 0.5 * CHECK.suspect_nats, 0.0
-    if nats < least[min(len(kinds), 3)]:
+    # What a log may strain as given, it may with other units and signs of its torques.
+    arranged = {slip.kind for slip in best.slips if not slip.of_torques}
+    several = len(arranged) + (len(kinds) > len(arranged) > 0)
+    if nats < CHECK.certain_nats - min(several, 2) * 0.5 * CHECK.certain_nats:
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (
@@ -437,10 +439,12 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
         f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
         "without the worst joint)."
     )
-    # What hardly a file still misses is geometry: no flaw of its bodies.
-    fit = best.fit(LOOSE)
-    missed = best.sums.rows * np.log(
-        np.maximum(fit.sigma / np.maximum(CHECK.rough_rest * fit.size, 1e-300), 1.0)
-    )
+    # What hardly a file of its own still misses of a joint is geometry.
+    missed = []
+    for j in range(best.sums.dof):
+        alone = best.sums.only(j)
+        fit = fit_arm(alone, best.torques, alone.deviations(LOOSE))
+        rest = fit.sigma[j] / max(CHECK.rough_rest * fit.size[j], 1e-300)
+        missed.append(best.sums.rows[j] * max(float(np.log(rest)), 0.0))
     certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
     return Fault(WRONG, (), bool(certain), words)

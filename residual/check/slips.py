@@ -317,7 +317,9 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
         scale=tuple(float(f"{f:.2g}") for f in rough),
     )
     kind = "gear_ratio" if middle > GEAR / 3 else "torque_unit"
-    return Slip(kind, (), words, (repair,), 1.0 + 0.5 * len(rough))
+    # A factor of their own is more to ask for than a unit that has a name.
+    odds = 1.5 if each.max() < CHECK.joint_ratio * each.min() else 2.5
+    return Slip(kind, (), words, (repair,), odds)
 
 
 def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
