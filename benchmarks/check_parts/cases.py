@@ -26,7 +26,10 @@ from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.plant_records import create_random_stream
-from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.effect_catalogue import (
+    list_plant_effects,
+    scale_effect_parameters,
+)
 
 _READING = (
     "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
@@ -101,7 +104,9 @@ def summary(result: Mapping) -> str:
 
 
 def _faults(task: Task) -> list[dict]:
-    return _compared(task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)})
+    return _compared(
+        task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)}
+    )
 
 
 def _explained(task: Task) -> list[dict]:

@@ -372,7 +372,9 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
         )
     if not verdict.trusted:
         words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
-        parts.insert(0, f"The logs have a fault ({words}): what follows may be due to it.")
+        parts.insert(
+            0, f"The logs have a fault ({words}): what follows may be due to it."
+        )
     return [part for part in (*_more_motion(verdict.log_check), *parts) if part]
 
 

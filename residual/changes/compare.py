@@ -67,7 +67,7 @@ def compare_epochs(
         declared: Effects that the model has, None for the robot's own list; or the
             adopted model.
         same_run: Whether the held-out logs are a part of one of the second.
-        check: Faults of the logs: with a certain one nothing is named.
+        check: Faults of the logs.
         warnings: Sentences on the logs that the verdict is to repeat.
     """
     rules = ChangeThresholds()

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 
+from residual.check.commanded import find_commanded_torque
+from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
 from residual.check.kinematics import (
     find_impossible_sample_rate,
     find_joints_in_degrees,
@@ -13,8 +15,6 @@ from residual.check.kinematics import (
     find_uneven_time_steps,
     find_velocity_faults,
 )
-from residual.check.commanded import find_commanded_torque
-from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
 from residual.check.physics_columns import (
     CheckMotion,
     compute_residual,

@@ -221,7 +221,9 @@ class Search:
             if not reading.strained:
                 break
             kept = [s for s in reading.slips if not s.of_torques]
-            kept += [s for s in reading.slips if s.of_torques and s.kind == "joint_order"]
+            kept += [
+                s for s in reading.slips if s.of_torques and s.kind == "joint_order"
+            ]
             drawn = [
                 sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
             ]
@@ -430,8 +432,8 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     kinds = sorted({slip.kind for slip in best.slips})
     # What a log may strain as given, it may with other units and signs of its torques.
     arranged = {slip.kind for slip in best.slips if not slip.of_torques}
-    several = len(arranged) + (len(kinds) > len(arranged) > 0)
-    if nats < CHECK.certain_nats - min(several, 2) * 0.5 * CHECK.certain_nats:
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2, 0.0)[min(len(arranged), 3)]
+    if nats < least or not nats:
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (

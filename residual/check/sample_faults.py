@@ -10,11 +10,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
+from residual.check.evidence import fit_nominal_shares, sum_arm
 from residual.check.physics_columns import build_prior_columns, filter_check_motion
 from residual.check.result import Fault, Repair, list_true_joints
-from residual.check.thresholds import CHECK
-from residual.check.evidence import fit_nominal_shares, sum_arm
 from residual.check.slips import build_factor_slip
+from residual.check.thresholds import CHECK
 from residual.errors import format_joint_numbers
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot

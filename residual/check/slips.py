@@ -121,7 +121,9 @@ def list_arrangement_slips(
     for j in np.flatnonzero(~np.asarray(robot.prismatic)):
         for turn in _TURNS:
             degrees = f"{abs(np.degrees(turn)):.0f}"
-            words = f"The zero of joint {j + 1} is {degrees} degrees off; moved, it fits"
+            words = (
+                f"The zero of joint {j + 1} is {degrees} degrees off; moved, it fits"
+            )
             repair = Repair("q", (int(j) + 1,), zero=(float(turn),))
             yield Slip("angle_zero", (int(j) + 1,), words, (repair,))
     yield from _list_shifts(robot, motion)
@@ -230,7 +232,9 @@ def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
     if len(joints) == 1:
         j = joints[0] - 1
         first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
-        for shift in np.linspace(first, last, min(16, 2 + int(abs(last - first) / 0.3))):
+        for shift in np.linspace(
+            first, last, min(16, 2 + int(abs(last - first) / 0.3))
+        ):
             repair = Repair("q", joints, zero=(-float(shift),))
             yield Slip("out_of_range", joints, "", (repair,), 1.2)
 
@@ -250,7 +254,9 @@ def build_sign_slip(joints: tuple[int, ...], dof: int) -> Slip:
     )
     repair = Repair("tau", joints, sign=(-1,) * len(joints))
     # All of them turned are one mistake.
-    return Slip("torque_sign", joints, words, (repair,), min(len(joints), 1 + dof - len(joints)))
+    return Slip(
+        "torque_sign", joints, words, (repair,), min(len(joints), 1 + dof - len(joints))
+    )
 
 
 def list_torque_units(robot: Robot) -> Iterator[Slip]:
@@ -268,7 +274,9 @@ def list_torque_units(robot: Robot) -> Iterator[Slip]:
     ):
         if factors is not None:
             what = "those of the motors" if kind == "gear_ratio" else "currents"
-            words = f"The torques look like {what}; by the factors of robot.toml they fit"
+            words = (
+                f"The torques look like {what}; by the factors of robot.toml they fit"
+            )
             scale = tuple(float(abs(f)) for f in factors)
             yield Slip(kind, (), words, (Repair("tau", joints, scale=scale),))
 
@@ -286,8 +294,8 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
     if strong.sum() < few:  # of the strongest, one may hide an effect
         strong = shows & shares.loaded(CHECK.weak_joint_share)
     own = size[strong]
-    if len(own) < few or own.max() > 1 / CHECK.unit_ratio and (
-        own.min() < CHECK.unit_ratio
+    if len(own) < few or (
+        own.max() > 1 / CHECK.unit_ratio and (own.min() < CHECK.unit_ratio)
     ):
         return None
     sure = shows & shares.loaded(CHECK.weak_joint_share)
@@ -301,7 +309,9 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
         pairs = zip(shown, each, strict=True)
         told = "about " + ", ".join(f"{f:.2g} (joint {j + 1})" for j, f in pairs)
     silent = np.flatnonzero(~sure) + 1
-    rest = f"; too little shows of {format_joint_numbers(silent)}" if len(silent) else ""
+    rest = (
+        f"; too little shows of {format_joint_numbers(silent)}" if len(silent) else ""
+    )
     words = (
         f"Expected torques in N m, got values that fit this arm only times {told}{rest}"
         ": currents of the motors, torque before the gears, or the file of an arm of "

@@ -75,7 +75,7 @@ class CheckThresholds:
     ratio_sd: float = 0.25  # relative deviation of a ratio at most
     # Grippers and loads reach 2 on the joint that they load least, and less in the mean
     # of the joints that carry the arm.
-    unit_ratio: float = 2.5
+    unit_ratio: float = 1.8
     unit_certain_ratio: float = 5.0
     joint_ratio: float = 4.0  # of a joint in its place and unit
     inertia_ratio: float = 1.6  # of the inertia in a torque without weight

@@ -63,8 +63,7 @@ def diagnose(
             adopted model (`Diagnosis.adoptable`), with its logs as the baseline.
         ignore_baseline: Ignore the baseline, for what the fit logs by themselves leave
             open.
-        check: Faults of the logs. With a certain one nothing is named: what was found
-            may be the fault.
+        check: Faults of the logs: what is named may be due to them.
         warnings: Sentences on the logs that the verdict repeats first.
 
     Raises:

@@ -137,7 +137,7 @@ def build_verdict(
         ),
         background=tuple(listing(background)),
         bodies=bodies.correction,
-        suspected=() if faulty else tuple(listing(confirmed.suspected)),
+        suspected=tuple(listing(confirmed.suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )
 
