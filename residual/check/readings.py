@@ -162,7 +162,19 @@ class Search:
         if factor:
             units = [*list_torque_units(self.robot), factor]
             tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
+        tried += [self._with_brakes(reading) for reading in tried]
         return max(tried, key=lambda reading: reading.sketched)
+
+    def _with_brakes(self, reading: Reading) -> Reading:
+        """Turn the torques whose friction gives power, all at once."""
+        now = {j for s in reading.slips if s.kind == "torque_sign" for j in s.joints}
+        giving = set(list_true_joints(reading.rough.braking < -_BRAKES))
+        joints = tuple(sorted(now ^ giving))
+        if not giving:
+            return reading
+        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
+        turn = [build_sign_slip(joints, self.robot.dof)] if joints else []
+        return self.read([*rest, *turn])
 
     def polish(self, reading: Reading) -> Reading:
         """Change signs, then units and channels of torques, while it gains."""
