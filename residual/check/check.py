@@ -179,13 +179,15 @@ def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recordi
         as_given = Torques(np.arange(dof), np.ones(dof))
         fit = fit_arm(sums, as_given, sums.deviations(ROUGH))
         rest = compute_residual(robot, motion, fit.at)
-        rms = [
-            np.sqrt(np.nanmean(rest[motion.log == k] ** 2, axis=0))
-            for k in range(len(recordings))
-        ]
+        squares, counts = np.nan_to_num(rest**2), np.isfinite(rest)
+        rms = []  # not a number where a joint stands all along a log
+        for k in range(len(recordings)):
+            own = motion.log == k
+            mean = squares[own].sum(axis=0) / counts[own].sum(axis=0)
+            rms.append(np.sqrt(mean))
     out = []
     for k, log in enumerate(recordings):
-        others = np.nanmin(np.delete(rms, k, axis=0), axis=0)
+        others = np.nan_to_num(np.delete(rms, k, axis=0), nan=np.inf).min(axis=0)
         usual = np.maximum(CHECK.odd_ratio * others, CHECK.rough_rest * fit.size)
         if np.any(rms[k] > usual) or np.isnan(rms[k]).all():
             out.append(log)
