@@ -133,7 +133,8 @@ def extend_repairs_to_velocities(
     explained, out = set(), []
     for fault in faults:
         more = []
-        for repair in (r for r in fault.repairs if r.signal == "q" and with_speed):
+        angles = [r for r in fault.repairs if r.signal == "q" and r.zero is None]
+        for repair in angles if with_speed else ():
             nature = repair.order is None, repair.sign is None
             velocity, own = by_nature.get(nature, (None, Repair("qd")))
             if repair.order is not None:

@@ -36,6 +36,7 @@ from residual.check.physics_columns import CheckMotion
 from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
 from residual.check.slips import (
     Slip,
+    build_angle_sign_slip,
     build_factor_slip,
     build_mounting_slip,
     build_order_slip,
@@ -227,6 +228,7 @@ class Search:
         if not reading.strained:  # what a rough file bends to
             bent = [*self._inclined(reading), *list_removals(self.robot)]
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
+            tried += [self.read(slips) for slips in self._list_angle_signs(reading)]
             reading = max([reading, *tried], key=lambda each: each.value)
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         for _ in range(_DEPTH):
@@ -248,6 +250,13 @@ class Search:
             others.append(reading)
             reading = best
         return self._turned(self._pruned(reading)), others
+
+    def _list_angle_signs(self, reading: Reading) -> Iterator[list[Slip]]:
+        """Turned angles in place of turned torques: friction shows both alike."""
+        for slip in reading.slips:
+            if slip.kind == "torque_sign":
+                rest = [other for other in reading.slips if other is not slip]
+                yield [*rest, build_angle_sign_slip(slip.joints, self.robot.dof)]
 
     def _pruned(self, reading: Reading) -> Reading:
         """Leave out what a later slip has made superfluous."""

@@ -111,11 +111,10 @@ def list_arrangement_slips(
     dof = robot.dof
     yield from _list_orders(robot)
     for joints in [(j + 1,) for j in range(dof)] + [tuple(range(1, dof + 1))]:
+        yield build_angle_sign_slip(joints, dof)
         turn = Repair("q", joints, sign=(-1,) * len(joints))
-        where = format_joint_numbers(joints)
-        words = f"The angle of {where} counts backwards; turned, it fits"
-        yield Slip("angle_sign", joints, words, (turn,), 1.1)
         both = replace(turn, signal="tau")
+        where = format_joint_numbers(joints)
         words = f"Angle and torque of {where} count backwards; turned, they fit"
         yield Slip("angle_sign", joints, words, (turn, both), 1.5)
     for j in np.flatnonzero(~np.asarray(robot.prismatic)):
@@ -244,6 +243,15 @@ def swap_channels(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
     out = list(order)
     out[a], out[b] = out[b], out[a]
     return tuple(out)
+
+
+def build_angle_sign_slip(joints: tuple[int, ...], dof: int) -> Slip:
+    """Return the slip of angles that count the other way round."""
+    where = format_joint_numbers(joints)
+    words = f"The angle of {where} counts backwards; turned, it fits"
+    repair = Repair("q", joints, sign=(-1,) * len(joints))
+    odds = 0.1 + min(len(joints), 1 + dof - len(joints))
+    return Slip("angle_sign", joints, words, (repair,), odds)
 
 
 def build_sign_slip(joints: tuple[int, ...], dof: int) -> Slip:

@@ -65,3 +65,12 @@ def test_counts_of_a_drive_with_two_signs_are_no_other_robot():
     faults = check_logs(robot, edited(logs, tau=times(counts))).faults
     assert {f.kind for f in faults} <= {"torque_unit", "torque_sign"}
     assert "torque_unit" in {f.kind for f in faults}
+
+
+def test_the_speeds_of_an_angle_with_another_zero_stay_as_they_are():
+    robot, logs = clean_logs("small")
+    both = [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
+    off = np.array([0, np.pi / 2, 0])
+    faults = check_logs(robot, edited(both, q=lambda q: q + off)).faults
+    (fault,) = [f for f in faults if f.kind == "angle_zero"]
+    assert [repair.signal for repair in fault.repairs] == ["q"]
