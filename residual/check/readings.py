@@ -58,6 +58,7 @@ WRONG = "wrong_robot"
 _DEPTH = 3  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
+_ALIKE = 3.0  # nats: readings that nobody can tell apart
 _ODD_NATS = 0.5  # of strain: a torque that may be another joint's
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
@@ -229,6 +230,7 @@ class Search:
             bent = [*self._inclined(reading), *list_removals(self.robot)]
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
             tried += [self.read(slips) for slips in self._list_angle_signs(reading)]
+            others += [reading, *tried]
             reading = max([reading, *tried], key=lambda each: each.value)
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         for _ in range(_DEPTH):
@@ -256,7 +258,12 @@ class Search:
         for slip in reading.slips:
             if slip.kind == "torque_sign":
                 rest = [other for other in reading.slips if other is not slip]
-                yield [*rest, build_angle_sign_slip(slip.joints, self.robot.dof)]
+                dof = self.robot.dof
+                yield [*rest, build_angle_sign_slip(slip.joints, dof)]
+                for j in slip.joints if len(slip.joints) > 1 else ():
+                    kept = tuple(k for k in slip.joints if k != j)
+                    signs = build_angle_sign_slip((j,), dof), build_sign_slip(kept, dof)
+                    yield [*rest, *signs]
 
     def _pruned(self, reading: Reading) -> Reading:
         """Leave out what a later slip has made superfluous."""
@@ -359,11 +366,15 @@ def _decide(
         and {s.words for s in other.slips} != {s.words for s in best.slips}
     ]
     repairs = tuple(repair for slip in group for repair in slip.repairs)
-    same = [o for o in near if abs(o.nats - best.nats) < 3.0]
+    told = {slip.words for slip in best.slips} - {slip.words for slip in group}
+    same = [
+        o
+        for o in near
+        if abs(o.nats - best.nats) < _ALIKE and told <= {slip.words for slip in o.slips}
+    ]
     alternatives = tuple(
-        tuple(r for slip in other.slips for r in slip.repairs)
+        tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
         for other in same[:1]
-        if len(best.slips) == len(group)
     )
     rivals = [_name(other.slips) for other in near if other not in same]
     rivals += _list_rivals(best, without, kind)
