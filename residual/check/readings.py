@@ -1,0 +1,484 @@
+"""How a log is to be read: the slips that explain it best, and what else may.
+
+The log as given is scored first. Readings of the torques alone (signs, units, factors,
+exchanged channels) share its Gram matrix. Other arrangements of angles, clock and
+gravity are tried only where some joint strains the robot file; the best is completed by
+another until none is better.
+
+A fault is certain only where its reading wins under a rough file and under hardly any,
+over the log as given with every other cause; where friction takes power then; and where
+the log so read strains nothing. Else it is suspected, with its rivals.
+"""
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from residual.check.evidence import (
+    GIVEN,
+    LOOSE,
+    ROUGH,
+    ArmFit,
+    ArmSums,
+    Torques,
+    find_tilted_gravity,
+    fit_arm,
+    fit_nominal_shares,
+    is_possible,
+    list_other_causes,
+    measure_strain,
+    sum_arm,
+)
+from residual.check.physics_columns import CheckMotion
+from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
+from residual.check.slips import (
+    Slip,
+    build_angle_sign_slip,
+    build_factor_slip,
+    build_mounting_slip,
+    build_order_slip,
+    build_sign_slip,
+    list_arrangement_slips,
+    list_removals,
+    list_scale_slips,
+    list_torque_units,
+    merge_orders,
+    repair_motion,
+    repair_torques,
+)
+from residual.check.thresholds import CHECK
+from residual.errors import format_joint_numbers
+from residual.recording import Array
+from residual.robot.robot import Robot
+
+WRONG = "wrong_robot"
+_DEPTH = 3  # slips of an arrangement at most
+_POLISHED = 3  # arrangements whose torques are read by turns
+_BRAKES = 2.0  # deviations: friction that takes power
+_ALIKE = 3.0  # nats: readings that nobody can tell apart
+_ODD_NATS = 0.5  # of strain: a torque that may be another joint's
+# What a file, a balanced arm or an effect may always be, too.
+_NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
+_SCALED = ("torque_unit", "gear_ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A log as slips have it."""
+
+    slips: tuple[Slip, ...]
+    sums: ArmSums
+    torques: Torques
+
+    def fit(self, scale: float) -> ArmFit:
+        """Return one arm in its torques, bodies of that prior."""
+        return fit_arm(self.sums, self.torques, self.sums.deviations(scale))
+
+    @cached_property
+    def nats(self) -> float:
+        """Log evidence under the bodies of the file, or under a rough one."""
+        return max(self.fit(GIVEN).nats, self.rough.nats) - self.share_odds
+
+    @cached_property
+    def rough(self) -> ArmFit:
+        """One arm in its torques under a rough file."""
+        return self.fit(ROUGH)
+
+    @cached_property
+    def share_odds(self) -> float:
+        """Log odds against the shares that the loaded joints have of their torques.
+
+        A rough file, a load and a gear's losses are factors, too.
+        """
+        shares = fit_nominal_shares(self.sums, self.torques.order)
+        ratio = shares.ratio * self.torques.factor
+        shows = shares.loaded() & (shares.explained > CHECK.explained_least)
+        shows &= (ratio > 0) & (shares.ratio_sd < CHECK.ratio_sd * abs(shares.ratio))
+        away = np.log(ratio[shows]) / np.log(1 + CHECK.share_sd)
+        return float(0.5 * np.sum(np.minimum(away**2, CHECK.certain_nats)))
+
+    @property
+    def value(self) -> float:
+        """Evidence, less the odds against it."""
+        return self.nats - self.odds
+
+    @property
+    def odds(self) -> float:
+        """Log odds against its slips."""
+        return CHECK.odds_nats * sum(slip.odds for slip in self.slips)
+
+    @property
+    def sketched(self) -> float:
+        """Value under a rough file alone."""
+        return self.rough.nats - self.share_odds - self.odds
+
+    @cached_property
+    def strain(self) -> Array:
+        """How far the file must bend, joint by joint [nats]. Shape (dof,)."""
+        return measure_strain(self.sums, self.rough)
+
+    @property
+    def strained(self) -> bool:
+        """Whether the bodies of the file have to bend."""
+        rough = self.rough.nats > self.fit(GIVEN).nats
+        nats = self.strain.sum() + 0.5 * self.share_odds
+        return rough or bool(nats > CHECK.strained_nats)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The readings of one motion; `arms` remembers the sums of each arrangement."""
+
+    robot: Robot
+    motion: CheckMotion
+    speeds_agree: bool
+    arms: dict[tuple, ArmSums] = field(default_factory=dict)
+
+    def read(self, slips: Sequence[Slip]) -> Reading:
+        """Return the reading of some slips."""
+        slips = tuple(slips)
+        repairs = tuple(r for slip in slips for r in slip.repairs)
+        weightless = any(slip.kind == REMOVED for slip in slips)
+        arranged = tuple(r for r in repairs if r.signal != "tau")
+        key = (arranged, weightless)
+        if key not in self.arms:
+            parts = repair_motion(self.robot, self.motion, arranged)
+            self.arms[key] = sum_arm(*parts, weightless)
+        torques = repair_torques(repairs, self.robot.dof)
+        return Reading(slips, self.arms[key], torques)
+
+    def complete(self, slips: Sequence[Slip]) -> Reading:
+        """Return an arrangement with the signs and factors that its torques show."""
+        base = self.read(slips)
+        shares = fit_nominal_shares(base.sums, base.torques.order)
+        signs = np.sign(base.torques.factor)
+        turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
+        joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
+        tried = [base]
+        if joints:
+            tried.append(self.read([*slips, build_sign_slip(joints, base.sums.dof)]))
+        factor = build_factor_slip(shares)
+        if factor:
+            units = [*list_torque_units(self.robot), factor]
+            tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
+        tried += [self._with_brakes(reading) for reading in tried]
+        return max(tried, key=lambda reading: reading.sketched)
+
+    def _with_brakes(self, reading: Reading) -> Reading:
+        """Turn the torques whose friction gives power, all at once."""
+        now = {j for s in reading.slips if s.kind == "torque_sign" for j in s.joints}
+        giving = set(list_true_joints(reading.rough.braking < -_BRAKES))
+        joints = tuple(sorted(now ^ giving))
+        if not giving:
+            return reading
+        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
+        turn = [build_sign_slip(joints, self.robot.dof)] if joints else []
+        return self.read([*rest, *turn])
+
+    def polish(self, reading: Reading) -> Reading:
+        """Change signs, then units and channels of torques, while it gains."""
+        for _ in range(2 * self.robot.dof):
+            for changes in (self._list_signs, self._list_torques):
+                tried = [self.read(slips) for slips in changes(reading)]
+                best = max(tried, key=lambda each: each.sketched, default=reading)
+                if best.sketched > reading.sketched:
+                    reading = best
+                    break
+            else:
+                break
+        return reading
+
+    def _list_signs(self, reading: Reading) -> Iterator[list[Slip]]:
+        dof = self.robot.dof
+        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
+        turned = (s.joints for s in reading.slips if s.kind == "torque_sign")
+        now, every = {j for joints in turned for j in joints}, set(range(1, dof + 1))
+        # Of joints whose friction takes power nothing is to be said.
+        odd = list_true_joints(reading.rough.braking < _BRAKES)
+        for change in [{j} for j in odd] + [every] * bool(odd):
+            joints = tuple(sorted(now ^ change))
+            yield [*rest, build_sign_slip(joints, dof)] if joints else rest
+
+    def _list_torques(self, reading: Reading) -> Iterator[list[Slip]]:
+        dof, slips = self.robot.dof, list(reading.slips)
+        plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
+        shares = fit_nominal_shares(reading.sums, reading.torques.order)
+        shares = replace(shares, ratio=np.abs(shares.ratio))
+        factor = build_factor_slip(shares)
+        if factor or reading.share_odds > CHECK.strained_nats:
+            for unit in (*list_torque_units(self.robot), *([factor] if factor else [])):
+                yield [*plain, unit]
+        held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
+        for scale in list_scale_slips(held):
+            if not any(slip.joints == scale.joints for slip in slips):
+                yield [*slips, scale]
+        if not any(slip.kind == "joint_order" for slip in slips):
+            odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
+            for a, b in combinations(np.flatnonzero(odd), 2):
+                order = list(range(dof))
+                order[a], order[b] = b, a
+                yield [build_order_slip(order, ("tau",)), *slips]
+
+    def best(self) -> tuple[Reading, list[Reading]]:
+        """Return the best reading, and those that were tried beside it."""
+        reading = self.polish(self.complete(()))
+        others = [self.read(())]
+        if not reading.strained:  # what a rough file bends to
+            bent = [*self._inclined(reading), *list_removals(self.robot)]
+            tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
+            tried += [self.read(slips) for slips in self._list_angle_signs(reading)]
+            others += [reading, *tried]
+            reading = max([reading, *tried], key=lambda each: each.value)
+        sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
+        for _ in range(_DEPTH):
+            if not reading.strained:
+                break
+            kept = [s for s in reading.slips if not s.of_torques]
+            kept += [
+                s for s in reading.slips if s.of_torques and s.kind == "joint_order"
+            ]
+            drawn = [
+                sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
+            ]
+            drawn.sort(key=lambda each: -each.sketched)
+            tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
+            best = max(tried, key=lambda each: each.value)
+            others += tried
+            if best.value <= reading.value + CHECK.suspect_nats - CHECK.odds_nats:
+                break  # not worth a word
+            others.append(reading)
+            reading = best
+        return self._turned(self._pruned(reading)), others
+
+    def _list_angle_signs(self, reading: Reading) -> Iterator[list[Slip]]:
+        """Turned angles in place of turned torques: friction shows both alike."""
+        for slip in reading.slips:
+            if slip.kind == "torque_sign":
+                rest = [other for other in reading.slips if other is not slip]
+                dof = self.robot.dof
+                yield [*rest, build_angle_sign_slip(slip.joints, dof)]
+                for j in slip.joints if len(slip.joints) > 1 else ():
+                    kept = tuple(k for k in slip.joints if k != j)
+                    signs = build_angle_sign_slip((j,), dof), build_sign_slip(kept, dof)
+                    yield [*rest, *signs]
+
+    def _pruned(self, reading: Reading) -> Reading:
+        """Leave out what a later slip has made superfluous."""
+        reading = self.read(merge_orders(reading.slips))
+        for slip in reading.slips:
+            rest = [other for other in reading.slips if other is not slip]
+            less = [self.read(rest)]
+            if not slip.of_torques:
+                arranged = [other for other in rest if not other.of_torques]
+                less.append(self.polish(self.complete(arranged)))
+            best = max(less, key=lambda each: each.value)
+            if best.value > reading.value and slip in reading.slips:
+                reading = best
+        return reading
+
+    def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
+        kinds = {slip.kind for slip in kept}
+        once = (MOUNTING, REMOVED, "time_unit", "angle_unit", "out_of_range")
+        for slip in list_arrangement_slips(self.robot, self.motion, self.speeds_agree):
+            if not (slip.kind in kinds and slip.kind in once):
+                yield slip
+        if MOUNTING not in kinds:
+            yield from self._inclined(reading)
+
+    def _inclined(self, reading: Reading) -> Iterator[Slip]:
+        if np.linalg.norm(reading.sums.gravity):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            if _angle(tilted, reading.sums.gravity) > CHECK.tilted_rad / 2:
+                yield build_mounting_slip(self._down, tilted)
+
+    @property
+    def _down(self) -> Array:
+        return np.asarray(self.robot.model.gravity.linear)
+
+    def _turned(self, reading: Reading) -> Reading:
+        """Turn gravity until no tilt is left that explains more."""
+        if not any(slip.kind == MOUNTING for slip in reading.slips):
+            return reading
+        for _ in range(12):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            turn = _angle(tilted, reading.sums.gravity)
+            slip = build_mounting_slip(self._down, tilted)
+            slips = [slip if s.kind == MOUNTING else s for s in reading.slips]
+            other = self.read(slips)
+            if turn < 2e-3 or other.nats < reading.nats - 2.0:
+                break
+            reading = other
+        # Arms are mounted along an axis; a load turns what the torques say a little.
+        gravity = reading.sums.gravity
+        size = float(np.linalg.norm(gravity))
+        axis = size * np.sign(gravity) * (np.abs(gravity) > 0.9 * size)
+        if axis.any() and _angle(axis, self._down) > CHECK.tilted_rad / 2:
+            slip = build_mounting_slip(self._down, axis)
+            near = self.read([slip if s.kind == MOUNTING else s for s in reading.slips])
+            if near.nats > reading.nats - CHECK.odds_nats:
+                return near
+        return reading
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Angle between two directions [rad]; none where one is nothing."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
+
+
+def find_misreadings(
+    robot: Robot, motion: CheckMotion, speeds_agree: bool
+) -> list[Fault]:
+    """Find what is wrong with the columns, the clock, or how the arm stands."""
+    search = Search(robot, motion, speeds_agree)
+    best, others = search.best()
+    if wrong := _find_wrong_robot(best):
+        return [wrong]
+    groups: dict[str, list[Slip]] = {}
+    for slip in best.slips:
+        groups.setdefault(slip.kind, []).append(slip)
+    faults = (_decide(search, best, others, group) for group in groups.values())
+    return [fault for fault in faults if fault is not None]
+
+
+def _decide(
+    search: Search, best: Reading, others: Sequence[Reading], group: Sequence[Slip]
+) -> Fault | None:
+    """Return the fault of slips of one kind; None where they are not worth a word."""
+    kind = group[0].kind
+    without = search.read([slip for slip in best.slips if slip not in group])
+    gain = best.nats - without.nats
+    least = CHECK.suspect_nats if kind != REMOVED else 2 * CHECK.odds_nats
+    if kind == "out_of_range" or gain < least:
+        return None
+    joints = tuple(sorted({j for slip in group for j in slip.joints}))
+    if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
+        return None
+    near = [
+        other
+        for other in others
+        if other.slips
+        and not any(slip.kind == "out_of_range" for slip in other.slips)
+        and other.value > best.value - CHECK.odds_nats
+        and {s.words for s in other.slips} != {s.words for s in best.slips}
+    ]
+    repairs = tuple(repair for slip in group for repair in slip.repairs)
+    told = {slip.words for slip in best.slips} - {slip.words for slip in group}
+    same = [
+        o
+        for o in near
+        if abs(o.nats - best.nats) < _ALIKE and told <= {slip.words for slip in o.slips}
+    ]
+    alternatives = tuple(
+        tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
+        for other in same[:1]
+    )
+    rivals = [_name(other.slips) for other in near if other not in same]
+    rivals += _list_rivals(best, without, kind)
+    if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
+        rivals.append("masses of the robot file that are all off by one factor")
+    physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
+    loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
+    certain = (
+        kind not in _NEVER_CERTAIN
+        and not rivals
+        and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
+        and loose > CHECK.suspect_nats
+        and physics
+        and (kind not in _SCALED or _is_far(repairs))
+        and _count_strain(best.strain) < CHECK.certain_nats
+    )
+    words = ". ".join(slip.words for slip in group)
+    evidence = f"{words}: better by {gain:.0f} nats."
+    return Fault(
+        kind,
+        joints,
+        bool(certain),
+        evidence,
+        repairs,
+        alternatives=alternatives,
+        rivals=() if certain else tuple(dict.fromkeys(rivals))[:3],
+        settle="" if certain else _SETTLE.get(kind, ""),
+    )
+
+
+_SETTLE = {
+    MOUNTING: "Look at how the arm stands, or hold it still in three poses.",
+    REMOVED: "Hold the arm still with a link level: does its drive show the weight?",
+    "time_unit": "Log the speeds, or compare the length of the log with a clock.",
+    "torque_unit": "Weigh a link, or hang a known mass on the flange.",
+    "gear_ratio": "Read the gear ratios off the data sheet.",
+    "torque_scale": "Hang a known mass on the flange.",
+}
+
+
+def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
+    """Name the causes by which the log as given is explained nearly as well."""
+    out = []
+    scales = {ROUGH: CHECK.suspect_nats, LOOSE: CHECK.odds_nats}
+    if kind in _SCALED:
+        del scales[LOOSE]  # bodies of any size have any unit
+    for scale, least in scales.items():
+        reached = best.fit(scale).nats - least
+        for name, deviations in list_other_causes(without.sums, scale).items():
+            fit = fit_arm(without.sums, without.torques, deviations)
+            if fit.nats > reached and is_possible(without.sums, fit):
+                out.append(name)
+    return out
+
+
+def _name(slips: Sequence[Slip]) -> str:
+    words = []
+    for slip in slips:
+        where = f", {format_joint_numbers(slip.joints)}" if slip.joints else ""
+        words.append(slip.kind.replace("_", " ") + where)
+    return " and ".join(words)
+
+
+def _is_common_factor(repairs: Sequence[Repair]) -> bool:
+    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
+    return bool(factors.max() < CHECK.joint_ratio * factors.min())
+
+
+def _is_far(repairs: Sequence[Repair]) -> bool:
+    """Whether no file of this arm is off by such factors."""
+    means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
+    return bool(np.abs(means).max() > np.log(CHECK.unit_certain_ratio))
+
+
+def _count_strain(strain: Array) -> float:
+    """By how much a robot file must bend, its worst joint left out [nats]."""
+    most = np.minimum(strain, CHECK.one_joint_nats)
+    return float(most.sum() - most.max())
+
+
+def _find_wrong_robot(best: Reading) -> Fault | None:
+    """Another arm, where even the best reading bends the file beyond a rough one.
+
+    Two joints may be odd, or hide an effect; more are another arm.
+    """
+    nats = _count_strain(best.strain)
+    kinds = sorted({slip.kind for slip in best.slips})
+    # What a log may strain as given, it may with other units and signs of its torques.
+    arranged = {slip.kind for slip in best.slips if not slip.of_torques}
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2, 0.0)[min(len(arranged), 3)]
+    if nats < least or not nats:
+        return None
+    tried = f" (the best: {', '.join(kinds)})" if kinds else ""
+    words = (
+        "No reordering, sign, unit or zero makes this log fit the robot"
+        f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
+        "without the worst joint)."
+    )
+    # What hardly a file of its own still misses of a joint is geometry.
+    missed = []
+    for j in range(best.sums.dof):
+        alone = best.sums.only(j)
+        fit = fit_arm(alone, best.torques, alone.deviations(LOOSE))
+        rest = fit.sigma[j] / max(CHECK.rough_rest * fit.size[j], 1e-300)
+        missed.append(best.sums.rows[j] * max(float(np.log(rest)), 0.0))
+    certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
+    return Fault(WRONG, (), bool(certain), words)
