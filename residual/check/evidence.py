@@ -118,8 +118,9 @@ def sum_arm(robot: Robot, motion: CheckMotion, weightless: bool = False) -> ArmS
         np.zeros(dof),
         np.zeros(dof),
     )
+    local, common = np.arange(LOCAL), np.arange(LOCAL * dof, size)
     for j, own in enumerate(build_prior_columns(robot, motion)):
-        use = np.r_[LOCAL * j : LOCAL * (j + 1), LOCAL * dof : size]
+        use = np.concatenate([LOCAL * j + local, common])
         tau, weight, nominal = motion.tau[own.rows], motion.spread, own.nominal
         if weightless:
             nominal = nominal - own.weight
@@ -252,31 +253,34 @@ def fit_nominal_shares(
     A rough file, a load or a gear's losses leave the shares near one on the joints that
     carry the arm; torque in another unit, or without a part, does not.
     """
-    out = []
-    for j in range(sums.dof):
-        local, channel = sums.local(j), order[j]
-        plain = _PLAIN + ([WEIGHT] if weightless else [])
-        use = np.arange(local.start, local.stop)[plain]
-        gram = np.zeros((len(use) + 1, len(use) + 1))
-        gram[1:, 1:] = sums.gram[j][np.ix_(use, use)]
-        gram[0, 1:] = gram[1:, 0] = sums.model[j, use]
-        gram[0, 0] = sums.model_power[j]
-        right = np.r_[sums.cross[j, channel], sums.channel[j, use, channel]]
-        if sums.rows[j] < len(gram) + 2 or not gram[0, 0]:
-            out.append((np.nan, np.inf, 0.0))
-            continue
-        size = np.sqrt(np.diag(gram)) + 1e-150
-        gram = gram / np.outer(size, size) + 1e-9 * np.eye(len(gram))
-        right = right / size
-        at, first = np.linalg.solve(gram, np.c_[right, np.eye(len(gram))[0]]).T
-        power = sums.power[j, channel]
-        left = max(float(power - at @ right), 0.0)
-        beside = right[1:] @ np.linalg.solve(gram[1:, 1:], right[1:])
-        spread = np.sqrt(first[0] * left / (sums.rows[j] - len(gram)))
-        explained = 1 - left / max(float(power - beside), _NOTHING)
-        out.append((at[0] / size[0], spread / size[0], explained))
-    columns = (np.array(column) for column in zip(*out, strict=True))
-    return NominalShares(*columns, sums.load)
+    plain = np.array(_PLAIN + ([WEIGHT] if weightless else []))
+    joints, size = np.arange(sums.dof), len(plain) + 1
+    use = LOCAL * joints[:, None] + plain
+    gram = np.zeros((sums.dof, size, size))
+    gram[:, 1:, 1:] = sums.gram[joints[:, None, None], use[:, :, None], use[:, None]]
+    gram[:, 0, 1:] = gram[:, 1:, 0] = sums.model[joints[:, None], use]
+    gram[:, 0, 0] = sums.model_power
+    right = np.zeros((sums.dof, size))
+    right[:, 0] = sums.cross[joints, order]
+    right[:, 1:] = sums.channel[joints[:, None], use, order[:, None]]
+    known = (sums.rows >= size + 2) & (gram[:, 0, 0] > 0)
+    scale = np.sqrt(np.diagonal(gram, axis1=1, axis2=2)) + 1e-150
+    gram = gram / (scale[:, :, None] * scale[:, None]) + 1e-9 * np.eye(size)
+    gram[~known], right = np.eye(size), right / scale
+    inverse = np.linalg.inv(gram)
+    at = np.einsum("jab,jb->ja", inverse, right)
+    power = sums.power[joints, order]
+    left = np.maximum(power - np.sum(at * right, axis=1), 0.0)
+    # What the file alone explains: its coefficient over its own precision.
+    beside = left + at[:, 0] ** 2 / inverse[:, 0, 0]
+    spread = np.sqrt(inverse[:, 0, 0] * left / np.maximum(sums.rows - size, 1e-9))
+    explained = 1 - left / np.maximum(beside, _NOTHING)
+    return NominalShares(
+        np.where(known, at[:, 0] / scale[:, 0], np.nan),
+        np.where(known, spread / scale[:, 0], np.inf),
+        np.where(known, explained, 0.0),
+        sums.load,
+    )
 
 
 def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:

@@ -21,9 +21,9 @@ from residual.robot.dynamics import (
     PER_LINK,
     build_motion_key,
     compute_flange_jacobian,
-    compute_gravity_torque,
     compute_last_joint_distance,
     compute_robot_regressor,
+    compute_weight_torques,
     read_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -162,11 +162,11 @@ def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]
     size = compute_row_rms(nominal)
     size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
     down, across = compute_gravity_axes(robot)
-    weight = _tilt_torque(robot, motion.q, down)
-    tilts = [_tilt_torque(robot, motion.q, TILT * x) for x in across]
+    fields = _weight_torques(robot, motion.q)
+    weight = fields @ down
     force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
     pulls = force * _pull_torques(robot, motion.q)
-    outer = np.concatenate([np.stack(tilts, axis=2), pulls], axis=2)
+    outer = np.concatenate([TILT * fields @ across.T, pulls], axis=2)
     root, out = get_inertial_root(robot), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
@@ -218,9 +218,9 @@ def _mass(robot: Robot) -> float:
 
 
 @cached(LRUCache(64), key=build_motion_key, lock=Lock())
-def _tilt_torque(robot: Robot, q: Array, direction: Array) -> Array:
-    """Torques that hold the arm in a field of gravity. Shape (n, dof)."""
-    return compute_gravity_torque(robot.model, q, direction)
+def _weight_torques(robot: Robot, q: Array) -> Array:
+    """Torques that hold the arm in fields of 1 m/s^2. Shape (n, dof, 3)."""
+    return compute_weight_torques(robot.model, q)
 
 
 @cached(LRUCache(64), key=build_motion_key, lock=Lock())

@@ -23,6 +23,7 @@ from residual.check.evidence import (
     ROUGH,
     ArmFit,
     ArmSums,
+    NominalShares,
     Torques,
     find_tilted_gravity,
     fit_arm,
@@ -36,18 +37,19 @@ from residual.check.physics_columns import CheckMotion
 from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
 from residual.check.slips import (
     Slip,
-    build_angle_sign_slip,
     build_factor_slip,
     build_mounting_slip,
     build_order_slip,
-    build_sign_slip,
+    build_sign_slips,
     list_arrangement_slips,
+    list_near_units,
     list_removals,
     list_scale_slips,
-    list_torque_units,
-    merge_orders,
+    merge_slips,
     repair_motion,
     repair_torques,
+    split_signs,
+    swap_channels,
 )
 from residual.check.thresholds import CHECK
 from residual.errors import format_joint_numbers
@@ -139,7 +141,7 @@ class Search:
 
     def read(self, slips: Sequence[Slip]) -> Reading:
         """Return the reading of some slips."""
-        slips = tuple(slips)
+        slips = merge_slips(slips, self.robot.dof)
         repairs = tuple(r for slip in slips for r in slip.repairs)
         weightless = any(slip.kind == REMOVED for slip in slips)
         arranged = tuple(r for r in repairs if r.signal != "tau")
@@ -159,31 +161,30 @@ class Search:
         joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
         tried = [base]
         if joints:
-            tried.append(self.read([*slips, build_sign_slip(joints, base.sums.dof)]))
-        factor = build_factor_slip(shares)
+            tried.append(self._turn(base, set(joints)))
+        factor = self._build_factor(slips, shares)
         if factor:
-            units = [*list_torque_units(self.robot), factor]
+            units = list_near_units(self.robot, factor)
             tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
         tried += [self._with_brakes(reading) for reading in tried]
-        return max(tried, key=lambda reading: reading.sketched)
+        return max(tried, key=_get_sketched)
+
+    def _turn(self, reading: Reading, torques: set[int]) -> Reading:
+        """Return a reading with some torques turned as well."""
+        signs = build_sign_slips(set(), torques, self.robot.dof)
+        return self.read([*reading.slips, *signs])
 
     def _with_brakes(self, reading: Reading) -> Reading:
         """Turn the torques whose friction gives power, all at once."""
-        now = {j for s in reading.slips if s.kind == "torque_sign" for j in s.joints}
         giving = set(list_true_joints(reading.rough.braking < -_BRAKES))
-        joints = tuple(sorted(now ^ giving))
-        if not giving:
-            return reading
-        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
-        turn = [build_sign_slip(joints, self.robot.dof)] if joints else []
-        return self.read([*rest, *turn])
+        return self._turn(reading, giving) if giving else reading
 
     def polish(self, reading: Reading) -> Reading:
         """Change signs, then units and channels of torques, while it gains."""
         for _ in range(2 * self.robot.dof):
             for changes in (self._list_signs, self._list_torques):
-                tried = [self.read(slips) for slips in changes(reading)]
-                best = max(tried, key=lambda each: each.sketched, default=reading)
+                tried = list(changes(reading))
+                best = max(tried, key=_get_sketched, default=reading)
                 if best.sketched > reading.sketched:
                     reading = best
                     break
@@ -191,36 +192,50 @@ class Search:
                 break
         return reading
 
-    def _list_signs(self, reading: Reading) -> Iterator[list[Slip]]:
-        dof = self.robot.dof
-        rest = [slip for slip in reading.slips if slip.kind != "torque_sign"]
-        turned = (s.joints for s in reading.slips if s.kind == "torque_sign")
-        now, every = {j for joints in turned for j in joints}, set(range(1, dof + 1))
+    def _list_signs(self, reading: Reading) -> Iterator[Reading]:
         # Of joints whose friction takes power nothing is to be said.
         odd = list_true_joints(reading.rough.braking < _BRAKES)
-        for change in [{j} for j in odd] + [every] * bool(odd):
-            joints = tuple(sorted(now ^ change))
-            yield [*rest, build_sign_slip(joints, dof)] if joints else rest
+        yield from (self._turn(reading, {j}) for j in odd)
+        if odd:
+            yield self._turn(reading, set(range(1, self.robot.dof + 1)))
 
-    def _list_torques(self, reading: Reading) -> Iterator[list[Slip]]:
+    def _list_torques(self, reading: Reading) -> Iterator[Reading]:
         dof, slips = self.robot.dof, list(reading.slips)
         plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
+        plain += [
+            slip for slip in slips if slip.kind in _SCALED and not slip.of_torques
+        ]
         shares = fit_nominal_shares(reading.sums, reading.torques.order)
         shares = replace(shares, ratio=np.abs(shares.ratio))
-        factor = build_factor_slip(shares)
-        if factor or reading.share_odds > CHECK.strained_nats:
-            for unit in (*list_torque_units(self.robot), *([factor] if factor else [])):
-                yield [*plain, unit]
+        factor = self._build_factor(slips, shares)
+        for unit in list_near_units(self.robot, factor) if factor else ():
+            yield self.read([*plain, unit])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
         for scale in list_scale_slips(held):
             if not any(slip.joints == scale.joints for slip in slips):
-                yield [*slips, scale]
+                yield self.read([*slips, scale])
         if not any(slip.kind == "joint_order" for slip in slips):
             odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
-            for a, b in combinations(np.flatnonzero(odd), 2):
-                order = list(range(dof))
-                order[a], order[b] = b, a
-                yield [build_order_slip(order, ("tau",)), *slips]
+            for pair in combinations(np.flatnonzero(odd), 2):
+                order = swap_channels(range(dof), *pair)
+                yield self.read([build_order_slip(order, ("tau",)), *slips])
+
+    def _build_factor(
+        self, slips: Sequence[Slip], shares: NominalShares
+    ) -> Slip | None:
+        """Return the slip of a factor; with a clock it could hide the weight."""
+        if any(slip.kind == "time_unit" for slip in slips):
+            return None
+        return build_factor_slip(shares)
+
+    def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
+        """Turned angles in place of turned torques: friction shows both alike."""
+        angles, torques, rest = split_signs(reading.slips)
+        one = angles ^ torques
+        for joints in (*({j} for j in one), torques - angles, one):
+            if joints:
+                signs = angles ^ joints, torques ^ joints
+                yield self.read([*rest, *build_sign_slips(*signs, self.robot.dof)])
 
     def best(self) -> tuple[Reading, list[Reading]]:
         """Return the best reading, and those that were tried beside it."""
@@ -229,9 +244,8 @@ class Search:
         if not reading.strained:  # what a rough file bends to
             bent = [*self._inclined(reading), *list_removals(self.robot)]
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
-            tried += [self.read(slips) for slips in self._list_angle_signs(reading)]
             others += [reading, *tried]
-            reading = max([reading, *tried], key=lambda each: each.value)
+            reading = max([reading, *tried], key=_get_value)
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         for _ in range(_DEPTH):
             if not reading.strained:
@@ -245,36 +259,33 @@ class Search:
             ]
             drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
-            best = max(tried, key=lambda each: each.value)
+            best = max(tried, key=_get_value)
             others += tried
-            if best.value <= reading.value + CHECK.suspect_nats - CHECK.odds_nats:
-                break  # not worth a word
+            few = [r for r in tried if len(r.slips) <= len(reading.slips)]
+            worth = best.value > reading.value + CHECK.suspect_nats - CHECK.odds_nats
+            others.append(reading)
+            reading = max([best] if worth else [reading, *few], key=_get_value)
+            if not worth:
+                break
+        reading = self._pruned(reading)
+        while True:
+            tried = list(self._list_signs_elsewhere(reading))
+            others += tried
+            best = max([reading, *tried], key=_get_value)
+            if best is reading:
+                return self._turned(reading), others
             others.append(reading)
             reading = best
-        return self._turned(self._pruned(reading)), others
-
-    def _list_angle_signs(self, reading: Reading) -> Iterator[list[Slip]]:
-        """Turned angles in place of turned torques: friction shows both alike."""
-        for slip in reading.slips:
-            if slip.kind == "torque_sign":
-                rest = [other for other in reading.slips if other is not slip]
-                dof = self.robot.dof
-                yield [*rest, build_angle_sign_slip(slip.joints, dof)]
-                for j in slip.joints if len(slip.joints) > 1 else ():
-                    kept = tuple(k for k in slip.joints if k != j)
-                    signs = build_angle_sign_slip((j,), dof), build_sign_slip(kept, dof)
-                    yield [*rest, *signs]
 
     def _pruned(self, reading: Reading) -> Reading:
         """Leave out what a later slip has made superfluous."""
-        reading = self.read(merge_orders(reading.slips))
         for slip in reading.slips:
             rest = [other for other in reading.slips if other is not slip]
             less = [self.read(rest)]
             if not slip.of_torques:
                 arranged = [other for other in rest if not other.of_torques]
                 less.append(self.polish(self.complete(arranged)))
-            best = max(less, key=lambda each: each.value)
+            best = max(less, key=_get_value)
             if best.value > reading.value and slip in reading.slips:
                 reading = best
         return reading
@@ -321,6 +332,14 @@ class Search:
             if near.nats > reading.nats - CHECK.odds_nats:
                 return near
         return reading
+
+
+def _get_value(reading: Reading) -> float:
+    return reading.value
+
+
+def _get_sketched(reading: Reading) -> float:
+    return reading.sketched
 
 
 def _angle(a: Array, b: Array) -> float:
@@ -386,7 +405,7 @@ def _decide(
         kind not in _NEVER_CERTAIN
         and not rivals
         and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
-        and loose > CHECK.suspect_nats
+        and (kind in _SCALED or loose > CHECK.suspect_nats)
         and physics
         and (kind not in _SCALED or _is_far(repairs))
         and _count_strain(best.strain) < CHECK.certain_nats

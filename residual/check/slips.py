@@ -6,7 +6,7 @@ line that a user is told.
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from itertools import combinations
+from itertools import combinations, permutations
 from threading import Lock
 
 import numpy as np
@@ -22,6 +22,7 @@ from residual.recording import Array
 from residual.robot.dynamics import build_motion_key
 from residual.robot.robot import Robot
 
+SIGNS = ("angle_sign", "torque_sign")
 GEAR = 100.0  # a usual ratio: motors' torques are so much smaller
 _TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the one given
 _TURNS = (-np.pi / 2, np.pi / 2, np.pi)
@@ -29,7 +30,8 @@ _ANGLE_UNITS = {
     np.pi / 180: "degrees",
     180 / np.pi: "radians that were taken for degrees",
 }
-TORQUE_UNITS = (1e-3, 1e3, 1e-2)  # N mm, kN m, N cm
+# N m per unit: N mm, kN m, N cm, kgf cm, kgf m.
+TORQUE_UNITS = (1e-3, 1e3, 1e-2, 0.0980665, 9.80665)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,13 +112,9 @@ def list_arrangement_slips(
     """
     dof = robot.dof
     yield from _list_orders(robot)
-    for joints in [(j + 1,) for j in range(dof)] + [tuple(range(1, dof + 1))]:
-        yield build_angle_sign_slip(joints, dof)
-        turn = Repair("q", joints, sign=(-1,) * len(joints))
-        both = replace(turn, signal="tau")
-        where = format_joint_numbers(joints)
-        words = f"Angle and torque of {where} count backwards; turned, they fit"
-        yield Slip("angle_sign", joints, words, (turn, both), 1.5)
+    for joints in [{j + 1} for j in range(dof)] + [set(range(1, dof + 1))]:
+        yield from build_sign_slips(joints, set(), dof)
+        yield from build_sign_slips(joints, joints, dof)
     for j in np.flatnonzero(~np.asarray(robot.prismatic)):
         for turn in _TURNS:
             degrees = f"{abs(np.degrees(turn)):.0f}"
@@ -183,6 +181,10 @@ def _list_orders(robot: Robot) -> Iterator[Slip]:
     orders |= {(*same[1:], same[0]), (same[-1], *same[:-1])}
     for order in sorted(orders - {same}):
         yield from (build_order_slip(order, signals) for signals in _SIGNALS)
+    for a, b, c in permutations(same, 3):
+        if a < min(b, c):  # three joints in a ring, each once
+            ring = swap_channels(swap_channels(same, a, b), b, c)
+            yield build_order_slip(ring, _SIGNALS[0])
 
 
 _SIGNALS = (("q", "tau"), ("tau",), ("q",))
@@ -198,10 +200,15 @@ def build_order_slip(order: Sequence[int], signals: Sequence[str]) -> Slip:
     )
     repairs = tuple(Repair(signal, order=by_name) for signal in signals)
     # Angle and torque of a joint moved together are one mistake, not two.
-    return Slip("joint_order", joints, words, repairs, float(len(joints)))
+    return Slip("joint_order", joints, words, repairs, _count_order_odds(joints))
 
 
-def merge_orders(slips: Sequence[Slip]) -> list[Slip]:
+def _count_order_odds(joints: Sequence[int]) -> float:
+    """Odds against an order: there are more of them the more joints it moves."""
+    return 1.5 + 0.25 * len(joints)
+
+
+def _merge_orders(slips: Sequence[Slip]) -> list[Slip]:
     """Return slips with all exchanges of channels as one, or none."""
     orders = {"q": None, "tau": None}
     for slip in slips:
@@ -219,7 +226,8 @@ def merge_orders(slips: Sequence[Slip]) -> list[Slip]:
     joints = tuple(sorted({j for part in parts for j in part.joints}))
     words = " and ".join(part.words for part in parts)
     repairs = tuple(r for part in parts for r in part.repairs)
-    return [Slip("joint_order", joints, words, repairs, float(len(joints))), *rest]
+    odds = 1.0 + _count_order_odds(joints)
+    return [Slip("joint_order", joints, words, repairs, odds), *rest]
 
 
 def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
@@ -245,26 +253,53 @@ def swap_channels(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
     return tuple(out)
 
 
-def build_angle_sign_slip(joints: tuple[int, ...], dof: int) -> Slip:
-    """Return the slip of angles that count the other way round."""
-    where = format_joint_numbers(joints)
-    words = f"The angle of {where} counts backwards; turned, it fits"
-    repair = Repair("q", joints, sign=(-1,) * len(joints))
-    odds = 0.1 + min(len(joints), 1 + dof - len(joints))
-    return Slip("angle_sign", joints, words, (repair,), odds)
+def build_sign_slips(angles: set[int], torques: set[int], dof: int) -> list[Slip]:
+    """Return the slips of angles and torques that count the other way round.
+
+    A joint whose angle and torque both do is turned over: one mistake.
+    """
+    both = angles & torques
+    parts = (
+        ("angle_sign", angles - both, ("q",), "The angle", 0.1),
+        ("angle_sign", both, ("q", "tau"), "Angle and torque", 0.5),
+        ("torque_sign", torques - both, ("tau",), "The torque", 0.0),
+    )
+    out = []
+    for kind, joints, signals, what, extra in parts:
+        if joints:
+            where = tuple(sorted(joints))
+            words = (
+                f"{what} of {format_joint_numbers(where)} has the other sign (friction "
+                "would give power, or weight pull upwards); turned, it fits"
+            )
+            repairs = tuple(Repair(x, where, sign=(-1,) * len(where)) for x in signals)
+            # Several joints, or all, turned in one signal are one mistake.
+            odds = 0.5 + 0.5 * min(len(where), 1 + dof - len(where)) + extra
+            out.append(Slip(kind, where, words, repairs, odds))
+    return out
 
 
-def build_sign_slip(joints: tuple[int, ...], dof: int) -> Slip:
-    """Return the slip of torques that count the other way round."""
-    words = (
-        f"The torque of {format_joint_numbers(joints)} has the wrong sign (friction "
-        "would give power, or weight pull upwards); turned, it fits"
-    )
-    repair = Repair("tau", joints, sign=(-1,) * len(joints))
-    # All of them turned are one mistake.
-    return Slip(
-        "torque_sign", joints, words, (repair,), min(len(joints), 1 + dof - len(joints))
-    )
+def split_signs(slips: Sequence[Slip]) -> tuple[set[int], set[int], list[Slip]]:
+    """Return the joints with turned angles, with turned torques, and other slips.
+
+    Joints are those after all exchanges of channels, which may follow on a sign.
+    """
+    turned: dict[str, set[int]] = {"q": set(), "tau": set()}
+    for slip in slips:
+        for repair in slip.repairs:
+            if slip.kind in SIGNS:
+                turned[repair.signal] ^= set(repair.joints)
+            elif repair.order is not None:
+                places, before = enumerate(repair.order, 1), turned[repair.signal]
+                turned[repair.signal] = {j for j, i in places if i in before}
+    rest = [slip for slip in slips if slip.kind not in SIGNS]
+    return turned["q"], turned["tau"], rest
+
+
+def merge_slips(slips: Sequence[Slip], dof: int) -> tuple[Slip, ...]:
+    """Return the same with all orders as one, and first, and all signs at last."""
+    angles, torques, rest = split_signs(slips)
+    return (*_merge_orders(rest), *build_sign_slips(angles, torques, dof))
 
 
 def list_torque_units(robot: Robot) -> Iterator[Slip]:
@@ -287,6 +322,17 @@ def list_torque_units(robot: Robot) -> Iterator[Slip]:
             )
             scale = tuple(float(abs(f)) for f in factors)
             yield Slip(kind, (), words, (Repair("tau", joints, scale=scale),))
+
+
+def list_near_units(robot: Robot, factor: Slip) -> list[Slip]:
+    """Return the units near to the factors that the torques show, and these."""
+    near = []
+    shown = np.log(np.abs(factor.repairs[0].scale))
+    for unit in list_torque_units(robot):
+        away = np.abs(shown - np.log(np.abs(unit.repairs[0].scale)))
+        if np.median(away) < np.log(CHECK.joint_ratio):
+            near.append(unit)
+    return [*near, factor]
 
 
 def build_factor_slip(shares: NominalShares) -> Slip | None:
@@ -335,8 +381,8 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
         scale=tuple(float(f"{f:.2g}") for f in rough),
     )
     kind = "gear_ratio" if middle > GEAR / 3 else "torque_unit"
-    # A factor of their own is more to ask for than a unit that has a name.
-    odds = 1.5 if each.max() < CHECK.joint_ratio * each.min() else 2.5
+    # Factors of their own are more to ask for than a unit that has a name.
+    odds = 1.5 if each.max() < CHECK.factor_spread * each.min() else 3.0
     return Slip(kind, (), words, (repair,), odds)
 
 
