@@ -54,23 +54,6 @@ from residual.signals.splitting import pick_spread_pieces
 
 FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _VELOCITY = "velocity_mismatch"
-# Kinds that the torque of the bodies in the robot file tells.
-_BY_BODIES = frozenset(
-    [
-        "torque_sign",
-        "angle_sign",
-        "joint_order",
-        "torque_unit",
-        "angle_unit",
-        "time_unit",
-        "gear_ratio",
-        "torque_scale",
-        "gravity_removed",
-        "friction_removed",
-        "mounting",
-        "wrong_robot",
-    ]
-)
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
@@ -125,14 +108,7 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if turned or dead:
         # Nothing more is known of an arm without one of its angles.
         return faults + dead + extend_repairs_to_velocities(turned, speeds, logs)
-    found = _of_the_arm(robot, logs, speeds)
-    if robot.flaws:
-        # A body that cannot be explains what another reading of the log explains.
-        found = [
-            replace(f, certain=f.certain and (f.kind not in _BY_BODIES or f in speeds))
-            for f in found
-        ]
-    return faults + found
+    return faults + _of_the_arm(robot, logs, speeds)
 
 
 def _of_the_arm(

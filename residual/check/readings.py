@@ -10,7 +10,7 @@ over the log as given with every other cause; where friction takes power then; a
 the log so read strains nothing. Else it is suspected, with its rivals.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
@@ -57,10 +57,11 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 
 WRONG = "wrong_robot"
-_DEPTH = 3  # slips of an arrangement at most
+_DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
 _ALIKE = 3.0  # nats: readings that nobody can tell apart
+_STRAY = 5.5  # odds: more mistakes than a map has at once
 _ODD_NATS = 0.5  # of strain: a torque that may be another joint's
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
@@ -259,21 +260,20 @@ class Search:
             ]
             drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
-            best = max(tried, key=_get_value)
             others += tried
-            few = [r for r in tried if len(r.slips) <= len(reading.slips)]
-            worth = best.value > reading.value + CHECK.suspect_nats - CHECK.odds_nats
+            better = [each for each in tried if _beats(each, reading)]
             others.append(reading)
-            reading = max([best] if worth else [reading, *few], key=_get_value)
-            if not worth:
+            if not better:
                 break
+            reading = max(better, key=_get_value)
         reading = self._pruned(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
             others += tried
-            best = max([reading, *tried], key=_get_value)
-            if best is reading:
+            better = [each for each in tried if _beats(each, reading)]
+            if not better:
                 return self._turned(reading), others
+            best = max(better, key=_get_value)
             others.append(reading)
             reading = best
 
@@ -334,6 +334,20 @@ class Search:
         return reading
 
 
+def _beats(reading: Reading, other: Reading) -> bool:
+    """Whether a reading replaces another: one more mistake has to be worth a word."""
+    more = {slip.kind for slip in reading.slips} - {slip.kind for slip in other.slips}
+    least = _find_least_gain(more) - CHECK.odds_nats
+    fewer = len(reading.slips) <= len(other.slips)
+    return reading.value > other.value + (0.0 if fewer else least)
+
+
+def _find_least_gain(kinds: Iterable[str]) -> float:
+    """Return what is worth a word [nats]: of sound arms gravity gains 5 at most."""
+    of_gravity = bool(kinds) and set(kinds) <= {MOUNTING, REMOVED}
+    return 2 * CHECK.odds_nats if of_gravity else CHECK.suspect_nats
+
+
 def _get_value(reading: Reading) -> float:
     return reading.value
 
@@ -359,8 +373,14 @@ def find_misreadings(
     groups: dict[str, list[Slip]] = {}
     for slip in best.slips:
         groups.setdefault(slip.kind, []).append(slip)
-    faults = (_decide(search, best, others, group) for group in groups.values())
-    return [fault for fault in faults if fault is not None]
+    decided = (_decide(search, best, others, group) for group in groups.values())
+    faults = [fault for fault in decided if fault is not None]
+    if all(fault.certain for fault in faults):
+        return faults
+    # What is certain has to leave a clean log.
+    if len(_list_arranged(best)) > 1 or best.odds > _STRAY * CHECK.odds_nats:
+        return [_doubt_robot(best)]
+    return [replace(fault, certain=False) for fault in faults]
 
 
 def _decide(
@@ -370,10 +390,10 @@ def _decide(
     kind = group[0].kind
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
-    least = CHECK.suspect_nats if kind != REMOVED else 2 * CHECK.odds_nats
-    if kind == "out_of_range" or gain < least:
+    if kind == "out_of_range" or gain < _find_least_gain([kind]):
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
+    own = {slip.words for slip in group}
     if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
         return None
     near = [
@@ -382,10 +402,10 @@ def _decide(
         if other.slips
         and not any(slip.kind == "out_of_range" for slip in other.slips)
         and other.value > best.value - CHECK.odds_nats
-        and {s.words for s in other.slips} != {s.words for s in best.slips}
+        and not own <= {slip.words for slip in other.slips}
     ]
     repairs = tuple(repair for slip in group for repair in slip.repairs)
-    told = {slip.words for slip in best.slips} - {slip.words for slip in group}
+    told = {slip.words for slip in best.slips} - own
     same = [
         o
         for o in near
@@ -412,6 +432,8 @@ def _decide(
     )
     words = ". ".join(slip.words for slip in group)
     evidence = f"{words}: better by {gain:.0f} nats."
+    if any(slip.rough for slip in group):
+        repairs, alternatives = (), ()
     return Fault(
         kind,
         joints,
@@ -474,6 +496,20 @@ def _count_strain(strain: Array) -> float:
     return float(most.sum() - most.max())
 
 
+def _list_arranged(reading: Reading) -> set[str]:
+    return {slip.kind for slip in reading.slips if not slip.of_torques}
+
+
+def _doubt_robot(best: Reading) -> Fault:
+    """Another arm, where only mistakes that do not go together explain a log."""
+    words = (
+        "No single fault makes this log fit the robot: another robot file, or "
+        f"{_name(best.slips)} at once."
+    )
+    settle = "Compare the joints' names, and the arm's type, with the robot file."
+    return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
+
+
 def _find_wrong_robot(best: Reading) -> Fault | None:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
@@ -482,8 +518,7 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
     # What a log may strain as given, it may with other units and signs of its torques.
-    arranged = {slip.kind for slip in best.slips if not slip.of_torques}
-    least = CHECK.certain_nats * (1.0, 0.5, 0.2, 0.0)[min(len(arranged), 3)]
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(len(_list_arranged(best)), 2)]
     if nats < least or not nats:
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""

@@ -30,8 +30,8 @@ _ANGLE_UNITS = {
     np.pi / 180: "degrees",
     180 / np.pi: "radians that were taken for degrees",
 }
-# N m per unit: N mm, kN m, N cm, kgf cm, kgf m.
-TORQUE_UNITS = (1e-3, 1e3, 1e-2, 0.0980665, 9.80665)
+# N m per unit: N mm, kN m, N cm, kgf cm.
+TORQUE_UNITS = (1e-3, 1e3, 1e-2, 0.0980665)
 
 
 @dataclass(frozen=True, slots=True)
@@ -43,6 +43,7 @@ class Slip:
     words: str  # a clause that says it
     repairs: tuple[Repair, ...]
     odds: float = 1.0  # against it, in multiples of those of one mistake
+    rough: bool = False  # whether its numbers are too rough to be a line of a map
 
     @property
     def of_torques(self) -> bool:
@@ -371,8 +372,7 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
         ": currents of the motors, torque before the gears, or the file of an arm of "
         "another size. Give the drives' own N m per logged unit (torque constant times "
         "gear ratio) where they are known: torque_per_unit = [...] in robot.toml, "
-        '[joints], and unit = "A" in the line tau of --map; the factors of the line '
-        "here are rough"
+        '[joints], and unit = "A" in the line tau of --map'
     )
     rough = np.where(sure, factors, middle)
     repair = Repair(
@@ -383,7 +383,7 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
     kind = "gear_ratio" if middle > GEAR / 3 else "torque_unit"
     # Factors of their own are more to ask for than a unit that has a name.
     odds = 1.5 if each.max() < CHECK.factor_spread * each.min() else 3.0
-    return Slip(kind, (), words, (repair,), odds)
+    return Slip(kind, (), words, (repair,), odds, rough=True)
 
 
 def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
@@ -398,4 +398,5 @@ def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
                 "constant or gear ratio of this drive"
             )
             repair = Repair("tau", (int(j) + 1,), scale=(factor,))
-            yield Slip("torque_scale", (int(j) + 1,), words, (repair,), 1.5)
+            slip = Slip("torque_scale", (int(j) + 1,), words, (repair,), 1.5)
+            yield replace(slip, rough=True)

@@ -9,6 +9,7 @@ from benchmarks.check_parts.arms import SEVEN, SIX, host
 from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
+from residual.check.slips import build_order_slip, build_sign_slips, merge_slips
 from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import AXES, clean_logs, edited, times
@@ -74,3 +75,25 @@ def test_the_speeds_of_an_angle_with_another_zero_stay_as_they_are():
     faults = check_logs(robot, edited(both, q=lambda q: q + off)).faults
     (fault,) = [f for f in faults if f.kind == "angle_zero"]
     assert [repair.signal for repair in fault.repairs] == ["q"]
+
+
+def test_angles_of_all_joints_that_count_backwards_are_no_turned_torques():
+    hosted = host(SEVEN, 1)
+    faults = check_logs(hosted.robot, edited(hosted.logs, q=lambda q: -q)).faults
+    assert [(f.kind, len(f.joints)) for f in faults] == [("angle_sign", 7)]
+
+
+def test_three_joints_in_a_ring_are_one_order():
+    robot, logs = clean_logs("irb140")
+    ring = np.array([2, 1, 4, 3, 0, 5])  # joints 1, 3, 5
+    bad = edited(logs, q=lambda q: q[:, ring], tau=lambda tau: tau[:, ring])
+    (fault,) = check_logs(robot, bad).faults
+    assert (fault.kind, fault.joints) == ("joint_order", (1, 3, 5))
+    assert {repair.order for repair in fault.repairs} == {(5, 2, 1, 4, 3, 6)}
+
+
+def test_signs_before_an_exchange_of_channels_are_signs_of_joints_behind_it():
+    before = build_sign_slips(set(), {3}, 6)
+    order = build_order_slip((0, 1, 3, 2, 4, 5), ("q", "tau"))
+    moved, sign = merge_slips([*before, order], 6)
+    assert (moved, sign.kind, sign.joints) == (order, "torque_sign", (4,))
