@@ -37,12 +37,11 @@ from residual.check.physics_columns import CheckMotion
 from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
 from residual.check.slips import (
     Slip,
-    build_factor_slip,
     build_mounting_slip,
     build_order_slip,
     build_sign_slips,
     list_arrangement_slips,
-    list_near_units,
+    list_factor_slips,
     list_removals,
     list_scale_slips,
     merge_slips,
@@ -163,9 +162,8 @@ class Search:
         tried = [base]
         if joints:
             tried.append(self._turn(base, set(joints)))
-        factor = self._build_factor(slips, shares)
-        if factor:
-            units = list_near_units(self.robot, factor)
+        units = self._list_factors(slips, shares)
+        if units:
             tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
         tried += [self._with_brakes(reading) for reading in tried]
         return max(tried, key=_get_sketched)
@@ -208,8 +206,7 @@ class Search:
         ]
         shares = fit_nominal_shares(reading.sums, reading.torques.order)
         shares = replace(shares, ratio=np.abs(shares.ratio))
-        factor = self._build_factor(slips, shares)
-        for unit in list_near_units(self.robot, factor) if factor else ():
+        for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
         for scale in list_scale_slips(held):
@@ -221,13 +218,10 @@ class Search:
                 order = swap_channels(range(dof), *pair)
                 yield self.read([build_order_slip(order, ("tau",)), *slips])
 
-    def _build_factor(
-        self, slips: Sequence[Slip], shares: NominalShares
-    ) -> Slip | None:
-        """Return the slip of a factor; with a clock it could hide the weight."""
-        if any(slip.kind == "time_unit" for slip in slips):
-            return None
-        return build_factor_slip(shares)
+    def _list_factors(self, slips: Sequence[Slip], shares: NominalShares) -> list[Slip]:
+        """Return slips of units; a factor beside a clock could hide the weight."""
+        clock = any(slip.kind == "time_unit" for slip in slips)
+        return [] if clock else list_factor_slips(self.robot, shares)
 
     def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
         """Turned angles in place of turned torques: friction shows both alike."""

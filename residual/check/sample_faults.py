@@ -13,7 +13,7 @@ from scipy.ndimage import median_filter
 from residual.check.evidence import fit_nominal_shares, sum_arm
 from residual.check.physics_columns import build_prior_columns, filter_check_motion
 from residual.check.result import Fault, Repair, list_true_joints
-from residual.check.slips import build_factor_slip
+from residual.check.slips import list_factor_slips
 from residual.check.thresholds import CHECK
 from residual.errors import format_joint_numbers
 from residual.recording import Array, Recording
@@ -243,7 +243,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
     if motion is None:
         return out
     shares = fit_nominal_shares(sum_arm(robot, motion), np.arange(robot.dof))
-    if build_factor_slip(shares) is not None:
+    if list_factor_slips(robot, shares):
         return out  # in another unit a held joint's torque is any joint's
     motion = replace(motion, moving=np.ones_like(motion.moving))
     every = build_prior_columns(robot, motion)

@@ -325,20 +325,10 @@ def list_torque_units(robot: Robot) -> Iterator[Slip]:
             yield Slip(kind, (), words, (Repair("tau", joints, scale=scale),))
 
 
-def list_near_units(robot: Robot, factor: Slip) -> list[Slip]:
-    """Return the units near to the factors that the torques show, and these."""
-    near = []
-    shown = np.log(np.abs(factor.repairs[0].scale))
-    for unit in list_torque_units(robot):
-        away = np.abs(shown - np.log(np.abs(unit.repairs[0].scale)))
-        if np.median(away) < np.log(CHECK.joint_ratio):
-            near.append(unit)
-    return [*near, factor]
+def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
+    """Return the slips of torques in another unit, as far as their shares say so.
 
-
-def build_factor_slip(shares: NominalShares) -> Slip | None:
-    """Return the slip of torques in another unit, drive by drive, by their shares.
-
+    Units that have a name and are near, one factor for all, and a factor of each drive.
     The joints that carry the arm decide: at a wrist a rough file is off by any factor.
     None where some of them has the share that it should have.
     """
@@ -352,38 +342,39 @@ def build_factor_slip(shares: NominalShares) -> Slip | None:
     if len(own) < few or (
         own.max() > 1 / CHECK.unit_ratio and (own.min() < CHECK.unit_ratio)
     ):
-        return None
+        return []
     sure = shows & shares.loaded(CHECK.weak_joint_share)
-    factors = np.where(sure, 1 / np.maximum(size, 1e-300), np.nan)
-    shown = np.flatnonzero(sure)
-    each = factors[shown]
     middle = float(np.median(1 / own))
-    if each.max() < CHECK.factor_spread * each.min():
-        told = f"about {np.median(each):.2g}"
-    else:
-        pairs = zip(shown, each, strict=True)
-        told = "about " + ", ".join(f"{f:.2g} (joint {j + 1})" for j, f in pairs)
-    silent = np.flatnonzero(~sure) + 1
-    rest = (
-        f"; too little shows of {format_joint_numbers(silent)}" if len(silent) else ""
-    )
+    each = np.where(sure, 1 / np.maximum(size, 1e-300), middle)
+    shown = np.flatnonzero(sure)
+    out = []
+    for unit in list_torque_units(robot):
+        away = np.abs(np.log(np.abs(unit.repairs[0].scale) / each))
+        if np.median(away[strong]) < np.log(CHECK.joint_ratio):
+            out.append(unit)
+    out.append(_build_factor_slip(np.full(len(each), middle), f"about {middle:.2g}"))
+    if each[shown].max() > CHECK.factor_spread * each[shown].min():
+        silent = np.flatnonzero(~sure) + 1
+        told = "about " + ", ".join(f"{each[j]:.2g} (joint {j + 1})" for j in shown)
+        if len(silent):
+            told += f"; too little shows of {format_joint_numbers(silent)}"
+        # Factors of their own are more to ask for than one.
+        out.append(replace(_build_factor_slip(each, told), odds=3.0))
+    return out
+
+
+def _build_factor_slip(factors: Array, told: str) -> Slip:
     words = (
-        f"Expected torques in N m, got values that fit this arm only times {told}{rest}"
+        f"Expected torques in N m, got values that fit this arm only times {told}"
         ": currents of the motors, torque before the gears, or the file of an arm of "
         "another size. Give the drives' own N m per logged unit (torque constant times "
         "gear ratio) where they are known: torque_per_unit = [...] in robot.toml, "
         '[joints], and unit = "A" in the line tau of --map'
     )
-    rough = np.where(sure, factors, middle)
-    repair = Repair(
-        "tau",
-        tuple(range(1, len(rough) + 1)),
-        scale=tuple(float(f"{f:.2g}") for f in rough),
-    )
-    kind = "gear_ratio" if middle > GEAR / 3 else "torque_unit"
-    # Factors of their own are more to ask for than a unit that has a name.
-    odds = 1.5 if each.max() < CHECK.factor_spread * each.min() else 3.0
-    return Slip(kind, (), words, (repair,), odds, rough=True)
+    scale = tuple(float(f"{f:.2g}") for f in factors)
+    repair = Repair("tau", tuple(range(1, len(scale) + 1)), scale=scale)
+    kind = "gear_ratio" if np.median(factors) > GEAR / 3 else "torque_unit"
+    return Slip(kind, (), words, (repair,), 1.5, rough=True)
 
 
 def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
