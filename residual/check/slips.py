@@ -350,20 +350,25 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     out = []
     for unit in list_torque_units(robot):
         away = np.abs(np.log(np.abs(unit.repairs[0].scale) / each))
-        if np.median(away[strong]) < np.log(CHECK.joint_ratio):
+        if np.median(away[strong]) < np.log(CHECK.unit_ratio):
             out.append(unit)
-    out.append(_build_factor_slip(np.full(len(each), middle), f"about {middle:.2g}"))
+    if each[shown].max() < CHECK.factor_spread * each[shown].min():
+        told = f"about {float(f'{middle:.2g}'):g}"
+    else:
+        told = "about " + ", ".join(
+            f"{float(f'{each[j]:.2g}'):g} (joint {j + 1})" for j in shown
+        )
+    silent = np.flatnonzero(~sure) + 1
+    if len(silent):
+        told += f"; too little shows of {format_joint_numbers(silent)}"
+    out.append(_build_factor_slip(np.full(len(each), middle), told, 1.5))
     if each[shown].max() > CHECK.factor_spread * each[shown].min():
-        silent = np.flatnonzero(~sure) + 1
-        told = "about " + ", ".join(f"{each[j]:.2g} (joint {j + 1})" for j in shown)
-        if len(silent):
-            told += f"; too little shows of {format_joint_numbers(silent)}"
         # Factors of their own are more to ask for than one.
-        out.append(replace(_build_factor_slip(each, told), odds=3.0))
+        out.append(_build_factor_slip(each, told, 3.0))
     return out
 
 
-def _build_factor_slip(factors: Array, told: str) -> Slip:
+def _build_factor_slip(factors: Array, told: str, odds: float) -> Slip:
     words = (
         f"Expected torques in N m, got values that fit this arm only times {told}"
         ": currents of the motors, torque before the gears, or the file of an arm of "
@@ -374,7 +379,7 @@ def _build_factor_slip(factors: Array, told: str) -> Slip:
     scale = tuple(float(f"{f:.2g}") for f in factors)
     repair = Repair("tau", tuple(range(1, len(scale) + 1)), scale=scale)
     kind = "gear_ratio" if np.median(factors) > GEAR / 3 else "torque_unit"
-    return Slip(kind, (), words, (repair,), 1.5, rough=True)
+    return Slip(kind, (), words, (repair,), odds, rough=True)
 
 
 def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
