@@ -123,6 +123,11 @@ class Reading:
         return measure_strain(self.sums, self.rough)
 
     @property
+    def bend(self) -> float:
+        """By how much a rough file is likelier than the one that is given [nats]."""
+        return max(self.rough.nats - self.fit(GIVEN).nats, 0.0) + self.share_odds
+
+    @property
     def strained(self) -> bool:
         """Whether the bodies of the file have to bend."""
         rough = self.rough.nats > self.fit(GIVEN).nats
@@ -375,10 +380,14 @@ def find_misreadings(
         groups.setdefault(slip.kind, []).append(slip)
     decided = (_decide(search, best, others, group) for group in groups.values())
     faults = [fault for fault in decided if fault is not None]
-    if all(fault.certain for fault in faults):
+    # An arrangement beside factors of no name fits much.
+    loose = _list_arranged(best) and any(slip.rough for slip in best.slips)
+    if all(fault.certain for fault in faults) and not loose:
         return faults
     # What is certain has to leave a clean log.
-    if len(_list_arranged(best)) > 1 or best.odds > _STRAY * CHECK.odds_nats:
+    arranged = len(_list_arranged(best))
+    bent = arranged and best.bend > CHECK.certain_nats
+    if bent or arranged > 1 or best.odds > _STRAY * CHECK.odds_nats:
         return [_doubt_robot(best)]
     return [replace(fault, certain=False) for fault in faults]
 
@@ -429,6 +438,7 @@ def _decide(
         and physics
         and (kind not in _SCALED or _is_far(repairs))
         and _count_strain(best.strain) < CHECK.certain_nats
+        and best.bend < CHECK.certain_nats
     )
     words = ". ".join(slip.words for slip in group)
     evidence = f"{words}: better by {gain:.0f} nats."
