@@ -20,7 +20,7 @@ from benchmarks.harness import cases as harness
 from benchmarks.harness.figures import finish
 
 _SEEDS = "154401:154401"
-_GROUPS = ("faults", "clean", "effects", "files")
+_GROUPS = ("faults", "clean", "explained", "effects", "large_effects", "files")
 
 
 def main() -> int:

@@ -309,7 +309,7 @@ class Diagnose(RobotRequest):
     Attributes:
         baseline: Logs of healthy runs of the robot; then only changes are named.
         trust_log: Continue although a fault of the logs is certain (modelgap check);
-            the verdict is then "unknown", and no effect is named.
+            what is named may be due to it.
         known: A value that is known for sure, such as payload.mass=2.8 (kg) of a
             weighed load, coulomb.2.level=8 or link.3.mass=4.1; may be repeated.
         model: "nominal", or the id of the diagnosis whose model is tested. Default: the

@@ -40,7 +40,9 @@ def figures(rows: Rows, deciding: bool) -> Figures:
     mended = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
     own = [row["seconds"] for row in faults]
     value = float(np.median(own)) if own else None
-    certain = [r for r in sound if any(said[2] for said in r["said"])]
+    every = sound + by_group["large_effects"]
+    certain = [r for r in every if any(said[2] for said in r["said"])]
+    explained = by_group["explained"]
     which = [[r["host"], r["seed"], r["said"]] for r in certain]
     files = by_group["files"]
     flawed = [row for row in files if row["effect"] == FLAWED]
@@ -52,7 +54,8 @@ def figures(rows: Rows, deciding: bool) -> Figures:
         **lines(_OF_FAULTS, faults),
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
-        "false_certain": figure(len(certain), 0, len(sound), which=which),
+        "false_certain": figure(len(certain), 0, len(every), which=which),
+        **lines(_OF_EXPLAINED, explained),
         **lines([_FLAWS], flawed),
         **{
             f"log_blamed_for_{name.replace(' ', '_')}": figure(
@@ -89,6 +92,11 @@ def _is_exact(mended: Mapping) -> bool:
     return mended["exact"]
 
 
+def _is_ambiguous(row: Mapping) -> bool:
+    """Whether the file, a balancer or a drive explains a log as well as a fault."""
+    return row["kind"] != "zero"
+
+
 def _is_measured(row: Mapping) -> bool:
     return row["host"] in MEASURED
 
@@ -106,6 +114,11 @@ _OF_FAULTS = (
     Line("faults_found", _hit, 0.95, beside=per(_hit, "kind")),
     Line("faults_found_simulated", _hit, of=lambda r: not _is_measured(r)),
     Line("faults_found_measured", _hit, of=_is_measured),
+)
+_OF_EXPLAINED = (
+    Line("zeros_named", _hit, 0.95, of=lambda r: r["kind"] == "zero"),
+    Line("gains_named", _hit, 0.80, of=lambda r: r["kind"] == "gain"),
+    Line("explained_certain", lambda r: r["certain"], 0.0, of=_is_ambiguous, most=True),
 )
 _FLAWS = Line("file_flaws_named", _hit, 0.90)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))

@@ -1,7 +1,7 @@
 """Cases of each group: logs with faults and sound logs, checked and compared."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import partial
 from time import perf_counter
 
@@ -15,10 +15,12 @@ from benchmarks.check_parts.arms import (
     Fault,
     host,
 )
+from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.draw import draw_sized, vocabulary
+from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.other_forms import FORMS
 from flows.inputs.read import LogSets
@@ -43,6 +45,7 @@ FAULTS: Mapping[str, Fault] = {
     for name in names.split()
 }
 SIZES = 3
+_LARGE = 3.0  # times the usual size of an effect
 _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
 
 
@@ -77,14 +80,17 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
     out += [Task("files", n, s) for s in seeds for n in (SIX, SEVEN)]
     named, strange = vocabulary(the_arm())
     hidden = (*named, *strange, *FORMS)
-    return out + [Task("effects", name, seed) for seed in seeds for name in hidden]
+    out += [Task("explained", name, seed) for seed in seeds for name in (SIX, SEVEN)]
+    groups = ("effects", "large_effects")
+    return out + [Task(g, n, seed) for seed in seeds for n in hidden for g in groups]
 
 
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error."""
-    by_group = {"faults": _faults, "clean": _clean, "effects": _effects}
-    do = (by_group | {"files": _files})[task.group]
-    if task.group != "effects" and host(task.host, task.seed) is None:
+    do = {"faults": _faults, "clean": _clean, "explained": _explained, "files": _files}
+    do |= {"effects": _effects, "large_effects": _effects}
+    do = do[task.group]
+    if "effects" not in task.group and host(task.host, task.seed) is None:
         return {"rows": []}
     return {"rows": do(task)}
 
@@ -98,12 +104,22 @@ def summary(result: Mapping) -> str:
 
 
 def _faults(task: Task) -> list[dict]:
+    return _compared(
+        task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)}
+    )
+
+
+def _explained(task: Task) -> list[dict]:
+    return _compared(task, EXPLAINED)
+
+
+def _compared(task: Task, faults: Mapping[str, Fault]) -> list[dict]:
     rows = []
-    for kind in _QUICK_KINDS if task.quick else FAULTS:
+    for kind, make_faulty in faults.items():
         for size in range(1 if task.quick else SIZES):
             arm = host(task.host, task.seed)
             rng = create_random_stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
-            faulty = FAULTS[kind](arm, size, rng)
+            faulty = make_faulty(arm, size, rng)
             if faulty is not None:
                 about = {"group": task.group, "host": arm.name, "seed": task.seed}
                 about |= {"size": size, "kind": kind, "joints": list(faulty.joints)}
@@ -123,6 +139,9 @@ def _effects(task: Task) -> list[dict]:
     form = task.host in FORMS
     name = FORMS[task.host][0] if form else task.host
     effect = draw_sized(robot, rng, name, None, ())
+    if task.group == "large_effects":
+        values = scale_effect_parameters(name, dict(effect.parameters), _LARGE)
+        effect = replace(effect, parameters=tuple(sorted(values.items())))
     hidden = as_form(effect, task.host) if form else effect
     made = make(_arm_for(name), [hidden], task.seed, task.seed)
     return [_sound(made.robot, made.fit, task, name)]

@@ -29,7 +29,7 @@ def compare(arm: Host, faulty: FaultyLogs) -> dict:
         begun = perf_counter()
         report = check_log_sets(sets)
         seconds = round(perf_counter() - begun, 3)
-        repairs = list(dict.fromkeys(f.repair for f in report.faults if f.repair))
+        repairs = list(dict.fromkeys(f.repair[0] for f in report.faults if f.repair))
         exact = _exact(repairs, faulty, arm, robot, place)
     return {
         **reported(report),

@@ -143,7 +143,15 @@ def _mended(
     own = np.array(signal.sign or (1,) * dof) * np.array(signal.scale or (1,) * dof)
     whole = own[order] * factor * gears[order] / gears
     unit, scales = _unit(name, signal.unit, np.abs(whole))
-    zero = signal.zero and tuple(signal.zero[i] for i in order)
+    zero = [signal.zero[i] for i in order] if signal.zero else []
+    own_zero = np.zeros(dof) if not any(zero) else np.array(zero)
+    if repair.zero is not None:  # as it is logged, in the unit of the columns
+        joints = [j - 1 for j in repair.joints]
+        per_reading = (whole / gears * UNITS[name][signal.unit])[joints]
+        if name == "tau" or signal.side != "link":
+            return None
+        own_zero[joints] += np.array(repair.zero) / per_reading
+    zero = tuple(own_zero.tolist())
     return replace(
         signal,
         columns=tuple(signal.columns[i] for i in order),

@@ -330,9 +330,14 @@ def describe_faults(report: LogCheck) -> list[str]:
         sure = "certain" if fault.certain else "suspected"
         lines += ["", f"{capitalize_first(title_fault(fault))}: {fault.kind}, {sure}."]
         lines += [f"  {line}" for line in fault.evidence.splitlines()]
-        if fault.repair is not None:
-            lines.append(f"  Fix ({describe_repair_file(fault.repair)}):")
-            lines += [f"    {line}" for line in fault.repair.splitlines()]
+        if fault.rivals:
+            lines.append(f"  Or: {'; '.join(fault.rivals)}.")
+        if fault.settle:
+            lines.append(f"  To settle it: {fault.settle}")
+        for number, repair in enumerate(fault.repair):
+            word = "Fix" if number == 0 else "Or as well"
+            lines.append(f"  {word} ({describe_repair_file(repair)}):")
+            lines += [f"    {line}" for line in repair.splitlines()]
     return lines
 
 
@@ -354,16 +359,14 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
     if any(effect.equivalent for effect in verdict.effects[:_NAMED_AT_MOST]):
         parts.append("These logs cannot separate the alternatives in brackets.")
     parts += [describe_errors(verdict), describe_position(verdict)]
-    if verdict.trusted:
-        parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
+    parts += [_first_fitted(verdict), describe_wrong_values(verdict)]
     joints = format_joints(verdict.unexplained.joints, dof)
     if joints and verdict.effects:
         parts.append(f"No known effect explains the remaining error on {joints}.")
-    if verdict.trusted:
-        usual = [format_effect_place(f, dof) for f in verdict.background]
-        if usual:
-            parts.append(f"Also present, as on any used arm: {join_with_and(usual)}.")
-        parts.append(_drift(verdict))
+    usual = [format_effect_place(f, dof) for f in verdict.background]
+    if usual:
+        parts.append(f"Also present, as on any used arm: {join_with_and(usual)}.")
+    parts.append(_drift(verdict))
     names = [
         f"{format_effect_place(f, dof)} ({format_probability(f.probability)})"
         for f in verdict.suspected
@@ -372,15 +375,17 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
         parts.append(
             f"Suspected, but not certain enough to be named: {join_with_and(names)}."
         )
+    if not verdict.trusted:
+        words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
+        parts.insert(
+            0, f"The logs have a fault ({words}): what follows may be due to it."
+        )
     return [part for part in (*_more_motion(verdict.log_check), *parts) if part]
 
 
 def format_claim(verdict: Verdict) -> str:
     """Return the claim of a verdict in one sentence."""
     faults = verdict.log_check.faults if verdict.log_check else ()
-    if not verdict.trusted:
-        words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
-        return f"No effect is named, because the logs are faulty: {words}."
     if verdict.verdict == "effects":
         return _effects(verdict)
     if verdict.verdict == "unknown":
@@ -388,6 +393,9 @@ def format_claim(verdict: Verdict) -> str:
             return " ".join(capitalize_first(f"{c}.") for c in verdict.contradictions)
         where = format_joints(verdict.unexplained.joints, verdict.dof)
         return f"The model lacks something on {where} that no known effect explains."
+    doubts = [f for f in faults if f.rivals and not f.certain]
+    if doubts:
+        return " ".join(["No missing effect found.", *map(_describe_doubt, doubts)])
     words = join_with_and([title_fault(f) for f in faults if f.repair])
     if words:
         return (
@@ -403,6 +411,13 @@ def format_claim(verdict: Verdict) -> str:
             "units, signs and joint order (`modelgap check`)."
         )
     return "No missing effect found."
+
+
+def _describe_doubt(fault: Fault) -> str:
+    """Say what may be wrong with a log, and what else explains it."""
+    settle = f" {fault.settle}" if fault.settle else ""
+    either = join_with_and([title_fault(fault)])
+    return f"Either {either}, or {' or '.join(fault.rivals)}.{settle}"
 
 
 def _effects(verdict: Verdict) -> str:

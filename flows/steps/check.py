@@ -13,9 +13,9 @@ from flows.inputs.repair import (
 )
 from flows.requests import Check, Map
 from residual import one_blas_thread
-from residual.check.check import WRONG, check_logs, check_robot, confirm_repairs
-from residual.check.mounting import REMOVED
-from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
+from residual.check.check import check_logs, check_robot, confirm_repairs, list_odd_logs
+from residual.check.readings import WRONG
+from residual.check.result import INTERLEAVED, MOUNTING, REMOVED, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot, replace_gravity
@@ -38,10 +38,9 @@ def check_robot_file(request: Check) -> tuple[Robot, LogCheck]:
     """Read a robot and check its file alone."""
     robot = load_command_robot(request.robot)
     report = check_robot(robot)
-    faults = (
-        replace(fault, repair=format_gravity_line(robot)) for fault in report.faults
-    )
-    return robot, LogCheck(tuple(faults))
+    line = format_gravity_line(robot)
+    repair = (line,) if line else ()
+    return robot, LogCheck(tuple(replace(f, repair=repair) for f in report.faults))
 
 
 @one_blas_thread
@@ -63,12 +62,13 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     for fault in faults:
         signals = {repair.signal for repair in fault.repairs}
         every = [*(r for r in certain if r.signal in signals), *fault.repairs]
-        line = format_repair_lines(dict.fromkeys(every), logs.robot, logs.columns)
-        if fault.kind == "robot_file" and line is None:
-            line = format_gravity_line(logs.robot)
+        ways = [dict.fromkeys(every), *fault.alternatives]
+        lines = [format_repair_lines(way, logs.robot, logs.columns) for way in ways]
+        if fault.kind == "robot_file" and not any(lines):
+            lines = [format_gravity_line(logs.robot)]
         joints, sure = tuple(map(int, fault.joints)), bool(fault.certain)
-        fault = replace(fault, joints=joints, certain=sure, log="", repair=line)
-        out.append(fault)
+        known = tuple(dict.fromkeys(line for line in lines if line))
+        out.append(replace(fault, joints=joints, certain=sure, log="", repair=known))
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         out += _faults_of_single_logs(logs, group, LogCheck(tuple(out)))
     return LogCheck(tuple(out))
@@ -102,13 +102,13 @@ def correct_mounting(logs: LogSets, report: LogCheck) -> LogSets:
 def _refusal(report: LogCheck) -> str:
     # Gravity first, then what a line can fix: the others may follow from it.
     first, *more = sorted(
-        report.certain, key=lambda f: (f.kind != MOUNTING, f.repair is None)
+        report.certain, key=lambda f: (f.kind != MOUNTING, not f.repair)
     )
     rest = f" {len(more)} more: see modelgap check." if more else ""
     evidence = " ".join(first.evidence.split())
     if first.repair:
-        line = " ".join(first.repair.split())
-        mend = f"Fix: add this line ({describe_repair_file(first.repair)}): {line} "
+        where, line = describe_repair_file(first.repair[0]), first.repair[0]
+        mend = f"Fix: add this line ({where}): {' '.join(line.split())} "
     else:
         mend = "" if _REMEDY.search(evidence) else "Record the log again. "
     return (
@@ -129,7 +129,7 @@ def _faults_of_single_logs(
     if len(group) < 2 or any(f.kind != WRONG for f in pooled.certain):
         return []
     out = []
-    for log in group:
+    for log in list_odd_logs(logs.robot, group):
         # Of one log alone gravity, or another arm, is no more than a guess.
         certain = [
             fault

@@ -68,7 +68,7 @@ def compare_epochs(
         declared: Effects that the model has, None for the robot's own list; or the
             adopted model.
         same_run: Whether the held-out logs are a part of one of the second.
-        check: Faults of the logs: with a certain one nothing is named.
+        check: Faults of the logs.
         warnings: Sentences on the logs that the verdict is to repeat.
     """
     rules = ChangeThresholds()
@@ -87,8 +87,6 @@ def compare_epochs(
     search, judgements, augmented = _judge_changes(
         search, proof, lambda own: build_augmented_model(own, nominal, before.model)
     )
-    if check is not None and check.certain:  # what was found may be the fault
-        search = replace(search, changes=())
     models = {"nominal": before.model, "identified": after.model}
     # Where nothing changed the contract of the verdict has both alike.
     models["augmented"] = augmented.model if search.changes else after.model

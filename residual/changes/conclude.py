@@ -334,10 +334,9 @@ def build_change_verdict(
         augmented: The augmented model.
     """
     robot = epochs[0].model.robot
-    faulty = check is not None and bool(check.certain)
     still = not any(t.moving.any() for t in epochs[1].logs.tracks)
     contradictions = (STILL,) if still else augmented.doubts
-    doubtful = residuals.flagged or search.without_body or contradictions or faulty
+    doubtful = residuals.flagged or search.without_body or contradictions
     effects = (
         _finding(c, i, judgements[c], search.both.logs, unproven is not None)
         for i, c in enumerate(search.changes, 1)
@@ -347,7 +346,7 @@ def build_change_verdict(
         declared=tuple(declared),
         verdict="effects" if search.changes else "unknown" if doubtful else "none",
         effects=tuple(replace_by_model_values(f, augmented) for f in effects),
-        minimum_detectable=() if faulty else tuple(find_detectable_changes(search)),
+        minimum_detectable=tuple(find_detectable_changes(search)),
         unexplained=_unexplained(search, residuals),
         error=error,
         nominal_scale=None,
@@ -361,7 +360,7 @@ def build_change_verdict(
         log_check=check,
         contradictions=contradictions,
         drift=_drift(search),
-        edit=None if faulty else edit,
+        edit=edit,
         bodies=augmented.correction,
         frames=Frames.of(robot),
         changes=tuple(compare_epoch_values(*epochs, search)),

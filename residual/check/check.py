@@ -5,17 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.column_reading import (
-    ColumnReading,
-    apply_reading,
-    build_given_reading,
-    compute_reading_odds,
-    find_misread_columns,
-    find_wrong_robot,
-)
+from residual.check.commanded import find_commanded_torque
 from residual.check.drive_chain import find_drive_faults
+from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
 from residual.check.kinematics import (
-    explains_by_zero_shift,
     find_impossible_sample_rate,
     find_joints_in_degrees,
     find_limit_violations,
@@ -23,13 +16,14 @@ from residual.check.kinematics import (
     find_uneven_time_steps,
     find_velocity_faults,
 )
-from residual.check.mounting import REMOVED, compute_body_evidence, find_mounting_fault
 from residual.check.physics_columns import (
     CheckMotion,
     compute_nominal_torque,
+    compute_residual,
     filter_check_motion,
 )
-from residual.check.result import MOUNTING, Fault, LogCheck, Repair, list_true_joints
+from residual.check.readings import find_misreadings
+from residual.check.result import Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
     find_constant_angles,
     find_encoder_wraps,
@@ -38,14 +32,8 @@ from residual.check.sample_faults import (
     scale_signal,
     smooth_spikes,
 )
+from residual.check.slips import repair_motion, repair_torques
 from residual.check.thresholds import CHECK
-from residual.check.torque_shares import (
-    build_torque_unit_fault,
-    compute_torque_factors,
-    find_commanded_torque,
-    fit_nominal_shares,
-)
-from residual.check.torque_slips import TorqueSlips, find_torque_slips
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
 from residual.robot.dynamics import (
@@ -64,24 +52,7 @@ from residual.robot.robot import Robot
 from residual.signals.splitting import pick_spread_pieces
 
 FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
-_VELOCITY, WRONG = "velocity_mismatch", "wrong_robot"
-# Kinds that the torque of the bodies in the robot file tells.
-_BY_BODIES = frozenset(
-    [
-        "torque_sign",
-        "angle_sign",
-        "joint_order",
-        "torque_unit",
-        "angle_unit",
-        "time_unit",
-        "gear_ratio",
-        "torque_scale",
-        "gravity_removed",
-        "friction_removed",
-        "mounting",
-        "wrong_robot",
-    ]
-)
+_VELOCITY = "velocity_mismatch"
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
@@ -136,14 +107,7 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     if turned or dead:
         # Nothing more is known of an arm without one of its angles.
         return faults + dead + extend_repairs_to_velocities(turned, speeds, logs)
-    found = _of_the_arm(robot, logs, speeds)
-    if robot.flaws:
-        # A body that cannot be explains what another reading of the log explains.
-        found = [
-            replace(f, certain=f.certain and (f.kind not in _BY_BODIES or f in speeds))
-            for f in found
-        ]
-    return faults + found
+    return faults + _of_the_arm(robot, logs, speeds)
 
 
 def _of_the_arm(
@@ -164,83 +128,15 @@ def _of_the_arm(
         return [*faults, *speeds]
     robot, held = find_weight_in_torque(robot, motion)
     faults += held
-    columns, reading = find_misread_columns(robot, motion)
-    slipped, mounted = find_torque_slips(robot, motion), None
-    if slipped and slipped.alone and any(fault.certain for fault in columns):
-        slipped = None
-    given = build_given_reading(robot.dof)
-    alone = motion.moving.any(axis=0).sum() < 2
-    if alone and reading.torque_order != given.torque_order:
-        # Of joints that are held no torque says whose it is.
-        columns, reading = [], given
-    # A reading that is not worth a word is none, and another arm's is no reading.
-    counts = any(fault.kind != WRONG for fault in columns)
-    read = _nats(robot, motion, reading if counts else given)
-    second = -np.inf
-    if reading.angle_unit == 1.0:
-        mounted = find_mounting_fault(robot, motion)
-    gone = mounted and mounted.fault.kind == REMOVED and not mounted.fault.certain
-    if gone and explains_by_zero_shift(robot, motion, logs, given):
-        mounted = None  # another zero says more than a weight that may be gone
-    if mounted:
-        # The rest is asked of the arm as it is mounted.
-        also, then = find_misread_columns(mounted.robot, motion)
-        # Of a load the weight is there where the arm's was taken out.
-        alike = mounted.nats if mounted.fault.kind != MOUNTING else -np.inf
-        second = max(_nats(mounted.robot, motion, then), alike) - CHECK.odds_nats
-    rivals = ((read, columns), (second, [mounted.fault] if mounted else []))
-    if slipped and all(_beats(slipped, *rival) for rival in rivals):
-        columns, robot = list(slipped.faults), slipped.robot
-        inclined = find_mounting_fault(robot, slipped.motion)
-        if inclined and inclined.fault.kind == MOUNTING and inclined.fault.certain:
-            # Rough factors of single torques turn gravity, too.
-            columns.append(replace(inclined.fault, certain=False))
-    else:
-        if mounted and second > read:
-            faults, robot = [*faults, mounted.fault], mounted.robot
-            if mounted.fault.kind != MOUNTING:
-                return [*faults, *speeds]
-            columns, reading = also, then
-        columns = _of_columns(robot, motion, columns)
-    if columns and explains_by_zero_shift(robot, motion, logs, reading):
-        return [*faults, *speeds, *find_limit_violations(robot, whole)]
-    columns += find_commanded_torque(robot, logs)
+    agree = not speeds and all(r.qd is not None for r in logs)
+    columns = find_misreadings(robot, motion, agree)
+    as_it_stands, _ = repair_motion(
+        robot, motion, [r for f in columns for r in f.repairs if r.gravity]
+    )
+    columns += find_commanded_torque(as_it_stands, logs)
     mended = any(fault.certain for fault in (*columns, *speeds))
     faults += extend_repairs_to_velocities(columns, speeds, logs)
     return faults if mended else faults + find_limit_violations(robot, whole)
-
-
-def _beats(slipped: TorqueSlips, nats: float, faults: Sequence[Fault]) -> bool:
-    """Whether slips win against faults; no absolute is said of what a pair explains."""
-    sure = {fault.kind for fault in slipped.faults if fault.certain}
-    if any(fault.kind == REMOVED and fault.certain for fault in faults) and not sure:
-        return False
-    absolute = any(fault.kind in (WRONG, REMOVED) for fault in faults)
-    surer = any(fault.kind in sure and not fault.certain for fault in faults)
-    return not faults or surer or (slipped.pair and absolute) or slipped.nats >= nats
-
-
-def _of_columns(robot: Robot, motion: CheckMotion, columns: list[Fault]) -> list[Fault]:
-    """What single readings of the columns say, else the arm."""
-    if any(fault.kind == "gear_ratio" and not fault.repairs for fault in columns):
-        shares = fit_nominal_shares(robot, motion)
-        factors = compute_torque_factors(shares)
-        columns = (
-            columns
-            if factors is None
-            else [build_torque_unit_fault(robot, factors, shares)]
-        )
-    return columns or find_wrong_robot(robot, motion)
-
-
-def _nats(robot: Robot, motion: CheckMotion, reading: ColumnReading) -> float:
-    """Log evidence of one body under other columns than those given, less the odds."""
-    nats = compute_body_evidence(robot, apply_reading(robot, motion, reading))
-    # As likely as the log itself, in the unit that it is in.
-    rows = motion.spread * motion.moving.sum()
-    return (
-        nats + float(rows * np.log(reading.torque_unit)) - compute_reading_odds(reading)
-    )
 
 
 def extend_repairs_to_velocities(
@@ -257,7 +153,8 @@ def extend_repairs_to_velocities(
     explained, out = set(), []
     for fault in faults:
         more = []
-        for repair in (r for r in fault.repairs if r.signal == "q" and with_speed):
+        angles = [r for r in fault.repairs if r.signal == "q" and r.zero is None]
+        for repair in angles if with_speed else ():
             nature = repair.order is None, repair.sign is None
             velocity, own = by_nature.get(nature, (None, Repair("qd")))
             if repair.order is not None:
@@ -293,6 +190,31 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
     return out
 
 
+def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
+    """Return the logs that miss more of one common arm than the others do."""
+    with np.errstate(all="ignore"):
+        motion = filter_check_motion(recordings)
+        if motion is None:
+            return list(recordings)
+        sums, dof = sum_arm(robot, motion), robot.dof
+        as_given = Torques(np.arange(dof), np.ones(dof))
+        fit = fit_arm(sums, as_given, sums.deviations(ROUGH))
+        rest = compute_residual(robot, motion, fit.at)
+        squares, counts = np.nan_to_num(rest**2), np.isfinite(rest)
+        rms = []  # not a number where a joint stands all along a log
+        for k in range(len(recordings)):
+            own = motion.log == k
+            mean = squares[own].sum(axis=0) / counts[own].sum(axis=0)
+            rms.append(np.sqrt(mean))
+    out = []
+    for k, log in enumerate(recordings):
+        others = np.nan_to_num(np.delete(rms, k, axis=0), nan=np.inf).min(axis=0)
+        usual = np.maximum(CHECK.odd_ratio * others, CHECK.rough_rest * fit.size)
+        if np.any(rms[k] > usual) or np.isnan(rms[k]).all():
+            out.append(log)
+    return out
+
+
 def confirm_repairs(
     robot: Robot, log: Recording, others: Sequence[Recording], repairs: Iterable[Repair]
 ) -> bool:
@@ -301,32 +223,25 @@ def confirm_repairs(
     A short log alone may fit a wrong reading better; with the others it must, too. Both
     evidences are of one body and of the torques in the unit of the file.
     """
-    mended, units = log, 0.0
-    for repair in sorted(repairs, key=lambda r: r.order is None):
-        values = getattr(mended, repair.signal, None)
-        if values is None or (repair.sign, repair.scale, repair.order) == (None,) * 3:
-            continue
-        if repair.signal == "t":
-            mended = scale_signal(mended, "t", repair.scale)
-            continue
-        factor = np.ones(log.dof)
-        at = [j - 1 for j in repair.joints] or slice(None)
-        factor[at] = np.multiply(repair.sign or 1, repair.scale or 1)
-        order = [j - 1 for j in repair.order or range(1, log.dof + 1)]
-        mended = replace(mended, **{repair.signal: values[:, order] * factor})
-        if repair.signal == "tau":
-            units += np.log(np.abs(factor))
+    repairs = [r for r in repairs if r.signal in ("q", "t", "tau")]
     with np.errstate(all="ignore"):
-        motions = [
-            filter_check_motion(pick_spread_pieces([one, *others]))
-            for one in (log, mended)
-        ]
-        if None in motions:
-            return False
-        before, after = (compute_body_evidence(robot, motion) for motion in motions)
+        motion = filter_check_motion(pick_spread_pieces([log, *others]))
         own = filter_check_motion([log])
-    rows = 0.0 if own is None else own.spread * own.moving.sum(axis=0)
-    return after + float(np.sum(rows * units)) > before + CHECK.suspect_nats
+        if motion is None or own is None:
+            return False
+        _, mended = repair_motion(robot, own, repairs)
+        torques = repair_torques(repairs, robot.dof)
+        mended = replace(mended, tau=own.tau[:, torques.order] * torques.factor)
+        rest = filter_check_motion(pick_spread_pieces(others))
+        given = Torques(np.arange(robot.dof), np.ones(robot.dof))
+        before, after = (
+            fit_arm(sums, given, sums.deviations(ROUGH)).nats
+            for each in (own, mended)
+            for sums in (sum_arm(robot, each.join(rest)),)
+        )
+    rows = own.spread * own.moving.sum(axis=0)
+    units = float(rows @ np.log(np.abs(torques.factor)))
+    return after + units > before + CHECK.suspect_nats
 
 
 def check_robot(robot: Robot) -> LogCheck:

@@ -5,17 +5,9 @@ velocity: no derivative of a noisy signal is taken.
 """
 
 from collections.abc import Sequence
-from dataclasses import replace
 
 import numpy as np
 
-from residual.check.column_reading import (
-    ColumnReading,
-    assign_channels,
-    build_given_reading,
-    score_reading,
-)
-from residual.check.physics_columns import CheckMotion
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.sample_faults import compute_running_median
 from residual.check.thresholds import CHECK
@@ -148,7 +140,12 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     """Velocities of other joints: each angle finds its own among them."""
     own, same = np.diag(related), np.arange(len(related))
-    order = assign_channels(np.abs(related) + 0.2 * np.eye(len(own)))
+    value = np.abs(related) + 0.2 * np.eye(len(own))
+    if np.all(value.argmax(axis=1) == same):
+        return same, []
+    from scipy.optimize import linear_sum_assignment
+
+    order = linear_sum_assignment(value, maximize=True)[1]
     other = order != same
     joints, best = list_true_joints(other), np.abs(related[same, order])
     if not joints or (best < CHECK.velocity_correlation)[other & moving].any():
@@ -309,36 +306,3 @@ def _speeds(recordings: Sequence[Recording]) -> Array:
         stride = max(1, min(stride, len(r.t) // 4))
         speeds.append(compute_speed_quantile(r, stride, _SHARE))
     return np.max(speeds, axis=0)
-
-
-def explains_by_zero_shift(
-    robot: Robot,
-    motion: CheckMotion,
-    recordings: Sequence[Recording],
-    best_reading: ColumnReading,
-) -> bool:
-    """Whether another zero of one joint suits a log as well as other columns do.
-
-    Angles beyond their range may have another zero, rather than other columns.
-    """
-    low = np.min([r.q.min(axis=0) for r in recordings], axis=0)
-    high = np.max([r.q.max(axis=0) for r in recordings], axis=0)
-    beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_rad
-    fits = high - low < robot.upper - robot.lower + CHECK.range_rad
-    joints = list_true_joints(beyond & fits)
-    if len(joints) != 1:
-        return False
-    j = joints[0] - 1
-    first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
-    count = min(16, 2 + int(abs(last - first) / 0.3))
-    given, other = (
-        build_given_reading(robot.dof),
-        score_reading(robot, motion, best_reading).value,
-    )
-    other += CHECK.suspect_nats if best_reading == given else 0.0
-    for shift in np.linspace(first, last, count):
-        q = motion.q.copy()
-        q[:, j] += shift
-        if score_reading(robot, replace(motion, q=q), given).nats >= other:
-            return True
-    return False

@@ -21,10 +21,10 @@ from residual.robot.dynamics import (
     PER_LINK,
     build_motion_key,
     compute_flange_jacobian,
-    compute_gravity_torque,
     compute_last_joint_distance,
     compute_reach,
     compute_robot_regressor,
+    compute_weight_torques,
     read_inertial_parameters,
 )
 from residual.robot.robot import Robot
@@ -41,7 +41,9 @@ _PULL = 0.05  # of the arm's weight, at the flange
 _LEAST_SIZE = 0.05  # of the strongest joint's torque
 _NOTHING = 1e-9
 OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
-_FRICTION = (1, 2, 7, 8)  # of the columns beside the body
+LOCAL = 10  # columns of one joint alone
+FRICTION, WEIGHT = (1, 2, 7, 8), 9  # of these
+SHARE = 0.1  # of the weight that a joint may miss
 
 
 def compute_row_rms(x: Array) -> Array:
@@ -59,6 +61,7 @@ class CheckMotion:
     qdd: Array
     tau: Array  # torque behind the same filter [N m], (n, dof)
     moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
+    log: Array  # which of the recordings a row is of, (n,), int
     spread: float  # independent rows for each row that is there
 
     @property
@@ -75,6 +78,24 @@ class CheckMotion:
         parts = {k: getattr(self, k)[:, order] * scale for k in ("q", "qd", "qdd")}
         return replace(self, moving=self.moving[:, order], **parts)
 
+    def sketch(self) -> "CheckMotion":
+        """Return the motion by rows that are independent of each other."""
+        every = max(1, int(1 / self.spread))
+        names = ("q", "qd", "qdd", "tau", "moving", "log")
+        parts = {name: getattr(self, name)[::every] for name in names}
+        return replace(self, **parts, spread=min(1.0, every * self.spread))
+
+    def join(self, other: "CheckMotion | None") -> "CheckMotion":
+        """Return the rows of both, of the larger spread."""
+        if other is None:
+            return self
+        pairs = {
+            name: np.concatenate([getattr(self, name), getattr(other, name)])
+            for name in ("q", "qd", "qdd", "tau", "moving", "log")
+        }
+        rows = len(self.q) * self.spread + len(other.q) * other.spread
+        return CheckMotion(**pairs, spread=rows / len(pairs["q"]))
+
 
 def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
     """Filter and thin logs; None where nothing is left of them."""
@@ -84,10 +105,11 @@ def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
     if total < 10:
         return None
     every, parts = max(1, int(np.ceil(total / _MOST_ROWS))), []
-    for track in tracks:
+    for number, track in enumerate(tracks):
         use = np.flatnonzero(track.valid)[::every]
         motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
-        parts.append((*motion, track.tau[use], track.moving[use]))
+        label = np.full(len(use), number)
+        parts.append((*motion, track.tau[use], track.moving[use], label))
     rows = [np.concatenate(part) for part in zip(*parts, strict=True)]
     seconds = sum(t.valid.sum() * t.step / t.rate for t in tracks)
     return CheckMotion(*rows, spread=min(1.0, seconds / _APART / len(rows[0])))
@@ -101,6 +123,7 @@ class PriorColumns:
     values: Array  # torque of each coefficient of one [N m], (n, p)
     brake: Array  # power that friction takes, per coefficient of one [W], (p,)
     rows: Array  # rows that are used. Shape of all rows, bool
+    weight: Array  # torque of gravity on the bodies of the file [N m], (n,)
 
 
 # Many readings of a log, and directions of gravity, look at the same motion. A cache
@@ -134,40 +157,51 @@ def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
     return down, float(np.linalg.norm(down)) * across
 
 
-def build_prior_columns(
-    robot: Robot, motion: CheckMotion, upright: Robot | None = None
-) -> list[PriorColumns]:
-    """Return the columns of every joint.
-
-    Args:
-        upright: The same arm under another gravity: what gravity does not change is
-            remembered by it.
-    """
+def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]:
+    """Return the columns of every joint: its own, those of the world, the bodies'."""
     y, nominal = _inertial_columns(robot, motion)
     size = compute_row_rms(nominal)
     size = np.maximum(size, _LEAST_SIZE * max(size.max(), _NOTHING))
-    arm = robot if upright is None else upright
     down, across = compute_gravity_axes(robot)
-    tilts = [_tilt_torque(arm, motion.q, TILT * x) for x in across]
+    fields = _weight_torques(robot, motion.q)
+    weight = fields @ down
     force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
-    pulls = force * _pull_torques(arm, motion.q)
-    outer = np.concatenate([np.stack(tilts, axis=2), pulls], axis=2)
-    root, out = _inertial_root(arm), []
+    pulls = force * _pull_torques(robot, motion.q)
+    outer = np.concatenate([TILT * fields @ across.T, pulls], axis=2)
+    root, out = get_inertial_root(robot), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
-        local = size[j] * _local(motion, j, use)
-        body = y[use, j, first:] @ root[first:]
-        values = np.column_stack([local, outer[use, j], body])
+        local = np.column_stack(
+            [size[j] * _local(motion, j, use), SHARE * weight[use, j]]
+        )
+        bodies = np.zeros((int(use.sum()), PER_LINK * motion.dof))
+        bodies[:, first:] = y[use, j, first:] @ root[first:, first:]
+        values = np.column_stack([local, outer[use, j], bodies])
         brake = np.zeros(values.shape[1])
         if use.any():
-            friction = local[:, _FRICTION] * motion.qd[use, j, None]
-            brake[list(_FRICTION)] = friction.mean(axis=0)
-        out.append(PriorColumns(nominal[use, j], values, brake, use))
+            friction = local[:, FRICTION] * motion.qd[use, j, None]
+            brake[list(FRICTION)] = friction.mean(axis=0)
+        own = nominal[use, j], values, brake, use, weight[use, j]
+        out.append(PriorColumns(*own))
+    return out
+
+
+def compute_residual(robot: Robot, motion: CheckMotion, at: Array) -> Array:
+    """Return what coefficients of all joints leave of the torques [N m]. (n, dof).
+
+    Not a number where a joint stands.
+    """
+    out = np.full(motion.tau.shape, np.nan)
+    common = at[LOCAL * motion.dof :]
+    for j, own in enumerate(build_prior_columns(robot, motion)):
+        alone = at[LOCAL * j : LOCAL * (j + 1)]
+        model = own.nominal + own.values @ np.concatenate([alone, common])
+        out[own.rows, j] = motion.tau[own.rows, j] - model
     return out
 
 
 @lru_cache(maxsize=4)
-def _inertial_root(robot: Robot) -> Array:
+def get_inertial_root(robot: Robot) -> Array:
     """What a rough robot file leaves open, and a load that it may not have at all.
 
     The lower root of the covariance of its parameters; motions and readings share it.
@@ -186,9 +220,9 @@ def _mass(robot: Robot) -> float:
 
 
 @cached(LRUCache(64), key=build_motion_key, lock=Lock())
-def _tilt_torque(robot: Robot, q: Array, direction: Array) -> Array:
-    """Torques that hold the arm in a field of gravity. Shape (n, dof)."""
-    return compute_gravity_torque(robot.model, q, direction)
+def _weight_torques(robot: Robot, q: Array) -> Array:
+    """Torques that hold the arm in fields of 1 m/s^2. Shape (n, dof, 3)."""
+    return compute_weight_torques(robot.model, q)
 
 
 @cached(LRUCache(64), key=build_motion_key, lock=Lock())
@@ -198,7 +232,7 @@ def _pull_torques(robot: Robot, q: Array) -> Array:
 
 
 def _local(motion: CheckMotion, j: int, use: Array) -> Array:
-    """Rotor, friction in several forms, and what follows the angle. Shape (n, 10)."""
+    """Rotor, friction in several forms, and what follows the angle. Shape (n, 9)."""
     q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
     turn = q - q.mean() if len(q) else q
     speed, hard, wide = (
@@ -210,9 +244,9 @@ def _local(motion: CheckMotion, j: int, use: Array) -> Array:
             qd / speed,
             np.tanh(qd / (0.05 * speed)),
             np.ones_like(q),
-            0.5 * np.sin(q),
-            0.5 * np.cos(q),
-            0.5 * turn / wide,
+            0.15 * np.sin(q),
+            0.15 * np.cos(q),
+            0.15 * turn / wide,
             0.5 * np.abs(qd) / speed,
             0.5 * np.abs(qd) * qd / speed**2,
         ]

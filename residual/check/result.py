@@ -10,14 +10,14 @@ from residual.errors import InputError, format_joint_numbers, quote_value
 from residual.quantity import convert_to_plain_values
 
 SCHEMA = 1
-MOUNTING, INTERLEAVED = "mounting", "interleaved"
+MOUNTING, INTERLEAVED, REMOVED = "mounting", "interleaved", "gravity_removed"
 # Kinds of stored checks that are no longer looked for: the diagnosis names them.
-FORMER = ("torque_scale", "friction_removed", "delay", "filtered")
+FORMER = ("friction_removed", "delay", "filtered")
 KINDS: tuple[str, ...] = (
     MOUNTING,
-    *("torque_sign", "angle_sign", "joint_order", "torque_unit", "angle_unit"),
-    *("time_unit", "gear_ratio", "gravity_removed", "commanded", "clock", INTERLEAVED),
-    "drive",
+    *("torque_sign", "angle_sign", "angle_zero", "joint_order", "torque_unit"),
+    *("torque_scale", "angle_unit", "time_unit", "gear_ratio", REMOVED, "commanded"),
+    *("clock", INTERLEAVED, "drive"),
     *("spike", "frozen", "constant", "quantised", "saturated", "velocity_mismatch"),
     *("out_of_range", "lockstep", "too_short", "no_reversal"),
     *("robot_file", "wrong_robot", *FORMER),
@@ -37,6 +37,8 @@ class Repair:
     order: tuple[int, ...] | None = None
     gravity: tuple[float, ...] | None = None  # in the base frame [m/s^2]
     gravcomp: bool | None = None  # whether what an MJCF states of it holds
+    # Angle of each of the joints at its zero, as it is logged [rad].
+    zero: tuple[float, ...] | None = None
     unwrap: bool = False  # whole turns between two samples are to be undone
     drive: Drive | None = None  # how torque follows from the goal
 
@@ -51,7 +53,12 @@ class Fault:
     evidence: str  # one or two sentences, with numbers
     repairs: tuple[Repair, ...] = ()  # until `repair` has them as lines
     log: str = ""  # id of the recording, until it is in the evidence; "" for all
-    repair: str | None = None  # lines for COLUMNS.toml or robot.toml
+    # Lines for COLUMNS.toml or robot.toml, each a whole repair: any of them serves.
+    repair: tuple[str, ...] = ()
+    rivals: tuple[str, ...] = ()  # what explains the log nearly as well
+    settle: str = ""  # what would tell them apart
+    # Other repairs that serve as well.
+    alternatives: tuple[tuple[Repair, ...], ...] = ()
 
     @property
     def where(self) -> str:
@@ -63,7 +70,7 @@ class Fault:
     def sentence(self) -> str:
         """The fault, its evidence and its repair, in one line."""
         sure = "certain" if self.certain else "suspected"
-        fix = f" Fix: {self.repair}" if self.repair else ""
+        fix = f" Fix: {' or: '.join(self.repair)}" if self.repair else ""
         text = f"fault of the logs ({self.where}, {sure}): {self.evidence}{fix}"
         return " ".join(text.split())
 
@@ -73,7 +80,8 @@ def list_true_joints(mask: np.ndarray) -> tuple[int, ...]:
     return tuple(int(j) + 1 for j in np.flatnonzero(mask))
 
 
-_TOLD = ("kind", "joints", "certain", "evidence", "repair")  # of a fault, as JSON
+# Of a fault, as JSON.
+_TOLD = ("kind", "joints", "certain", "evidence", "repair", "rivals", "settle")
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -111,7 +119,7 @@ class LogCheck:
         for fault in self.faults:
             sure = "certain" if fault.certain else "suspect"
             lines.append(f"  {fault.where} ({sure}): {fault.evidence}")
-            lines += [f"    {line}" for line in (fault.repair or "").splitlines()]
+            lines += [f"    {x}" for each in fault.repair for x in each.splitlines()]
         return "\n".join(lines)
 
 
@@ -123,8 +131,19 @@ def read_log_check(document: Mapping) -> LogCheck:
             f"{SCHEMA}."
         )
     try:
-        told = [{name: f[name] for name in _TOLD} for f in document["faults"]]
-        faults = (Fault(**one | {"joints": tuple(one["joints"])}) for one in told)
-        return LogCheck(tuple(faults))
+        return LogCheck(tuple(map(_read_fault, document["faults"])))
     except (KeyError, TypeError) as error:
         raise InputError(f"This is no whole check: {error!r}.") from error
+
+
+def _read_fault(document: Mapping) -> Fault:
+    line = document["repair"]  # in checks of before one line, or null
+    return Fault(
+        document["kind"],
+        tuple(document["joints"]),
+        document["certain"],
+        document["evidence"],
+        repair=tuple([line] if isinstance(line, str) else line or ()),
+        rivals=tuple(document.get("rivals", ())),
+        settle=document.get("settle", ""),
+    )

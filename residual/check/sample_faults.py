@@ -10,10 +10,11 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
+from residual.check.evidence import fit_nominal_shares, sum_arm
 from residual.check.physics_columns import build_prior_columns, filter_check_motion
 from residual.check.result import Fault, Repair, list_true_joints
+from residual.check.slips import list_factor_slips
 from residual.check.thresholds import CHECK
-from residual.check.torque_shares import compute_torque_factors, fit_nominal_shares
 from residual.errors import format_joint_numbers
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
@@ -239,10 +240,10 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
     if jointwise and recording.dof > 2:
         return out
     motion = filter_check_motion([recording]) if silent else None
-    if (
-        motion is None
-        or compute_torque_factors(fit_nominal_shares(robot, motion)) is not None
-    ):
+    if motion is None:
+        return out
+    shares = fit_nominal_shares(sum_arm(robot, motion), np.arange(robot.dof))
+    if list_factor_slips(robot, shares):
         return out  # in another unit a held joint's torque is any joint's
     motion = replace(motion, moving=np.ones_like(motion.moving))
     every = build_prior_columns(robot, motion)

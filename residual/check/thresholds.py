@@ -22,6 +22,13 @@ class CheckThresholds:
     one_joint_nats: float = 40.0  # bending at most: two joints may hide an effect
     broken_nats: float = 150.0  # bending: certainly another arm
 
+    strained_nats: float = 6.0  # of all joints: other arrangements are tried
+    least_rest: float = 0.02  # of a torque: no file is nearer
+    rough_rest: float = 0.08  # of a torque: what a rough file may leave
+    odd_ratio: float = 2.0  # of a log's rest to the least of the others
+    share_sd: float = 0.4  # relative, of what loads and losses leave of a torque
+    gain_ratio: float = 1.6  # of one torque's factor: below it is an effect
+
     # Single samples and constant values.
     spike_ratio: float = 12.0  # times the 99 % quantile of the signal's deviations
     spike_share: float = 0.002  # of the samples: more are not single ones
@@ -69,7 +76,7 @@ class CheckThresholds:
     ratio_sd: float = 0.25  # relative deviation of a ratio at most
     # Grippers and loads reach 2 on the joint that they load least, and less in the mean
     # of the joints that carry the arm.
-    unit_ratio: float = 2.5
+    unit_ratio: float = 1.8
     unit_certain_ratio: float = 5.0
     joint_ratio: float = 4.0  # of a joint in its place and unit
     inertia_ratio: float = 1.6  # of the inertia in a torque without weight

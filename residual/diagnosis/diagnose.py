@@ -64,8 +64,7 @@ def diagnose(
             adopted model (`Diagnosis.adoptable`), with its logs as the baseline.
         ignore_baseline: Ignore the baseline, for what the fit logs by themselves leave
             open.
-        check: Faults of the logs. With a certain one nothing is named: what was found
-            may be the fault.
+        check: Faults of the logs: what is named may be due to them.
         warnings: Sentences on the logs that the verdict repeats first.
 
     Raises:
@@ -103,9 +102,7 @@ def diagnose(
     remains = analyze_unexplained(outcome, validation.fit, augmented)
     named, background = split_background(standing.named, outcome.logs.robot.dof)
     question = build_open_question(outcome, validation.fit, named)
-    if check is not None and check.certain:
-        named, models["augmented"] = (), models["identified"]
-    elif remains.correction is not None:  # tables for the rest are a model too
+    if remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
     # The error of every model on the held-out logs, beside plain least squares.
     filters = outcome.logs.filters

@@ -85,8 +85,7 @@ def build_verdict(
     """Return the verdict, of plain values: what is not finite is None.
 
     Args:
-        named: The findings to be listed, most torque first; none where a fault of the
-            logs is certain.
+        named: The findings to be listed, most torque first.
         background: Those that any used arm has.
         bodies: The augmented model, and what of it no body could be.
         errors: Errors of each model on the held-out logs; `tables` has them as values.
@@ -94,12 +93,11 @@ def build_verdict(
     """
     outcome, validation = confirmed.outcome, confirmed.validation
     task, robot = outcome.task, outcome.logs.robot
-    faulty = check is not None and bool(check.certain)
     contradicted = (
         *describe_contradictions(outcome, validation.fit, errors),
         *bodies.doubts,
     )
-    doubtful = len(outcome.adequacy.doubted) or contradicted or faulty
+    doubtful = len(outcome.adequacy.doubted) or contradicted
     every = neighbor_priors(PriorSpace(task.design, outcome.nominal), task.prior)
     least = _clear_links(outcome, find_detectable_sizes(task, validation.fit, every))
     alternatives = tuple(
@@ -120,11 +118,11 @@ def build_verdict(
         declared=tuple(outcome.nominal.names),
         verdict="effects" if named else "unknown" if doubtful else "none",
         effects=tuple(replace_by_model_values(f, bodies) for f in listing(named)),
-        minimum_detectable=() if faulty else tuple(least),
+        minimum_detectable=tuple(least),
         unexplained=_unexplained(outcome, unexplained.joints),
         error=tables,
         nominal_scale=convert_to_plain_values(task.prior.scale),
-        next_experiment=None if faulty else predict_best_motion(question),
+        next_experiment=predict_best_motion(question),
         warnings=(
             *notes,
             *(check.sentences if check else ()),
@@ -141,7 +139,7 @@ def build_verdict(
         ),
         background=tuple(listing(background)),
         bodies=bodies.correction,
-        suspected=() if faulty else tuple(listing(confirmed.suspected)),
+        suspected=tuple(listing(confirmed.suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )
 

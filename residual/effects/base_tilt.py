@@ -1,7 +1,7 @@
 """A base that does not stand as the model says: gravity comes from elsewhere.
 
 The tilt is an angle of rotation of up to ten degrees; beyond, an arm is mounted
-otherwise than its file says (residual.check.mounting). |g| times its tangent is added
+otherwise than its file says (residual.check.slips). |g| times its tangent is added
 to gravity in the base frame.
 """
 

@@ -95,6 +95,16 @@ def compute_gravity_torque(model: pin.Model, q: Array, direction: Array) -> Arra
     return _over((model.nv,), pin.computeGeneralizedGravity, tilted, q)
 
 
+def compute_weight_torques(model: pin.Model, q: Array) -> Array:
+    """Return the torques that hold the arm in fields of 1 m/s^2. Shape (n, dof, 3).
+
+    Along x, y and z of the base; as `compute_gravity_torque`, which is linear in them.
+    """
+    mass = sum(body.mass for body in list(model.inertias)[1:])
+    jacobian = _over((3, model.nv), pin.jacobianCenterOfMass, model, q)
+    return -mass * jacobian.transpose(0, 2, 1)
+
+
 def compute_flange_jacobian(model: pin.Model, q: Array) -> Array:
     """Return the Jacobian of the flange, the last frame of the arm. Shape (n, 6, dof).
 

@@ -430,15 +430,14 @@ class Verdict:
         errors = self.error.overall_moving
         before, after = (format_percent(errors[k]) for k in ("identified", "augmented"))
         said = "nothing found" if self.verdict == "none" else "something without a name"
-        if not self.trusted:
-            said = "nothing named, the logs are at fault"
-        elif self.effects:
+        if self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
             odds = [f"probability {_odds(min(sure))}"] if sure else []
             said = ", ".join([*(f.where for f in self.effects), *odds])
         elif self.verdict == "unknown":
             said += _joints_phrase(self.unexplained.joints)
         held_out = f"{before} -> {after}" if self.effects else before
+        said += "" if self.trusted else " (faulty logs)"
         return f"{self.robot}: {said}; held-out {held_out}"
 
 

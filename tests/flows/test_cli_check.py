@@ -91,13 +91,15 @@ def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys)
     assert document["verdict"] == "unusable"
     sign, late = document["faults"]
     assert (sign["kind"], sign["joints"], sign["certain"]) == ("torque_sign", [2], True)
-    assert sign["repair"].startswith("tau = {columns = [")
+    assert sign["repair"][0].startswith("tau = {columns = [")
     assert late == {
         "kind": "delay",
         "joints": [],
         "certain": False,
         "evidence": "A: Torque is late by 8 ms.",
-        "repair": None,
+        "repair": [],
+        "rivals": [],
+        "settle": "",
     }
     assert read_log_check(document).to_json() == document
 
@@ -107,7 +109,9 @@ def test_two_faults_of_one_signal_have_one_line_for_both(log, fake_check, capsys
     other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
     fake_check(SIGN, other)
     run("check A.csv --robot irb140 --json -")
-    one, two = (f["repair"] for f in json.loads(capsys.readouterr().out)["faults"])
+    (one,), (two,) = (
+        f["repair"] for f in json.loads(capsys.readouterr().out)["faults"]
+    )
     assert one == two
     assert one.endswith("sign = [1, -1, 1, 1, 1, 1], scale = [1, 1, 1, 1, 0.001, 1]}")
 

@@ -1,4 +1,4 @@
-"""A certain fault of logs stops every command; trusted, it lets nothing be named."""
+"""A certain fault of logs stops every command; trusted, it is a warning."""
 
 import json
 from dataclasses import replace
@@ -59,8 +59,8 @@ def named(monkeypatch):
 
     def diagnose(*args, check, warnings, **rest):
         content = {
-            "verdict": "unknown" if check.certain else "effects",
-            "effects": [] if check.certain else [effect],
+            "verdict": "effects",
+            "effects": [effect],
             "log_check": check.to_json(),
             "warnings": [*warnings, *check.sentences],
         }
@@ -84,21 +84,23 @@ def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
     assert not Path("store").exists()
 
 
-def test_trusted_logs_with_certain_fault_let_nothing_be_named(place, fake_check, named):
+def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(
+    place, fake_check, named
+):
     fake_check["faults"] = [SIGN, DOUBT]
     words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
     assert run(words) == 0
     verdict = json.loads(Path("o.json").read_text())
-    assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
+    assert [effect["name"] for effect in verdict["effects"]] == ["payload"]
     check = verdict["log_check"]
     assert (check["schema"], check["verdict"]) == (1, "unusable")
-    assert [f["repair"] for f in check["faults"]] == [LINE, None]
-    sentence = format_headline(typed({"log_check": check, "verdict": "unknown"}))
-    assert sentence.startswith(
-        "No effect is named, because the logs are faulty: torque has the opposite "
-        "sign (joint 2)."
+    assert [f["repair"] for f in check["faults"]] == [[LINE], []]
+    warning = (
+        "The logs have a fault (torque has the opposite sign (joint 2)): what follows "
+        "may be due to it."
     )
-    assert "the logs are faulty" in Path("o.html").read_text(encoding="utf-8")
+    assert format_headline(typed(verdict)).startswith(warning)
+    assert warning in Path("o.html").read_text(encoding="utf-8")
 
 
 def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
@@ -115,8 +117,8 @@ def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
 def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0
-    # Those of a set once more, each by itself; a set of one is not.
-    assert fake_check["asked"] == [["A", "C"], ["B"], ["A"], ["C"]]
+    # None of these by itself: they are of one arm.
+    assert fake_check["asked"] == [["A", "C"], ["B"]]
     fake_check["of"] = "B"
     fake_check["faults"] = [SIGN]
     assert run(words) == 2
@@ -168,7 +170,7 @@ def test_runs_of_the_store_are_checked_too(place, fake_check, named):
     )
     diagnosis, _ = diagnose_stored_runs(trusted)
     record = read_record(Path("store"), diagnosis)
-    assert record["document"]["verdict"] == "unknown"
+    assert record["document"]["verdict"] == "effects"
     assert record["request"]["trust_log"] is True
 
 
@@ -179,7 +181,7 @@ def test_the_door_checks_and_refuses_likewise(place, fake_check):
     fake_check["faults"] = [SIGN, DOUBT]
     report = mg.check(robot, fit)
     assert report.verdict == "unusable"
-    assert report.faults[0].repair == LINE
+    assert report.faults[0].repair == (LINE,)
     assert repr(report).splitlines() == [
         "LogCheck(unusable)",
         "  torque sign, joint 2 (certain): Friction gives.",

@@ -4,10 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scipy.optimize import linear_sum_assignment
 from scipy.signal import butter, sosfiltfilt
 
-from residual.check.column_reading import assign_channels
 from residual.effects.backlash import _flight
 from residual.evidence.fit import FitEquations, fit_jointly
 from residual.signals.filters import filter_low_pass
@@ -66,14 +64,6 @@ def test_a_link_flies_as_step_by_step(seed, n, strong):
             x, v = gap * np.sign(x), 0.0
         plain[i] = x
     np.testing.assert_allclose(_flight(push, gap, dt), plain, atol=1e-12)
-
-
-@given(SEEDS, st.integers(1, 7))
-def test_the_best_order_has_the_most_value(seed, n):
-    value = np.random.default_rng(seed).normal(size=(n, n)) + np.eye(n)
-    rows, columns = linear_sum_assignment(value, maximize=True)
-    own = value[np.arange(n), assign_channels(value)].sum()
-    assert own == pytest.approx(value[rows, columns].sum())
 
 
 @given(SEEDS)

@@ -135,7 +135,7 @@ def test_a_verdict_that_lacks_a_key_is_refused(key):
         from_json(record)
 
 
-FAULT = Fault("torque_sign", (2,), True, "Friction gives.", repair="tau = {}")
+FAULT = Fault("torque_sign", (2,), True, "Friction gives.", repair=("tau = {}",))
 DOUBT = Fault("filtered", (), False, "No noise.")
 
 
@@ -148,29 +148,21 @@ def checked(check, baseline=()):
 @pytest.mark.parametrize(
     "compared", [False, pytest.param(True, marks=pytest.mark.long)]
 )
-def test_where_the_logs_are_at_fault_nothing_is_named_and_nothing_claimed(compared):
+def test_a_trusted_fault_of_the_logs_is_a_warning_and_the_names_stand(compared):
     baseline = plain_logs(arm(), [0, 1], 0.0) if compared else ()
     result = checked(LogCheck((FAULT, DOUBT)), baseline)
-    verdict = to_json(result.verdict)
-    assert (verdict["verdict"], verdict["effects"]) == ("unknown", [])
-    assert verdict["minimum_detectable"] == verdict["suspected"] == []
-    assert (verdict["next_experiment"], verdict["edit"]) == (None, None)
-    assert verdict["log_check"]["verdict"] == "unusable"
-    faults = [f["kind"] for f in verdict["log_check"]["faults"]]
-    assert faults == ["torque_sign", "filtered"]
-    for table in set(TABLES) - {"moving"}:
-        error = verdict["error"][table]
-        assert error["augmented"] == error["identified"]
-        assert error["plsr"] is None
-    assert result.models["augmented"] is result.models["identified"]
-    assert set(result.models) == {"nominal", "identified", "augmented"}
-    assert not result.clouds + result.sentences
-    assert result.warnings[0] == (
+    after, same = to_json(result.verdict), to_json(checked(None, baseline).verdict)
+    assert after["effects"]
+    assert "(faulty logs)" in repr(result)
+    assert from_json(json.loads(json.dumps(after, allow_nan=False))) == result.verdict
+    assert after.pop("log_check")["verdict"] == "unusable"
+    warnings, rest = after.pop("warnings"), same.pop("warnings")
+    assert warnings == [FAULT.sentence, DOUBT.sentence, *rest]
+    assert warnings[0] == (
         "fault of the logs (torque sign, joint 2, certain): Friction gives. "
         "Fix: tau = {}"
     )
-    assert "nothing named, the logs are at fault" in repr(result)
-    assert from_json(json.loads(json.dumps(verdict, allow_nan=False))) == result.verdict
+    assert {**after, "log_check": None} == same
 
 
 def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():

@@ -66,15 +66,17 @@ def test_an_arm_that_hides_something_has_a_clean_log(effect):
 def test_an_arm_of_another_build_is_the_wrong_robot():
     _, logs = clean_logs("irb140")
     (fault,) = check_logs(arm(3 * ("0 1 0", "0 0 1")), logs).faults
-    assert (fault.kind, fault.joints, fault.certain) == ("wrong_robot", (), True)
+    assert (fault.kind, fault.joints) == ("wrong_robot", ())
     assert fault.repairs == ()
 
 
 def test_a_time_twice_as_long_is_found_by_weight_against_inertia():
     robot, logs = clean_logs("small")
     (fault,) = check_logs(robot, edited(logs, t=times(2))).faults
-    assert (fault.kind, fault.joints) == ("time_unit", ())
+    # The inertia of a file may be a placeholder: it is no clock.
+    assert (fault.kind, fault.joints, fault.certain) == ("time_unit", (), False)
     assert fault.repairs == (Repair("t", scale=0.5),)
+    assert fault.settle
 
 
 def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
@@ -83,7 +85,8 @@ def test_torques_of_the_motors_are_found_and_mended_where_the_gears_are_known():
     damaged = edited(logs, tau=lambda tau: tau / gears)
     (fault,) = check_logs(robot, damaged).faults
     assert (fault.kind, fault.certain) == ("gear_ratio", True)
-    assert fault.repairs[0].scale == pytest.approx(gears, rel=0.15)  # 2 digits
+    assert "about 120 (joint 1), 99 (joint 2), 79 (joint 3)" in fault.evidence
+    assert not fault.repairs
     (fault,) = check_logs(replace(robot, gear_ratio=gears), damaged).faults
     assert fault.repairs == (Repair("tau", (1, 2, 3), scale=(120.0, 100.0, 80.0)),)
 
@@ -100,7 +103,7 @@ def test_angles_of_the_motors_are_mended_by_known_gears():
     assert repair.scale == pytest.approx(tuple(1 / gears))
     both = edited(logs, q=lambda q: q * gears, tau=lambda tau: tau / gears)
     (fault,) = check_logs(geared, both).faults
-    assert [repair.signal for repair in fault.repairs] == ["tau", "q"]
+    assert {repair.signal for repair in fault.repairs} == {"tau", "q"}
 
 
 def test_velocity_and_reference_are_mended_with_their_angle():

@@ -8,6 +8,7 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.check_parts.arms import SEVEN, host
 from flows.inputs.repair import format_repair_lines
 from residual.check.check import (
     check_logs,
@@ -44,9 +45,8 @@ def test_currents_are_told_with_the_factor_of_each_joint(example, loaded):
     (fault,) = check_logs(robot, edited(logs[:2], tau=times(1 / CONSTANTS))).faults
     assert (fault.kind, fault.joints, fault.certain) == ("torque_unit", (), True)
     assert "torque_per_unit" in fault.evidence
-    (repair,) = fault.repairs
-    assert (repair.signal, repair.joints) == ("tau", (1, 2, 3, 4, 5, 6))
-    for joint, factor in ((1, 8), (2, 15), (3, 10)):
+    assert not fault.repairs  # factors by the masses of a file are too rough for a line
+    for joint, factor in ((1, 8), (2, 15), (3, 10))[: 2 if loaded else 3]:
         before, _ = fault.evidence.split(f" (joint {joint})")
         away = np.log(float(before.split()[-1]) / factor)
         assert -1.3 < away < 0.15 if loaded else abs(away) < 0.15
@@ -60,13 +60,19 @@ def test_currents_are_mended_by_the_constants_of_the_robot_file():
     assert fault.repairs == (Repair("tau", (1, 2, 3, 4, 5, 6), scale=scale),)
 
 
-@pytest.mark.parametrize("factor", [10.1972, 1 / 12])
-def test_one_factor_for_all_is_told_as_one(factor):
+def test_one_factor_for_all_is_told_as_one():
     robot, logs = clean_logs("small")
-    (fault,) = check_logs(robot, edited(logs, tau=times(factor))).faults
+    (fault,) = check_logs(robot, edited(logs, tau=times(1 / 12))).faults
     assert (fault.kind, fault.certain) == ("torque_unit", True)
     (number,) = re.findall(r"times about ([\d.]+\d):", fault.evidence)
-    assert float(number) == pytest.approx(1 / factor, rel=0.05)
+    assert float(number) == pytest.approx(12, rel=0.05)
+
+
+def test_a_unit_that_has_a_name_has_its_line():
+    robot, logs = clean_logs("small")
+    (fault,) = check_logs(robot, edited(logs, tau=times(10.1972))).faults  # kgf cm
+    assert (fault.kind, fault.certain) == ("torque_unit", True)
+    assert fault.repairs == (Repair("tau", scale=0.0980665),)
 
 
 def without_weight(robot, logs, share=1.0):
@@ -77,19 +83,20 @@ def without_weight(robot, logs, share=1.0):
     ]
 
 
-def test_torque_without_weight_is_certain_and_says_what_to_do():
+def test_torque_without_weight_is_suspected_beside_a_balanced_arm():
     robot, logs = clean_logs("irb140")
     (fault,) = check_logs(robot, without_weight(robot, logs, 0.9)).faults
-    assert (fault.kind, fault.joints, fault.certain) == ("gravity_removed", (), True)
+    assert (fault.kind, fault.joints, fault.certain) == ("gravity_removed", (), False)
     assert "gravity = [0, 0, 0]" in fault.evidence
+    assert any("balanced" in rival for rival in fault.rivals)
+    assert fault.settle
 
 
-def test_four_seconds_without_weight_is_suspected_and_with_weight_is_not():
-    robot, logs = clean_logs("irb140", families=("fourier",))
-    short = [replace(r, t=r.t[:500], q=r.q[:500], tau=r.tau[:500]) for r in logs]
-    assert "gravity_removed" not in [kind for kind, *_ in kinds(robot, short)]
-    gone = kinds(robot, without_weight(robot, short))
-    assert "gravity_removed" in [kind for kind, *_ in gone]
+def test_torque_without_weight_is_no_other_clock():
+    arm_of_seven = host(SEVEN, 1)
+    robot, logs = arm_of_seven.robot, arm_of_seven.logs[:2]
+    (fault,) = check_logs(robot, without_weight(robot, logs)).faults
+    assert (fault.kind, fault.certain) == ("gravity_removed", False)
 
 
 def test_an_arm_that_lacks_the_weight_of_one_joint_has_a_clean_log():

@@ -1,0 +1,548 @@
+"""How a log is to be read: the slips that explain it best, and what else may.
+
+The log as given is scored first. Readings of the torques alone (signs, units, factors,
+exchanged channels) share its Gram matrix. Other arrangements of angles, clock and
+gravity are tried only where some joint strains the robot file; the best is completed by
+another until none is better.
+
+A fault is certain only where its reading wins under a rough file and under hardly any,
+over the log as given with every other cause; where friction takes power then; and where
+the log so read strains nothing. Else it is suspected, with its rivals.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import combinations
+
+import numpy as np
+
+from residual.check.evidence import (
+    GIVEN,
+    LOOSE,
+    ROUGH,
+    ArmFit,
+    ArmSums,
+    NominalShares,
+    Torques,
+    find_tilted_gravity,
+    fit_arm,
+    fit_nominal_shares,
+    is_possible,
+    list_other_causes,
+    measure_strain,
+    sum_arm,
+)
+from residual.check.physics_columns import CheckMotion
+from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
+from residual.check.slips import (
+    Slip,
+    build_mounting_slip,
+    build_order_slip,
+    build_sign_slips,
+    list_arrangement_slips,
+    list_factor_slips,
+    list_removals,
+    list_scale_slips,
+    merge_slips,
+    repair_motion,
+    repair_torques,
+    split_signs,
+    swap_channels,
+)
+from residual.check.thresholds import CHECK
+from residual.errors import format_joint_numbers
+from residual.recording import Array
+from residual.robot.robot import Robot
+
+WRONG = "wrong_robot"
+_DEPTH = 2  # slips of an arrangement at most
+_POLISHED = 3  # arrangements whose torques are read by turns
+_BRAKES = 2.0  # deviations: friction that takes power
+_ALIKE = 3.0  # nats: readings that nobody can tell apart
+_STRAY = 5.5  # odds: more mistakes than a map has at once
+_ODD_NATS = 0.5  # of strain: a torque that may be another joint's
+# What a file, a balanced arm or an effect may always be, too.
+_NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
+_SCALED = ("torque_unit", "gear_ratio")
+
+
+@dataclass(frozen=True, eq=False)
+class Reading:
+    """A log as slips have it."""
+
+    slips: tuple[Slip, ...]
+    sums: ArmSums
+    torques: Torques
+
+    def fit(self, scale: float) -> ArmFit:
+        """Return one arm in its torques, bodies of that prior."""
+        return fit_arm(self.sums, self.torques, self.sums.deviations(scale))
+
+    @cached_property
+    def nats(self) -> float:
+        """Log evidence under the bodies of the file, or under a rough one."""
+        return max(self.fit(GIVEN).nats, self.rough.nats) - self.share_odds
+
+    @cached_property
+    def rough(self) -> ArmFit:
+        """One arm in its torques under a rough file."""
+        return self.fit(ROUGH)
+
+    @cached_property
+    def share_odds(self) -> float:
+        """Log odds against the shares that the loaded joints have of their torques.
+
+        A rough file, a load and a gear's losses are factors, too.
+        """
+        shares = fit_nominal_shares(self.sums, self.torques.order)
+        ratio = shares.ratio * self.torques.factor
+        shows = shares.loaded() & (shares.explained > CHECK.explained_least)
+        shows &= (ratio > 0) & (shares.ratio_sd < CHECK.ratio_sd * abs(shares.ratio))
+        away = np.log(ratio[shows]) / np.log(1 + CHECK.share_sd)
+        return float(0.5 * np.sum(np.minimum(away**2, CHECK.certain_nats)))
+
+    @property
+    def value(self) -> float:
+        """Evidence, less the odds against it."""
+        return self.nats - self.odds
+
+    @property
+    def odds(self) -> float:
+        """Log odds against its slips."""
+        return CHECK.odds_nats * sum(slip.odds for slip in self.slips)
+
+    @property
+    def sketched(self) -> float:
+        """Value under a rough file alone."""
+        return self.rough.nats - self.share_odds - self.odds
+
+    @cached_property
+    def strain(self) -> Array:
+        """How far the file must bend, joint by joint [nats]. Shape (dof,)."""
+        return measure_strain(self.sums, self.rough)
+
+    @property
+    def bend(self) -> float:
+        """By how much a rough file is likelier than the one that is given [nats]."""
+        return max(self.rough.nats - self.fit(GIVEN).nats, 0.0) + self.share_odds
+
+    @property
+    def strained(self) -> bool:
+        """Whether the bodies of the file have to bend."""
+        rough = self.rough.nats > self.fit(GIVEN).nats
+        nats = self.strain.sum() + 0.5 * self.share_odds
+        return rough or bool(nats > CHECK.strained_nats)
+
+
+@dataclass(frozen=True, eq=False)
+class Search:
+    """The readings of one motion; `arms` remembers the sums of each arrangement."""
+
+    robot: Robot
+    motion: CheckMotion
+    speeds_agree: bool
+    arms: dict[tuple, ArmSums] = field(default_factory=dict)
+
+    def read(self, slips: Sequence[Slip]) -> Reading:
+        """Return the reading of some slips."""
+        slips = merge_slips(slips, self.robot.dof)
+        repairs = tuple(r for slip in slips for r in slip.repairs)
+        weightless = any(slip.kind == REMOVED for slip in slips)
+        arranged = tuple(r for r in repairs if r.signal != "tau")
+        key = (arranged, weightless)
+        if key not in self.arms:
+            parts = repair_motion(self.robot, self.motion, arranged)
+            self.arms[key] = sum_arm(*parts, weightless)
+        torques = repair_torques(repairs, self.robot.dof)
+        return Reading(slips, self.arms[key], torques)
+
+    def complete(self, slips: Sequence[Slip]) -> Reading:
+        """Return an arrangement with the signs and factors that its torques show."""
+        base = self.read(slips)
+        shares = fit_nominal_shares(base.sums, base.torques.order)
+        signs = np.sign(base.torques.factor)
+        turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
+        joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
+        tried = [base]
+        if joints:
+            tried.append(self._turn(base, set(joints)))
+        units = self._list_factors(slips, shares)
+        if units:
+            tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
+        tried += [self._with_brakes(reading) for reading in tried]
+        return max(tried, key=_get_sketched)
+
+    def _turn(self, reading: Reading, torques: set[int]) -> Reading:
+        """Return a reading with some torques turned as well."""
+        signs = build_sign_slips(set(), torques, self.robot.dof)
+        return self.read([*reading.slips, *signs])
+
+    def _with_brakes(self, reading: Reading) -> Reading:
+        """Turn the torques whose friction gives power, all at once."""
+        giving = set(list_true_joints(reading.rough.braking < -_BRAKES))
+        return self._turn(reading, giving) if giving else reading
+
+    def polish(self, reading: Reading) -> Reading:
+        """Change signs, then units and channels of torques, while it gains."""
+        for _ in range(2 * self.robot.dof):
+            for changes in (self._list_signs, self._list_torques):
+                tried = list(changes(reading))
+                best = max(tried, key=_get_sketched, default=reading)
+                if best.sketched > reading.sketched:
+                    reading = best
+                    break
+            else:
+                break
+        return reading
+
+    def _list_signs(self, reading: Reading) -> Iterator[Reading]:
+        # Of joints whose friction takes power nothing is to be said.
+        odd = list_true_joints(reading.rough.braking < _BRAKES)
+        yield from (self._turn(reading, {j}) for j in odd)
+        if odd:
+            yield self._turn(reading, set(range(1, self.robot.dof + 1)))
+
+    def _list_torques(self, reading: Reading) -> Iterator[Reading]:
+        dof, slips = self.robot.dof, list(reading.slips)
+        plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
+        plain += [
+            slip for slip in slips if slip.kind in _SCALED and not slip.of_torques
+        ]
+        shares = fit_nominal_shares(reading.sums, reading.torques.order)
+        shares = replace(shares, ratio=np.abs(shares.ratio))
+        for unit in self._list_factors(slips, shares):
+            yield self.read([*plain, unit])
+        held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
+        for scale in list_scale_slips(held):
+            if not any(slip.joints == scale.joints for slip in slips):
+                yield self.read([*slips, scale])
+        if not any(slip.kind == "joint_order" for slip in slips):
+            odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
+            for pair in combinations(np.flatnonzero(odd), 2):
+                order = swap_channels(range(dof), *pair)
+                yield self.read([build_order_slip(order, ("tau",)), *slips])
+
+    def _list_factors(self, slips: Sequence[Slip], shares: NominalShares) -> list[Slip]:
+        """Return slips of units; a factor beside a clock could hide the weight."""
+        clock = any(slip.kind == "time_unit" for slip in slips)
+        return [] if clock else list_factor_slips(self.robot, shares)
+
+    def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
+        """Turned angles in place of turned torques: friction shows both alike."""
+        angles, torques, rest = split_signs(reading.slips)
+        one = angles ^ torques
+        for joints in (*({j} for j in one), torques - angles, one):
+            if joints:
+                signs = angles ^ joints, torques ^ joints
+                yield self.read([*rest, *build_sign_slips(*signs, self.robot.dof)])
+
+    def best(self) -> tuple[Reading, list[Reading]]:
+        """Return the best reading, and those that were tried beside it."""
+        reading = self.polish(self.complete(()))
+        others = [self.read(())]
+        if not reading.strained:  # what a rough file bends to
+            bent = [*self._inclined(reading), *list_removals(self.robot)]
+            tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
+            others += [reading, *tried]
+            reading = max([reading, *tried], key=_get_value)
+        sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
+        for _ in range(_DEPTH):
+            if not reading.strained:
+                break
+            kept = [s for s in reading.slips if not s.of_torques]
+            kept += [
+                s for s in reading.slips if s.of_torques and s.kind == "joint_order"
+            ]
+            drawn = [
+                sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
+            ]
+            drawn.sort(key=lambda each: -each.sketched)
+            tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
+            others += tried
+            better = [each for each in tried if _beats(each, reading)]
+            others.append(reading)
+            if not better:
+                break
+            reading = max(better, key=_get_value)
+        reading = self._pruned(reading)
+        while True:
+            tried = list(self._list_signs_elsewhere(reading))
+            others += tried
+            better = [each for each in tried if _beats(each, reading)]
+            if not better:
+                return self._turned(reading), others
+            best = max(better, key=_get_value)
+            others.append(reading)
+            reading = best
+
+    def _pruned(self, reading: Reading) -> Reading:
+        """Leave out what a later slip has made superfluous."""
+        for slip in reading.slips:
+            rest = [other for other in reading.slips if other is not slip]
+            less = [self.read(rest)]
+            if not slip.of_torques:
+                arranged = [other for other in rest if not other.of_torques]
+                less.append(self.polish(self.complete(arranged)))
+            best = max(less, key=_get_value)
+            if best.value > reading.value and slip in reading.slips:
+                reading = best
+        return reading
+
+    def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
+        kinds = {slip.kind for slip in kept}
+        once = (MOUNTING, REMOVED, "time_unit", "angle_unit", "out_of_range")
+        for slip in list_arrangement_slips(self.robot, self.motion, self.speeds_agree):
+            if not (slip.kind in kinds and slip.kind in once):
+                yield slip
+        if MOUNTING not in kinds:
+            yield from self._inclined(reading)
+
+    def _inclined(self, reading: Reading) -> Iterator[Slip]:
+        if np.linalg.norm(reading.sums.gravity):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            if _angle(tilted, reading.sums.gravity) > CHECK.tilted_rad / 2:
+                yield build_mounting_slip(self._down, tilted)
+
+    @property
+    def _down(self) -> Array:
+        return np.asarray(self.robot.model.gravity.linear)
+
+    def _turned(self, reading: Reading) -> Reading:
+        """Turn gravity until no tilt is left that explains more."""
+        if not any(slip.kind == MOUNTING for slip in reading.slips):
+            return reading
+        for _ in range(12):
+            tilted = find_tilted_gravity(reading.sums, reading.torques)
+            turn = _angle(tilted, reading.sums.gravity)
+            slip = build_mounting_slip(self._down, tilted)
+            slips = [slip if s.kind == MOUNTING else s for s in reading.slips]
+            other = self.read(slips)
+            if turn < 2e-3 or other.nats < reading.nats - 2.0:
+                break
+            reading = other
+        # Arms are mounted along an axis; a load turns what the torques say a little.
+        gravity = reading.sums.gravity
+        size = float(np.linalg.norm(gravity))
+        axis = size * np.sign(gravity) * (np.abs(gravity) > 0.9 * size)
+        if axis.any() and _angle(axis, self._down) > CHECK.tilted_rad / 2:
+            slip = build_mounting_slip(self._down, axis)
+            near = self.read([slip if s.kind == MOUNTING else s for s in reading.slips])
+            if near.nats > reading.nats - CHECK.odds_nats:
+                return near
+        return reading
+
+
+def _beats(reading: Reading, other: Reading) -> bool:
+    """Whether a reading replaces another: one more mistake has to be worth a word."""
+    if len(reading.slips) <= len(other.slips):
+        return reading.value > other.value
+    more = {slip.kind for slip in reading.slips} - {slip.kind for slip in other.slips}
+    gain = reading.value - other.value + CHECK.odds_nats
+    # What bends the file as far explains nothing: it is another cause that is missing.
+    left, before = (
+        np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other)
+    )
+    eased = left < max(0.8 * before, CHECK.strained_nats)
+    return gain > _find_least_gain(more) and bool(eased)
+
+
+def _find_least_gain(kinds: Iterable[str]) -> float:
+    """Return what is worth a word [nats]: of sound arms gravity gains 5 at most."""
+    of_gravity = bool(kinds) and set(kinds) <= {MOUNTING, REMOVED}
+    return 2 * CHECK.odds_nats if of_gravity else CHECK.suspect_nats
+
+
+def _get_value(reading: Reading) -> float:
+    return reading.value
+
+
+def _get_sketched(reading: Reading) -> float:
+    return reading.sketched
+
+
+def _angle(a: Array, b: Array) -> float:
+    """Angle between two directions [rad]; none where one is nothing."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
+
+
+def find_misreadings(
+    robot: Robot, motion: CheckMotion, speeds_agree: bool
+) -> list[Fault]:
+    """Find what is wrong with the columns, the clock, or how the arm stands."""
+    search = Search(robot, motion, speeds_agree)
+    best, others = search.best()
+    if wrong := _find_wrong_robot(best):
+        return [wrong]
+    groups: dict[str, list[Slip]] = {}
+    for slip in best.slips:
+        groups.setdefault(slip.kind, []).append(slip)
+    decided = (_decide(search, best, others, group) for group in groups.values())
+    faults = [fault for fault in decided if fault is not None]
+    # An arrangement beside factors of no name fits much.
+    loose = _list_arranged(best) and any(slip.rough for slip in best.slips)
+    if all(fault.certain for fault in faults) and not loose:
+        return faults
+    # What is certain has to leave a clean log.
+    arranged = len(_list_arranged(best))
+    bent = arranged and best.bend > CHECK.certain_nats
+    if bent or arranged > 1 or best.odds > _STRAY * CHECK.odds_nats:
+        return [_doubt_robot(best)]
+    return [replace(fault, certain=False) for fault in faults]
+
+
+def _decide(
+    search: Search, best: Reading, others: Sequence[Reading], group: Sequence[Slip]
+) -> Fault | None:
+    """Return the fault of slips of one kind; None where they are not worth a word."""
+    kind = group[0].kind
+    without = search.read([slip for slip in best.slips if slip not in group])
+    gain = best.nats - without.nats
+    if kind == "out_of_range" or gain < _find_least_gain([kind]):
+        return None
+    joints = tuple(sorted({j for slip in group for j in slip.joints}))
+    own = {slip.words for slip in group}
+    if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
+        return None
+    near = [
+        other
+        for other in others
+        if other.slips
+        and not any(slip.kind == "out_of_range" for slip in other.slips)
+        and other.value > best.value - CHECK.odds_nats
+        and not own <= {slip.words for slip in other.slips}
+    ]
+    repairs = tuple(repair for slip in group for repair in slip.repairs)
+    told = {slip.words for slip in best.slips} - own
+    same = [
+        o
+        for o in near
+        if abs(o.nats - best.nats) < _ALIKE and told <= {slip.words for slip in o.slips}
+    ]
+    alternatives = tuple(
+        tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
+        for other in same[:1]
+    )
+    rivals = [_name(other.slips) for other in near if other not in same]
+    rivals += _list_rivals(best, without, kind)
+    if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
+        rivals.append("masses of the robot file that are all off by one factor")
+    physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
+    loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
+    certain = (
+        kind not in _NEVER_CERTAIN
+        and not rivals
+        and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
+        and (kind in _SCALED or loose > CHECK.suspect_nats)
+        and physics
+        and (kind not in _SCALED or _is_far(repairs))
+        and _count_strain(best.strain) < CHECK.certain_nats
+        and best.bend < CHECK.certain_nats
+    )
+    words = ". ".join(slip.words for slip in group)
+    evidence = f"{words}: better by {gain:.0f} nats."
+    if any(slip.rough for slip in group):
+        repairs, alternatives = (), ()
+    return Fault(
+        kind,
+        joints,
+        bool(certain),
+        evidence,
+        repairs,
+        alternatives=alternatives,
+        rivals=() if certain else tuple(dict.fromkeys(rivals))[:3],
+        settle="" if certain else _SETTLE.get(kind, ""),
+    )
+
+
+_SETTLE = {
+    MOUNTING: "Look at how the arm stands, or hold it still in three poses.",
+    REMOVED: "Hold the arm still with a link level: does its drive show the weight?",
+    "time_unit": "Log the speeds, or compare the length of the log with a clock.",
+    "torque_unit": "Weigh a link, or hang a known mass on the flange.",
+    "gear_ratio": "Read the gear ratios off the data sheet.",
+    "torque_scale": "Hang a known mass on the flange.",
+}
+
+
+def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
+    """Name the causes by which the log as given is explained nearly as well."""
+    out = []
+    scales = {ROUGH: CHECK.suspect_nats, LOOSE: CHECK.odds_nats}
+    if kind in _SCALED:
+        del scales[LOOSE]  # bodies of any size have any unit
+    for scale, least in scales.items():
+        reached = best.fit(scale).nats - least
+        for name, deviations in list_other_causes(without.sums, scale).items():
+            fit = fit_arm(without.sums, without.torques, deviations)
+            if fit.nats > reached and is_possible(without.sums, fit):
+                out.append(name)
+    return out
+
+
+def _name(slips: Sequence[Slip]) -> str:
+    words = []
+    for slip in slips:
+        where = f", {format_joint_numbers(slip.joints)}" if slip.joints else ""
+        words.append(slip.kind.replace("_", " ") + where)
+    return " and ".join(words)
+
+
+def _is_common_factor(repairs: Sequence[Repair]) -> bool:
+    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
+    return bool(factors.max() < CHECK.joint_ratio * factors.min())
+
+
+def _is_far(repairs: Sequence[Repair]) -> bool:
+    """Whether no file of this arm is off by such factors."""
+    means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
+    return bool(np.abs(means).max() > np.log(CHECK.unit_certain_ratio))
+
+
+def _count_strain(strain: Array) -> float:
+    """By how much a robot file must bend, its worst joint left out [nats]."""
+    most = np.minimum(strain, CHECK.one_joint_nats)
+    return float(most.sum() - most.max())
+
+
+def _list_arranged(reading: Reading) -> set[str]:
+    return {slip.kind for slip in reading.slips if not slip.of_torques}
+
+
+def _doubt_robot(best: Reading) -> Fault:
+    """Another arm, where only mistakes that do not go together explain a log."""
+    words = (
+        "No single fault makes this log fit the robot: another robot file, or "
+        f"{_name(best.slips)} at once."
+    )
+    settle = "Compare the joints' names, and the arm's type, with the robot file."
+    return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
+
+
+def _find_wrong_robot(best: Reading) -> Fault | None:
+    """Another arm, where even the best reading bends the file beyond a rough one.
+
+    Two joints may be odd, or hide an effect; more are another arm.
+    """
+    nats = _count_strain(best.strain)
+    kinds = sorted({slip.kind for slip in best.slips})
+    # What a log may strain as given, it may with other units and signs of its torques.
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(len(_list_arranged(best)), 2)]
+    if nats < least or not nats:
+        return None
+    tried = f" (the best: {', '.join(kinds)})" if kinds else ""
+    words = (
+        "No reordering, sign, unit or zero makes this log fit the robot"
+        f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
+        "without the worst joint)."
+    )
+    # What hardly a file of its own still misses of a joint is geometry.
+    missed = []
+    for j in range(best.sums.dof):
+        alone = best.sums.only(j)
+        fit = fit_arm(alone, best.torques, alone.deviations(LOOSE))
+        rest = fit.sigma[j] / max(CHECK.rough_rest * fit.size[j], 1e-300)
+        missed.append(best.sums.rows[j] * max(float(np.log(rest)), 0.0))
+    certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
+    return Fault(WRONG, (), bool(certain), words)
