@@ -27,6 +27,29 @@ class EvidenceThresholds:
     max_effects: int = 30  # most effects to add
     max_exact_looks: int = 15  # candidates that get an exact look per step
 
+    # Blocks.
+    block_seconds: float = 2.0  # length from which errors of two blocks are independent
+    min_blocks: int = 8  # blocks at least
+    max_blocks: int = 48  # blocks at most
+    min_block_rows: int = 10  # moving rows without which a joint has no vote in a block
+    prior_blocks: float = 15.0  # blocks that independent noise counts as
+
+    # chance of one false name in a whole diagnosis
+    false_chance: float = 0.001
+    min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
+    left_out_slack: float = 2.0  # nats that left-out blocks may lose
+    curve_knots: int = 10  # of a free curve
+    min_quick_nats: float = 2.0  # by a quick look: less gets no other
+    clear_deviations: float = 2.0  # of a paired gain that is no chance
+    same_deviations: float = 1.0  # of a paired loss: scales that predict as well
+    same_share: float = 0.05  # of the left-out error, likewise
+    hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
+    class_share: float = 0.05  # of what a name gains: what a swap-in may lose
+    class_looks: int = 8  # candidates that may stand in for a name
+    sure_probability: float = 0.9  # from which a name is in the model
+    even_nats: float = 12.0  # evidence at which a name is as likely as not
+    odds_slope: float = 5.4  # of the log odds of a name over ln(nats)
+
     # What the evidence counts with.
     # prior size of an effect's torque, as a share of torque rms
     prior_torque_share: float = 0.3
@@ -75,7 +98,7 @@ class EvidenceThresholds:
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
     # share of what waves explain together that one curve explains in their place
-    curve_share: float = 0.95
+    curve_share: float = 0.75
     simpler_nats: float = 3.0  # nats within which the simpler of two names is taken
     # share of its power under which an effect is not in a fold
     silent_fold_share: float = 1e-3
@@ -159,6 +182,12 @@ class EvidenceThresholds:
     max_curves: int = 3  # per joint
     # turns by which a line must miss a whole number of them in a period
     off_harmonic_turns: float = 0.1
+
+    @property
+    def named_nats(self) -> float:
+        """Evidence from which a name is sure enough to be named [nats]."""
+        odds = self.sure_probability / (1 - self.sure_probability)
+        return float(self.even_nats * odds ** (1 / self.odds_slope))
 
     def lower(self, fall: Array, share: Array) -> Array:
         """Where an error falls by enough: of torque rms, and of what was left."""
