@@ -28,7 +28,9 @@ def main() -> int:
     tasks = {group: cases.tasks(group, seeds, args.quick) for group in args.groups}
     path = harness.kept_file("attribution", "benchmarks/attribution_parts")
     jobs = {task.name: task for group in tasks.values() for task in group}
-    done = harness.run_kept(path, cases.summary, cases.run, jobs)
+    done = harness.run_kept(
+        path, cases.summary, cases.run, jobs, processes=args.processes
+    )
     rows = {group: [done[t.name] for t in tasks[group]] for group in args.groups}
     figures = bars.case_figures(rows, args.deciding)
     harness.save_rows(args, figures, cases=rows)

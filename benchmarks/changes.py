@@ -32,7 +32,9 @@ def main() -> int:
     }
     parts = ("benchmarks/changes_parts", "benchmarks/check_parts")
     path = harness.kept_file("changes", *parts)
-    done = harness.run_kept(path, answers.summary, answers.run, jobs)
+    done = harness.run_kept(
+        path, answers.summary, answers.run, jobs, processes=args.processes
+    )
     rows = [r for result in done.values() for r in result.get("rows", [result])]
     figures = bars.all_figures(rows, args.deciding)
     harness.save_rows(args, figures, cases=rows)

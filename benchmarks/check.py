@@ -28,7 +28,9 @@ def main() -> int:
     jobs = {task.name: task for task in tasks if task.group in args.groups}
     parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
     path = harness.kept_file("check", *parts)
-    done = harness.run_kept(path, cases.summary, cases.run, jobs)
+    done = harness.run_kept(
+        path, cases.summary, cases.run, jobs, processes=args.processes
+    )
     rows = [row for result in done.values() for row in result.get("rows", ())]
     lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
     figures = bars.figures([*rows, *lost], args.whole)

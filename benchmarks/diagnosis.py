@@ -5,8 +5,9 @@
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
 Seeds 155101:155103 decide and are used for nothing else; 1 to 99 are for development.
-Sizes are in minimum detectable ones, as the diagnosis states them for an arm with
-nothing hidden in the same motions.
+Sizes are shares of the torque of the joint (1, 2, 5 and 10 %), and follow from the seed
+alone; only `detection` hides the size that the diagnosis states as the least detectable
+one, for an arm with nothing hidden in the same motions.
 """
 
 import argparse
@@ -52,9 +53,11 @@ def main() -> int:
 
 
 def _run_cases(args: argparse.Namespace, groups: Sequence[str]) -> Mapping[str, list]:
-    """Run the cases of all groups after those that state the detectable sizes."""
+    """Run the cases of all groups after those that state detectable sizes."""
     path = kept_file("diagnosis", "benchmarks/diagnosis_parts")
-    run_all = partial(run_kept, path, cases.summary, cases.run)
+    run_all = partial(
+        run_kept, path, cases.summary, cases.run, processes=args.processes
+    )
     seeds = seed_range(args.seeds)
     tasks = {group: cases.tasks(group, seeds, args.quick) for group in groups}
     every = [task for of_group in tasks.values() for task in of_group]

@@ -25,7 +25,11 @@ def main() -> int:
         return finish(all_missing(part.BARS, FULL))
     path = harness.kept_file("loop", "benchmarks/loop_parts", "flows/steps/next.py")
     jobs = {f"next {seed}": seed for seed in harness.seed_range(args.seeds)}
-    rows = list(harness.run_kept(path, part.summary, part.run, jobs).values())
+    rows = list(
+        harness.run_kept(
+            path, part.summary, part.run, jobs, processes=args.processes
+        ).values()
+    )
     figures = part.figures_of(rows, args.deciding)
     harness.save_rows(args, figures, cases=rows)
     return finish(figures)

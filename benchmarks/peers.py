@@ -30,7 +30,9 @@ def main() -> int:
     seeds, programs = harness.seed_range(args.seeds), tuple(args.groups)
     arms = {seed: cases.Task(seed, cases.BENCH, seconds) for seed in seeds}
     nulls = {t.name: t for t in arms.values()}
-    sizes = harness.run_kept(path, cases.summary, cases.run, nulls)
+    sizes = harness.run_kept(
+        path, cases.summary, cases.run, nulls, processes=args.processes
+    )
     tasks = [
         cases.Task(
             seed, number, seconds, programs, tuple(sizes[arm.name].get("minimum", ()))
@@ -38,7 +40,13 @@ def main() -> int:
         for seed, arm in arms.items()
         for number in range(count)
     ]
-    done = harness.run_kept(path, cases.summary, cases.run, {t.name: t for t in tasks})
+    done = harness.run_kept(
+        path,
+        cases.summary,
+        cases.run,
+        {t.name: t for t in tasks},
+        processes=args.processes,
+    )
     rows = {
         program: [done[t.name].get(program, done[t.name]) for t in tasks]
         for program in programs

@@ -1,12 +1,12 @@
 """Figures and bars of the rows of all groups."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 
 import numpy as np
 
 from benchmarks.harness.cases import crash_figures, group_figures
-from benchmarks.harness.figures import Figures, figure, missing, undecided
+from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import (
     Line,
     Rows,
@@ -17,8 +17,8 @@ from benchmarks.harness.rates import (
     rounded,
     within_two_deviations,
 )
-from benchmarks.hidden.draw import both_clear, is_clear
 from benchmarks.hidden.score import WRONG, is_right
+from benchmarks.hidden.sized import CLEAR, SHARES
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 _NAMES = {
@@ -38,6 +38,10 @@ def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     makers = {group: partial(lines, own, by="data") for group, own in _TABLES.items()}
     makers["detection"] = _detection
     figures = group_figures(rows, makers)
+    if "singles" in rows:
+        more = sum("left_out" in row for row in rows["singles"])
+        entry = figure(more, None, len(rows["singles"]), why=NO_BAR)
+        figures["singles_more_than_an_arm_has"] = entry
     figures |= _across(rows) | crash_figures(rows)
     return figures if deciding else undecided(figures)
 
@@ -54,9 +58,9 @@ def _both(row: Mapping) -> bool:
     return row["found"] == 2
 
 
-def _is_usual(row: Mapping) -> bool:
-    """Whether its torque is in proportion to no parameter: then none is three times."""
-    return row["multiple"] is None
+def _of_share(share: float | None) -> Callable[[Mapping], bool]:
+    """Of a size; None for a torque in proportion to no parameter, of usual size."""
+    return lambda row: row["share"] == share
 
 
 def _per_form(rows: Rows) -> dict:
@@ -66,19 +70,27 @@ def _per_form(rows: Rows) -> dict:
 
 _TABLES: Mapping[str, tuple[Line, ...]] = {
     "singles": (
-        Line("singles_right", is_right, 0.95, is_clear, beside=per(is_right)),
+        *(
+            Line(
+                f"singles_of_{100 * share:g}_right",
+                is_right,
+                0.95 if share in CLEAR else None,
+                _of_share(share),
+                beside=per(is_right),
+            )
+            for share in reversed(SHARES)
+        ),
         Line(
             "singles_of_usual_size_right",
             is_right,
             0.95,
-            _is_usual,
+            _of_share(None),
             beside=per(is_right),
         ),
-        Line("singles_joint_right", lambda r: bool(r["joint_right"]), of=is_clear),
         Line(
-            "singles_too_small_for_three_times",
-            lambda r: not (is_clear(r) or _is_usual(r)),
-            count=True,
+            "singles_joint_right",
+            lambda r: bool(r["joint_right"]),
+            of=lambda r: r["share"] in CLEAR,
         ),
     ),
     "nulls": (
@@ -96,9 +108,8 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("unknown_named", _named, 0.02, most=True),
     ),
     "pairs": (
-        Line("pairs_both_named", _both, 0.85, both_clear),
+        Line("pairs_both_named", _both, 0.85),
         Line("pairs_false_third", lambda r: r["extra"] > 0, 0.03, most=True),
-        Line("pairs_with_a_small_one", lambda r: not both_clear(r), count=True),
     ),
     "forms": (Line("forms_right", is_right, 0.90, beside=_per_form),),
 }

@@ -1,22 +1,21 @@
 """Cases of each group: drawn, diagnosed, and compared with the truth.
 
 Most arms are synthetic, some are in PyBullet. Motions have one seed, the arm and its
-noise another, so that several arms share motions whose minimum detectable sizes are
-known.
+noise another. What an arm hides follows from the seeds alone, so that two diagnoses can
+be compared, except in the group of detection: it asks whether the minimum detectable
+sizes that the diagnosis states for the motions are right.
 """
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from time import perf_counter
+
+import numpy as np
 
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
 from benchmarks.hidden.draw import (
-    CLEAR,
-    MULTIPLES,
-    OF_A_PAIR,
-    ROUNDING,
     draw_sized,
     measured,
     true_parameters,
@@ -24,17 +23,21 @@ from benchmarks.hidden.draw import (
 )
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
+from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share, has_sizes
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.other_forms import FORMS
 from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
+from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
+from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
+    ReferenceMotion,
     SensorNoise,
     SyntheticEffect,
     TrajectorySpec,
@@ -42,6 +45,7 @@ from sim.engine.plant_records import (
 )
 from sim.plant.effect_catalogue import list_plant_effects, list_unnamed_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.trajectories import plan_reference_motion
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 
@@ -101,17 +105,46 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
     )
     plant = Plant(robot, hidden, arm)
     logs = []
-    for place, family in enumerate((*plan.fit, *plan.held_out)):
-        name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
-        rng = create_random_stream(motion, f"motion/{name}")
-        made = make_motion(
-            family, compute_usual_motion_range(robot), plan.duration, RATE, rng
-        )
-        start = place * (plan.duration + PAUSE)
+    for place in range(len(plan.fit) + len(plan.held_out)):
+        name, made, start = _motion(plan, motion, place)
         torque = true_torque(plant, made, name, start)
         signals = sensed(robot, torque, name, arm)
         logs.append(Recording(name, robot.name, start + made.t, *signals))
     return logs, [_with_scatter(plant, e) for e in effects]
+
+
+def _motion(plan: Plan, seed: int, place: int) -> tuple[str, ReferenceMotion, float]:
+    """Return name, motion and start [s] of one log of a synthetic arm."""
+    family = (*plan.fit, *plan.held_out)[place]
+    name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
+    rng = create_random_stream(seed, f"motion/{name}")
+    span = compute_usual_motion_range(the_arm())
+    made = make_motion(family, span, plan.duration, RATE, rng)
+    return name, made, place * (plan.duration + PAUSE)
+
+
+@lru_cache(maxsize=2)
+def _stages(data: str, seed: int) -> list[Stage]:
+    """Return the motions to fit, on which sizes are shares of a joint's torque."""
+    plan = PLANS[data]
+    if data != PYBULLET:
+        own = [_motion(plan, seed, place) for place in range(len(plan.fit))]
+        return [Stage.of(the_arm(), made, start) for _, made, start in own]
+    return [
+        Stage.of(the_arm(), plan_reference_motion(the_arm(), spec, RATE), start)
+        for spec, start in _specs(plan, seed)[: len(plan.fit)]
+    ]
+
+
+def _specs(plan: Plan, seed: int) -> list[tuple[TrajectorySpec, float]]:
+    """Return motion and start [s] of each log of an arm in the physics engine."""
+    return [
+        (
+            TrajectorySpec(family, plan.duration, 2, 100 * seed + place),
+            place * (plan.duration + PAUSE),
+        )
+        for place, family in enumerate((*plan.fit, *plan.held_out))
+    ]
 
 
 def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
@@ -127,9 +160,7 @@ def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
 
 def _pybullet(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     plant, logs = PlantSpec(effects, noise=SensorNoise(), seed=arm), []
-    for place, family in enumerate((*plan.fit, *plan.held_out)):
-        spec = TrajectorySpec(family, plan.duration, 2, 100 * motion + place)
-        start = place * (plan.duration + PAUSE)
+    for spec, start in _specs(plan, motion):
         logs.append(in_engine(the_arm(), plant, spec, start))
     return logs, true_parameters(the_arm(), plant)
 
@@ -146,7 +177,6 @@ def as_form(effect: PlantEffect, form: str) -> PlantEffect:
 BENCHES = 10  # excitations that all cases of one run share
 # Every fifth draw of an effect is an arm in the physics engine.
 _IN_ENGINE = 5
-_TRIES = 20
 _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
 
 
@@ -159,12 +189,14 @@ class Task:
     data: str  # "synthetic", "pybullet" or "quick"
     motion: int  # seed of the motions
     arm: int  # seed of the arm, of what it hides, and of the noise
+    # Size, as a share of the torque of the joint; None where the group has no sizes.
+    share: float | None = None
 
     @property
     def name(self) -> str:
         """Key of the result."""
         parts = asdict(self).values()
-        return " ".join(str(part) for part in parts if part != "")
+        return " ".join(str(part) for part in parts if part not in ("", None))
 
 
 def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
@@ -181,12 +213,16 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
         "forms": [(form, s) for s in seeds for form in FORMS],
         "unknown": [(e, s) for s in seeds for e in strange],
     }
-    return [_task(group, hides, first, seed) for hides, seed in cases[group]]
+    return [
+        _task(group, hides, first, seed, share)
+        for hides, seed in cases[group]
+        for share in (SHARES if group == "singles" and has_sizes(hides) else (None,))
+    ]
 
 
 def benches(tasks: Sequence[Task]) -> list[Task]:
     """Return the null cases that say the minimum detectable sizes of their motions."""
-    unique = {(t.data, t.motion) for t in tasks if t.group != "nulls"}
+    unique = {(t.data, t.motion) for t in tasks if t.group == "detection"}
     return [
         # An arm and noise of its own, not those of a case.
         Task("bench", "", data, motion, derive_seed(motion, "bench"))
@@ -195,9 +231,10 @@ def benches(tasks: Sequence[Task]) -> list[Task]:
 
 
 def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
-    """Draw a case by the detectable sizes of its motions, diagnose it and judge.
+    """Draw a case, diagnose it and judge.
 
-    Of a bench a row has the sizes, of a crash the error.
+    Of a bench a row has the detectable sizes, of a crash the error, of an effect of
+    which no arm has as much that it was left out.
     """
     task, minimum = job
     return guarded(asdict(task), lambda: _done(task, minimum))
@@ -206,7 +243,10 @@ def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
 def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     # Kept as plain values between two parts of the benchmark.
     minimum = [Detectable(**entry) for entry in minimum]
-    drawn, true = _hidden(task, minimum)
+    hides = hidden(task, minimum)
+    if hides is None:
+        return {**asdict(task), "left_out": True}
+    drawn, true, shares = hides
     effects = [as_form(e, task.hides) for e in true] if task.group == "forms" else true
     made = make(task.data, effects, task.motion, task.arm)
     begun = perf_counter()
@@ -219,60 +259,69 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     if task.group == "forms":
         true = _as_taken(task.hides, true, verdict)
         truths = tuple(dict(e.parameters) for e in true)
-    hidden = [measured(e, minimum, made.robot) for e in true]
-    told = [(h.effect.name, h.joints) for h in hidden]
+    there = [
+        measured(e, minimum, made.robot, share)
+        for e, share in zip(true, shares, strict=True)
+    ]
+    told = [(h.effect.name, h.joints) for h in there]
     best = None
-    if task.group in _WITH_ORACLE:
+    clear = all(share is None or share in CLEAR for share in shares)
+    if task.group in _WITH_ORACLE and clear:
         _, errors = oracle(made.robot, made.fit, made.held_out, told)
         best = errors.overall("filtered")
-    row = case_row(drawn, hidden, truths, verdict, best)
+    row = case_row(drawn, there, truths, verdict, best)
     if task.group not in _WITH_ORACLE:
         del row["deviations"]
     names = [[e.name, list(e.joints), e.evidence.nats] for e in verdict.effects]
     return {**about, **row, "names": names}
 
 
-def _hidden(task: Task, minimum: Sequence[Detectable]) -> tuple[str, list[PlantEffect]]:
+Hides = tuple[str, list[PlantEffect], list[float | None]]
+
+
+def hidden(task: Task, minimum: Sequence[Detectable] = ()) -> Hides | None:
+    """Return what an arm hides: of which sort, and effects with their sizes.
+
+    Sizes are shares of a joint's torque, None where the group has none or the torque is
+    in proportion to no parameter. None for an effect of which no arm has as much.
+
+    Args:
+        minimum: Detectable sizes, for the group of detection only.
+    """
     robot, rng = the_arm(), create_random_stream(task.arm, f"{task.group}/{task.hides}")
     if task.group in ("bench", "nulls"):
-        return NOTHING, []
+        return NOTHING, [], []
     if task.group == "unknown":
-        return UNKNOWN, [draw_sized(robot, rng, task.hides, None, minimum)]
-    if task.group == "pairs":
-        return PAIR, _pair(rng, minimum)
-    name = FORMS[task.hides][0] if task.group == "forms" else task.hides
+        return UNKNOWN, [draw_plant_effect(robot, rng, task.hides)], [None]
     if task.group == "detection":
-        return SINGLE, [draw_sized(robot, rng, name, 1.0, minimum)]
-    return SINGLE, [_clear(rng, name, MULTIPLES[1:], minimum)]
+        return SINGLE, [draw_sized(robot, rng, task.hides, 1.0, minimum)], [None]
+    stages = _stages(task.data, task.motion)
+    if task.group == "pairs":
+        return PAIR, *_pair(rng, stages)
+    if task.group == "forms":
+        name, sizes = FORMS[task.hides][0], rng.permutation(CLEAR).tolist()
+        written = partial(as_form, form=task.hides)
+        drawn = draw_of_share(robot, rng, name, sizes, stages, written=written)
+    else:
+        sizes = [task.share or 0.0]
+        drawn = draw_of_share(robot, rng, task.hides, sizes, stages)
+    return drawn and (SINGLE, [drawn[0]], [drawn[1]])
 
 
-def _clear(rng, name: str, multiples: Sequence[float], minimum) -> PlantEffect:
-    """Draw an effect that is so many times detectable, on a joint where it can be.
-
-    Where noise and motion hide even three times what arms usually have, or any size,
-    another joint is drawn. If there is none, it stays too small.
-    """
-    robot = the_arm()
-    for _ in range(_TRIES):
-        one = draw_sized(robot, rng, name, float(rng.choice(multiples)), minimum)
-        found = measured(one, minimum, robot)
-        # In proportion to no parameter, or large enough; not where no size would show.
-        if found.size is None or (found.multiple or 0.0) >= CLEAR - ROUNDING:
-            break
-    return one
-
-
-def _pair(rng, minimum: Sequence[Detectable]) -> list[PlantEffect]:
+def _pair(
+    rng: np.random.Generator, stages: Sequence[Stage]
+) -> tuple[list[PlantEffect], list[float | None]]:
     """Draw two effects that are not one: of two names, on joints of their own."""
     named, _ = vocabulary(the_arm())
-    made: list[PlantEffect] = []
-    for name in rng.choice(named, 2, replace=False):
-        for _ in range(_TRIES):
-            one = _clear(rng, str(name), OF_A_PAIR, minimum)
-            if not any(set(one.joints) & set(other.joints) for other in made):
-                break
-        made.append(one)
-    return made
+    pair: list[tuple[PlantEffect, float | None]] = []
+    for name in rng.permutation(named):
+        taken = {joint for effect, _ in pair for joint in effect.joints}
+        sizes = rng.permutation(CLEAR).tolist()
+        one = draw_of_share(the_arm(), rng, str(name), sizes, stages, taken)
+        pair += [one] if one else []
+        if len(pair) == 2:
+            break
+    return [effect for effect, _ in pair], [share for _, share in pair]
 
 
 def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> list:
@@ -282,7 +331,7 @@ def _as_taken(form: str, true_effects: list[PlantEffect], verdict: Verdict) -> l
     return [PlantEffect(name, e.joints, e.parameters) for e in true_effects]
 
 
-def _task(group: str, hides: str, first: int, seed: int) -> Task:
+def _task(group: str, hides: str, first: int, seed: int, share: float | None) -> Task:
     fifth = (seed - first) % _IN_ENGINE == _IN_ENGINE - 1
     known = list_plant_effects().get(hides)
     engine = (known is not None and not known.supports_synthetic_arm) or (
@@ -291,7 +340,7 @@ def _task(group: str, hides: str, first: int, seed: int) -> Task:
     # Nulls are cheap to vary: each has motions of its own.
     motion = seed if group == "nulls" else first + (seed - first) % BENCHES
     data = PYBULLET if engine else SYNTHETIC
-    return Task(group, hides, data, motion, seed)
+    return Task(group, hides, data, motion, seed, share)
 
 
 def _quick(group: str, seed: int) -> list[Task]:
@@ -303,14 +352,19 @@ def _quick(group: str, seed: int) -> list[Task]:
         "forms": ("one_way_viscous",),
         "detection": ("offset",),
     }
-    return [Task(group, h, "quick", seed, seed + i) for i, h in enumerate(few[group])]
+    share = SHARES[-1] if group == "singles" else None
+    return [
+        Task(group, h, "quick", seed, seed + i, share) for i, h in enumerate(few[group])
+    ]
 
 
 def summary(row: Mapping) -> str:
     if "outcome" not in row:
-        return "done"
+        return "no arm has as much" if "left_out" in row else "done"
     names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"
-    hidden = f"{row['effect']} {row['joints']}"
+    there = f"{row['effect']} {row['joints']}"
+    if row["share"]:
+        there += f" {100 * row['share']:g} %"
     if row["second_effect"]:
-        hidden += f" + {row['second_effect']} {row['second_joints']}"
-    return f"{row['outcome']}: {hidden} -> {names} ({row['seconds']} s)"
+        there += f" + {row['second_effect']} {row['second_joints']}"
+    return f"{row['outcome']}: {there} -> {names} ({row['seconds']} s)"

@@ -32,6 +32,7 @@ def read_options(about: str, seeds: str, groups: Sequence[str]) -> argparse.Name
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     parser.add_argument("--seeds", default=seeds, metavar="A:B", help="both included")
     parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
+    parser.add_argument("--processes", type=int, default=2, metavar="N")
     parser.add_argument("--full-json", type=Path, metavar="FILE")
     args = parser.parse_args()
     args.deciding = args.seeds == seeds and not args.quick
@@ -104,11 +105,12 @@ def run_kept(
     work: Callable[[Any], dict],
     jobs: Mapping[str, Any],
     pool: Executor | None = None,
+    processes: int = 2,
 ) -> dict[str, dict]:
     """Run the jobs that are not finished and return the results of all by name.
 
     The file has a line for each finished case; `summary` makes the line to print. The
-    default pool has two processes with one BLAS thread each.
+    default pool has so many processes with one BLAS thread each.
     """
     one_blas_thread()
     path.parent.mkdir(parents=True, exist_ok=True)
@@ -116,7 +118,10 @@ def run_kept(
     todo = [name for name in jobs if name not in known]
     if len(todo) < len(jobs):
         print(f"{len(jobs) - len(todo)} of {len(jobs)} finished before", flush=True)
-    with pool or ProcessExecutor(2) as pool, path.open("a", encoding="utf-8") as file:
+    with (
+        pool or ProcessExecutor(processes) as pool,
+        path.open("a", encoding="utf-8") as file,
+    ):
         # An interruption may have cut off the last line.
         file.write("\n" if path.stat().st_size else "")
         done = run_jobs(pool, work, [jobs[name] for name in todo])

@@ -1,6 +1,6 @@
 """Draw hidden effects: which, on which joints, and how large."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -22,10 +22,8 @@ from sim.plant.effect_catalogue import convert_stated_size as stated_size
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import read_nominal_drives
 
-CLEAR = 3.0  # multiples of the minimum detectable size from which one ought to see it
-ROUNDING = 1e-6
 # In minimum detectable sizes. One of a pair must not be lost in the other.
-MULTIPLES, OF_A_PAIR = (1.0, CLEAR, 5.0, 10.0), (CLEAR, 5.0, 10.0)
+MULTIPLES, OF_A_PAIR = (1.0, 3.0, 5.0, 10.0), (3.0, 5.0, 10.0)
 # An arm that has ten times as much as any is no arm; where noise is that large, the
 # effect stays below the multiple that was asked for.
 MOST = 3.0  # of a usual size
@@ -41,6 +39,8 @@ class Hidden:
     size: float | None  # how much of it there is, None where that is no one number
     # The size in minimum detectable ones, None where none is known.
     multiple: float | None
+    # That size as a share of the torque of its joint, None where it was not drawn so.
+    share: float | None = None
 
 
 @cache
@@ -92,15 +92,17 @@ def draw_sized(
     return PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
 
 
-def measured(effect: PlantEffect, minimum: Minimum, robot: Robot) -> Hidden:
+def measured(
+    effect: PlantEffect, minimum: Minimum, robot: Robot, share: float | None = None
+) -> Hidden:
     """Return an effect with its size beside the smallest that would be seen."""
     joints = number_joints(effect.name, effect.joints, robot.dof)
     there = compute_effect_amount(effect.name, dict(effect.parameters))
     if not there:
-        return Hidden(effect, joints, None, None)
+        return Hidden(effect, joints, None, None, share)
     least = smallest(minimum, effect.name, joints)
     multiple = there / stated_size(effect.name, float(least.value)) if least else None
-    return Hidden(effect, joints, stated_size(effect.name, there), multiple)
+    return Hidden(effect, joints, stated_size(effect.name, there), multiple, share)
 
 
 def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
@@ -120,12 +122,3 @@ def true_parameters(robot: Robot, plant: PlantSpec) -> list[dict[str, float]]:
             values[what.amount[0]] += float(there[joint] - known[joint])
         out.append(values)
     return out
-
-
-def is_clear(row: Mapping) -> bool:
-    return row["multiple"] is not None and row["multiple"] >= CLEAR - ROUNDING
-
-
-def both_clear(row: Mapping) -> bool:
-    sizes = (row["multiple"], row["second_multiple"])
-    return all(size is None or size >= CLEAR - ROUNDING for size in sizes)

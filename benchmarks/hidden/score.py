@@ -209,6 +209,7 @@ def case_row(
             f"{start}joints": one and list(one.joints),
             f"{start}size": one and one.size,
             f"{start}multiple": one and one.multiple,
+            f"{start}share": one and one.share,
         }
     first = judged.first
     row |= {

@@ -4,17 +4,18 @@ The formulas are none of the program's; a size is the RMS of the effect over tha
 joint's torque, where the joint moves.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
+from itertools import product
+from time import process_time
 
 import numpy as np
 
 from benchmarks.changes_parts import sizes
 from benchmarks.changes_parts.real import plain_body
 from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
-from benchmarks.harness.figures import NO_BAR, Figures, figure
-from benchmarks.measured_parts import arms, greedy
+from benchmarks.measured_parts import arms, greedy, heard
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.verdict.result import Finding
@@ -35,8 +36,6 @@ SPLITS = (
     "krang train | test",
 )
 SIZES = (0.10, 0.20)
-BARS = (0.60, 0.80)  # named first, of each size
-ANOTHER = 0.05  # another new name
 ANCHORS = 0.25  # of a gas spring: the shorter lever over the longer
 _TIMES = ("torque", "stiffness", "coefficient", "amplitude", "level", "force")
 _LEAST_MOVING = 0.2  # of the rows on which a joint must move to be given an effect
@@ -84,18 +83,14 @@ class Case:
     @property
     def name(self) -> str:
         """Key of its result."""
-        return f"added {self.seed} {self.split} {self.effect} {self.target:g}"
+        own = f" {self.effect} {self.target:g} seed {self.seed}" if self.effect else ""
+        return f"added {self.split}{own}"
 
 
 def cases(seed: int) -> list[Case]:
-    """Return the cases of a seed: of each split half of the effects at each size."""
-    out = []
-    for i, split in enumerate(SPLITS):
-        out.append(Case(seed, split))
-        for k, effect in enumerate(FORMULAS):
-            target = SIZES[(seed + i + k) % len(SIZES)]
-            out.append(Case(seed, split, effect, target))
-    return out
+    """Return the cases of a seed: each split as it is, and with all at each size."""
+    some = [("", 0.0), *product(FORMULAS, SIZES)]
+    return [Case(seed, split, *one) for split in SPLITS for one in some]
 
 
 def _draw(split: str, effect: str, rng: np.random.Generator) -> tuple[int, dict]:
@@ -159,7 +154,8 @@ def logs_of(split: str) -> tuple[tuple[Recording, ...], tuple[Recording, ...]]:
 
 def measure(case: Case) -> dict:
     """Diagnose the logs of a case; beside it the names of the peer."""
-    (fit, held_out), truth = logs_of(case.split), None
+    (fit, held_out), truth, hears = logs_of(case.split), None, None
+    robot = arms.robot_of(arms.SPLITS[case.split].arm)
     if case.effect:
         k = list(FORMULAS).index(case.effect)
         rng = np.random.default_rng([case.seed, SPLITS.index(case.split), k])
@@ -169,83 +165,44 @@ def measure(case: Case) -> dict:
             sized = _sized(case.split, case.effect, joint, values, case.target)
         values, truth = _times(values, sized[0]), [case.effect, joint]
         body: Body = plain_body(arms.SPLITS[case.split].arm)
+        plain = fit
         fit, held_out = (
             [_added(sizes.state(log, body), *truth, values) for log in logs]
             for logs in (fit, held_out)
         )
-    robot = arms.robot_of(arms.SPLITS[case.split].arm)
+        plus = [log.tau - old.tau for log, old in zip(fit, plain, strict=True)]
+        hears = heard.fall_of_error(robot, plain, plus, joint)
+    begun = process_time()
     verdict = diagnose(robot, fit, held_out=held_out).verdict
+    seconds = round(process_time() - begun, 2)
     return {
         "split": case.split,
         "truth": truth,
         "target": case.target,
+        "heard": hears is not None and heard.is_heard(*hears),
+        "fall": hears and [round(share, 4) for share in hears],
+        "seconds": seconds,
         "named": _names(verdict.effects),
         "suspected": _names(verdict.suspected),
-        "peer": [[n.split()[0], j, []] for n, j in greedy.names(robot, fit)],
+        "peer": [[n.split()[0], j, [], None] for n, j in greedy.names(robot, fit)],
     }
 
 
 def summary(row: Mapping) -> str:
-    names = [x[:2] for x in row["named"]]
-    return f"{row['truth']} -> {names}; peer {[x[:2] for x in row['peer']]}"
+    named, peer = ([x[:2] for x in row[key]] for key in ("named", "peer"))
+    ear = "heard" if row["heard"] else "not heard"
+    return f"{row['truth']} ({ear}) -> {named}; peer {peer} ({row['seconds']} s)"
 
 
 def _names(findings: Iterable[Finding]) -> list[list]:
-    """Name and joint of each member, with what cannot be told from it there."""
+    """Name, joint, what cannot be told from it there, probability; of each member."""
     return [
-        [e.name, joint, [a.name for a in e.equivalent if joint in (*a.joints, 0)]]
+        [
+            e.name,
+            joint,
+            [a.name for a in e.equivalent if joint in (*a.joints, 0)],
+            e.probability,
+        ]
         for e in findings
         for joint in (e.joints or (0,))
     ]
-
-
-def figures(rows: Sequence[Mapping]) -> Figures:
-    """Of each size: the added effect first among what is new; another new name."""
-    out: Figures = {}
-    for target, bar in zip(SIZES, BARS, strict=True):
-        size = f"{100 * target:g}"
-        own = [row for row in rows if row["truth"] and row["target"] == target]
-        judged = _new_names(own, rows, ("named", "suspected"))
-        first, others = (float(x) for x in judged.mean(axis=0))
-        n, ok = len(judged), first >= bar
-        out[f"added_{size}_first"] = figure(first, bar, n, ok=ok, at_least=True)
-        some = [any(_is_truth(x, r["truth"]) for x in r["suspected"]) for r in own]
-        share = float(np.mean(some))
-        out[f"added_{size}_suspected"] = figure(share, None, len(own), why=NO_BAR)
-        out[f"added_{size}_another"] = figure(others, ANOTHER, n)
-        peer = _new_names(own, rows, ("peer",))
-        for what, value in zip(("first", "another"), peer.mean(axis=0), strict=True):
-            entry = figure(float(value), None, len(peer), why="greedy selection")
-            out[f"added_{size}_{what}_of_peer"] = entry
-    return out
-
-
-def _new_names(
-    own: Sequence[Mapping], rows: Sequence[Mapping], keys: Sequence[str]
-) -> Array:
-    """Whether the added effect is first among the new names, and another is new.
-
-    What the logs without it have does not count. Shape (cases, 2).
-
-    Args:
-        keys: Where the names of an answer stand; the first are what it is sure of.
-    """
-    before = {
-        row["split"]: {tuple(x[:2]) for key in keys for x in row[key]}
-        for row in rows
-        if row["truth"] is None
-    }
-    out = []
-    for row in own:
-        known = before[row["split"]]
-        if tuple(row["truth"]) in known:
-            continue
-        new = [x for x in row[keys[0]] if tuple(x[:2]) not in known]
-        right = [_is_truth(x, row["truth"]) for x in new]
-        out.append((bool(right and right[0]), not all(right)))
-    return np.array(out, dtype=float)
-
-
-def _is_truth(said: Sequence, truth: Sequence) -> bool:
-    name, joint, alike = said
-    return joint == truth[1] and truth[0] in (name, *alike)

@@ -34,10 +34,8 @@ def names(robot: Robot, logs: Sequence[Recording]) -> list[Name]:
     error = selection.left_out(chosen)
     while len(chosen) < MOST:
         best = None
-        for k, (_, joint) in enumerate(selection.names):
-            if k in chosen:
-                continue
-            now = selection.left_out([*chosen, k])
+        for k, now in selection.left_out_with_one_more(chosen):
+            joint = selection.names[k][1]
             here, before = now[:, joint - 1], error[:, joint - 1]
             share = 1 - np.sqrt(here.sum() / before.sum())
             fall = error.sum() - now.sum()
@@ -67,9 +65,9 @@ class _Selection:
     @classmethod
     def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
         tracks, _ = build_tracks(list(logs), FilterSettings())
-        base = [_base(robot, track) for track in tracks]
+        base = [base_columns(robot, track) for track in tracks]
         moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
-        theta = _plain(base, tracks, moving)
+        theta = plain_fit(base, tracks, moving)
         body = theta[: 10 * robot.dof]
         model = robot.model
         load = [
@@ -91,7 +89,7 @@ class _Selection:
         dof, p = robot.dof, int(ends[-1])
         gram = np.zeros((len(blocks), dof, p, p))
         cross, power = np.zeros((len(blocks), dof, p)), np.zeros((len(blocks), dof))
-        noise = _noise(base, tracks, moving, theta)
+        noise = left_of_joints(base, tracks, moving, theta)
         for b, (x, every, part, tau, moves) in enumerate(blocks):
             for j in range(dof):
                 weight = moves[:, j] / noise[j]
@@ -111,24 +109,67 @@ class _Selection:
 
     def left_out(self, chosen: Sequence[int]) -> Array:
         """Squared error of each block, fitted to the others. Shape (blocks, joints)."""
-        own = np.concatenate([np.arange(self.base), *(self.slots[k] for k in chosen)])
-        gram = self.gram[:, :, own[:, None], own]
-        cross = self.cross[:, :, own]
-        whole, right = gram.sum(axis=(0, 1)), cross.sum(axis=(0, 1))
-        size = self.scale[own]
-        ridge = RIDGE * self.rows * np.eye(len(own))
-        left = (whole - gram.sum(axis=1)) * size[:, None] * size + ridge
-        theta = (
-            size
-            * np.linalg.solve(left, (size * (right - cross.sum(axis=1)))[..., None])[
-                ..., 0
-            ]
-        )
+        own = self._columns(chosen)
+        gram, cross = self.gram[:, :, own[:, None], own], self.cross[:, :, own]
+        left, right = self._others(gram.sum(axis=1), cross.sum(axis=1), own, own)
+        left += RIDGE * self.rows * np.eye(len(own))
+        theta = self.scale[own] * np.linalg.solve(left, right[..., None])[..., 0]
         miss = np.einsum("bp,bjpq,bq->bj", theta, gram, theta, optimize=True)
         return self.power - 2 * np.einsum("bjp,bp->bj", cross, theta) + miss
 
+    def left_out_with_one_more(
+        self, chosen: Sequence[int]
+    ) -> Iterator[tuple[int, Array]]:
+        """Yield each further name and its `left_out`, by the Schur complement."""
+        own = self._columns(chosen)
+        gram, cross = self.gram[:, :, own[:, None], own], self.cross[:, :, own]
+        left, right = self._others(gram.sum(axis=1), cross.sum(axis=1), own, own)
+        inverse = np.linalg.inv(left + RIDGE * self.rows * np.eye(len(own)))
+        alone = inverse @ right[..., None]
+        more = [k for k in range(len(self.names)) if k not in chosen]
+        fits = [self._with(k, own, inverse, alone) for k in more]
+        theta = np.concatenate([of_own for of_own, _ in fits], axis=2)  # (b, p, more)
+        errors = self.power[..., None] - 2 * cross @ theta
+        for j in range(gram.shape[1]):
+            errors[:, j] += np.einsum("bpk,bpk->bk", theta, gram[:, j] @ theta)
+        for i, k in enumerate(more):
+            slot, j = self.slots[k], self.names[k][1] - 1
+            of_own, of_name = fits[i]
+            both = np.swapaxes(self.gram[:, j, own[:, None], slot], 1, 2) @ of_own
+            both += self.gram[:, j, slot[:, None], slot] @ of_name / 2
+            both -= self.cross[:, j, slot, None]
+            errors[:, j, i] += 2 * (of_name * both).sum(axis=(1, 2))
+            yield k, errors[:, :, i]
 
-def _base(robot: Robot, track) -> Array:
+    def _with(
+        self, k: int, own: Array, inverse: Array, alone: Array
+    ) -> tuple[Array, Array]:
+        """Coefficients of the columns so far and of one more name. (blocks, n, 1)."""
+        slot, j = self.slots[k], self.names[k][1] - 1
+        gram, cross = self.gram[:, j], self.cross[:, j, slot]
+        across, right = self._others(gram[:, own[:, None], slot], cross, own, slot)
+        inner, _ = self._others(gram[:, slot[:, None], slot], cross, slot, slot)
+        inner += RIDGE * self.rows * np.eye(len(slot))
+        turned, seen = np.swapaxes(across, 1, 2), inverse @ across
+        of_name = np.linalg.solve(
+            inner - turned @ seen, right[..., None] - turned @ alone
+        )
+        of_own = alone - seen @ of_name
+        return self.scale[own][:, None] * of_own, self.scale[slot][:, None] * of_name
+
+    def _columns(self, chosen: Sequence[int]) -> Array:
+        return np.concatenate([np.arange(self.base), *(self.slots[k] for k in chosen)])
+
+    def _others(
+        self, gram: Array, cross: Array, rows: Array, columns: Array
+    ) -> tuple[Array, Array]:
+        """Sums over all blocks but each in turn, of columns scaled to size 1."""
+        scale = self.scale
+        left = (gram.sum(axis=0) - gram) * scale[rows][:, None] * scale[columns]
+        return left, scale[columns] * (cross.sum(axis=0) - cross)
+
+
+def base_columns(robot: Robot, track) -> Array:
     """Columns that are always there, on the rows of a log. Shape (n, dof, p)."""
     y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
     way = np.tanh(track.qd / STANDSTILL)
@@ -137,7 +178,7 @@ def _base(robot: Robot, track) -> Array:
     return track.filter(np.concatenate([y, *own], axis=2))
 
 
-def _noise(base, tracks, moving, theta: Array) -> Array:
+def left_of_joints(base, tracks, moving, theta: Array) -> Array:
     """What least squares leaves of each joint [N m]. Shape (dof,)."""
     left = np.concatenate(
         [t.tau - x @ theta for x, t in zip(base, tracks, strict=True)]
@@ -148,7 +189,7 @@ def _noise(base, tracks, moving, theta: Array) -> Array:
     return np.maximum(size, 0.02 * rms)
 
 
-def _plain(base, tracks, moving) -> Array:
+def plain_fit(base, tracks, moving) -> Array:
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
     pairs = zip(base, moving, strict=True)
     x = np.concatenate([(b * (m / rms)[:, :, None]) for b, m in pairs])

@@ -12,7 +12,6 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
-from benchmarks.hidden.draw import is_clear
 from flows.cli.app import GROUPS, app
 from flows.report.phrases import capitalize_first
 from residual.effects import load_effects
@@ -227,33 +226,34 @@ def recorded_rows(name: str) -> list[str]:
     for file in FILES:
         result = _read(file)
         made = f"{result['commit'][:7]}, {result['date'][:10]}"
-        for group, what in (
-            ("singles", "alone, three times its detectable size or more"),
-            ("usual", "alone, at a usual size where no multiple could be drawn"),
-            ("detection", "at exactly its detectable size (a half is expected)"),
-        ):
-            cases = _cases(result, group, name)
-            if cases:
-                right = sum(case["outcome"] in RIGHT for case in cases)
-                told = f"{right} of {len(cases)} | {result['seeds']} | {made}"
-                out.append(f"| {what} | {told} |")
+        cases = defaultdict(list)
+        for group in ("singles", "detection"):
+            for case in result["cases"].get(group, ()):
+                if case.get("effect") == name:
+                    cases[_size(group, case)].append(case["outcome"] in RIGHT)
+        for what in sorted(cases.keys() & set(_SIZES), key=_SIZES.index):
+            told = f"{sum(cases[what])} of {len(cases[what])}"
+            out.append(f"| {what} | {told} | {result['seeds']} | {made} |")
     return out
 
 
-def _cases(result: dict, group: str, name: str) -> list[dict]:
+_SHARES = tuple(f"alone, {share:g} % of the joint's torque" for share in (10, 5, 2, 1))
+# Of the recorded run, which drew multiples of the detectable size.
+_THREE_TIMES = "alone, three times its detectable size or more"
+_USUAL = "alone, at a usual size where no other could be drawn"
+_DETECTABLE = "at exactly its detectable size (a half is expected)"
+_SIZES = (*_SHARES, _THREE_TIMES, _USUAL, _DETECTABLE)
+
+
+def _size(group: str, case: dict) -> str | None:
+    """Return in words how large the effect of a case is; None for what is not shown."""
     if group == "detection":
-        chosen = result["cases"].get("detection", ())
-        return [case for case in chosen if case["effect"] == name]
-    of_group = is_clear if group == "singles" else _is_usual
-    return [
-        case
-        for case in result["cases"].get("singles", ())
-        if case["effect"] == name and of_group(case)
-    ]
-
-
-def _is_usual(case: dict) -> bool:
-    return case["multiple"] is None
+        return _DETECTABLE
+    if case.get("share"):
+        return f"alone, {100 * case['share']:g} % of the joint's torque"
+    if "share" in case or case["multiple"] is None:
+        return _USUAL
+    return _THREE_TIMES if case["multiple"] >= 3 - 1e-6 else None
 
 
 def named_instead(name: str) -> Counter[str]:

@@ -1,8 +1,16 @@
-"""Bars of the diagnosis benchmark, and results that outlive a kill."""
+"""Cases and bars of the diagnosis benchmark, and results that outlive a kill."""
 
-from benchmarks.diagnosis_parts import bars
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from benchmarks.diagnosis_parts import bars, cases
 from benchmarks.harness.cases import run_kept
+from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share
+from benchmarks.synthetic.visible import share
 from flows.workers import InlineExecutor
+from sim.engine.plant_records import create_random_stream
 
 ROW = {
     "outcome": "right",
@@ -13,6 +21,7 @@ ROW = {
     "second_effect": None,
     "multiple": 5.0,
     "second_multiple": 5.0,
+    "share": 0.05,
     "named": 1,
     "found": 1,
     "extra": 0,
@@ -30,11 +39,80 @@ def _rows(good, bad, **wrong):
     return [ROW] * good + [{**ROW, **wrong}] * bad
 
 
-def test_singles_are_counted_where_they_are_clear():
+def _task(group, hides, share=None):
+    return cases.Task(group, hides, "quick", motion=1, arm=2, share=share)
+
+
+@pytest.mark.parametrize(
+    ("group", "hides", "sizes"),
+    [
+        ("singles", "stribeck", [0.05]),
+        ("singles", "encoder_offset", [0.01]),
+        ("singles", "presliding", [None]),
+        ("forms", "cubic_cable", CLEAR),
+        ("pairs", "", CLEAR),
+    ],
+)
+def test_what_is_hidden_follows_from_the_seeds_and_has_its_share(
+    group, hides, sizes, monkeypatch
+):
+    def refuse(*args, **options):
+        raise AssertionError("a diagnosis has no part in what is hidden")
+
+    monkeypatch.setattr(cases, "diagnose", refuse)
+    task = _task(group, hides, sizes[0] if group == "singles" else None)
+    drawn, effects, shares = cases.hidden(task)
+    assert (drawn, effects, shares) == cases.hidden(task)
+    assert len(effects) == (2 if group == "pairs" else 1)
+    assert effects != cases.hidden(replace(task, arm=3))[1]
+    stages = cases._stages(task.data, task.motion)
+    for effect, size in zip(effects, shares, strict=True):
+        arm_has = cases.as_form(effect, hides) if group == "forms" else effect
+        assert size is None or size in sizes
+        if size is not None:
+            got = share(cases.the_arm(), arm_has, stages)
+            assert got == pytest.approx(size, rel=0.02)
+
+
+def test_a_share_is_rms_of_torque_over_that_of_the_joint():
+    stages, rng = cases._stages("quick", 1), create_random_stream(1, "rms")
+    effect, _ = draw_of_share(cases.the_arm(), rng, "offset", [0.1], stages)
+    (joint,) = effect.joints
+    moving, torque = (
+        np.concatenate([getattr(stage, key)[:, joint - 1] for stage in stages])
+        for key in ("moves", "torque")
+    )
+    rms = np.sqrt(np.mean(torque[moving] ** 2))
+    assert abs(dict(effect.parameters)["torque"]) == pytest.approx(0.1 * rms, rel=0.02)
+
+
+def test_more_than_an_arm_has_is_left_out_without_a_diagnosis():
+    task = _task("singles", "elasticity", 100.0)
+    assert cases.hidden(task) is None
+    row = cases.run((task, ()))
+    assert row["left_out"]
+    figures = bars.case_figures({"singles": [row, ROW]}, deciding=True)
+    assert figures["singles_more_than_an_arm_has"]["value"] == 1
+    assert figures["singles_of_5_right"]["n"] == 1
+
+
+def test_a_seed_has_every_effect_at_every_size_and_needs_no_detectable_ones():
+    tasks = cases.tasks("singles", range(1, 3), quick=False)
+    assert tasks == cases.tasks("singles", range(1, 3), quick=False)
+    sizes = [task.share for task in tasks if task.hides == "offset" and task.arm == 2]
+    assert sizes == list(SHARES)
+    assert [t.share for t in tasks if t.hides == "presliding"] == [None, None]
+    assert cases.benches(tasks) == []
+    assert cases.benches(cases.tasks("detection", range(1, 3), quick=False))
+
+
+def test_singles_are_counted_by_size_and_the_small_ones_have_no_bar():
     rows = _rows(95, 5, outcome="nothing", named=0, z=None)
-    rows += _rows(0, 7, outcome="nothing", named=0, z=None, multiple=2.0)
+    rows += _rows(0, 7, outcome="nothing", named=0, z=None, share=0.01)
     figures = bars.case_figures({"singles": rows}, deciding=True)
-    one = figures["singles_right"]
+    small = figures["singles_of_1_right"]
+    assert (small["value"], small["n"], small["ok"]) == (0.0, 7, None)
+    one = figures["singles_of_5_right"]
     assert (one["value"], one["n"], one["ok"]) == (0.95, 100, True)
     assert one["data"] == {"synthetic": [95, 100]}
     assert figures["named_right"]["ok"] is None  # fewer than 300 names
