@@ -206,22 +206,6 @@ class Search:
         system = FitEquations.of(design, self.score.prior, members)
         quick = screen_candidates(design, base, groups, system)
         quick = quick - np.array([self.cost(g) for g in groups])
-        fixed = [g for g in members if EffectTrait.PERIODIC not in g.effect.traits]
-        taken = {g.key for g in (*fixed, *([instead] if instead else ()))}
-        families = {(g.effect.family, g.joints) for g in members if g.effect.family}
-        near = set(instead.effect.rows(instead.joints, design.dof)) if instead else None
-
-        def fits_in(g: CandidateColumns) -> bool:
-            if taken & {g.key, *(p.key for p in g.parts)}:
-                return False
-            if (g.effect.family, g.joints) in families:
-                return False
-            if near and (
-                g.parts or not near & set(g.effect.rows(g.joints, design.dof))
-            ):
-                return False
-            return not any(_cancel(g, x) or _draws(g, x) for x in members)
-
         names = [q for q, g in zip(quick, groups, strict=True) if not is_curve(g)]
         faint = THRESHOLDS.faint_share * max(names, default=0.0)
         chosen: dict[tuple, CandidateColumns] = {}
@@ -230,7 +214,7 @@ class Search:
             g = groups[i]
             if quick[i] < THRESHOLDS.min_quick_nats:
                 break
-            if g.key in chosen or not fits_in(g):
+            if g.key in chosen or not self._fits_in(g, members, instead):
                 continue
             if quick[i] < faint or len(chosen) >= most:
                 (joint,) = g.joints if len(g.joints) == 1 else (None,)
@@ -243,6 +227,31 @@ class Search:
                 curved.setdefault(g.joints[0], 0)
             chosen[g.key] = g
         return list(chosen.values())
+
+    def _fits_in(
+        self,
+        group: CandidateColumns,
+        members: Members,
+        instead: CandidateColumns | None,
+    ) -> bool:
+        """Whether a candidate may stand beside some members, in place of another."""
+        taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
+        if instead is not None:
+            taken.add(instead.key)
+            rows = [set(self._rows(g)) for g in (group, instead)]
+            if group.parts or not rows[0] & rows[1]:
+                return False
+        if taken & {group.key, *(p.key for p in group.parts)}:
+            return False
+        family = group.effect.family, group.joints
+        if group.effect.family and family in {
+            (g.effect.family, g.joints) for g in members
+        }:
+            return False
+        return not any(_cancel(group, x) or _draws(group, x) for x in members)
+
+    def _rows(self, group: CandidateColumns) -> Sequence[int]:
+        return group.effect.rows(group.joints, self.score.design.dof)
 
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
         """The most evidence that is borne out; a name for a curve that says as much."""
@@ -262,8 +271,7 @@ class Search:
         return None if curve is None else curve[0]
 
     def _acts(self, group: CandidateColumns, curve: Trial) -> bool:
-        dof = self.score.design.dof
-        return curve.group.joints[0] in group.effect.rows(group.joints, dof)
+        return curve.group.joints[0] in self._rows(group)
 
     def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
         members = (*base.members, *(best.group.parts or (best.group,)))

@@ -146,7 +146,7 @@ def _without_curves(score: Score, fitted: Fit) -> Fit:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Weighted:
-    """Searches that predict left-out blocks as well as the best, best evidence first."""
+    """Searches that predict left-out blocks as well as the best, likeliest first."""
 
     runs: tuple[Found, ...]
     share: tuple[float, ...]  # of the evidence
