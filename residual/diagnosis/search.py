@@ -254,24 +254,39 @@ class Search:
         return group.effect.rows(group.joints, self.score.design.dof)
 
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
-        """The most evidence that is borne out; a name for a curve that says as much."""
-        curve: tuple[Trial, LeftOut] | None = None
+        """The most evidence that is borne out, and that no curve of its joint outdoes.
+
+        Where a curve leaves a quarter less than a name the joint follows the curve.
+        """
+        curves = {t: t.left for t in trials if is_curve(t.group)}
+        outdone: Trial | None = None
         for trial in trials:
-            if curve is not None and (
-                is_curve(trial.group) or not self._acts(trial.group, curve[0])
-            ):
+            if is_curve(trial.group):
+                after = curves[trial]
+            elif outdone is not None and not self._rivals(trial.group, outdone.group):
                 continue
-            after = trial.left
+            else:
+                after = trial.left
             if not self.is_borne_out(trial, after, before):
                 continue
-            if curve is None and is_curve(trial.group):
-                curve = trial, after
-            elif curve is None or not _outdoes(curve, after, before):
+            rivals = [
+                t
+                for t, left in curves.items()
+                if t is not trial
+                and self._rivals(trial.group, t.group)
+                and _outdoes(left, after, t.group.joints[0])
+            ]
+            if is_curve(trial.group):
+                outdone = outdone or trial
+            elif rivals:
+                outdone = outdone or max(rivals, key=lambda t: t.nats)
+            else:
                 return trial
-        return None if curve is None else curve[0]
+        return outdone
 
-    def _acts(self, group: CandidateColumns, curve: Trial) -> bool:
-        return curve.group.joints[0] in self._rows(group)
+    def _rivals(self, name: CandidateColumns, curve: CandidateColumns) -> bool:
+        """Whether a name is of the joint of a curve, and of no other."""
+        return name.joints == curve.joints and len(self._rows(name)) == 1
 
     def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
         members = (*base.members, *(best.group.parts or (best.group,)))
@@ -344,15 +359,14 @@ def refine_last_shape(
     return (*others, replace(winner, fellows=last.fellows))
 
 
-def _outdoes(curve: tuple[Trial, LeftOut], name: LeftOut, before: LeftOut) -> bool:
-    """Whether a curve explains clearly more of its joint than a name, left out."""
-    (joint,) = curve[0].group.joints
-    bare, own, theirs = (x.errors[:, joint] for x in (before, curve[1], name))
+def _outdoes(curve: LeftOut, name: LeftOut, joint: int) -> bool:
+    """Whether a curve leaves clearly less of its joint than a name."""
+    own, theirs = (x.errors[:, joint] for x in (curve, name))
     gain = theirs - own
     scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
     if gain.sum() <= THRESHOLDS.clear_deviations * scatter:
         return False
-    return (bare - theirs).sum() < THRESHOLDS.curve_share * (bare - own).sum()
+    return bool(theirs.sum() > THRESHOLDS.curve_ratio * own.sum())
 
 
 def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:

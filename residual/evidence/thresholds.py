@@ -27,6 +27,9 @@ class EvidenceThresholds:
     min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
     left_out_slack: float = 2.0  # nats that left-out blocks may lose
     curve_knots: int = 10  # of a free curve
+    # of what it explains beside a curve of its joint: what a constant must alone
+    constant_share: float = 0.75
+    curve_ratio: float = 1.25  # times its left-out error: what a name may leave
     min_quick_nats: float = 2.0  # by a quick look: less gets no other
     clear_deviations: float = 2.0  # of a paired gain that is no chance
     same_deviations: float = 1.0  # of a paired loss: scales that predict as well
@@ -66,8 +69,6 @@ class EvidenceThresholds:
     # The gate, and what is alike.
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
-    # share of what waves explain together that one curve explains in their place
-    curve_share: float = 0.75
 
     # What remains.
     # structured residual, as a share of torque rms, that voids names
