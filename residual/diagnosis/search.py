@@ -168,18 +168,31 @@ class Search:
     ) -> list[Trial]:
         """Candidates with evidence enough beside a fit, most evidence first.
 
+        Beside a curve the likeliest names of its joint, however faint.
+
         Args:
             instead: A member that was taken out: what may stand in for it.
+            most: Candidates that are fitted at most.
         """
-        out = []
-        for group in self.shortlist(base, instead, most or THRESHOLDS.max_exact_looks):
-            members = (*base.members, *(group.parts or (group,)))
-            fitted = self.score.fit(members, base)
+        most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
+        curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        for quick, group in self._rank(base, instead):
+            if quick < THRESHOLDS.faint_share * top or looks >= most:
+                if curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
+                    continue
+            looks += 1
+            fitted = self.score.fit((*base.members, *(group.parts or (group,))), base)
             if not is_fit_possible(self.score.design, fitted, group):
                 continue
             nats = self.score.nats(fitted, group) - self.cost(group)
-            if nats >= self.least:
-                out.append(Trial(group, fitted, nats, self.score))
+            if nats < self.least:
+                continue
+            out.append(Trial(group, fitted, nats, self.score))
+            if is_curve(group):
+                curved.setdefault(group.joints, 0)
+            else:
+                top = top or quick
+                curved |= {j: n + 1 for j, n in curved.items() if j == group.joints}
         return sorted(out, key=lambda trial: -trial.nats)
 
     def is_borne_out(self, trial: Trial, after: LeftOut, before: LeftOut) -> bool:
@@ -197,35 +210,25 @@ class Search:
     def shortlist(
         self, base: Fit, instead: CandidateColumns | None, most: int
     ) -> list[CandidateColumns]:
-        """The best shape of the most promising candidates.
+        """The best shape of the most promising candidates, by a quick look."""
+        return [group for _, group in self._rank(base, instead)[:most]]
 
-        Beside a curve the likeliest names of its joint, however faint.
-        """
-        design, members = self.score.design, base.members
+    def _rank(
+        self, base: Fit, instead: CandidateColumns | None
+    ) -> list[tuple[float, CandidateColumns]]:
+        """Quick evidence less its price of each candidate's best shape, descending."""
         groups = (*self.candidates.groups, *self.curves)
-        system = FitEquations.of(design, self.score.prior, members)
-        quick = screen_candidates(design, base, groups, system)
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
+        quick = screen_candidates(self.score.design, base, groups, system)
         quick = quick - np.array([self.cost(g) for g in groups])
-        names = [q for q, g in zip(quick, groups, strict=True) if not is_curve(g)]
-        faint = THRESHOLDS.faint_share * max(names, default=0.0)
-        chosen: dict[tuple, CandidateColumns] = {}
-        curved: dict[int, int] = {}  # names looked at beside a curve, by joint
+        chosen: dict[tuple, tuple[float, CandidateColumns]] = {}
         for i in np.argsort(-quick):
-            g = groups[i]
             if quick[i] < THRESHOLDS.min_quick_nats:
                 break
-            if g.key in chosen or not self._fits_in(g, members, instead):
-                continue
-            if quick[i] < faint or len(chosen) >= most:
-                (joint,) = g.joints if len(g.joints) == 1 else (None,)
-                if is_curve(g) or curved.get(joint, CURVE_RIVALS) >= CURVE_RIVALS:
-                    continue
-            for joint in g.joints:
-                if joint in curved:
-                    curved[joint] += 1
-            if is_curve(g):
-                curved.setdefault(g.joints[0], 0)
-            chosen[g.key] = g
+            if groups[i].key not in chosen and self._fits_in(
+                groups[i], base.members, instead
+            ):
+                chosen[groups[i].key] = float(quick[i]), groups[i]
         return list(chosen.values())
 
     def _fits_in(
