@@ -65,10 +65,8 @@ class DetectionModel:
             return np.inf
         degrees = THRESHOLDS.prior_blocks + design.folds
         sizes = np.geomspace(1, WIDEST, STEPS) / np.sqrt(along)
-        pull = known @ direction
-        nats = np.array(
-            [mixture_evidence(known, s * pull, group.precision, degrees) for s in sizes]
-        )
+        pull, prior = known @ direction, group.precision
+        nats = mixture_evidence(known, pull, prior, degrees, sizes)
         enough = nats >= max(
             THRESHOLDS.named_nats, self.search.least + self.search.cost(group)
         )

@@ -145,16 +145,15 @@ class Score:
         for covariance, degrees in covariances or self.covariances(fitted):
             total = _invert(covariance[np.ix_(slots, slots)])
             own = total - group.precision
-            values.append(
-                mixture_evidence(own, total @ theta, group.precision, degrees)
-            )
-        return float(min(values))
+            pull, prior = total @ theta, group.precision
+            values += mixture_evidence(own, pull, prior, degrees).tolist()
+        return min(values)
 
     def left_out(self, fitted: Fit) -> LeftOut:
         """Errors of blocks that each was fitted without."""
         design = self.design
         system = FitEquations.of(design, self.prior, fitted.members)
-        weight, size = fitted.weight(design.rows), len(system.ids)
+        weight = fitted.weight(design.rows)
         whole = system.precision + np.tensordot(weight, system.gram, 1)
         unit = 1 / np.sqrt(np.diag(whole))
         left = np.repeat(whole[None], design.folds, axis=0)
@@ -176,9 +175,13 @@ class Score:
 
 
 def mixture_evidence(
-    information: Array, pull: Array, prior: Array, degrees: float
-) -> float:
-    """Evidence under the likeliest of four sizes of the prior [nats].
+    information: Array,
+    pull: Array,
+    prior: Array,
+    degrees: float,
+    sizes: Sequence[float] = (1.0,),
+) -> Array:
+    """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
 
     A load of a tenth of the usual is no less a load: what it costs to know ten numbers
     goes by how large they are.
@@ -187,6 +190,7 @@ def mixture_evidence(
         information: Of the logs alone. Shape (k, k).
         pull: Information times the coefficients. Shape (k,).
         prior: Precision of the usual prior. Shape (k, k).
+        sizes: Factors on the coefficients. Shape (s,).
     """
     scale = 1 / np.sqrt(np.diag(prior))
     lower = np.linalg.cholesky(prior * np.outer(scale, scale))
@@ -194,10 +198,10 @@ def mixture_evidence(
     known, turn = np.linalg.eigh(half @ information @ half.T)
     known = np.maximum(known, 0.0)[:, None]
     along = (turn.T @ (half @ pull))[:, None] ** 2
-    wald = (along / (known + 1 / SQUARES)).sum(axis=0)
+    wald = np.outer(np.square(sizes), (along / (known + 1 / SQUARES)).sum(axis=0))
     worth = 0.5 * (degrees + 1) * np.log1p(wald / degrees)
     worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=0)
-    return float(worth.max() - np.log(len(SQUARES)))
+    return worth.max(axis=1) - np.log(len(SQUARES))
 
 
 def _invert(matrix: Array) -> Array:

@@ -168,18 +168,31 @@ class Search:
     ) -> list[Trial]:
         """Candidates with evidence enough beside a fit, most evidence first.
 
+        Beside a curve the likeliest names of its joint, however faint.
+
         Args:
             instead: A member that was taken out: what may stand in for it.
+            most: Candidates that are fitted at most.
         """
-        out = []
-        for group in self.shortlist(base, instead, most or THRESHOLDS.max_exact_looks):
-            members = (*base.members, *(group.parts or (group,)))
-            fitted = self.score.fit(members, base)
+        most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
+        curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        for quick, group in self._rank(base, instead):
+            if quick < THRESHOLDS.faint_share * top or looks >= most:
+                if curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
+                    continue
+            looks += 1
+            fitted = self.score.fit((*base.members, *(group.parts or (group,))), base)
             if not is_fit_possible(self.score.design, fitted, group):
                 continue
             nats = self.score.nats(fitted, group) - self.cost(group)
-            if nats >= self.least:
-                out.append(Trial(group, fitted, nats, self.score))
+            if nats < self.least:
+                continue
+            out.append(Trial(group, fitted, nats, self.score))
+            if is_curve(group):
+                curved.setdefault(group.joints, 0)
+            else:
+                top = top or quick
+                curved |= {j: n + 1 for j, n in curved.items() if j == group.joints}
         return sorted(out, key=lambda trial: -trial.nats)
 
     def is_borne_out(self, trial: Trial, after: LeftOut, before: LeftOut) -> bool:
@@ -197,73 +210,86 @@ class Search:
     def shortlist(
         self, base: Fit, instead: CandidateColumns | None, most: int
     ) -> list[CandidateColumns]:
-        """The best shape of the most promising candidates.
+        """The best shape of the most promising candidates, by a quick look."""
+        return [group for _, group in self._rank(base, instead)[:most]]
 
-        Beside a curve the likeliest names of its joint, however faint.
-        """
-        design, members = self.score.design, base.members
+    def _rank(
+        self, base: Fit, instead: CandidateColumns | None
+    ) -> list[tuple[float, CandidateColumns]]:
+        """Quick evidence less its price of each candidate's best shape, descending."""
         groups = (*self.candidates.groups, *self.curves)
-        system = FitEquations.of(design, self.score.prior, members)
-        quick = screen_candidates(design, base, groups, system)
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
+        quick = screen_candidates(self.score.design, base, groups, system)
         quick = quick - np.array([self.cost(g) for g in groups])
-        fixed = [g for g in members if EffectTrait.PERIODIC not in g.effect.traits]
-        taken = {g.key for g in (*fixed, *([instead] if instead else ()))}
-        families = {(g.effect.family, g.joints) for g in members if g.effect.family}
-        near = set(instead.effect.rows(instead.joints, design.dof)) if instead else None
-
-        def fits_in(g: CandidateColumns) -> bool:
-            if taken & {g.key, *(p.key for p in g.parts)}:
-                return False
-            if (g.effect.family, g.joints) in families:
-                return False
-            if near and (
-                g.parts or not near & set(g.effect.rows(g.joints, design.dof))
-            ):
-                return False
-            return not any(_cancel(g, x) or _draws(g, x) for x in members)
-
-        names = [q for q, g in zip(quick, groups, strict=True) if not is_curve(g)]
-        faint = THRESHOLDS.faint_share * max(names, default=0.0)
-        chosen: dict[tuple, CandidateColumns] = {}
-        curved: dict[int, int] = {}  # names looked at beside a curve, by joint
+        chosen: dict[tuple, tuple[float, CandidateColumns]] = {}
         for i in np.argsort(-quick):
-            g = groups[i]
             if quick[i] < THRESHOLDS.min_quick_nats:
                 break
-            if g.key in chosen or not fits_in(g):
-                continue
-            if quick[i] < faint or len(chosen) >= most:
-                (joint,) = g.joints if len(g.joints) == 1 else (None,)
-                if is_curve(g) or curved.get(joint, CURVE_RIVALS) >= CURVE_RIVALS:
-                    continue
-            for joint in g.joints:
-                if joint in curved:
-                    curved[joint] += 1
-            if is_curve(g):
-                curved.setdefault(g.joints[0], 0)
-            chosen[g.key] = g
+            if groups[i].key not in chosen and self._fits_in(
+                groups[i], base.members, instead
+            ):
+                chosen[groups[i].key] = float(quick[i]), groups[i]
         return list(chosen.values())
 
+    def _fits_in(
+        self,
+        group: CandidateColumns,
+        members: Members,
+        instead: CandidateColumns | None,
+    ) -> bool:
+        """Whether a candidate may stand beside some members, in place of another."""
+        taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
+        if instead is not None:
+            taken.add(instead.key)
+            rows = [set(self._rows(g)) for g in (group, instead)]
+            if group.parts or not rows[0] & rows[1]:
+                return False
+        if taken & {group.key, *(p.key for p in group.parts)}:
+            return False
+        family = group.effect.family, group.joints
+        if group.effect.family and family in {
+            (g.effect.family, g.joints) for g in members
+        }:
+            return False
+        return not any(_cancel(group, x) or _draws(group, x) for x in members)
+
+    def _rows(self, group: CandidateColumns) -> Sequence[int]:
+        return group.effect.rows(group.joints, self.score.design.dof)
+
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
-        """The most evidence that is borne out; a name for a curve that says as much."""
-        curve: tuple[Trial, LeftOut] | None = None
+        """The most evidence that is borne out, and that no curve of its joint outdoes.
+
+        Where a curve leaves a quarter less than a name the joint follows the curve.
+        """
+        curves = {t: t.left for t in trials if is_curve(t.group)}
+        outdone: Trial | None = None
         for trial in trials:
-            if curve is not None and (
-                is_curve(trial.group) or not self._acts(trial.group, curve[0])
-            ):
+            if is_curve(trial.group):
+                after = curves[trial]
+            elif outdone is not None and not self._rivals(trial.group, outdone.group):
                 continue
-            after = trial.left
+            else:
+                after = trial.left
             if not self.is_borne_out(trial, after, before):
                 continue
-            if curve is None and is_curve(trial.group):
-                curve = trial, after
-            elif curve is None or not _outdoes(curve, after, before):
+            rivals = [
+                t
+                for t, left in curves.items()
+                if t is not trial
+                and self._rivals(trial.group, t.group)
+                and _outdoes(left, after, t.group.joints[0])
+            ]
+            if is_curve(trial.group):
+                outdone = outdone or trial
+            elif rivals:
+                outdone = outdone or max(rivals, key=lambda t: t.nats)
+            else:
                 return trial
-        return None if curve is None else curve[0]
+        return outdone
 
-    def _acts(self, group: CandidateColumns, curve: Trial) -> bool:
-        dof = self.score.design.dof
-        return curve.group.joints[0] in group.effect.rows(group.joints, dof)
+    def _rivals(self, name: CandidateColumns, curve: CandidateColumns) -> bool:
+        """Whether a name is of the joint of a curve, and of no other."""
+        return name.joints == curve.joints and len(self._rows(name)) == 1
 
     def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
         members = (*base.members, *(best.group.parts or (best.group,)))
@@ -336,15 +362,14 @@ def refine_last_shape(
     return (*others, replace(winner, fellows=last.fellows))
 
 
-def _outdoes(curve: tuple[Trial, LeftOut], name: LeftOut, before: LeftOut) -> bool:
-    """Whether a curve explains clearly more of its joint than a name, left out."""
-    (joint,) = curve[0].group.joints
-    bare, own, theirs = (x.errors[:, joint] for x in (before, curve[1], name))
+def _outdoes(curve: LeftOut, name: LeftOut, joint: int) -> bool:
+    """Whether a curve leaves clearly less of its joint than a name."""
+    own, theirs = (x.errors[:, joint] for x in (curve, name))
     gain = theirs - own
     scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
     if gain.sum() <= THRESHOLDS.clear_deviations * scatter:
         return False
-    return (bare - theirs).sum() < THRESHOLDS.curve_share * (bare - own).sum()
+    return bool(theirs.sum() > THRESHOLDS.curve_ratio * own.sum())
 
 
 def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:

@@ -146,7 +146,7 @@ def _without_curves(score: Score, fitted: Fit) -> Fit:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Weighted:
-    """Searches that predict left-out blocks as well as the best, best evidence first."""
+    """Searches that predict left-out blocks as well as the best, likeliest first."""
 
     runs: tuple[Found, ...]
     share: tuple[float, ...]  # of the evidence
@@ -273,7 +273,9 @@ def _conclude(
     """The likeliest set with the probability of each name."""
     priors = [r.score.prior for r in weighted.runs]
     look = constants.search(search(priors[0]))
-    best = look.settle((*weighted.best.fit.members, *constants.groups))
+    found = weighted.best.fit.members
+    named = _drop_curved_constants(look.score, found, constants.groups)
+    best = look.settle((*found, *named))
     members = tuple(
         sorted(
             (_judge(look, best, weighted, g) for g in best.named),
@@ -294,6 +296,27 @@ def _conclude(
         scales[min(int(middle), len(scales) - 1)][0],
         wide,
     )
+
+
+def _drop_curved_constants(
+    score: Score, found: Sequence[CandidateColumns], groups: Sequence[CandidateColumns]
+) -> list[CandidateColumns]:
+    """Constants but those of joints that follow a curve, of which they say little.
+
+    A constant must explain most of what it and the curve explain together.
+    """
+    out = []
+    for group in groups:
+        curves = [g for g in found if is_curve(g) and g.joints == group.joints]
+        if curves:
+            others = [g for g in found if g not in curves]
+            sets = (others, [*others, group], [*others, group, *curves])
+            lefts = [score.left_out(score.fit(members)) for members in sets]
+            none, alone, both = (x.errors[:, group.joints[0]].sum() for x in lefts)
+            if none - alone < THRESHOLDS.constant_share * (none - both):
+                continue
+        out.append(group)
+    return out
 
 
 def _choose_predictive_scale(
