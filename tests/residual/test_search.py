@@ -6,11 +6,11 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from residual.diagnosis.gate import cross_validation_errors, judge_members_by_gate
+from residual.diagnosis.gate import drop_members_failing_gate as drop_failing
 
 from residual.diagnosis.detectable import find_detectable_sizes
 from residual.diagnosis.findings import estimate_uncertainties, merge_into_findings
-from residual.diagnosis.gate import cross_validation_errors, judge_members_by_gate
-from residual.diagnosis.gate import drop_members_failing_gate as drop_failing
 from residual.diagnosis.search import lowers_error, rank_additions, refine_last_shape
 from residual.diagnosis.search import search_effect_set as effect_set
 from residual.diagnosis.select import find_member_alternatives as member_alternatives
