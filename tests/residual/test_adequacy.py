@@ -4,8 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from residual.diagnosis.gate import assess_adequacy, find_motion_period
 
+from residual.diagnosis.adequacy import assess_adequacy, find_motion_period
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit_jointly
 from residual.signals.track import FilterSettings, build_tracks
