@@ -166,7 +166,7 @@ class Score:
             pull[:, have] -= weight[j] * cross
         left *= np.outer(unit, unit)
         theta = unit * np.linalg.solve(left, (pull * unit)[..., None])[..., 0]
-        errors = design.power.copy()
+        errors = design.power.astype(float)
         for j, (have, gram, cross) in enumerate(sums):
             own = theta[:, have]
             moved = (gram @ own[..., None])[..., 0] - 2 * cross
