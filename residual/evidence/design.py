@@ -307,6 +307,7 @@ class Design:
         out._alone = detached
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
+        out.fold_rows = self.fold_rows[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
         if detached:
             out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)

@@ -1,0 +1,211 @@
+"""How well a set of effects is borne out: evidence by blocks, and left-out blocks.
+
+Errors within a block of some two seconds are anything, those of different blocks are
+independent. The covariance of a fit is clustered by block (Liang and Zeger 1986) and
+shrunk towards that of independent errors, since few blocks leave it uncertain. The
+evidence of a member is a mixture of g-priors over four sizes (Zellner 1986),
+
+    ln BF = (nu + 1) / 2 ln(1 + W / nu) - 1/2 ln det(I + g V^-1 P^-1) - price,
+
+with W its Wald statistic under the prior P, V its covariance and nu = blocks +
+``prior_blocks`` degrees of freedom: a t statistic.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.design import Design
+from residual.evidence.fit import (
+    Fit,
+    FitEquations,
+    NominalPrior,
+    count_effective_rows,
+    fit_jointly,
+)
+from residual.evidence.thresholds import THRESHOLDS
+from residual.recording import Array
+from residual.signals.splitting import group_pieces_by_log
+from residual.signals.track import Track
+
+MERGES = (1, 2, 4)  # blocks that are joined: the least evidence of these counts
+SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
+FLAT = 1e-9  # of the largest eigenvalue: what no log tells
+
+
+def label_blocks(tracks: Sequence[Track]) -> list[Array]:
+    """Number of the block of each row of the logs; no block has parts of two logs.
+
+    Returns:
+        Ascending numbers. Shapes (m,).
+    """
+    seconds = sum(track.seconds for track in tracks)
+    length = max(THRESHOLDS.block_seconds, seconds / THRESHOLDS.max_blocks)
+    length = min(length, seconds / THRESHOLDS.min_blocks)
+    out, start = [], 0
+    for pieces in group_pieces_by_log([track.id for track in tracks]):
+        for i in pieces:
+            rows = len(tracks[i].tau)
+            count = max(1, int(tracks[i].seconds / length))
+            out.append(start + np.arange(rows) * count // rows)
+            start += count
+    return out
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LeftOut:
+    """Squared error of each block, predicted from the others."""
+
+    errors: Array  # [N^2 m^2], (blocks, dof)
+    weight: Array  # information of a unit of squared error, (dof,)
+
+    def gain_over(self, other: "LeftOut") -> Array:
+        """By how much it predicts each block better than another [nats]. (blocks,)."""
+        return 0.5 * (other.errors - self.errors) @ self.weight
+
+    def fall_from(self, other: "LeftOut") -> Array:
+        """Share of the other's squared error that falls, by joint. Shape (dof,)."""
+        before = np.maximum(other.errors.sum(axis=0), 1e-30)
+        return 1 - self.errors.sum(axis=0) / before
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Score:
+    """A design under a prior, asked about sets of effects."""
+
+    design: Design
+    prior: NominalPrior
+
+    def fit(self, members: Sequence[CandidateColumns], like: Fit | None = None) -> Fit:
+        """Fit a set with the noise of its own, from the better of two starts.
+
+        Noise and coefficients have two fixed points where an effect is missing: what
+        the prior holds back is noise, or is none. The evidence chooses.
+
+        Args:
+            like: A fit whose row counts to begin with.
+        """
+        design, prior = self.design, self.prior
+        counted = design.rows / 5 if like is None else like.counted
+        system = FitEquations.of(design, prior, members)
+        floor = (THRESHOLDS.noise_floor * design.rms) ** 2
+        fits = [
+            fit_jointly(design, prior, members, counted, start, 4, system)
+            for start in (None, floor)
+        ]
+        best = max(fits, key=lambda f: f.score)
+        counted = count_effective_rows(design, best, range(design.dof))
+        return fit_jointly(design, prior, members, counted, best.variance, 3, system)
+
+    def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
+        """Fit a set with the row counts of another, to be compared with it."""
+        args = self.design, self.prior, members, like.counted, like.variance
+        return fit_jointly(*args, rounds=3)
+
+    def covariances(self, fitted: Fit) -> list[tuple[Array, float]]:
+        """Covariances of a fit by how its blocks disagree, and their degrees.
+
+        One for each number of blocks that are joined.
+        """
+        design, weight = self.design, fitted.weight(self.design.rows)
+        pulls = np.zeros((design.folds, len(fitted.ids)))
+        for j in range(design.dof):
+            place, have = design.present(j, fitted.ids)
+            gram, cross = design.fold_sums(j, place)
+            votes = design.fold_rows[:, j] >= THRESHOLDS.min_block_rows
+            score = cross - gram @ fitted.theta[have]
+            pulls[:, have] += weight[j] * votes[:, None] * score
+        plain, nu, out = fitted.covariance(), THRESHOLDS.prior_blocks, []
+        for count in MERGES:
+            n = design.folds // count
+            if count > 1 and n < THRESHOLDS.min_blocks:
+                break
+            labels = np.minimum(np.arange(design.folds) // count, n - 1)
+            joined = np.zeros((n, pulls.shape[1]))
+            np.add.at(joined, labels, pulls)
+            joined -= joined.mean(axis=0)  # the prior's own pull is shared by all
+            moved = joined @ plain
+            robust = moved.T @ moved * n / max(n - 1, 1)
+            out.append(((nu * plain + n * robust) / (nu + n), nu + n))
+        return out
+
+    def nats(
+        self,
+        fitted: Fit,
+        group: CandidateColumns,
+        covariances: Sequence[tuple[Array, float]] = (),
+    ) -> float:
+        """Evidence of a member of a fit, or of several, against none [nats]."""
+        parts = group.parts or (group,)
+        slots = np.concatenate([fitted.slots(g) for g in parts])
+        theta = fitted.theta[slots]
+        values = []
+        for covariance, degrees in covariances or self.covariances(fitted):
+            total = _invert(covariance[np.ix_(slots, slots)])
+            own = total - group.precision
+            pull, prior = total @ theta, group.precision
+            values += mixture_evidence(own, pull, prior, degrees).tolist()
+        return min(values)
+
+    def left_out(self, fitted: Fit) -> LeftOut:
+        """Errors of blocks that each was fitted without."""
+        design = self.design
+        system = FitEquations.of(design, self.prior, fitted.members)
+        weight = fitted.weight(design.rows)
+        whole = system.precision + np.tensordot(weight, system.gram, 1)
+        unit = 1 / np.sqrt(np.diag(whole))
+        left = np.repeat(whole[None], design.folds, axis=0)
+        pull = np.tile(weight @ system.cross + system.pull, (design.folds, 1))
+        sums = []
+        for j, (at, have) in enumerate(system.present):
+            gram, cross = design.fold_sums(j, at)
+            sums.append((have, gram, cross))
+            left[:, have[:, None], have] -= weight[j] * gram
+            pull[:, have] -= weight[j] * cross
+        left *= np.outer(unit, unit)
+        theta = unit * np.linalg.solve(left, (pull * unit)[..., None])[..., 0]
+        errors = design.power.astype(float)
+        for j, (have, gram, cross) in enumerate(sums):
+            own = theta[:, have]
+            moved = (gram @ own[..., None])[..., 0] - 2 * cross
+            errors[:, j] += (own * moved).sum(axis=1)
+        return LeftOut(np.maximum(errors, 0.0), weight)
+
+
+def mixture_evidence(
+    information: Array,
+    pull: Array,
+    prior: Array,
+    degrees: float,
+    sizes: Sequence[float] = (1.0,),
+) -> Array:
+    """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
+
+    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
+    goes by how large they are.
+
+    Args:
+        information: Of the logs alone. Shape (k, k).
+        pull: Information times the coefficients. Shape (k,).
+        prior: Precision of the usual prior. Shape (k, k).
+        sizes: Factors on the coefficients. Shape (s,).
+    """
+    scale = 1 / np.sqrt(np.diag(prior))
+    lower = np.linalg.cholesky(prior * np.outer(scale, scale))
+    half = np.linalg.inv(lower) * scale
+    known, turn = np.linalg.eigh(half @ information @ half.T)
+    known = np.maximum(known, 0.0)[:, None]
+    along = (turn.T @ (half @ pull))[:, None] ** 2
+    wald = np.outer(np.square(sizes), (along / (known + 1 / SQUARES)).sum(axis=0))
+    worth = 0.5 * (degrees + 1) * np.log1p(wald / degrees)
+    worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=0)
+    return worth.max(axis=1) - np.log(len(SQUARES))
+
+
+def _invert(matrix: Array) -> Array:
+    size = np.sqrt(np.maximum(np.diag(matrix), 1e-300))
+    values, vectors = np.linalg.eigh(matrix / np.outer(size, size))
+    values = np.maximum(values, FLAT * values[-1])
+    return (vectors / values) @ vectors.T / np.outer(size, size)
