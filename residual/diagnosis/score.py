@@ -91,13 +91,19 @@ class Score:
         counted = design.rows / 5 if like is None else like.counted
         system = FitEquations.of(design, prior, members)
         floor = (THRESHOLDS.noise_floor * design.rms) ** 2
-        fits = [
-            fit_jointly(design, prior, members, counted, start, 4, system)
-            for start in (None, floor)
+        fits = []
+        for start in (None, floor):
+            first = fit_jointly(design, prior, members, counted, start, 4, system)
+            rows = count_effective_rows(design, first, range(design.dof))
+            args = design, prior, members, rows, first.variance, 3, system
+            fits.append(fit_jointly(*args))
+        # Each is counted by its own residual, both are compared at the larger count.
+        rows = np.maximum(fits[0].counted, fits[1].counted)
+        common = [
+            fit_jointly(design, prior, members, rows, f.variance, 3, system)
+            for f in fits
         ]
-        best = max(fits, key=lambda f: f.score)
-        counted = count_effective_rows(design, best, range(design.dof))
-        return fit_jointly(design, prior, members, counted, best.variance, 3, system)
+        return fits[int(np.argmax([f.score for f in common]))]
 
     def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
         """Fit a set with the row counts of another, to be compared with it."""

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from residual.diagnosis.adequacy import assess_adequacy, torque_from_angle_noise
 from residual.diagnosis.candidates import (
     Candidates,
     build_candidates,
@@ -76,7 +77,12 @@ def select_names(
     logs: FitLogs, nominal: NominalModel, progress: Callable[[float], None]
 ) -> Selection:
     """Search the logs for what the nominal model lacks."""
-    design = Design(logs.tracks, nominal.model, labels=label_blocks(logs.tracks))
+    design = Design(
+        logs.tracks,
+        nominal.model,
+        labels=label_blocks(logs.tracks),
+        shaken=logs.shaken if _is_torque_shaken(logs, nominal) else (),
+    )
     first = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
     design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
     candidates = build_candidates(design, nominal, logs.span, logs.clock is not None)
@@ -105,10 +111,20 @@ def select_names(
         run(space.at(scale, space.even[0]))
         if _falls_behind(list(runs.values())):
             break
-    for prior in _other_widths(space, _weigh(design, candidates, list(runs.values()))):
-        run(prior)
     weighted = _weigh(design, candidates, list(runs.values()))
-    return _conclude(weighted, search, _Constants.of(design, nominal, curves), runs)
+    if others := _other_widths(space, weighted):
+        for prior in others:
+            run(prior)
+        weighted = _weigh(design, candidates, list(runs.values()))
+    constants = _Constants.of(design, nominal, curves)
+    return _conclude(logs, nominal, weighted, search, constants, runs)
+
+
+def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
+    """Whether noise of the angles makes torque that is not lost in that of the torque."""
+    angles = torque_from_angle_noise(nominal.model, logs.sketch, logs.shaken)
+    noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.sketch], axis=0))
+    return bool((angles > THRESHOLDS.shaken_share * noise).any())
 
 
 def _reads_torque(found: Found) -> bool:
@@ -125,10 +141,7 @@ def _settle_torque_model(found: Found, nominal: NominalModel) -> None:
     """Let the design see the torque of the named effects, iterated: Gauss-Newton."""
     design, fitted, score = found.score.design, found.fit, found.score
     for _ in range(THRESHOLDS.refit_rounds):
-        named = replace(
-            fitted, members=tuple(g for g in fitted.members if not is_curve(g))
-        )
-        model = build_fitted_model(nominal, _without_curves(score, named))
+        model = build_fitted_model(nominal, _without_curves(score, fitted))
         design.set_torque_model(keep_physical_terms(model))
         members = tuple(design.add([g.placed for g in fitted.members]))
         for group in members:
@@ -159,7 +172,7 @@ class Weighted:
 
 def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Weighted:
     """Weigh runs by evidence, each name priced."""
-    power = design.power.sum(axis=0)
+    power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left.errors / power).sum()))
     lefts = [replace(r.left, weight=first.left.weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
@@ -258,13 +271,15 @@ class _Constants:
 
     def search(self, search: Search) -> Search:
         """The same search with constants among the candidates."""
-        candidates = search.candidates.beside(self.groups) if self.groups else None
-        return Search(
-            self.score(search.score.prior), candidates or search.candidates, self.curves
-        )
+        candidates = search.candidates
+        if self.groups:
+            candidates = candidates.beside(self.groups)
+        return Search(self.score(search.score.prior), candidates, self.curves)
 
 
 def _conclude(
+    logs: FitLogs,
+    nominal: NominalModel,
     weighted: Weighted,
     search: Callable[[NominalPrior], Search],
     constants: _Constants,
@@ -272,19 +287,22 @@ def _conclude(
 ) -> Selection:
     """The likeliest set with the probability of each name."""
     priors = [r.score.prior for r in weighted.runs]
-    look = constants.search(search(priors[0]))
+    look = constants.search(search(weighted.best.score.prior))
     found = weighted.best.fit.members
     named = _drop_curved_constants(look.score, found, constants.groups)
     best = look.settle((*found, *named))
+    doubted = _find_doubted_joints(logs, nominal.without_constants(), best)
     members = tuple(
         sorted(
-            (_judge(look, best, weighted, g) for g in best.named),
+            (_judge(look, best, weighted, g, doubted) for g in best.named),
             key=lambda m: -m.probability,
         )
     )
     scores = [constants.score(r.score.prior) for r in runs.values()]
     sure = [m.group for m in members if m.probability >= THRESHOLDS.sure_probability]
     score = _choose_predictive_scale(best, sure, scores)
+    # Sizes are freed of the noise one by one, since it may move them far.
+    score = replace(score, design=score.design.keep_angle_noise())
     scales = sorted(zip([p.scale for p in priors], weighted.share, strict=True))
     middle = np.searchsorted(np.cumsum([s for _, s in scales]), 0.5)
     wide = max((constants.score(p).prior for p in priors), key=lambda p: p.scale)
@@ -296,6 +314,17 @@ def _conclude(
         scales[min(int(middle), len(scales) - 1)][0],
         wide,
     )
+
+
+def _find_doubted_joints(
+    logs: FitLogs, nominal: NominalModel, best: Found
+) -> tuple[int, ...]:
+    """Joints (from 0) on which more than noise is left beside the names."""
+    named = _without_curves(best.score, best.fit)
+    model = build_fitted_model(nominal, named)
+    angles = torque_from_angle_noise(model, logs.sketch, logs.shaken)
+    plain, design = best.score.fit((), named), best.score.design
+    return assess_adequacy(design, logs.sketch, plain, named, angles).doubted
 
 
 def _drop_curved_constants(
@@ -339,7 +368,11 @@ def _choose_predictive_scale(
 
 
 def _judge(
-    look: Search, best: Found, weighted: Weighted, group: CandidateColumns
+    look: Search,
+    best: Found,
+    weighted: Weighted,
+    group: CandidateColumns,
+    doubted: Sequence[int],
 ) -> Member:
     """Evidence, equivalents and probability of one name."""
     score, fitted, left = best.score, best.fit, best.left
@@ -371,7 +404,7 @@ def _judge(
         "plausibility" if spared > removed else "fit",
         int(np.argmax(shares)),
         int(np.argmax(fall / score.design.tau_power.sum(axis=0).clip(1e-30))),
-        float(stands) * name_probability(nats),
+        float(stands) * name_probability(nats, int(np.argmax(shares)) in doubted),
         tuple(near),
         _count_splits(look, fitted, group),
     )
@@ -396,7 +429,13 @@ def _same_place(first: CandidateColumns, second: CandidateColumns) -> bool:
     return whole or first.joints == second.joints
 
 
-def name_probability(nats: float) -> float:
-    """Probability of a name by its evidence alone: logistic in ln(nats)."""
-    odds = THRESHOLDS.odds_slope * np.log(max(nats, 1e-3) / THRESHOLDS.even_nats)
+def name_probability(nats: float, doubted: bool = True) -> float:
+    """Probability of a name by its evidence: logistic in ln(nats).
+
+    Args:
+        doubted: Whether more than noise is left of its joint: then errors of blocks are
+            less independent than evidence takes them for.
+    """
+    even = THRESHOLDS.even_nats if doubted else THRESHOLDS.clean_even_nats
+    odds = THRESHOLDS.odds_slope * np.log(max(nats, 1e-3) / even)
     return float(1 / (1 + np.exp(-odds)))

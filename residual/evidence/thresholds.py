@@ -32,16 +32,19 @@ class EvidenceThresholds:
     curve_ratio: float = 1.25  # times its left-out error: what a name may leave
     min_quick_nats: float = 2.0  # by a quick look: less gets no other
     clear_deviations: float = 2.0  # of a paired gain that is no chance
-    same_deviations: float = 1.0  # of a paired loss: scales that predict as well
+    same_deviations: float = 2.0  # of a paired loss: scales that predict as well
     same_share: float = 0.05  # of the left-out error, likewise
     hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
     class_share: float = 0.05  # of what a name gains: what a swap-in may lose
     class_looks: int = 8  # candidates that may stand in for a name
     sure_probability: float = 0.9  # from which a name is in the model
     even_nats: float = 12.0  # evidence at which a name is as likely as not
+    clean_even_nats: float = 6.0  # the same where nothing but noise is left
     odds_slope: float = 5.4  # of the log odds of a name over ln(nats)
 
     # What the evidence counts with.
+    # of the noise of the torque: less torque made by noise of the angles is nothing
+    shaken_share: float = 0.1
     # prior size of an effect's torque, as a share of torque rms
     prior_torque_share: float = 0.3
     noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner

@@ -80,7 +80,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
         fits.append(look(*args))
         return fits[-1]
 
-    monkeypatch.setattr(instruments, "check_angle_noise", keep)
+    monkeypatch.setattr("residual.diagnosis.diagnose.check_angle_noise", keep)
     outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
     assert is_noted(outcome, "parameters of rotor_inertia are corrected for it")
