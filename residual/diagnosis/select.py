@@ -107,10 +107,15 @@ def select_names(
             progress(len(runs) / (len(runs) + 3))
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
-    for scale in reversed(space.scales):
-        run(space.at(scale, space.even[0]))
-        if _falls_behind(list(runs.values())):
-            break
+    # Below the scales that are too rough for names of bodies such a name may mend it.
+    for rough in (True, False):
+        own: list[Found] = []
+        for scale in reversed(space.scales):
+            if (scale > THRESHOLDS.rough_scale) == rough:
+                run(space.at(scale, space.even[0]))
+                own.append(list(runs.values())[-1])
+                if _falls_behind(own):
+                    break
     weighted = _weigh(design, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         for prior in others:
@@ -178,7 +183,6 @@ def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Wei
     best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
     same = [r for r, x in zip(runs, lefts, strict=True) if _predicts_as_well(x, best)]
     counted = np.max([r.fit.counted for r in runs], axis=0)
-    least = float(np.log(1 / THRESHOLDS.false_chance))
 
     def evidence(run: Found) -> float:
         prior, start = run.score.prior, run.fit.variance
@@ -186,7 +190,7 @@ def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Wei
         common = fit_jointly(design, prior, members, counted, start, rounds=4)
         price = float(np.log(len(candidates.price)))
         costs = (price if is_curve(g) else candidates.cost(g) for g in members)
-        return common.score - sum(cost + least for cost in costs)
+        return common.score - sum(costs)
 
     values = np.array([evidence(r) for r in same])
     order = np.argsort(-values)
