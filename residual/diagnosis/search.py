@@ -259,7 +259,7 @@ class Search:
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
         """The most evidence that is borne out, and that no curve of its joint outdoes.
 
-        Where a curve leaves a quarter less than a name the joint follows the curve.
+        Where a name explains less than three quarters of it the joint follows the curve.
         """
         curves = {t: t.left for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
@@ -277,7 +277,7 @@ class Search:
                 for t, left in curves.items()
                 if t is not trial
                 and self._rivals(trial.group, t.group)
-                and _outdoes(left, after, t.group.joints[0])
+                and _outdoes(left, after, before, t.group.joints[0])
             ]
             if is_curve(trial.group):
                 outdone = outdone or trial
@@ -362,14 +362,15 @@ def refine_last_shape(
     return (*others, replace(winner, fellows=last.fellows))
 
 
-def _outdoes(curve: LeftOut, name: LeftOut, joint: int) -> bool:
-    """Whether a curve leaves clearly less of its joint than a name."""
-    own, theirs = (x.errors[:, joint] for x in (curve, name))
+def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool:
+    """Whether a name explains clearly less of its joint than a curve."""
+    own, theirs, first = (x.errors[:, joint] for x in (curve, name, before))
     gain = theirs - own
     scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
     if gain.sum() <= THRESHOLDS.clear_deviations * scatter:
         return False
-    return bool(theirs.sum() > THRESHOLDS.curve_ratio * own.sum())
+    share = THRESHOLDS.explained_share
+    return bool((first - theirs).sum() < share * (first - own).sum())
 
 
 def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:

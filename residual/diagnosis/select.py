@@ -346,7 +346,7 @@ def _drop_curved_constants(
             sets = (others, [*others, group], [*others, group, *curves])
             lefts = [score.left_out(score.fit(members)) for members in sets]
             none, alone, both = (x.errors[:, group.joints[0]].sum() for x in lefts)
-            if none - alone < THRESHOLDS.constant_share * (none - both):
+            if none - alone < THRESHOLDS.explained_share * (none - both):
                 continue
         out.append(group)
     return out

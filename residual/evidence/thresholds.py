@@ -27,9 +27,8 @@ class EvidenceThresholds:
     min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
     left_out_slack: float = 2.0  # nats that left-out blocks may lose
     curve_knots: int = 10  # of a free curve
-    # of what it explains beside a curve of its joint: what a constant must alone
-    constant_share: float = 0.75
-    curve_ratio: float = 1.25  # times its left-out error: what a name may leave
+    # of what a curve of its joint explains: what a name must alone
+    explained_share: float = 0.75
     min_quick_nats: float = 2.0  # by a quick look: less gets no other
     clear_deviations: float = 2.0  # of a paired gain that is no chance
     same_deviations: float = 2.0  # of a paired loss: scales that predict as well
