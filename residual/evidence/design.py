@@ -15,6 +15,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.effects.base import Joints, PlacedEffect, State
+from residual.evidence.angle_noise import AngleNoise
 from residual.evidence.columns import (
     CandidateColumns,
     ColumnCache,
@@ -70,6 +71,7 @@ class Design:
         states: Sequence[State] = (),
         seen_with: Model | None = None,
         labels: Sequence[Array] = (),
+        shaken: Sequence[Track] = (),
     ) -> None:
         """Make the nominal model's columns.
 
@@ -78,6 +80,8 @@ class Design:
             seen_with: The model whose torque effects see; the nominal one where None.
             labels: Fold of each row of each log, in ascending order; logs, or blocks
                 of few logs, where none is given. Shapes (m,).
+            shaken: The sketch with one more helping of the noise of its angles: the
+                bias that this noise is to products with the target leaves them.
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
@@ -97,8 +101,10 @@ class Design:
         self._totals: list = [None] * self.dof
         self._lines: dict[int, tuple[Array, int]] = {}
         self.flat, self.stacks = {}, {}
+        self._noise = AngleNoise(self.dof, dict(zip(self._shown, shaken, strict=False)))
         self._measure_torque()
         self._take_nominal()
+        self._take_noise_torque(model)
 
     # -- building -----------------------------------------------------------------
 
@@ -183,11 +189,36 @@ class Design:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
                     fresh[j].append(columns)
+                self._take_noise(i, columns_of, bodies, fresh)
             for j in (j for j in range(self.dof) if fresh[j]):
                 columns = np.concatenate(fresh[j], axis=1)
                 fresh[j].clear()  # they are as much again
                 self._extend(c, j, columns)
         return ids
+
+    def _take_noise(self, i: int, columns_of: Made, bodies: bool, fresh) -> None:
+        """Append what one more helping of the angles' noise moves in a log's columns.
+
+        Args:
+            fresh: Columns of each joint of which the last are this log's.
+        """
+        track = self._noise.tracks.get(i)
+        if track is None:
+            return
+        state = self._seen_with.observe(track)
+        if bodies:
+            state = replace(state, regressor=np.asarray(state.regressor))
+        for j, columns in self._filtered(i, columns_of(state)):
+            self._noise.extend(i, j, columns - fresh[j][-1])
+
+    def _take_noise_torque(self, model: Model) -> None:
+        """Torque that one more helping of the angles' noise moves in a model."""
+        for i, track in self._noise.tracks.items():
+            pair = [model.torque_on(t) for t in (track, self._tracks[i])]
+            moved = track.filter(pair[0] - pair[1])
+            own = [moved[use, j] for j, use in enumerate(self._use[i].T)]
+            self._noise.take_torque(i, own)
+        self._totals = [None] * self.dof
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
         """Filtered columns of one log on the rows of each joint. Shapes (k, rows)."""
@@ -240,6 +271,7 @@ class Design:
     def drop_newest_columns(self, size: int) -> None:
         """Forget the columns that were added since there were ``size`` of them."""
         for j, count in enumerate(self._sums.cut(size)):
+            self._noise.cut(j, count)
             for c in range(len(self._chunks)):
                 self._columns.cut((j, c), count)
             if self._totals[j] is not None:
@@ -292,10 +324,18 @@ class Design:
     def set_torque_model(self, model: Model) -> None:
         """From now on let effects see the logs with another model's torque."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
+        self._take_noise_torque(model)
 
     def set_states(self, states: Sequence[State]) -> None:
         """From now on let effects see these states of the logs, one of each."""
         self._states = list(states)
+
+    def keep_angle_noise(self) -> "Design":
+        """The same with the bias that noise of the angles is to least squares."""
+        out = copy(self)
+        out._noise, out._totals = AngleNoise(self.dof, {}), [None] * self.dof
+        out.flat, out.stacks = {}, {}
+        return out
 
     def part(self, folds: Array, detached: bool = False) -> "Design":
         """Some folds (k,) as a design of its own; columns are shared with the whole.
@@ -307,6 +347,7 @@ class Design:
         out._alone = detached
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
+        out.fold_rows = self.fold_rows[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
         if detached:
             out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)
@@ -383,10 +424,13 @@ class Design:
             known = larger
         new = gram[:, :, have:] if self._kept is None else gram[self._kept, :, have:]
         block = new.sum(axis=0)
+        own = cross if self._kept is None else cross[self._kept]
+        pull = own[:, have:].sum(axis=0)
+        if self._noise.tracks:
+            pull = pull + self.rows[j] * self._noise.pull(j)[have:size]
         known[0][:size, have:size] = block
         known[0][have:size, :have] = block[:have].T
-        own = cross if self._kept is None else cross[self._kept]
-        known[1][have:size] = own[:, have:].sum(axis=0)
+        known[1][have:size] = pull
         self._totals[j] = known[0], known[1], size
         return known[0][:size, :size], known[1][:size]
 
@@ -397,8 +441,11 @@ class Design:
             Shapes (folds, k, k), (folds, k).
         """
         folds = slice(None) if self._kept is None else self._kept
-        gram = self.gram[j][:, place[:, None], place]
-        return gram[folds], self.cross[j][:, place][folds]
+        gram = self.gram[j][:, place[:, None], place][folds]
+        cross = self.cross[j][:, place][folds]
+        if self._noise.tracks:
+            cross = cross + self.fold_rows[:, [j]] * self._noise.pull(j)[place]
+        return gram, cross
 
     def columns(self, j: int, place: Array) -> Array:
         """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""

@@ -311,29 +311,6 @@ def estimate_autocorrelation_time(line: Array) -> float:
     return float(1 + 2 * pairs[:stop].sum())
 
 
-def compute_evidence_gain(
-    design: Design,
-    prior: NominalPrior,
-    big: Fit,
-    small: Fit,
-    systems: "tuple[FitEquations | None, FitEquations | None]" = (None, None),
-) -> tuple[float, Fit, Fit]:
-    """Evidence of the larger set over the smaller [nats], and both fits.
-
-    Rows are counted by the larger model's residual: what the smaller model leaves is
-    correlated because it lacks the effect, and would hide it.
-    """
-    changed = np.flatnonzero(np.abs(small.sse / np.maximum(big.sse, 1e-300) - 1) > 0.02)
-    counted = np.maximum(count_effective_rows(design, big, changed), small.counted)
-    first, second = (
-        fit_jointly(
-            design, prior, f.members, counted, f.variance, rounds=2, system=system
-        )
-        for f, system in zip((big, small), systems, strict=True)
-    )
-    return first.score - second.score, first, second
-
-
 def refit_effective_rows(design: Design, prior: NominalPrior, fitted: Fit) -> Fit:
     """Count rows anew by the fit's own residual and fit again."""
     counted = count_effective_rows(design, fitted, range(design.dof))
@@ -503,8 +480,7 @@ def fit_possible_bodies(
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
     correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
-    share = 1 - np.sqrt(before / np.maximum(after, 1e-300))
-    large = THRESHOLDS.lower(price, share).any()
+    large = (price >= THRESHOLDS.min_fall).any()
     # Of so many bodies one is always the worst, as of links.
     sure = chance < THRESHOLDS.link_zero_chance
     return PossibleModel(

@@ -14,7 +14,7 @@ import pytest
 from benchmarks.synthetic.logs import CHANGES
 from benchmarks.synthetic.quasi_static import Plant, true_friction
 from sim.engine.plant_records import SyntheticEffect as Effect
-from tests.residual.arms import Y, Z, arm, diagnose_case, doubts, short_case
+from tests.residual.arms import Y, Z, arm, diagnose_case, searched, short_case
 from tests.residual.arms import bare_irb140 as irb140
 
 # Seed of the draw, and how near each parameter must come (relative to the truth).
@@ -59,7 +59,7 @@ def test_a_hidden_effect_is_named_first_on_its_joint_and_alone(effect):
     seed, tolerances = CASES[effect]
     robot = irb140() if effect in OF_THE_WHOLE else arm(THREE)
     case = short_case(robot, effect, seed=seed, duration=8.0)
-    _, findings = doubts(case)
+    _, findings = searched(case)
     assert len(findings) == 1
     (finding,) = findings
     same = {(finding.effect.name, finding.joints), *finding.equivalent}
@@ -90,15 +90,15 @@ def test_what_every_drive_has_is_named_where_there_is_more_than_before(effect):
 
 
 def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
-    diagnosis, findings = doubts(short_case(irb140(), seed=36, duration=8.0))
+    diagnosis, findings = searched(short_case(irb140(), seed=36, duration=8.0))
     assert findings == []
     assert diagnosis.adequacy.doubted == ()
-    assert diagnosis.task.prior.scale <= 0.1
+    assert diagnosis.prior.scale <= 0.1
 
 
 def test_what_has_no_name_is_flagged_on_its_joint_without_one():
     case = short_case(irb140(), "x_friction_jump", seed=38, duration=8.0)
-    diagnosis, findings = doubts(case)
+    diagnosis, findings = searched(case)
     assert findings == []
     assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
 
@@ -106,13 +106,13 @@ def test_what_has_no_name_is_flagged_on_its_joint_without_one():
 def test_two_effects_at_once_are_both_found():
     hidden = ("payload", "quadratic_viscous")
     case = short_case(irb140(), *hidden, seed=37, duration=8.0)
-    assert sorted(f.effect.name for f in doubts(case)[1]) == [*hidden]
+    assert sorted(f.effect.name for f in searched(case)[1]) == [*hidden]
 
 
 def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
     robot = arm(THREE)
     case = short_case(robot, seed=40, duration=8.0)
-    (finding,) = doubts(case, ("viscous", "rotor_inertia"))[1]
+    (finding,) = searched(case, ("viscous", "rotor_inertia"))[1]
     assert (finding.effect.name, finding.joints) == ("coulomb", (1, 2, 3))
     levels, sds, unit, _ = finding.parameters["level"]
     assert unit == "N m"
@@ -139,7 +139,7 @@ WEAK = {
 def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
     joints, size, seed, share = WEAK[effect]
     case = short_case(arm(), Effect(effect, joints, size), seed=seed, duration=8.0)
-    (finding,) = doubts(case)[1]
+    (finding,) = searched(case)[1]
     same = {(finding.effect.name, finding.joints), *finding.equivalent}
     assert (effect, joints) in same
     if share is not None:
@@ -153,12 +153,12 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
 def test_a_link_of_another_mass_is_named_among_six_and_not_of_two():
     """Of two links either may be the rough one: that is no name."""
     heavier = Effect("link_inertia", (3,), {"scale": 0.5})
-    _, findings = doubts(short_case(irb140(), heavier, seed=51, duration=8.0))
+    _, findings = searched(short_case(irb140(), heavier, seed=51, duration=8.0))
     (finding,) = findings
     assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
     assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
     heavier = Effect("link_inertia", (2,), {"scale": 0.5})
-    assert doubts(short_case(arm(), heavier, seed=51, duration=8.0))[1] == []
+    assert searched(short_case(arm(), heavier, seed=51, duration=8.0))[1] == []
 
 
 @pytest.mark.parametrize(("scale", "others"), [(0.7, [("payload", (6,))]), (-0.5, [])])
@@ -168,6 +168,6 @@ def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
     model.inertias[6] = pin.Inertia(2.0, 0.08 * np.eye(3)[2], 8e-3 * np.eye(3))
     robot = replace(irb140(), model=model)
     changed = Effect("link_inertia", (6,), {"scale": scale})
-    (finding,) = doubts(short_case(robot, changed, seed=51, duration=8.0))[1]
+    (finding,) = searched(short_case(robot, changed, seed=51, duration=8.0))[1]
     assert (finding.effect.name, finding.joints) == ("link_inertia", (6,))
     assert [*finding.equivalent] == others

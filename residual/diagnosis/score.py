@@ -16,8 +16,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from benchmarks.blocks.rules import RULES
-from residual.changes.contrast import change_log_evidence
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
 from residual.evidence.fit import (
@@ -33,6 +31,7 @@ from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 
 MERGES = (1, 2, 4)  # blocks that are joined: the least evidence of these counts
+SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
 FLAT = 1e-9  # of the largest eigenvalue: what no log tells
 
 
@@ -43,8 +42,8 @@ def label_blocks(tracks: Sequence[Track]) -> list[Array]:
         Ascending numbers. Shapes (m,).
     """
     seconds = sum(track.seconds for track in tracks)
-    length = max(RULES.block_seconds, seconds / RULES.max_blocks)
-    length = min(length, seconds / RULES.min_blocks)
+    length = max(THRESHOLDS.block_seconds, seconds / THRESHOLDS.max_blocks)
+    length = min(length, seconds / THRESHOLDS.min_blocks)
     out, start = [], 0
     for pieces in group_pieces_by_log([track.id for track in tracks]):
         for i in pieces:
@@ -106,6 +105,11 @@ class Score:
         ]
         return fits[int(np.argmax([f.score for f in common]))]
 
+    def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
+        """Fit a set with the row counts of another, to be compared with it."""
+        args = self.design, self.prior, members, like.counted, like.variance
+        return fit_jointly(*args, rounds=3)
+
     def covariances(self, fitted: Fit) -> list[tuple[Array, float]]:
         """Covariances of a fit by how its blocks disagree, and their degrees.
 
@@ -116,13 +120,13 @@ class Score:
         for j in range(design.dof):
             place, have = design.present(j, fitted.ids)
             gram, cross = design.fold_sums(j, place)
-            votes = design.fold_rows[:, j] >= RULES.min_block_rows
+            votes = design.fold_rows[:, j] >= THRESHOLDS.min_block_rows
             score = cross - gram @ fitted.theta[have]
             pulls[:, have] += weight[j] * votes[:, None] * score
-        plain, nu, out = fitted.covariance(), RULES.prior_blocks, []
+        plain, nu, out = fitted.covariance(), THRESHOLDS.prior_blocks, []
         for count in MERGES:
             n = design.folds // count
-            if count > 1 and n < RULES.min_blocks:
+            if count > 1 and n < THRESHOLDS.min_blocks:
                 break
             labels = np.minimum(np.arange(design.folds) // count, n - 1)
             joined = np.zeros((n, pulls.shape[1]))
@@ -148,7 +152,7 @@ class Score:
             total = _invert(covariance[np.ix_(slots, slots)])
             own = total - group.precision
             pull, prior = total @ theta, group.precision
-            values.append(float(change_log_evidence(own, pull, prior, degrees)))
+            values += mixture_evidence(own, pull, prior, degrees).tolist()
         return min(values)
 
     def left_out(self, fitted: Fit) -> LeftOut:
@@ -174,6 +178,36 @@ class Score:
             moved = (gram @ own[..., None])[..., 0] - 2 * cross
             errors[:, j] += (own * moved).sum(axis=1)
         return LeftOut(np.maximum(errors, 0.0), weight)
+
+
+def mixture_evidence(
+    information: Array,
+    pull: Array,
+    prior: Array,
+    degrees: float,
+    sizes: Sequence[float] = (1.0,),
+) -> Array:
+    """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
+
+    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
+    goes by how large they are.
+
+    Args:
+        information: Of the logs alone. Shape (k, k).
+        pull: Information times the coefficients. Shape (k,).
+        prior: Precision of the usual prior. Shape (k, k).
+        sizes: Factors on the coefficients. Shape (s,).
+    """
+    scale = 1 / np.sqrt(np.diag(prior))
+    lower = np.linalg.cholesky(prior * np.outer(scale, scale))
+    half = np.linalg.inv(lower) * scale
+    known, turn = np.linalg.eigh(half @ information @ half.T)
+    known = np.maximum(known, 0.0)[:, None]
+    along = (turn.T @ (half @ pull))[:, None] ** 2
+    wald = np.outer(np.square(sizes), (along / (known + 1 / SQUARES)).sum(axis=0))
+    worth = 0.5 * (degrees + 1) * np.log1p(wald / degrees)
+    worth = worth - 0.5 * np.log1p(known * SQUARES).sum(axis=0)
+    return worth.max(axis=1) - np.log(len(SQUARES))
 
 
 def _invert(matrix: Array) -> Array:
