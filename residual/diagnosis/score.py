@@ -32,6 +32,7 @@ from residual.signals.track import Track
 
 MERGES = (1, 2, 4)  # blocks that are joined: the least evidence of these counts
 SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
+SAME_NOISE = 0.02  # of the variance: fits from two starts have met
 FLAT = 1e-9  # of the largest eigenvalue: what no log tells
 
 
@@ -91,12 +92,19 @@ class Score:
         counted = design.rows / 5 if like is None else like.counted
         system = FitEquations.of(design, prior, members)
         floor = (THRESHOLDS.noise_floor * design.rms) ** 2
+        starts = [
+            fit_jointly(design, prior, members, counted, start, 4, system)
+            for start in (None, floor)
+        ]
+        if np.allclose(starts[0].variance, starts[1].variance, rtol=SAME_NOISE):
+            starts = starts[:1]
         fits = []
-        for start in (None, floor):
-            first = fit_jointly(design, prior, members, counted, start, 4, system)
+        for first in starts:
             rows = count_effective_rows(design, first, range(design.dof))
             args = design, prior, members, rows, first.variance, 3, system
             fits.append(fit_jointly(*args))
+        if len(fits) == 1:
+            return fits[0]
         # Each is counted by its own residual, both are compared at the larger count.
         rows = np.maximum(fits[0].counted, fits[1].counted)
         common = [

@@ -177,9 +177,9 @@ class Search:
         most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
         curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
         for quick, group in self._rank(base, instead):
-            if quick < THRESHOLDS.faint_share * top or looks >= most:
-                if curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
-                    continue
+            faint = quick < THRESHOLDS.faint_share * top or looks >= most
+            if faint and curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
+                continue
             looks += 1
             fitted = self.score.fit((*base.members, *(group.parts or (group,))), base)
             if not is_fit_possible(self.score.design, fitted, group):
@@ -259,7 +259,7 @@ class Search:
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
         """The most evidence that is borne out, and that no curve of its joint outdoes.
 
-        Where a name explains less than three quarters of it the joint follows the curve.
+        Where a name explains less than three quarters of it the curve stands.
         """
         curves = {t: t.left for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
@@ -318,7 +318,7 @@ def member_torque_shares(design: Design, fitted: Fit, group: CandidateColumns) -
     for j in range(design.dof):
         place, have = design.present(j, group.ids)
         if len(place):
-            gram = design.total(j)[0][np.ix_(place, place)]
+            gram, _ = design.sums(j, place)
             power = theta[have] @ gram @ theta[have] / design.rows[j]
             out[j] = np.sqrt(max(power, 0.0)) / design.rms[j]
     return out

@@ -39,6 +39,7 @@ from residual.evidence.fit import (
 from residual.evidence.priors import WIDTHS, PriorSpace, build_relative_prior
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.nominal import FitLogs, NominalModel
+from residual.recording import Array
 from residual.verdict.result import Splits
 
 PARTS = 3  # of the logs, left out in turn
@@ -126,7 +127,7 @@ def select_names(
 
 
 def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
-    """Whether noise of the angles makes torque that is not lost in that of the torque."""
+    """Whether noise of the angles makes torque that shows beside the torque's own."""
     angles = torque_from_angle_noise(nominal.model, logs.sketch, logs.shaken)
     noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.sketch], axis=0))
     return bool((angles > THRESHOLDS.shaken_share * noise).any())
@@ -296,9 +297,10 @@ def _conclude(
     named = _drop_curved_constants(look.score, found, constants.groups)
     best = look.settle((*found, *named))
     doubted = _find_doubted_joints(logs, nominal.without_constants(), best)
+    parts = _fit_parts(best.score, best.fit)
     members = tuple(
         sorted(
-            (_judge(look, best, weighted, g, doubted) for g in best.named),
+            (_judge(look, best, weighted, g, doubted, parts) for g in best.named),
             key=lambda m: -m.probability,
         )
     )
@@ -371,12 +373,32 @@ def _choose_predictive_scale(
     return chosen
 
 
+@dataclass(frozen=True, eq=False, slots=True)
+class _Part:
+    """A set fitted to some of the blocks."""
+
+    score: Score
+    fit: Fit
+    covariances: list[tuple[Array, float]]
+
+
+def _fit_parts(score: Score, fitted: Fit) -> list[_Part]:
+    """Fit a set without each third of the blocks."""
+    every, out = np.arange(score.design.folds), []
+    for third in np.array_split(every, PARTS):
+        part = replace(score, design=score.design.part(np.setdiff1d(every, third)))
+        own = part.fit_like(fitted.members, fitted)
+        out.append(_Part(part, own, part.covariances(own)))
+    return out
+
+
 def _judge(
     look: Search,
     best: Found,
     weighted: Weighted,
     group: CandidateColumns,
     doubted: Sequence[int],
+    parts: Sequence[_Part],
 ) -> Member:
     """Evidence, equivalents and probability of one name."""
     score, fitted, left = best.score, best.fit, best.left
@@ -410,22 +432,14 @@ def _judge(
         int(np.argmax(fall / score.design.tau_power.sum(axis=0).clip(1e-30))),
         float(stands) * name_probability(nats, int(np.argmax(shares)) in doubted),
         tuple(near),
-        _count_splits(look, fitted, group),
+        Splits(
+            sum(
+                p.score.nats(p.fit, group, p.covariances) > look.cost(group)
+                for p in parts
+            ),
+            PARTS,
+        ),
     )
-
-
-def _count_splits(look: Search, fitted: Fit, group: CandidateColumns) -> Splits:
-    """Leave out each third of the blocks: does the rest still carry the name?"""
-    design = look.score.design
-    parts = [
-        np.setdiff1d(np.arange(design.folds), out)
-        for out in np.array_split(np.arange(design.folds), PARTS)
-    ]
-    worth = []
-    for kept in parts:
-        score = replace(look.score, design=design.part(kept))
-        worth.append(score.nats(score.fit_like(fitted.members, fitted), group))
-    return Splits(sum(w > look.cost(group) for w in worth), PARTS)
 
 
 def _same_place(first: CandidateColumns, second: CandidateColumns) -> bool:

@@ -19,6 +19,7 @@ from residual.evidence.angle_noise import AngleNoise
 from residual.evidence.columns import (
     CandidateColumns,
     ColumnCache,
+    FoldGrams,
     GramSums,
     KnownPrior,
     label_folds,
@@ -99,6 +100,7 @@ class Design:
         self._columns, self._sums = ColumnCache(long), GramSums(self.dof, self.folds)
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
+        self._blocks: list[FoldGrams] = []
         self._lines: dict[int, tuple[Array, int]] = {}
         self.flat, self.stacks = {}, {}
         self._noise = AngleNoise(self.dof, dict(zip(self._shown, shaken, strict=False)))
@@ -148,6 +150,14 @@ class Design:
         self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
+        self._blocks = [self._fold_grams(j) for j in range(self.dof)]
+
+    def _fold_grams(self, j: int) -> FoldGrams:
+        shelves = {
+            (j, c): self._rows_labels(j, chunk) for c, chunk in enumerate(self._chunks)
+        }
+        lead = int((self._sums.place[j][self.nominal] >= 0).sum())
+        return FoldGrams(self._columns, shelves, self.folds, lead)
 
     def _take_target(self, c: int, chunk: Sequence[int]) -> None:
         """Residual torque of the nominal model on a chunk, computed once."""
@@ -238,8 +248,7 @@ class Design:
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
-        for fold, own in slice_folds(self._rows_labels(j, self._chunks[c])):
-            self._sums.add(j, fold, every[:, own], first, y[own])
+        self._sums.add(j, every, first, y, self._rows_labels(j, self._chunks[c]))
 
     def add(self, candidates: Sequence[PlacedEffect]) -> list[CandidateColumns]:
         """Append candidates and return their groups, in order."""
@@ -272,11 +281,10 @@ class Design:
         """Forget the columns that were added since there were ``size`` of them."""
         for j, count in enumerate(self._sums.cut(size)):
             self._noise.cut(j, count)
+            self._blocks[j].cut(count)
             for c in range(len(self._chunks)):
                 self._columns.cut((j, c), count)
-            if self._totals[j] is not None:
-                gram, cross, have = self._totals[j]
-                self._totals[j] = gram, cross, min(have, count)
+            self._totals[j] = None
 
     def _group(self, candidate, rows: Joints, ids: Array) -> CandidateColumns:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
@@ -302,8 +310,8 @@ class Design:
         out = np.zeros((len(ids), len(ids)))
         for j in rows:
             place, have = self.present(j, ids)
-            total = self.total(j)[0][np.ix_(place, place)]
-            out[np.ix_(have, have)] += total / self.rows[j] / self.rms[j] ** 2
+            gram, _ = self.sums(j, place)
+            out[np.ix_(have, have)] += gram / self.rows[j] / self.rms[j] ** 2
         return out
 
     def group_columns(self, term: Term, ids: Array) -> CandidateColumns:
@@ -368,11 +376,13 @@ class Design:
         out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
-            x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
+            x = self._columns.read((j, 0), len(y))
+            own = np.zeros_like(self._sums.cross[j])
             for fold, rows in slice_folds(self._rows_labels(j, self._chunks[0])):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)
+        out._blocks = [out._fold_grams(j) for j in range(self.dof)]
         out._show_target()
         return out
 
@@ -388,16 +398,6 @@ class Design:
         """Per joint, where each column stands; -1 where it does not act."""
         return self._sums.place
 
-    @property
-    def gram(self) -> list[Array]:
-        """Per joint, Gram of its columns in every fold. Shapes (folds, p, p)."""
-        return self._sums.gram
-
-    @property
-    def cross(self) -> list[Array]:
-        """Per joint, products of its columns with the target. Shapes (folds, p)."""
-        return self._sums.cross
-
     def present(self, j: int, ids: Array) -> tuple[Array, Array]:
         """Places of the columns that act on joint j, and which of ``ids`` they are."""
         place = self._sums.place[j][ids]
@@ -410,29 +410,27 @@ class Design:
 
     def total(self, j: int) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""
-        gram, cross = self.gram[j], self.cross[j]
-        size, known = cross.shape[1], self._totals[j]
-        have = 0 if known is None else known[2]
-        if have == size:
-            return known[0][:size, :size], known[1][:size]
-        if known is None or size > len(known[1]):
-            wide = size + size // 8
-            larger = np.zeros((wide, wide)), np.zeros(wide)
-            if known is not None:
-                larger[0][:have, :have] = known[0][:have, :have]
-                larger[1][:have] = known[1][:have]
-            known = larger
-        new = gram[:, :, have:] if self._kept is None else gram[self._kept, :, have:]
-        block = new.sum(axis=0)
-        own = cross if self._kept is None else cross[self._kept]
-        pull = own[:, have:].sum(axis=0)
+        size, known = self._sums.cross[j].shape[1], self._totals[j]
+        if known is None or len(known[1]) != size:
+            known = self._totals[j] = self._sum_folds(j, size)
+        return known
+
+    def _sum_folds(self, j: int, size: int) -> tuple[Array, Array]:
+        if self._kept is not None:
+            gram, cross = self.fold_sums(j, np.arange(size))
+            return gram.sum(axis=0), cross.sum(axis=0)
+        pull = self._sums.cross[j].sum(axis=0)
         if self._noise.tracks:
-            pull = pull + self.rows[j] * self._noise.pull(j)[have:size]
-        known[0][:size, have:size] = block
-        known[0][have:size, :have] = block[:have].T
-        known[1][have:size] = pull
-        self._totals[j] = known[0], known[1], size
-        return known[0][:size, :size], known[1][:size]
+            pull = pull + self.rows[j] * self._noise.pull(j)[:size]
+        return self._sums.gram[j], pull
+
+    def sums(self, j: int, place: Array) -> tuple[Array, Array]:
+        """Gram and cross product of some columns of joint j. Shapes (k, k), (k,)."""
+        if self._kept is not None:
+            gram, cross = self.fold_sums(j, place)
+            return gram.sum(axis=0), cross.sum(axis=0)
+        gram, cross = self.total(j)
+        return gram[place[:, None], place], cross[place]
 
     def fold_sums(self, j: int, place: Array) -> tuple[Array, Array]:
         """Gram and cross product of some columns of joint j in every fold.
@@ -440,9 +438,9 @@ class Design:
         Returns:
             Shapes (folds, k, k), (folds, k).
         """
-        folds = slice(None) if self._kept is None else self._kept
-        gram = self.gram[j][:, place[:, None], place][folds]
-        cross = self.cross[j][:, place][folds]
+        gram, cross = self._blocks[j].of(place), self._sums.cross[j][:, place]
+        if self._kept is not None:
+            gram, cross = gram[self._kept], cross[self._kept]
         if self._noise.tracks:
             cross = cross + self.fold_rows[:, [j]] * self._noise.pull(j)[place]
         return gram, cross

@@ -153,9 +153,8 @@ class FitEquations:
         design: Design,
         prior: NominalPrior,
         members: Sequence[CandidateColumns],
-        folds: Array | None = None,
     ) -> "FitEquations":
-        """Gather from the design; ``folds`` selects some folds only."""
+        """Gather from the design."""
         ids = np.concatenate([design.nominal, *(g.ids for g in members)])
         p, m = len(design.nominal), len(ids)
         precision = np.zeros((m, m))
@@ -169,25 +168,9 @@ class FitEquations:
         gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
         present = tuple(design.present(j, ids) for j in range(design.dof))
         for j, (place, have) in enumerate(present):
-            if folds is None:
-                all_gram, all_cross = design.total(j)
-                own = all_gram[place[:, None], place], all_cross[place]
-            else:
-                own = tuple(x[folds].sum(axis=0) for x in design.fold_sums(j, place))
-            gram[j, have[:, None], have], cross[j, have] = own
-        chosen = slice(None) if folds is None else folds
-        power = design.power[chosen].sum(axis=0)
+            gram[j, have[:, None], have], cross[j, have] = design.sums(j, place)
+        power = design.power.sum(axis=0)
         return cls(ids, precision, pull, level, log_det, gram, cross, power, present)
-
-    def folds(self, design: Design) -> list["FitEquations"]:
-        """The same equations, of each fold alone."""
-        m, dof = len(self.ids), design.dof
-        gram = np.zeros((design.folds, dof, m, m))
-        cross = np.zeros((design.folds, dof, m))
-        for j, (at, have) in enumerate(self.present):
-            gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(j, at)
-        parts = zip(gram, cross, design.power, strict=True)
-        return [replace(self, gram=g, cross=c, power=p) for g, c, p in parts]
 
     def beside(self, design: Design, group: CandidateColumns) -> "FitEquations":
         """The same with one more effect: only what is new is gathered."""
