@@ -150,9 +150,7 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
     pulls = np.zeros((design.folds, len(full.ids)))
     for j in range(design.dof):
         place, have = design.present(j, full.ids)
-        gram, cross = design.fold_sums(j, place)
-        scores = cross - gram @ full.theta[have]
-        pulls[:, have] += weight[j] * scores
+        pulls[:, have] += weight[j] * design.fold_pulls(j, place, full.theta[have])
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
     free = max(design.folds - 1, 1)

@@ -176,12 +176,16 @@ class Search:
         """
         most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
         curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
         for quick, group in self._rank(base, instead):
             faint = quick < THRESHOLDS.faint_share * top or looks >= most
             if faint and curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
                 continue
             looks += 1
-            fitted = self.score.fit((*base.members, *(group.parts or (group,))), base)
+            parts, own = group.parts or (group,), system
+            for part in parts:
+                own = own.beside(self.score.design, part)
+            fitted = self.score.fit((*base.members, *parts), base, own)
             if not is_fit_possible(self.score.design, fitted, group):
                 continue
             nats = self.score.nats(fitted, group) - self.cost(group)

@@ -209,25 +209,35 @@ class FoldGrams:
 
     def of(self, place: Array) -> Array:
         """Gram of some columns, the first of which lead. Shape (folds, k, k)."""
-        first = int(
-            np.cumprod(place[: len(self._lead)] == self._lead[: len(place)]).sum()
-        )
-        others, k = place[first:], len(place)
-        out = np.empty((self._folds, k, k))
-        if first:
-            if self._whole is None:
-                self._whole = self._products(self._lead, self._lead)
-            out[:, :first, :first] = self._whole[:, :first, :first]
-        if len(others):
-            out[:, first:, first:] = self._products(others, others)
-        if first and len(others):
-            new = np.array([i for i in others if int(i) not in self._sides], dtype=int)
-            if len(new):
-                both = self._products(new, self._lead)
-                self._sides |= {int(i): both[:, n] for n, i in enumerate(new)}
-            sides = np.stack([self._sides[int(i)][:, :first] for i in others], axis=1)
-            out[:, first:, :first], out[:, :first, first:] = sides, sides.mT
+        lead, sides, others = self._parts(place)
+        first, out = lead.shape[1], np.empty((self._folds, len(place), len(place)))
+        out[:, :first, :first], out[:, first:, first:] = lead, others
+        out[:, first:, :first], out[:, :first, first:] = sides, sides.mT
         return out
+
+    def times(self, place: Array, theta: Array) -> Array:
+        """Gram of some columns times coefficients. Shape (folds, k)."""
+        lead, sides, others = self._parts(place)
+        first, last = np.split(theta, [lead.shape[1]])
+        own = lead @ first + sides.mT @ last
+        return np.concatenate([own, sides @ first + others @ last], axis=1)
+
+    def _parts(self, place: Array) -> tuple[Array, Array, Array]:
+        """Products of leading columns, of others with them, and of others."""
+        if self._whole is None:
+            self._whole = self._products(self._lead, self._lead)
+        lead = self._lead[: len(place)]
+        first = int(np.cumprod(place[: len(lead)] == lead).sum())
+        others = place[first:]
+        new = np.array([i for i in others if int(i) not in self._sides], dtype=int)
+        if len(new):
+            both = self._products(new, self._lead)
+            self._sides |= {int(i): both[:, n] for n, i in enumerate(new)}
+        sides = np.empty((self._folds, len(others), first))
+        for n, i in enumerate(others):
+            sides[:, n] = self._sides[int(i)][:, :first]
+        among = self._products(others, others)
+        return self._whole[:, :first, :first], sides, among
 
     def cut(self, size: int) -> None:
         """Forget columns from a number on."""
@@ -235,6 +245,8 @@ class FoldGrams:
 
     def _products(self, left: Array, right: Array) -> Array:
         out = np.zeros((self._folds, len(left), len(right)))
+        if not len(left):
+            return out
         for shelf, labels in self._shelves.items():
             every = self._columns.read(shelf, len(labels))
             x, y = every[left], every[right]

@@ -438,12 +438,25 @@ class Design:
         Returns:
             Shapes (folds, k, k), (folds, k).
         """
-        gram, cross = self._blocks[j].of(place), self._sums.cross[j][:, place]
+        gram = self._blocks[j].of(place)
         if self._kept is not None:
-            gram, cross = gram[self._kept], cross[self._kept]
+            gram = gram[self._kept]
+        return gram, self._fold_cross(j, place)
+
+    def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
+        """Products of some columns with what they leave, in every fold. (folds, k)."""
+        torque = self._blocks[j].times(place, theta)
+        if self._kept is not None:
+            torque = torque[self._kept]
+        return self._fold_cross(j, place) - torque
+
+    def _fold_cross(self, j: int, place: Array) -> Array:
+        cross = self._sums.cross[j][:, place]
+        if self._kept is not None:
+            cross = cross[self._kept]
         if self._noise.tracks:
             cross = cross + self.fold_rows[:, [j]] * self._noise.pull(j)[place]
-        return gram, cross
+        return cross
 
     def columns(self, j: int, place: Array) -> Array:
         """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""
