@@ -12,7 +12,7 @@ from itertools import product
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.score import mixture_evidence
+from residual.diagnosis.score import count_merged_blocks, mixture_evidence
 from residual.diagnosis.search import Search
 from residual.effects.base import Effect, EffectTrait, PlacedEffect
 from residual.evidence.design import CandidateColumns, Design
@@ -58,12 +58,13 @@ class DetectionModel:
         for j in range(design.dof):
             place, have = design.present(j, group.ids)
             if len(place):
-                gram = design.total(j)[0][np.ix_(place, place)]
+                gram, _ = design.sums(j, place)
                 power = direction[have] @ gram @ direction[have] / design.rows[j]
                 torque = max(torque, float(power) / design.rms[j] ** 2)
         if along <= 0 or torque <= 0:
             return np.inf
-        degrees = THRESHOLDS.prior_blocks + design.folds
+        # The least evidence counts: that of the longest blocks, of fewest degrees.
+        degrees = THRESHOLDS.prior_blocks + min(count_merged_blocks(design.folds))
         sizes = np.geomspace(1, WIDEST, STEPS) / np.sqrt(along)
         pull, prior = known @ direction, group.precision
         nats = mixture_evidence(known, pull, prior, degrees, sizes)

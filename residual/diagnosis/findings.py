@@ -146,16 +146,18 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
     own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
     standard deviations are made to hold what Student's t holds.
     """
-    weight = full.weight(design.rows)
-    pulls = np.zeros((design.folds, len(full.ids)))
+    weight, label = full.weight(design.rows), design.label_logs()
+    count = int(label.max()) + 1
+    pulls = np.zeros((count, len(full.ids)))
     for j in range(design.dof):
         place, have = design.present(j, full.ids)
-        pulls[:, have] += weight[j] * design.fold_pulls(j, place, full.theta[have])
+        own = design.fold_pulls(j, place, full.theta[have])
+        np.add.at(pulls, (label[:, None], have), weight[j] * own)
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
-    free = max(design.folds - 1, 1)
+    free = max(count - 1, 1)
     wider = float(stdtrit(free, USUAL) / ndtri(USUAL))
-    return wider**2 * design.folds / free * moved.T @ moved
+    return wider**2 * count / free * moved.T @ moved
 
 
 def _form_doubt(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> Array:

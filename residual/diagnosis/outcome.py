@@ -11,6 +11,7 @@ from residual.diagnosis.adequacy import (
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.score import Score
 from residual.diagnosis.select import Member, Selection, select_names
+from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import (
     Fit,
@@ -40,6 +41,8 @@ class Outcome:
     fit: Fit  # fit with the named effects
     named: tuple[Member, ...]  # those sure enough to be in the model
     adequacy: Adequacy  # what remains
+    # The model with names of bodies, where no body can be what the logs give.
+    impossible: PossibleModel | None = None
 
     @property
     def score(self) -> Score:
@@ -122,7 +125,20 @@ def search_effects(logs: FitLogs, nominal: NominalModel, progress: Progress) -> 
     if len(named) < len(fitted.members):
         fitted = score.fit([m.group for m in named], fitted)
     adequacy = _assess(logs, nominal, score.design, plain, fitted)
-    return Outcome(logs, nominal, selection, plain, fitted, named, adequacy)
+    outcome = Outcome(logs, nominal, selection, plain, fitted, named, adequacy)
+    return _without_impossible_bodies(outcome)
+
+
+def _without_impossible_bodies(outcome: Outcome) -> Outcome:
+    """Without names of bodies where the logs contradict every possible body."""
+    others = [m for m in outcome.named if EffectTrait.BODY not in m.group.effect.traits]
+    if len(others) == len(outcome.named):
+        return outcome
+    model = build_fitted_model(outcome.nominal, outcome.fit)
+    possible = fit_possible_bodies(outcome.design, outcome.fit, model)
+    if not possible.contradicted:
+        return outcome
+    return replace(outcome.with_names(others), impossible=possible)
 
 
 def _assess(

@@ -56,6 +56,12 @@ def label_blocks(tracks: Sequence[Track]) -> list[Array]:
     return out
 
 
+def count_merged_blocks(blocks: int) -> list[int]:
+    """Number of blocks where none, two or four of so many are joined."""
+    merged = [blocks // count for count in MERGES]
+    return [n for n in merged if n in (blocks, max(n, THRESHOLDS.min_blocks))]
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class LeftOut:
     """Squared error of each block, predicted from the others."""
@@ -66,6 +72,10 @@ class LeftOut:
     def gain_over(self, other: "LeftOut") -> Array:
         """By how much it predicts each block better than another [nats]. (blocks,)."""
         return 0.5 * (other.errors - self.errors) @ self.weight
+
+    def find_main_joint(self, other: "LeftOut") -> int:
+        """The joint (from 0) on which it gains most over another."""
+        return int(np.argmax((other.errors - self.errors).sum(axis=0) * self.weight))
 
     def fall_from(self, other: "LeftOut") -> Array:
         """Share of the other's squared error that falls, by joint. Shape (dof,)."""
@@ -138,11 +148,8 @@ class Score:
             own = design.fold_pulls(j, place, fitted.theta[have])
             pulls[:, have] += weight[j] * votes[:, None] * own
         plain, nu, out = fitted.covariance(), THRESHOLDS.prior_blocks, []
-        for count in MERGES:
-            n = design.folds // count
-            if count > 1 and n < THRESHOLDS.min_blocks:
-                break
-            labels = np.minimum(np.arange(design.folds) // count, n - 1)
+        for n in count_merged_blocks(design.folds):
+            labels = np.minimum(np.arange(design.folds) // (design.folds // n), n - 1)
             joined = np.zeros((n, pulls.shape[1]))
             np.add.at(joined, labels, pulls)
             joined -= joined.mean(axis=0)  # the prior's own pull is shared by all

@@ -245,7 +245,7 @@ class Search:
         taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
         if instead is not None:
             taken.add(instead.key)
-            rows = [set(self._rows(g)) for g in (group, instead)]
+            rows = [set(self.rows(g)) for g in (group, instead)]
             if group.parts or not rows[0] & rows[1]:
                 return False
         if taken & {group.key, *(p.key for p in group.parts)}:
@@ -257,7 +257,8 @@ class Search:
             return False
         return not any(_cancel(group, x) or _draws(group, x) for x in members)
 
-    def _rows(self, group: CandidateColumns) -> Sequence[int]:
+    def rows(self, group: CandidateColumns) -> Sequence[int]:
+        """Joints (from 0) on which a group acts."""
         return group.effect.rows(group.joints, self.score.design.dof)
 
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
@@ -268,32 +269,24 @@ class Search:
         curves = {t: t.left for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
         for trial in trials:
-            if is_curve(trial.group):
-                after = curves[trial]
-            elif outdone is not None and not self._rivals(trial.group, outdone.group):
-                continue
-            else:
-                after = trial.left
+            after = curves.get(trial) or trial.left
             if not self.is_borne_out(trial, after, before):
+                continue
+            if is_curve(trial.group):
+                outdone = outdone or trial
+                continue
+            joint = after.find_main_joint(before)
+            if outdone is not None and outdone.group.joints != (joint,):
                 continue
             rivals = [
                 t
                 for t, left in curves.items()
-                if t is not trial
-                and self._rivals(trial.group, t.group)
-                and _outdoes(left, after, before, t.group.joints[0])
+                if t.group.joints == (joint,) and _outdoes(left, after, before, joint)
             ]
-            if is_curve(trial.group):
-                outdone = outdone or trial
-            elif rivals:
-                outdone = outdone or max(rivals, key=lambda t: t.nats)
-            else:
+            if not rivals:
                 return trial
+            outdone = outdone or max(rivals, key=lambda t: t.nats)
         return outdone
-
-    def _rivals(self, name: CandidateColumns, curve: CandidateColumns) -> bool:
-        """Whether a name is of the joint of a curve, and of no other."""
-        return name.joints == curve.joints and len(self._rows(name)) == 1
 
     def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
         members = (*base.members, *(best.group.parts or (best.group,)))

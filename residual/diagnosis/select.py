@@ -296,7 +296,7 @@ def _conclude(
     found = weighted.best.fit.members
     named = _drop_curved_constants(look.score, found, constants.groups)
     best = look.settle((*found, *named))
-    doubted = _find_doubted_joints(logs, nominal.without_constants(), best)
+    doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
     parts = _fit_parts(best.score, best.fit)
     members = tuple(
         sorted(
@@ -397,7 +397,7 @@ def _judge(
     best: Found,
     weighted: Weighted,
     group: CandidateColumns,
-    doubted: Sequence[int],
+    doubted: set[int],
     parts: Sequence[_Part],
 ) -> Member:
     """Evidence, equivalents and probability of one name."""
@@ -430,7 +430,7 @@ def _judge(
         "plausibility" if spared > removed else "fit",
         int(np.argmax(shares)),
         int(np.argmax(fall / score.design.tau_power.sum(axis=0).clip(1e-30))),
-        float(stands) * name_probability(nats, int(np.argmax(shares)) in doubted),
+        float(stands) * name_probability(nats, bool(doubted & set(look.rows(group)))),
         tuple(near),
         Splits(
             sum(
@@ -451,8 +451,8 @@ def name_probability(nats: float, doubted: bool = True) -> float:
     """Probability of a name by its evidence: logistic in ln(nats).
 
     Args:
-        doubted: Whether more than noise is left of its joint: then errors of blocks are
-            less independent than evidence takes them for.
+        doubted: Whether more than noise is left of a joint on which it acts: errors of
+            blocks are less independent then than evidence takes them for.
     """
     even = THRESHOLDS.even_nats if doubted else THRESHOLDS.clean_even_nats
     odds = THRESHOLDS.odds_slope * np.log(max(nats, 1e-3) / even)

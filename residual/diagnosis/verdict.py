@@ -97,9 +97,10 @@ def build_verdict(
     outcome = proof.outcome
     search, robot = outcome.selection.search, outcome.logs.robot
     faulty = check is not None and bool(check.certain)
+    unlikely = outcome.impossible or bodies
     contradicted = (
         *describe_contradictions(outcome, outcome.fit, errors),
-        *bodies.doubts,
+        *unlikely.doubts,
     )
     doubtful = len(outcome.adequacy.doubted) or contradicted or faulty
     least = _clear_links(outcome, find_detectable_sizes(search, outcome.fit))
@@ -140,7 +141,7 @@ def build_verdict(
             question, list_places(outcome.fit.members), alternatives
         ),
         background=tuple(listing(background)),
-        bodies=bodies.correction,
+        bodies=unlikely.correction,
         suspected=() if faulty else tuple(listing(suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )

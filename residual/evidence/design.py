@@ -521,6 +521,13 @@ class Design:
         out[at] = values
         return out
 
+    def label_logs(self) -> Array:
+        """Of each fold its log, or the part where logs are few. Shape (folds,)."""
+        out = np.zeros(self.folds, dtype=int)
+        for own, log in zip(self._labels, label_folds(self._tracks), strict=True):
+            out[own] = log
+        return out
+
     def label_joint_folds(self, j: int) -> Array:
         """Fold of each row of joint j on the sketch. Shape (rows,)."""
         return self._rows_labels(j, self._shown)
