@@ -127,7 +127,7 @@ WEAK = {
     "base_tilt": ((), {"tilt_x": 0.05, "tilt_y": 0.0}, 51, None),
     "tool_force": ((), {"x": 4.0, "y": 0.0, "z": -3.0}, 51, 0.1),
     "delay": ((), {"delay": 0.015}, 51, 0.1),
-    "encoder_offset": ((1,), {"angle": 0.08}, 51, 0.15),
+    "encoder_offset": ((1,), {"angle": 0.08}, 51, None),
     "encoder_eccentricity": ((1,), {"cos": 0.03, "sin": 0.04}, 51, 0.25),
     "elasticity": ((1,), {"stiffness": 500.0}, 51, 0.6),
     "presliding": ((1,), {"level": 4.0, "displacement": 0.02}, 51, 0.1),
