@@ -1,7 +1,7 @@
 """From tested members to findings, and the residual that each of them explains."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
@@ -289,40 +289,6 @@ class NamedEffect:
     def probability(self) -> float:
         """Of its class against all others; the weakest member's."""
         return min(s.probability for s in self.confidences)
-
-    @property
-    def size_is_significant(self) -> Array:
-        """Whether a size of each member is clear of nothing. Shape (members,)."""
-        sums = [abs(value) >= SIZED * std for value, std, _ in self.combined.values()]
-        clear = [
-            np.abs(values) >= SIZED * sds
-            for values, sds, _, _ in self.parameters.values()
-        ]
-        return np.any(clear, axis=0) | any(sums)
-
-    def select_members(self, members: Collection[Member]) -> "NamedEffect | None":
-        """The same of some members; None where none of them is in it."""
-        keep = [i for i, t in enumerate(self.tested) if t in members]
-        if not keep or len(keep) == len(self.tested):
-            return self if keep else None
-        kept = tuple(self.tested[i] for i in keep)
-        joints = tuple(j for t in kept for j in joint_numbers(t.group))
-        return replace(
-            self,
-            tested=kept,
-            joints=joints,
-            parameters={
-                key: (values[keep], sds[keep], unit, clear)
-                for key, (values, sds, unit, clear) in self.parameters.items()
-            },
-            equivalent=tuple(
-                (name, left)
-                for name, on in self.equivalent
-                if (left := tuple(j for j in on if j in joints)) or not on
-            ),
-            confidences=tuple(self.confidences[i] for i in keep),
-            torque=self.torque[keep],
-        )
 
     @property
     def nats(self) -> float:

@@ -364,7 +364,7 @@ def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool
     own, theirs, first = (x.errors[:, joint] for x in (curve, name, before))
     gain = theirs - own
     scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
-    if gain.sum() <= THRESHOLDS.clear_deviations * scatter:
+    if gain.sum() <= THRESHOLDS.paired_deviations * scatter:
         return False
     share = THRESHOLDS.explained_share
     return bool((first - theirs).sum() < share * (first - own).sum())

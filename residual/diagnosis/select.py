@@ -203,7 +203,7 @@ def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Wei
 def _predicts_as_well(left: LeftOut, best: LeftOut) -> bool:
     loss = best.gain_over(left)
     scatter = loss.std(ddof=1) * np.sqrt(len(loss))
-    if loss.sum() <= THRESHOLDS.same_deviations * scatter:
+    if loss.sum() <= THRESHOLDS.paired_deviations * scatter:
         return True
     total, least = (float((x.errors @ x.weight).sum()) for x in (left, best))
     return total < (1 + THRESHOLDS.same_share) * least

@@ -223,12 +223,6 @@ def hold_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
     return replace(prior, precision=prior.precision + np.diag(stiff))
 
 
-def drop_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
-    """The prior of the other coefficients, which do not hang on these."""
-    rest = np.setdiff1d(np.arange(len(prior.precision)), slots)
-    return _prior(prior.precision[np.ix_(rest, rest)], prior.scale, prior.widths)
-
-
 NEARLY_ALL = 0.999  # of the squares of a joint: more is rounding
 
 

@@ -30,8 +30,7 @@ class EvidenceThresholds:
     # of what a curve of its joint explains: what a name must alone
     explained_share: float = 0.75
     min_quick_nats: float = 2.0  # by a quick look: less gets no other
-    clear_deviations: float = 2.0  # of a paired gain that is no chance
-    same_deviations: float = 2.0  # of a paired loss: scales that predict as well
+    paired_deviations: float = 2.0  # of a paired difference that is no chance
     same_share: float = 0.05  # of the left-out error, likewise
     hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
     class_share: float = 0.05  # of what a name gains: what a swap-in may lose
