@@ -143,6 +143,15 @@ class Search:
         """Evidence of a set less the price of its names [nats]."""
         return fitted.score - sum(self.cost(g) + self.least for g in fitted.members)
 
+    def leads(self, fitted: Fit, other: Fit) -> bool:
+        """Whether a set has more evidence less its price, counted like another."""
+        rows = replace(other, counted=np.maximum(fitted.counted, other.counted))
+        ours, theirs = (
+            self.set_score(self.score.fit_like(f.members, rows))
+            for f in (fitted, other)
+        )
+        return ours > theirs
+
     def run(self, start: Members = ()) -> Found:
         """Add the best candidate while one is borne out."""
         fitted = self.score.fit(start)

@@ -295,7 +295,7 @@ def _conclude(
     look = constants.search(search(weighted.best.score.prior))
     found = weighted.best.fit.members
     named = _drop_curved_constants(look.score, found, constants.groups)
-    best = look.settle((*found, *named))
+    best = _join_constants(look, found, named)
     doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
     parts = _fit_parts(best.score, best.fit)
     members = tuple(
@@ -320,6 +320,32 @@ def _conclude(
         scales[min(int(middle), len(scales) - 1)][0],
         wide,
     )
+
+
+def _join_constants(
+    look: Search,
+    found: Sequence[CandidateColumns],
+    constants: Sequence[CandidateColumns],
+) -> Found:
+    """The names with the constants that carry their price.
+
+    A name beside a free constant may be another one without: a balancer and a constant
+    are a spring at rest elsewhere. The set with the most evidence less its price wins.
+    """
+    best = look.settle((*found, *constants))
+    for group in found:
+        beside = [g for g in constants if g.joints == group.joints]
+        if not any(g in best.fit.members for g in beside):
+            continue
+        rest = tuple(g for g in best.fit.members if g is not group and g not in beside)
+        base = look.score.fit(rest, best.fit)
+        for trial in look.look(base, group, THRESHOLDS.class_looks):
+            if is_curve(trial.group) or trial.group.parts:
+                continue
+            other = look.settle((*rest, trial.group, *beside))
+            if look.leads(other.fit, best.fit):
+                best = other
+    return best
 
 
 def _find_doubted_joints(
