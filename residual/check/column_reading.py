@@ -158,7 +158,7 @@ ANGLE_UNITS = (np.pi / 180, 180 / np.pi)
 
 @dataclass(frozen=True, slots=True)
 class ColumnReading:
-    """How the columns of a log are read; the map as given is `as_given`."""
+    """How the columns of a log are read; the map as given is one of them."""
 
     angle_order: tuple[int, ...]  # channel of each joint's angle, from 0
     angle_sign: tuple[int, ...]  # sign of each joint's angle

@@ -87,12 +87,12 @@ def add_curves(design: Design, tracks: Sequence[Track]) -> list[CandidateColumns
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Found:
+class SearchRun:
     """What a search under one prior found."""
 
     score: Score
     fit: Fit
-    left: LeftOut
+    left_out: LeftOut
 
     @property
     def named(self) -> Members:
@@ -115,7 +115,7 @@ class Trial:
     score: Score
 
     @property
-    def left(self) -> LeftOut:
+    def left_out(self) -> LeftOut:
         """Errors of left-out blocks."""
         return self.score.left_out(self.fit)
 
@@ -152,7 +152,7 @@ class Search:
         )
         return ours > theirs
 
-    def run(self, start: Members = ()) -> Found:
+    def run(self, start: Members = ()) -> SearchRun:
         """Add the best candidate while one is borne out."""
         fitted = self.score.fit(start)
         fitted = self._drop(fitted) if start else fitted
@@ -162,12 +162,12 @@ class Search:
             if best is None:
                 break
             fitted, left = self._join(fitted, best)
-        return Found(self.score, fitted, left)
+        return SearchRun(self.score, fitted, left)
 
-    def settle(self, members: Members) -> Found:
+    def settle(self, members: Members) -> SearchRun:
         """A given set without what does not carry its price."""
         fitted = self._drop(self.score.fit(members))
-        return Found(self.score, fitted, self.score.left_out(fitted))
+        return SearchRun(self.score, fitted, self.score.left_out(fitted))
 
     def look(
         self,
@@ -275,10 +275,10 @@ class Search:
 
         Where a name explains less than three quarters of it the curve stands.
         """
-        curves = {t: t.left for t in trials if is_curve(t.group)}
+        curves = {t: t.left_out for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
         for trial in trials:
-            after = curves.get(trial) or trial.left
+            after = curves.get(trial) or trial.left_out
             if not self.is_borne_out(trial, after, before):
                 continue
             if is_curve(trial.group):

@@ -18,8 +18,8 @@ from residual.diagnosis.candidates import (
 )
 from residual.diagnosis.score import LeftOut, Score, label_blocks
 from residual.diagnosis.search import (
-    Found,
     Search,
+    SearchRun,
     add_curves,
     is_curve,
     member_torque_shares,
@@ -99,7 +99,7 @@ def select_names(
     if _reads_torque(found):
         _settle_torque_model(found, nominal)
         candidates = recompute_candidates(design, candidates)
-    runs: dict[tuple, Found] = {}
+    runs: dict[tuple, SearchRun] = {}
 
     def run(prior: NominalPrior) -> None:
         key = prior.scale, tuple(sorted(prior.widths.items()))
@@ -110,7 +110,7 @@ def select_names(
     # From free to exact: where values are worse than a scale says, so is its forecast.
     # Below the scales that are too rough for names of bodies such a name may mend it.
     for rough in (True, False):
-        own: list[Found] = []
+        own: list[SearchRun] = []
         for scale in reversed(space.scales):
             if (scale > THRESHOLDS.rough_scale) == rough:
                 run(space.at(scale, space.even[0]))
@@ -133,7 +133,7 @@ def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
     return bool((angles > THRESHOLDS.shaken_share * noise).any())
 
 
-def _reads_torque(found: Found) -> bool:
+def _reads_torque(found: SearchRun) -> bool:
     """Whether something was found that shifts what reads the model's torque."""
     design = found.score.design
     shares = [
@@ -143,7 +143,7 @@ def _reads_torque(found: Found) -> bool:
     return any(uses) or max(shares, default=0.0) > THRESHOLDS.large_torque_share
 
 
-def _settle_torque_model(found: Found, nominal: NominalModel) -> None:
+def _settle_torque_model(found: SearchRun, nominal: NominalModel) -> None:
     """Let the design see the torque of the named effects, iterated: Gauss-Newton."""
     design, fitted, score = found.score.design, found.fit, found.score
     for _ in range(THRESHOLDS.refit_rounds):
@@ -167,25 +167,27 @@ def _without_curves(score: Score, fitted: Fit) -> Fit:
 class Weighted:
     """Searches that predict left-out blocks as well as the best, likeliest first."""
 
-    runs: tuple[Found, ...]
+    runs: tuple[SearchRun, ...]
     share: tuple[float, ...]  # of the evidence
 
     @property
-    def best(self) -> Found:
+    def best(self) -> SearchRun:
         """The run with the most evidence."""
         return self.runs[0]
 
 
-def _weigh(design: Design, candidates: Candidates, runs: Sequence[Found]) -> Weighted:
+def _weigh(
+    design: Design, candidates: Candidates, runs: Sequence[SearchRun]
+) -> Weighted:
     """Weigh runs by evidence, each name priced."""
     power = np.maximum(design.power.sum(axis=0), 1e-30)
-    first = min(runs, key=lambda r: float((r.left.errors / power).sum()))
-    lefts = [replace(r.left, weight=first.left.weight) for r in runs]
+    first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
+    lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
     same = [r for r, x in zip(runs, lefts, strict=True) if _predicts_as_well(x, best)]
     counted = np.max([r.fit.counted for r in runs], axis=0)
 
-    def evidence(run: Found) -> float:
+    def evidence(run: SearchRun) -> float:
         prior, start = run.score.prior, run.fit.variance
         members = run.fit.members
         common = fit_jointly(design, prior, members, counted, start, rounds=4)
@@ -209,10 +211,10 @@ def _predicts_as_well(left: LeftOut, best: LeftOut) -> bool:
     return total < (1 + THRESHOLDS.same_share) * least
 
 
-def _falls_behind(runs: Sequence[Found]) -> bool:
+def _falls_behind(runs: Sequence[SearchRun]) -> bool:
     """Whether the last run predicts left-out blocks clearly worse than the best."""
-    weight = runs[-1].left.weight
-    lefts = [replace(r.left, weight=weight) for r in runs]
+    weight = runs[-1].left_out.weight
+    lefts = [replace(r.left_out, weight=weight) for r in runs]
     best = min(lefts, key=lambda x: float((x.errors @ weight).sum()))
     total, least = (float((x.errors @ weight).sum()) for x in (lefts[-1], best))
     behind = total > (1 + THRESHOLDS.hopeless_share) * least
@@ -288,19 +290,22 @@ def _conclude(
     weighted: Weighted,
     search: Callable[[NominalPrior], Search],
     constants: _Constants,
-    runs: Mapping[tuple, Found],
+    runs: Mapping[tuple, SearchRun],
 ) -> Selection:
     """The likeliest set with the probability of each name."""
     priors = [r.score.prior for r in weighted.runs]
     look = constants.search(search(weighted.best.score.prior))
     found = weighted.best.fit.members
     named = _drop_curved_constants(look.score, found, constants.groups)
-    best = _join_constants(look, found, named)
+    best, former = _join_constants(look, found, named)
     doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
     parts = _fit_parts(best.score, best.fit)
     members = tuple(
         sorted(
-            (_judge(look, best, weighted, g, doubted, parts) for g in best.named),
+            (
+                _judge(look, best, weighted, g, doubted, parts, former.get(g))
+                for g in best.named
+            ),
             key=lambda m: -m.probability,
         )
     )
@@ -326,13 +331,16 @@ def _join_constants(
     look: Search,
     found: Sequence[CandidateColumns],
     constants: Sequence[CandidateColumns],
-) -> Found:
+) -> tuple[SearchRun, dict[CandidateColumns, str]]:
     """The names with the constants that carry their price.
 
     A name beside a free constant may be another one without: a balancer and a constant
     are a spring at rest elsewhere. The set with the most evidence less its price wins.
+
+    Returns:
+        The set, and of each name that so took another's place the other's effect.
     """
-    best = look.settle((*found, *constants))
+    best, former = look.settle((*found, *constants)), {}
     for group in found:
         beside = [g for g in constants if g.joints == group.joints]
         if not any(g in best.fit.members for g in beside):
@@ -344,12 +352,12 @@ def _join_constants(
                 continue
             other = look.settle((*rest, trial.group, *beside))
             if look.leads(other.fit, best.fit):
-                best = other
-    return best
+                best, former[trial.group] = other, group.effect.name
+    return best, former
 
 
 def _find_doubted_joints(
-    logs: FitLogs, nominal: NominalModel, best: Found
+    logs: FitLogs, nominal: NominalModel, best: SearchRun
 ) -> tuple[int, ...]:
     """Joints (from 0) on which more than noise is left beside the names."""
     named = _without_curves(best.score, best.fit)
@@ -381,7 +389,7 @@ def _drop_curved_constants(
 
 
 def _choose_predictive_scale(
-    best: Found, names: Sequence[CandidateColumns], scores: Sequence[Score]
+    best: SearchRun, names: Sequence[CandidateColumns], scores: Sequence[Score]
 ) -> Score:
     """The prior under which the names predict left-out blocks best.
 
@@ -420,26 +428,34 @@ def _fit_parts(score: Score, fitted: Fit) -> list[_Part]:
 
 def _judge(
     look: Search,
-    best: Found,
+    best: SearchRun,
     weighted: Weighted,
     group: CandidateColumns,
     doubted: set[int],
     parts: Sequence[_Part],
+    former: str | None,
 ) -> Member:
-    """Evidence, equivalents and probability of one name."""
-    score, fitted, left = best.score, best.fit, best.left
+    """Evidence, equivalents and probability of one name.
+
+    Args:
+        former: Effect whose place it took when constants became candidates: with a free
+            constant the searches have that one.
+    """
+    score, fitted, left = best.score, best.fit, best.left_out
     rest = tuple(g for g in fitted.members if g is not group)
     without = score.fit(rest, fitted)
     bare = replace(score.left_out(without), weight=left.weight)
     removed = float(left.gain_over(bare).sum())
-    within = max(THRESHOLDS.class_nats, THRESHOLDS.class_share * removed)
     near, nats = [], score.nats(fitted, group)
     for trial in look.look(without, group, THRESHOLDS.class_looks):
         if is_curve(trial.group) or trial.nats < nats / 2:
             continue
-        if left.gain_over(replace(trial.left, weight=left.weight)).sum() < within:
+        gain = left.gain_over(replace(trial.left_out, weight=left.weight))
+        scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
+        within = max(THRESHOLDS.class_nats, THRESHOLDS.paired_deviations * scatter)
+        if gain.sum() < within:
             near.append(trial.group)
-    alike = {group.effect.name, *(g.effect.name for g in near)}
+    alike = {group.effect.name, former, *(g.effect.name for g in near)}
     # A constant is free in every run.
     constant = EffectTrait.CONSTANT in group.effect.traits
     stands = constant or sum(

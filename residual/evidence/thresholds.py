@@ -33,7 +33,6 @@ class EvidenceThresholds:
     paired_deviations: float = 2.0  # of a paired difference that is no chance
     same_share: float = 0.05  # of the left-out error, likewise
     hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
-    class_share: float = 0.05  # of what a name gains: what a swap-in may lose
     class_looks: int = 8  # candidates that may stand in for a name
     sure_probability: float = 0.9  # from which a name is in the model
     even_nats: float = 12.0  # evidence at which a name is as likely as not
