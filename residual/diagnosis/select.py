@@ -316,7 +316,7 @@ def _conclude(
     score = replace(score, design=score.design.keep_angle_noise())
     scales = sorted(zip([p.scale for p in priors], weighted.share, strict=True))
     middle = np.searchsorted(np.cumsum([s for _, s in scales]), 0.5)
-    wide = max((constants.score(p).prior for p in priors), key=lambda p: p.scale)
+    wide = _find_widest_prior(constants.space, weighted)
     return Selection(
         replace(look, score=score),
         score.fit([m.group for m in members], best.fit),
@@ -325,6 +325,20 @@ def _conclude(
         scales[min(int(middle), len(scales) - 1)][0],
         wide,
     )
+
+
+def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
+    """The widest prior within 6 nats, and none under 10 % where the scale is open.
+
+    How wrong given values are can be told only as far as wrong ones can be seen; what
+    trades off against a load cannot.
+    """
+    least = weighted.share[0] * np.exp(-THRESHOLDS.class_nats)
+    pairs = zip(weighted.runs, weighted.share, strict=True)
+    near = [run.score.prior for run, share in pairs if share >= least]
+    wide = max(near, key=lambda prior: prior.scale)
+    scale = max(wide.scale, min(THRESHOLDS.rough_scale, space.scales[-1]))
+    return space.at(scale, wide.widths)
 
 
 def _join_constants(
