@@ -51,7 +51,7 @@ def test_kr300_has_a_balancer_on_axis_2_and_its_error_there_falls():
 
 
 def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
-    """And friction of joint 1 that is not linear in speed, which other days bear out."""
+    """And friction of joint 1 not linear in speed, which other days bear out."""
     verdict = verdict_of("ur10e", "feb10", "feb12")
     assert ("load_friction", (2, 3)) in names(verdict)
     assert {n for n, _ in names(verdict)} <= {"load_friction", "quadratic_viscous"}
