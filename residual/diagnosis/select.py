@@ -94,18 +94,20 @@ def select_names(
         allowed = candidates.without(tuple(space.list_barred_effects(prior)))
         return Search(Score(design, prior), allowed, curves)
 
-    # Columns that read the model's torque see it with what a first search finds.
-    found = search(first).run()
-    if _reads_torque(found):
-        _settle_torque_model(found, nominal)
-        candidates = recompute_candidates(design, candidates)
     runs: dict[tuple, SearchRun] = {}
 
-    def run(prior: NominalPrior) -> None:
+    def run(prior: NominalPrior) -> SearchRun:
         key = prior.scale, tuple(sorted(prior.widths.items()))
         if key not in runs:
             runs[key] = search(prior).run()
             progress(len(runs) / (len(runs) + 3))
+        return runs[key]
+
+    # Columns that read the model's torque see it with what a first search finds.
+    if _reads_torque(found := run(first)):
+        _settle_torque_model(found, nominal)
+        candidates = recompute_candidates(design, candidates)
+        runs.clear()
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
     # Below the scales that are too rough for names of bodies such a name may mend it.
@@ -113,8 +115,7 @@ def select_names(
         own: list[SearchRun] = []
         for scale in reversed(space.scales):
             if (scale > THRESHOLDS.rough_scale) == rough:
-                run(space.at(scale, space.even[0]))
-                own.append(list(runs.values())[-1])
+                own.append(run(space.at(scale, space.even[0])))
                 if _falls_behind(own):
                     break
     weighted = _weigh(design, candidates, list(runs.values()))
