@@ -99,6 +99,20 @@ class ColumnCache:
             start += k
         return out
 
+    def pick(self, shelf: object, rows: int, which: Array) -> Array:
+        """Return some columns of a shelf. Shape (len(which), rows)."""
+        if self._file is None:
+            return self.read(shelf, rows)[which]
+        offsets = np.array([o for o, _ in self._blocks[shelf]])
+        firsts = np.cumsum([0, *(k for _, k in self._blocks[shelf])])
+        out = np.empty((len(which), rows))
+        for own, i in zip(out, which, strict=True):
+            block = int(np.searchsorted(firsts, i, side="right")) - 1
+            start = offsets[block] + (i - firsts[block]) * own.nbytes
+            if own.size:
+                os.preadv(self._file.fileno(), [own], int(start))
+        return out
+
 
 class GramSums:
     """Gram matrices of appended columns, and their products with the target.
@@ -248,8 +262,7 @@ class FoldGrams:
         if not len(left):
             return out
         for shelf, labels in self._shelves.items():
-            every = self._columns.read(shelf, len(labels))
-            x, y = every[left], every[right]
+            x, y = (self._columns.pick(shelf, len(labels), i) for i in (left, right))
             for fold, own in slice_folds(labels):
                 out[fold] += x[:, own] @ y[:, own].T
         return out
