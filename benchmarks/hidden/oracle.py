@@ -63,7 +63,7 @@ def oracle(
     nominal = build_free_nominal(logs, choose_declared_effects(robot, None))
     wanted = [pair for told in effects for pair in placed(*told, robot.dof)]
     design = Design(logs.tracks, nominal.model, labels=label_blocks(logs.tracks))
-    first = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
+    first = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
     design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
     score, fitted = _best(design, logs, nominal, wanted)
     if wanted:

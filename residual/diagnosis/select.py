@@ -84,7 +84,7 @@ def select_names(
         labels=label_blocks(logs.tracks),
         shaken=logs.shaken if _is_torque_shaken(logs, nominal) else (),
     )
-    first = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
+    first = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
     design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
     candidates = build_candidates(design, nominal, logs.span, logs.clock is not None)
     curves = add_curves(design, logs.tracks)

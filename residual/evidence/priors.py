@@ -236,7 +236,7 @@ def build_first_design(
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        prior = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
+        prior = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
         named = build_fitted_model(nominal, fit_nominal(design, prior))
     design.set_torque_model(named)
     return design

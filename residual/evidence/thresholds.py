@@ -1,7 +1,7 @@
 """The thresholds of a diagnosis, all that there are, in one record.
 
-What each is worth was measured: docs/method.md says how, docs/benchmarks.md what every
-doubt of a name prevents and costs. Numerical tolerances stay where they are used.
+docs/method.md says where the first of them come from. Numerical tolerances, and grids
+of scales and sizes, stay where they are used.
 """
 
 from dataclasses import dataclass
@@ -9,18 +9,28 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True, slots=True)
 class EvidenceThresholds:
-    """What a search, its gate and every doubt of a name go by."""
+    """What names an effect, and what is said of it and of the rest."""
 
-    min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
-    max_effects: int = 30  # most effects to add
-    max_exact_looks: int = 15  # candidates that get an exact look per step
-
-    # Blocks.
+    # What decides a name, its probability or a flag.
     block_seconds: float = 2.0  # length from which errors of two blocks are independent
     min_blocks: int = 8  # blocks at least
     max_blocks: int = 48  # blocks at most
     min_block_rows: int = 10  # moving rows without which a joint has no vote in a block
     prior_blocks: float = 15.0  # blocks that independent noise counts as
+
+    # prior size of an effect's torque, as a share of torque rms
+    prior_torque_share: float = 0.3
+    noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner
+    min_rows: float = 5.0  # that a joint counts for at least
+    # times the largest logged torque, where no limit is given
+    unknown_limit_factor: float = 2.0
+    # of the noise of the torque: less torque made by noise of the angles is nothing
+    shaken_share: float = 0.1
+    # scale: a nominal worse than this is too rough to blame a payload; of the first
+    # fit, which only feeds model-based features
+    rough_scale: float = 0.1
+    # share of torque rms from which an effect shifts model-based features
+    large_torque_share: float = 0.05
 
     # chance of one false name in a whole diagnosis
     false_chance: float = 0.001
@@ -29,57 +39,45 @@ class EvidenceThresholds:
     curve_knots: int = 10  # of a free curve
     # of what a curve of its joint explains: what a name must alone
     explained_share: float = 0.75
-    min_quick_nats: float = 2.0  # by a quick look: less gets no other
     paired_deviations: float = 2.0  # of a paired difference that is no chance
-    same_share: float = 0.05  # of the left-out error, likewise
-    hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
-    class_looks: int = 8  # candidates that may stand in for a name
-    sure_probability: float = 0.9  # from which a name is in the model
+    ripple_order_ratio: float = 1.5  # ratio of orders from which two ripples are two
+
+    same_share: float = 0.05  # of the left-out error: scales that predict as well
+    # nats within which an alternative cannot be told from the name
+    class_nats: float = 6.0
     even_nats: float = 12.0  # evidence at which a name is as likely as not
     clean_even_nats: float = 6.0  # the same where nothing but noise is left
     odds_slope: float = 5.4  # of the log odds of a name over ln(nats)
+    sure_probability: float = 0.9  # from which a name is in the model
+    min_probability: float = 0.5  # probability under which a name is not the likeliest
 
-    # What the evidence counts with.
-    # of the noise of the torque: less torque made by noise of the angles is nothing
-    shaken_share: float = 0.1
-    # prior size of an effect's torque, as a share of torque rms
-    prior_torque_share: float = 0.3
-    noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner
-    min_rows: float = 5.0  # that a joint counts for at least
-    # times the largest logged torque, where no limit is given
-    unknown_limit_factor: float = 2.0
-    # scale: a nominal worse than this is too rough to blame a payload
-    rough_scale: float = 0.1
-    # prior of the first fit, which only feeds model-based features
-    first_scale: float = 0.1
-
-    # The search.
-    ripple_order_ratio: float = 1.5  # ratio of orders from which two ripples are two
-    faint_share: float = 0.3
-    width_rounds: int = 3  # looks at the widths of single kinds
-    refit_rounds: int = 4  # at what was named, before the second search
-    steady_nats: float = 0.1  # nats by which one more look at it changes nothing
-    # share of torque rms from which an effect shifts model-based features
-    large_torque_share: float = 0.05
-    # of what the logs hold of a body: less is left of it beside another
-    absorbed_share: float = 0.3
-    # of a body: what logs should tell from a change of another
-    body_change_share: float = 0.2
-
-    # The gate, and what is alike.
-    # nats within which an alternative cannot be told from the name
-    class_nats: float = 6.0
-
-    # What remains.
-    # structured residual, as a share of torque rms, that voids names
+    # structured residual, as a share of torque rms, that is flagged
     flag_share: float = 0.05
     doubt_share: float = 0.015  # share of torque rms that is not nothing
     # times the noise that is not nothing: complete models keep up to 1.15 times, a dead
     # zone of a sensor that shows at all 2.7 and more
     doubt_noises: float = 2.0
+    min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
+
+    # How much is tried.
+    max_effects: int = 30  # most effects to add
+    max_exact_looks: int = 15  # candidates that get an exact look per step
+    min_quick_nats: float = 2.0  # by a quick look: less gets no other
+    # of the most evidence by a quick look: fainter candidates get no exact look
+    faint_share: float = 0.3
+    hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
+    class_looks: int = 8  # candidates that may stand in for a name
+    width_rounds: int = 3  # looks at the widths of single kinds
+    refit_rounds: int = 4  # at what was named, before the second search
+    steady_nats: float = 0.1  # nats by which one more look at it changes nothing
+
+    # What is said of a name, of held-out logs, of the rest.
+    # of what the logs hold of a body: less is left of it beside another
+    absorbed_share: float = 0.3
+    # of a body: what logs should tell from a change of another
+    body_change_share: float = 0.2
     # two stretches are a repeat if q differs by less than this share
     repeat_share: float = 0.02
-
     noise_chance: float = 1e-3  # under which a difference is no chance
     # of the information in one direction that is taken for noise at most
     max_noise_information: float = 0.9
@@ -91,7 +89,6 @@ class EvidenceThresholds:
     held_out_error_share: float = 0.03  # of torque, where it counts
     # standard errors of a gain that only spares parameters
     spared_deviations: float = 2.0
-    min_probability: float = 0.5  # probability under which a name is not the likeliest
     # the same beyond four: of all links one is always the worst
     link_zero_chance: float = 6.3e-5
     link_deviations: float = 4.0  # deviations, as of a name
@@ -104,8 +101,6 @@ class EvidenceThresholds:
     max_shown_share: float = 1.4  # of it: what that may show at most
     # of a joint's torque: what held-out motion can say nothing of
     silent_torque_share: float = 1e-3
-
-    # What is said.
     # times the smallest size: where a name should be sure
     confusable_size_factor: float = 3.0
     determined_share: float = 0.5  # of the standard deviation before the logs
@@ -120,8 +115,6 @@ class EvidenceThresholds:
     background_share: float = 0.1  # of the largest torque of a finding
     min_value_change: float = 0.05  # of a value: less is no news
     value_change_chance: float = 0.01  # of one false word in a whole table
-
-    # What follows nothing named.
     curve_chance: float = 0.05  # of a curve among surrogates
     # share of the leftover under which a curve is not worth telling
     min_curve_share: float = 0.1
