@@ -29,8 +29,6 @@ class EvidenceThresholds:
     # scale: a nominal worse than this is too rough to blame a payload; of the first
     # fit, which only feeds model-based features
     rough_scale: float = 0.1
-    # share of torque rms from which an effect shifts model-based features
-    large_torque_share: float = 0.05
 
     # chance of one false name in a whole diagnosis
     false_chance: float = 0.001
@@ -70,6 +68,8 @@ class EvidenceThresholds:
     width_rounds: int = 3  # looks at the widths of single kinds
     refit_rounds: int = 4  # at what was named, before the second search
     steady_nats: float = 0.1  # nats by which one more look at it changes nothing
+    # share of torque rms from which an effect shifts what reads the model's torque
+    large_torque_share: float = 0.05
 
     # What is said of a name, of held-out logs, of the rest.
     # of what the logs hold of a body: less is left of it beside another
