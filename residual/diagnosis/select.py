@@ -358,7 +358,7 @@ def _join_constants(
     best, former = look.settle((*found, *constants)), {}
     for group in found:
         beside = [g for g in constants if g.joints == group.joints]
-        if not any(g in best.fit.members for g in beside):
+        if is_curve(group) or not any(g in best.fit.members for g in beside):
             continue
         rest = tuple(g for g in best.fit.members if g is not group and g not in beside)
         base = look.score.fit(rest, best.fit)
