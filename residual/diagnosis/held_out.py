@@ -55,7 +55,8 @@ def prove(outcome: Outcome, held_out: Sequence[HeldOutLog]) -> Proof:
     refuted: list[Member] = []
     while True:
         named = outcome.named
-        now = {m: _gain(outcome, m, held_out) for m in named}
+        error = outcome.error(outcome.fit, held_out) if named else np.zeros(0)
+        now = {m: _gain(outcome, m, held_out, error) for m in named}
         gains |= now
         if not now or min(now.values()) >= 0:
             return Proof(outcome, gains, tuple(refuted))
@@ -71,12 +72,16 @@ def classify_gain(gain: float) -> str:
     return "confirmed" if gain >= THRESHOLDS.confirmed_gain else "neutral"
 
 
-def _gain(outcome: Outcome, member: Member, held_out: Sequence[HeldOutLog]) -> float:
+def _gain(
+    outcome: Outcome,
+    member: Member,
+    held_out: Sequence[HeldOutLog],
+    with_it: Array,
+) -> float:
     """What of the error vanishes with a name, on joints where it acts or shows.
 
     Where the refit imitates a wrong value it is held against the value as given.
     """
-    with_it = outcome.error(outcome.fit, held_out)
     rest = [m for m in outcome.named if m is not member]
     without = outcome.error(outcome.refit(rest), held_out)
     fall = _error_fall(outcome.design, member, with_it, without)

@@ -101,6 +101,7 @@ class Design:
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
         self._blocks: list[FoldGrams] = []
+        self._leads: dict[int, Array] = {}
         self._lines: dict[int, tuple[Array, int]] = {}
         self.flat, self.stacks = {}, {}
         self._noise = AngleNoise(self.dof, dict(zip(self._shown, shaken, strict=False)))
@@ -460,12 +461,21 @@ class Design:
 
     def columns(self, j: int, place: Array) -> Array:
         """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""
-        return self._of_sketch(j, lambda x: x[place]).T
+        return self._of_sketch(j, place).T
 
-    def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
+    def _of_sketch(self, j: int, place: Array) -> Array:
         chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
-        parts = [of(self._columns.read((j, c), len(rows[c]))) for c in chunks]
+        parts = [self._columns.pick((j, c), len(rows[c]), place) for c in chunks]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+    def _leading(self, j: int) -> Array:
+        """The nominal columns of joint j on the sketch. Shape (k, rows)."""
+        count = int((self._sums.place[j][self.nominal] >= 0).sum())
+        if len(self._chunks) == 1:
+            return self._columns.read((j, 0), len(self._targets[j][0]))[:count]
+        if j not in self._leads:  # a fit asks for them many times
+            self._leads[j] = self._of_sketch(j, np.arange(count))
+        return self._leads[j]
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
         """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""
@@ -477,13 +487,12 @@ class Design:
         place, have = self.present(j, ids)
         # The nominal model's come first and lie together: no copy is made of them.
         first = int(np.cumprod(place == np.arange(len(place))).sum())
-        own, others = theta[have[:first]], theta[have[first:]]
-
-        def torque(x: Array) -> Array:
-            out = own @ x[:first]
-            return out + others @ x[place[first:]] if len(others) else out
-
-        return self.target[j] - self._of_sketch(j, torque)
+        lead = self._leading(j)
+        first = min(first, len(lead))
+        torque = theta[have[:first]] @ lead[:first]
+        if first < len(place):
+            torque = torque + theta[have[first:]] @ self._of_sketch(j, place[first:])
+        return self.target[j] - torque
 
     def stacked(self, per_log: Sequence[Array]) -> list[Array]:
         """Signals of the logs of the sketch on the rows of each joint."""
