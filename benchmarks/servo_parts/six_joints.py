@@ -42,7 +42,7 @@ LIMIT = np.array([300.0, 300.0, 200.0, 60.0, 60.0, 30.0])  # N m
 DAMPING = np.array([40.0, 50.0, 25.0, 4.0, 4.0, 2.0])  # N m s/rad
 DELAY, NOTHING = 0.02, "nothing"
 # Parts of the chain, and what the check says of them.
-CHAIN = {"goal_speed": "the goal travels at", "delay": "it comes late by"}
+CHAIN = {"goal_speed": "the goal's speed is", "delay": "its delay is"}
 HIDDEN = ("payload", "spring", *CHAIN)
 
 

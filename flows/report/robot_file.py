@@ -71,8 +71,8 @@ def describe_robot_check(
         answer,
         *describe_faults(report),
         Heading("Arm"),
-        f"{robot.name}: {robot.dof} joints, {mass:.4g} kg move, reach "
-        f"{compute_reach(robot.model):.4g} m, gravity "
+        f"{robot.name}: {robot.dof} joint{'s' * (robot.dof > 1)}, {mass:.4g} kg move, "
+        f"reach {compute_reach(robot.model):.4g} m, gravity "
         f"{np.array2string(np.array(robot.model.gravity.linear), precision=4)} m/s^2",
         f"tip: {_chain_links(robot)[-1]}",
         *(capitalize_first(note) for note in robot.notes),

@@ -16,6 +16,7 @@ from residual.effects.base import Effect, EffectTrait, State
 from residual.evidence.columns import CandidateColumns, regularize_precision
 from residual.evidence.fit import PossibleModel
 from residual.model.compare import FindingScatter
+from residual.model.nominal import FitLogs
 from residual.quantity import convert_to_plain_values, convert_to_sliding_unit
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -33,6 +34,7 @@ from residual.verdict.result import (
     Parameter,
     Unexplained,
     Verdict,
+    add_motor_class,
     replace_by_model_values,
 )
 
@@ -337,7 +339,7 @@ def build_change_verdict(
     contradictions = (STILL,) if still else augmented.doubts
     doubtful = residuals.flagged or search.without_body or contradictions or faulty
     effects = (
-        _finding(c, i, judgements[c], robot, unproven is not None)
+        _finding(c, i, judgements[c], search.both.logs, unproven is not None)
         for i, c in enumerate(search.changes, 1)
     )
     return Verdict(
@@ -370,7 +372,7 @@ def _finding(
     change: NamedChange,
     order: int,
     judgement: HeldOutJudgement,
-    robot: Robot,
+    logs: FitLogs,
     unproven: bool,
 ) -> Finding:
     return Finding(
@@ -378,8 +380,10 @@ def _finding(
         joints=change.place.joints,
         probability=convert_to_plain_values(change.probability),
         order=order,
-        equivalent=tuple(c.place for c in change.equivalent),
-        parameters=_parameters(change, robot),
+        equivalent=add_motor_class(
+            change.place, [c.place for c in change.equivalent], logs.span
+        ),
+        parameters=_parameters(change, logs.robot),
         evidence=Evidence(
             nats=convert_to_plain_values(float(change.contrast.nats)),
             by="fit",

@@ -51,7 +51,6 @@ from residual.recording import Recording
 from residual.robot.dynamics import (
     PER_LINK,
     compute_last_joint_distance,
-    compute_reach,
     compute_robot_regressor,
     read_inertial_parameters,
 )
@@ -341,12 +340,16 @@ def check_robot(robot: Robot) -> LogCheck:
 def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
     bodies, out = list(robot.model.inertias)[1:], []
-    mass, reach = sum(b.mass for b in bodies), compute_last_joint_distance(robot.model)
-    reach = reach or compute_reach(robot.model)
+    mass, last = sum(b.mass for b in bodies), bodies[-1]
+    reach = compute_last_joint_distance(robot.model) + np.linalg.norm(last.lever)
+    if not reach:  # a wheel: its radius
+        reach = np.sqrt(np.trace(last.inertia) / max(last.mass, 1e-9))
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
+    # A weight at the end of a lever is as dense as a ball of steel about the joint.
+    densest = 1e3 if robot.dof > 2 else 3e4
     for there, sizes, unit, scale in (
         (reach > 50.0, "lengths", "millimetres", 1e-3),
-        (density > 1e3 and reach > 0.05, "masses", "grams", 1e-3),
+        (density > densest and reach > 0.05, "masses", "grams", 1e-3),
         (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
         (density < 1e-2, "masses", "tonnes", 1e3),
     ):

@@ -4,20 +4,22 @@ An arm without torque sensors has the torque of its drives (`residual.drive`), w
 right as far as their chain is. Of a wrong chain no body, friction and offset leave
 little: each joint's torque, in units of its gain, is refitted on the inertial
 regressor, the rotor, friction while the drive is on and off, and a constant, and the
-chain that leaves least is the one of the drive. Rows at the limit are not fitted: what
-they leave counts by itself, so that no limit is bought by leaving out rows. By how much
-each part of the chain is better than the one of the map is told in nats.
+chain that leaves least is the one of the drive. Rows at the limit are not fitted but
+count, so that no limit is bought by leaving out rows; rows at rest count too, since a
+goal that has set off already would push the joint. By how much each part of the chain
+is better than the one of the map is told in nats, with the range of values as good.
 
 The gain follows at last, from the torque of the bodies in the robot file with their
 known load: it is as right as their masses are.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
+from residual.check.physics_columns import compute_row_rms
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.thresholds import CHECK
 from residual.drive import FACTOR, IDEAL, Drive, compute_drive_torque, limit_goal
@@ -46,15 +48,17 @@ _GRIDS = {
     "limit": np.geomspace(0.03, 1.0, 24),
 }
 _FINER = {"goal_speed": 0.025, "delay": 0.0025, "limit": 0.04}
+_SHIFTS = np.array([-0.01, 0.0, 0.01])  # s: of the delay, with each other value
 # Values that are the same: relative, the delay in seconds.
 _ALIKE = {"goal_speed": 0.1, "delay": 0.015, "limit": 0.25, "gain": 0.1}
 _UNSURE = 0.1  # relative error of a gain from which on nothing is said of it
-_LOCAL = 6  # columns: torque of the file, rotor, friction twice and dry, a constant
+# Columns: torque of the file, rotor, friction twice, dry and of the load, a constant.
+_LOCAL, _BRAKES = 7, slice(2, 6)
 Chain = Mapping[str, Array]  # parts by name, (dof,); limits in units of the gain [rad]
 _WORDS = {
-    "goal_speed": ("the goal travels at", "{:.3g} rad/s"),
-    "delay": ("it comes late by", "{:.3g} s"),
-    "limit": ("torque ends at", "{:.3g} N m"),
+    "goal_speed": ("the goal's speed is", "rad/s"),
+    "delay": ("its delay is", "s"),
+    "limit": ("the limit of torque is", "N m"),
 }
 
 
@@ -65,7 +69,7 @@ class ChainRows:
     logs: tuple[Recording, ...]
     tracks: tuple[Track, ...]
     columns: tuple[Array, ...]  # of each joint, the torque of the file first, (m, k)
-    rows: tuple[Array, ...]  # rows of each joint of all. Shape (m,), bool
+    use: Array  # which rows of the logs these are. Shape (n,), bool
     spread: float  # independent rows for each row that is there
 
     def score(self, chain: Chain) -> Array:
@@ -77,18 +81,11 @@ class ChainRows:
         Returns:
             Shape (dof,) [nats].
         """
-        out = np.zeros(len(self.columns))
+        out = np.full(len(self.columns), -np.inf)
         for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
-            kept = ~clipped
-            if kept.sum() < _FEWEST:
-                out[j] = -np.inf
-                continue
-            residual = y - columns @ _refit(columns[kept], y[kept])
-            size = np.sqrt(np.mean(y**2)) + 1e-12
-            for part in (kept, clipped):
-                if part.any():
-                    left = np.sqrt(np.mean(residual[part] ** 2)) / size
-                    out[j] -= self.spread * part.sum() * np.log(left + 1e-9)
+            if (~clipped).sum() >= _FEWEST:
+                left = _refit(columns, y, ~clipped)[1] / (compute_row_rms(y) + 1e-12)
+                out[j] = -self.spread * len(y) * np.log(left + 1e-9)
         return out
 
     def limit_goals(self, speed: Array) -> "ChainRows":
@@ -109,37 +106,42 @@ class ChainRows:
             clipped.append(masked)
         tau, at_limit = np.concatenate(torques), np.concatenate(clipped)
         return [
-            (columns[use], tau[use, j], at_limit[use, j])
-            for j, (columns, use) in enumerate(
-                zip(self.columns, self.rows, strict=True)
-            )
+            (columns, tau[self.use, j], at_limit[self.use, j])
+            for j, columns in enumerate(self.columns)
         ]
 
     def estimate_gains(self, chain: Chain) -> tuple[Array, Array]:
         """Return each joint's gain [N m/rad] by the file's bodies; its relative sd."""
         gains, errors = np.ones((2, len(self.columns)))
         for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
-            # Torque of the file, rotor, friction and a constant.
-            x = columns[~clipped, :_LOCAL]
-            rows = len(x) * self.spread
-            if len(x) < _FEWEST or rows <= _LOCAL or not x[:, 0].any():
+            x = columns[:, :_LOCAL]
+            rows = (~clipped).sum() * self.spread
+            if rows <= _LOCAL or not x[~clipped, 0].any():
                 errors[j] = np.inf
                 continue
-            theta = _refit(x, y[~clipped], 1e-9)
-            noise = np.mean((y[~clipped] - x @ theta) ** 2) / rows * len(x)
-            scale = np.sqrt(np.mean(x**2, axis=0)) + 1e-12
-            inverse = np.linalg.pinv((x / scale).T @ (x / scale))
-            sd = np.sqrt(noise * inverse[0, 0]) / scale[0]
+            theta, noise = _refit(x, y, ~clipped, 1e-9)
+            size = compute_row_rms(x) + 1e-12
+            inverse = np.linalg.pinv((x / size)[~clipped].T @ (x / size)[~clipped])
+            sd = noise * np.sqrt(inverse[0, 0] / self.spread) / size[0]
             errors[j] = sd / max(theta[0], 1e-12)
             gains[j] = 1 / max(theta[0], 1e-12)
         return gains, errors
 
 
-def _refit(columns: Array, y: Array, ridge: float = _RIDGE) -> Array:
-    scale = np.sqrt(np.mean(columns**2, axis=0)) + 1e-12
-    x = columns / scale
-    gram = x.T @ x + ridge * len(x) * np.eye(x.shape[1])
-    return np.linalg.solve(gram, x.T @ y) / scale
+def _refit(
+    columns: Array, y: Array, kept: Array, ridge: float = _RIDGE
+) -> tuple[Array, float]:
+    """Fit the kept rows; return the coefficients, and the rms that all rows leave."""
+    size = compute_row_rms(columns[kept]) + 1e-12
+    x = columns / size
+    gram = x[kept].T @ x[kept] + ridge * kept.sum() * np.eye(x.shape[1])
+    target, free = x[kept].T @ y[kept], np.ones(x.shape[1], bool)
+    theta = np.linalg.solve(gram, target)
+    while (theta[_BRAKES] < 0).any():  # no friction pushes
+        free[_BRAKES] &= theta[_BRAKES] >= 0
+        theta = np.zeros(len(free))
+        theta[free] = np.linalg.solve(gram[np.ix_(free, free)], target[free])
+    return theta / size, float(compute_row_rms(y - x @ theta))
 
 
 def _as_parts(chain: Chain) -> dict[str, tuple[float, ...]]:
@@ -163,15 +165,16 @@ def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | Non
         for j, own in enumerate(parts):
             speed = track.qd[:, j]
             local = [nominal[:, j], track.qdd[:, j], speed * on[:, j], speed, dry[:, j]]
-            columns = [*local, np.ones_like(speed), *regressor[:, j, PER_LINK * j :].T]
+            local += [dry[:, j] * np.abs(nominal[:, j]), np.ones_like(speed)]
+            columns = [*local, *regressor[:, j, PER_LINK * j :].T]
             own.append(track.filter(np.column_stack(columns)))
-    use = np.concatenate([track.moving for track in tracks])
-    if use.sum(axis=0).max() < _FEWEST:
+    if sum(track.moving.sum(axis=0) for track in tracks).max() < _FEWEST:
         return None
+    use = np.concatenate([track.valid for track in tracks])
     step = np.median([track.step / track.rate for track in tracks])
-    columns = tuple(np.concatenate(own) for own in parts)
+    columns = tuple(np.concatenate(own)[use] for own in parts)
     spread = min(1.0, float(step) / _APART)
-    return ChainRows(logs, tracks, columns, tuple(use.T), spread)
+    return ChainRows(logs, tracks, columns, use, spread)
 
 
 def _known_parameters(robot: Robot) -> Array:
@@ -186,71 +189,132 @@ def _known_parameters(robot: Robot) -> Array:
     return out
 
 
-def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain]:
+def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Chain]:
     """Return the chain that leaves least of every joint, and what its parts are worth.
 
     Joints have nothing to do with each other, so that one value is tried on all of
-    them at a time. Goal speed goes first, without a limit, which could pass for it.
+    them at a time. Goal speed goes first, without a limit, which could pass for it;
+    then all parts are sought together.
 
     Args:
         first: The chain of the map. Shapes (dof,); limits in units of the gain.
 
     Returns:
-        Values, and how much better they are than the map's [nats]. Shapes (dof,).
+        Values, shapes (dof,); how much better they are than the map's [nats], the
+        same; and the least and the largest value that is as good, shapes (2, dof).
     """
     dof = len(rows.columns)
     speed = np.max([np.quantile(np.abs(t.qd), 0.99, axis=0) for t in rows.tracks], 0)
     distance = [np.abs(r.q_ref - r.q).max(axis=0) for r in rows.logs]
     unit = {"goal_speed": speed, "delay": np.ones(dof), "limit": np.max(distance, 0)}
     grids = {
-        name: [first[name], np.full(dof, IDEAL[name]), *np.outer(grid, unit[name])]
+        name: np.array(
+            [first[name], np.full(dof, IDEAL[name]), *np.outer(grid, unit[name])]
+        )
         for name, grid in _GRIDS.items()
     }
     chain = {name: np.full(dof, IDEAL[name]) for name in _GRIDS}
-    chain, _ = _improve(rows, chain, "goal_speed", grids["goal_speed"])
+    chain, _ = _improve(rows, chain, "goal_speed", grids["goal_speed"], 6 * _SHIFTS)
     chain, free = _improve(rows, chain, "delay", grids["delay"])
-    for step in (2, 1):
-        chain, free = _improve(rows, chain, "goal_speed", _near(chain, step))
-        chain, free = _improve(rows, chain, "delay", _near(chain, step, "delay"))
-    without = rows.score(chain | {"goal_speed": first["goal_speed"]})
-    worth = {"goal_speed": free - without}
-    # Delay and limit stand in for each other: both at once.
-    best, limited = chain, free
-    for limit in grids["limit"]:
-        other, score = _improve(rows, chain | {"limit": limit}, "delay", grids["delay"])
-        better = score > limited
-        limited = np.where(better, score, limited)
-        best = {n: np.where(better, other[n], best[n]) for n in best}
-    for step in (2, 1):
+    without = chain | {"goal_speed": first["goal_speed"]}
+    worth = {
+        "goal_speed": free - _try(rows, without, "delay", grids["delay"])[0].max(0)
+    }
+    # A limit passes for a speed, and a delay for a limit: from the map's chain, from
+    # this speed and from none, limit and delay at once, then the speed once more.
+    shifts, start = np.linspace(-0.04, 0.04, 9), chain
+    chain, top = first, rows.score(first)
+    for speed in (start["goal_speed"], np.full(dof, IDEAL["goal_speed"])):
+        other = start | {"goal_speed": speed}
+        other, _ = _improve(rows, other, "limit", grids["limit"], shifts)
+        other, score = _improve(rows, other, "goal_speed", grids["goal_speed"], _SHIFTS)
+        better, top = score > top, np.maximum(score, top)
+        chain = {name: np.where(better, other[name], chain[name]) for name in chain}
+    for step in (4, 2, 1, 2, 1):
         for name in _GRIDS:
-            best, limited = _improve(rows, best, name, _near(best, step, name))
+            shifts = _SHIFTS * (name != "delay")
+            chain, top = _improve(rows, chain, name, _near(chain, name, step), shifts)
+    ranges = {}
+    for name, grid in grids.items():
+        tries = np.sort(
+            [*grid, chain[name], *_near(chain, name, 1), *_near(chain, name, 3)], axis=0
+        )
+        scores, _ = _try(rows, chain, name, tries, _SHIFTS * (name != "delay"))
+        ranges[name] = _find_range(tries, scores, np.maximum(top, scores.max(0)))
     for name in ("delay", "limit"):
-        worth[name] = limited - rows.score(best | {name: first[name]})
-    return best, worth
+        worth[name] = top - rows.score(chain | {name: first[name]})
+    # A speed without an upper end is no more than a bound.
+    low, high = ranges["goal_speed"]
+    chain["goal_speed"] = np.where(
+        np.isinf(high) & np.isfinite(chain["goal_speed"]), low, chain["goal_speed"]
+    )
+    return chain, worth, ranges
+
+
+def _try(
+    rows: ChainRows, chain: Chain, name: str, tries: Array, shifts: Array = _SHIFTS[1:2]
+) -> tuple[Array, Array]:
+    """Return the score of each value of a part, with the best of some delays.
+
+    Args:
+        shifts: Of the delay [s].
+
+    Returns:
+        Scores [nats] and delays [s]. Shapes (tries, dof).
+    """
+    scores, delays = np.empty((2, len(tries), len(rows.columns)))
+    still = {"goal_speed": np.full_like(chain["delay"], IDEAL["goal_speed"])}
+    limited = rows.limit_goals(chain["goal_speed"])  # it takes the longest
+    for i, value in enumerate(tries):
+        if name == "goal_speed":
+            limited = rows.limit_goals(value)
+        own = chain | {name: value} | still
+        late = np.maximum(own["delay"] + np.unique(shifts)[:, None], 0.0)
+        of = np.array([limited.score(own | {"delay": each}) for each in late])
+        best = of.argmax(axis=0)[None]
+        scores[i], delays[i] = (np.take_along_axis(x, best, 0)[0] for x in (of, late))
+    return scores, delays
 
 
 def _improve(
-    rows: ChainRows, chain: Chain, name: str, tries: Iterable[Array]
+    rows: ChainRows,
+    chain: Chain,
+    name: str,
+    tries: Array,
+    shifts: Array = _SHIFTS[1:2],
 ) -> tuple[Chain, Array]:
     """Return the chain with the best of some values of a part, and its score."""
-    scores, values = rows.score(chain), chain[name]
-    tried = dict(chain)
-    if name != "goal_speed":  # it comes first, and takes the longest
-        rows = rows.limit_goals(chain["goal_speed"])
-        tried["goal_speed"] = np.full_like(values, IDEAL["goal_speed"])
-    for value in tries:
-        score = rows.score(tried | {name: value})
-        values = np.where(score > scores, value, values)
-        scores = np.maximum(score, scores)
-    return chain | {name: values}, scores
+    tries = np.array([chain[name], *tries])
+    scores, delays = _try(rows, chain, name, tries, shifts)
+    best = scores.argmax(axis=0)[None]
+    values, late, top = (
+        np.take_along_axis(x, best, 0)[0] for x in (tries, delays, scores)
+    )
+    return chain | {"delay": late} | {name: values}, top
 
 
-def _near(chain: Chain, step: int, name: str = "goal_speed") -> list[Array]:
+def _near(chain: Chain, name: str, step: int) -> Array:
     """Return values around the one of a chain, nearer with a smaller step."""
-    values, steps = chain[name], step * _FINER[name] * np.array([-1.0, 1.0])
+    steps = step * _FINER[name] * np.array([[-1.0], [1.0]])
     if name == "delay":
-        return [np.maximum(values + s, 0.0) for s in steps]
-    return [values * (1 + s) for s in steps]
+        return np.maximum(chain[name] + steps, 0.0)
+    return chain[name] * (1 + steps)
+
+
+def _find_range(tries: Array, scores: Array, top: Array) -> Array:
+    """Return the first and the last value that is as good as the best. (2, dof)."""
+    out = np.empty((2, tries.shape[1]))
+    for j, (values, below) in enumerate(zip(tries.T, (top - scores).T, strict=True)):
+        good = np.flatnonzero(below <= CHECK.odds_nats)
+        for side, (at, way) in enumerate(((good[0], -1), (good[-1], 1))):
+            out[side, j] = values[at]
+            if (
+                0 <= at + way < len(values)
+                and np.isfinite(values[[at, at + way]]).all()
+            ):
+                share = (CHECK.odds_nats - below[at]) / (below[at + way] - below[at])
+                out[side, j] += share * (values[at + way] - values[at])
+    return out
 
 
 def find_drive_faults(
@@ -271,9 +335,9 @@ def find_drive_faults(
     given = drive.values("gain", robot.dof)
     first = {name: drive.values(name, robot.dof) for name in _GRIDS}
     first["limit"] = first["limit"] / given
-    chain, worth = search_drive_chain(rows, first)
+    chain, worth, ranges = search_drive_chain(rows, first)
     fall = rows.score(chain) - rows.score(first)
-    halved = fall > np.log(2) * rows.spread * np.sum(rows.rows, axis=1)
+    halved = fall > np.log(2) * rows.spread * rows.use.sum()
     wrong = {}
     for name, values in chain.items():
         least = _ALIKE[name] * (1.0 if name == "delay" else np.minimum(values, 1e9))
@@ -291,29 +355,44 @@ def find_drive_faults(
     if not bad.any():
         return [], list(logs)
     chain |= {"gain": gain, "limit": chain["limit"] * gain}
+    ranges |= {"limit": ranges["limit"] * gain}
     parts = {n: v for n, v in chain.items() if np.any(v != IDEAL[n])}
     found = Drive(**_as_parts(parts), enabled=drive.enabled)
     # Certain is what the map leaves out, where it halves what is left of the torque:
     # another value may be a change of the arm, and less what an effect does.
     left_out = {n: wrong[n] & (first[n] == IDEAL[n]) & halved for n in worth}
     certain = [w[left_out[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
-    words = _describe(robot, wrong, worth, chain, given)
+    words = _describe(robot, wrong, worth, chain, ranges, given)
     repairs = (Repair("drive", drive=found),)
     fault = Fault("drive", list_true_joints(bad), any(certain), words, repairs)
     return [fault], [apply_drive(r, found) for r in logs]
 
 
 def _describe(
-    robot: Robot, wrong: Chain, worth: Chain, chain: Chain, given: Array
+    robot: Robot,
+    wrong: Chain,
+    worth: Chain,
+    chain: Chain,
+    ranges: Chain,
+    given: Array,
 ) -> str:
     """Return what is wrong with a chain in words."""
     parts = []
     for name in worth:
         joints = wrong[name]
         if joints.any():
-            words, form = _WORDS[name]
-            values = join_with_commas([form.format(v) for v in chain[name][joints]])
-            parts.append(f"{words} {values} ({worth[name][joints].sum():.0f} nats)")
+            words, unit = _WORDS[name]
+            ends = ranges[name].T[joints]
+            values = join_with_commas(
+                [
+                    f"{v:.3g} [{low:.3g} to {high:.3g}]"
+                    if np.isfinite(high)
+                    else f"at least {low:.3g}"
+                    for v, (low, high) in zip(chain[name][joints], ends, strict=True)
+                ]
+            )
+            nats = worth[name][joints].sum()
+            parts.append(f"{words} {values} {unit} ({nats:.0f} nats)")
     out = [f"The drive is not the one of the map: {'; '.join(parts)}."] if parts else []
     scaled = wrong["gain"]
     if scaled.any():

@@ -23,6 +23,7 @@ from residual.robot.dynamics import (
     compute_flange_jacobian,
     compute_gravity_torque,
     compute_last_joint_distance,
+    compute_reach,
     compute_robot_regressor,
     read_inertial_parameters,
 )
@@ -172,7 +173,8 @@ def _inertial_root(robot: Robot) -> Array:
     The lower root of the covariance of its parameters; motions and readings share it.
     """
     out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot, BODY))
-    lever = _LEVER * compute_last_joint_distance(robot.model)
+    way = compute_last_joint_distance(robot.model) or compute_reach(robot.model)
+    lever = _LEVER * way
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
     out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
     out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)

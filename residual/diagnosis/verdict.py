@@ -29,7 +29,7 @@ from residual.diagnosis.unexplained import (
     list_dependences,
 )
 from residual.effects import load_effects
-from residual.effects.base import Effect, EffectTrait
+from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import format_joint_numbers
 from residual.evidence.fit import Fit, PossibleModel, invert_scaled
 from residual.evidence.priors import (
@@ -66,6 +66,7 @@ from residual.verdict.result import (
     Place,
     Unexplained,
     Verdict,
+    add_motor_class,
     replace_by_model_values,
 )
 
@@ -114,7 +115,8 @@ def build_verdict(
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
-        return [_finding(f, i, proof) for i, f in enumerate(some, 1)]
+        span = outcome.logs.span
+        return [_finding(f, i, proof, span) for i, f in enumerate(some, 1)]
 
     return Verdict(
         robot=robot.name,
@@ -163,7 +165,7 @@ def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
     return out
 
 
-def _finding(named: NamedEffect, order: int, proof: Proof) -> Finding:
+def _finding(named: NamedEffect, order: int, proof: Proof, span: MotionSpan) -> Finding:
     gains = [proof.gains[m] for m in named.tested if m in proof.gains]
     gain = float(np.mean(gains)) if gains else None
     splits = [m.splits for m in named.tested]
@@ -181,7 +183,11 @@ def _finding(named: NamedEffect, order: int, proof: Proof) -> Finding:
         joints=named.joints,
         probability=convert_to_plain_values(named.probability),
         order=order,
-        equivalent=tuple(Place(*other) for other in named.equivalent),
+        equivalent=add_motor_class(
+            Place(named.effect.name, named.joints),
+            [Place(*other) for other in named.equivalent],
+            span,
+        ),
         parameters=parameters,
         combinations={
             key: Parameter(

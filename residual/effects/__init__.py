@@ -5,7 +5,7 @@ from functools import cache
 from importlib import import_module
 from pkgutil import iter_modules
 
-from residual.effects.base import Effect
+from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import InputError
 from residual.plugins import load_plugins
 
@@ -32,6 +32,26 @@ def load_effects() -> dict[str, Effect]:
             )
         effects[name] = given
     return effects
+
+
+def list_motor_alternatives(name: str, span: MotionSpan) -> tuple[str, ...]:
+    """Effects that logs of one drive do not split from one; none of other logs."""
+    effects, motor = load_effects(), EffectTrait.MOTOR
+    if not span.one_drive or motor not in effects[name].traits:
+        return ()
+    friction, powered = EffectTrait.FRICTION, EffectTrait.POWERED
+    return tuple(
+        other.name
+        for other in effects.values()
+        if motor in other.traits
+        and other.name != name
+        # A drive that is off in a part splits its own damping from friction.
+        and not (
+            any(span.switched)
+            and friction in other.traits & effects[name].traits
+            and powered in other.traits ^ effects[name].traits
+        )
+    )
 
 
 def list_effect_parameters() -> dict[str, Mapping[str, str]]:

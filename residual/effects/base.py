@@ -195,6 +195,7 @@ class MotionSpan:
             where it is not known. Shape (dof,).
         prismatic: Which joints slide; () for none.
         switched: Joints whose drive is off in a part of the logs; () for none.
+        one_drive: Torque is that of one and the same drive, not measured.
     """
 
     speed: Array
@@ -204,6 +205,7 @@ class MotionSpan:
     torque: Array | None = None
     prismatic: tuple[bool, ...] = ()
     switched: tuple[bool, ...] = ()
+    one_drive: bool = False
 
 
 Columns = Callable[[State, Joints, Shape], Array]
@@ -255,6 +257,8 @@ class EffectTrait(Flag):
     REPORT = auto()
     POWERED = auto()  # it is there while the drive is on: its formula is of that time
     GROUPABLE = auto()  # it is also tried on all joints at once
+    # Logs of one drive do not split what has this: a motor constant is in them all.
+    MOTOR = auto()
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -26,6 +26,7 @@ EFFECT = Effect(
     traits=EffectTrait.PARAMETER
     | EffectTrait.NOT_NEGATIVE
     | EffectTrait.FRICTION
+    | EffectTrait.MOTOR
     | EffectTrait.POWERED,
     possible=dissipates_with_speed,
     # Of a drive that is always on it is viscous friction, and called that.

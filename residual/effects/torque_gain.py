@@ -20,7 +20,10 @@ EFFECT = Effect(
     equation="d tau = gain * tau",
     parameters={"gain": "1"},
     columns=build_joint_columns(lambda state, j, shape: [state.tau_model[:, j]]),
-    traits=EffectTrait.USES_MODEL | EffectTrait.REPORT | EffectTrait.ONE_VARIABLE,
+    traits=EffectTrait.USES_MODEL
+    | EffectTrait.REPORT
+    | EffectTrait.ONE_VARIABLE
+    | EffectTrait.MOTOR,
     # A torque constant is wrong by some per cent; a free gain would imitate any
     # missing model on a joint that the nominal explains badly.
     prior_sd=lambda robot: np.array([0.1]),

@@ -18,6 +18,7 @@ EFFECT = Effect(
     traits=EffectTrait.PARAMETER
     | EffectTrait.NOT_NEGATIVE
     | EffectTrait.GROUPABLE
+    | EffectTrait.MOTOR
     | EffectTrait.FRICTION,
     drive_order=1,
     carries="speed",

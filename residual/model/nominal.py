@@ -365,6 +365,8 @@ def prepare_fit_logs(
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
         prismatic=robot.prismatic,
         switched=_find_switched_joints(tracks),
+        one_drive=recordings[0].drive is not None
+        and len({r.drive for r in recordings}) == 1,
     )
     noisier = add_angle_noise(some, [tracks[i] for i in shown], filters)
     places = tuple(np.flatnonzero(small).tolist())

@@ -7,7 +7,8 @@ from typing import Literal
 import numpy as np
 
 from residual.check.result import LogCheck
-from residual.effects import load_effects
+from residual.effects import list_motor_alternatives, load_effects
+from residual.effects.base import MotionSpan
 from residual.errors import format_joint_numbers
 from residual.evidence.fit import PossibleModel
 from residual.model.bodies import BodyCorrection
@@ -155,6 +156,14 @@ class Place:
 
     name: str
     joints: tuple[int, ...]
+
+
+def add_motor_class(
+    place: Place, equivalent: Sequence[Place], span: MotionSpan
+) -> tuple[Place, ...]:
+    """Return equivalents with what logs of one drive, without torque, do not split."""
+    more = list_motor_alternatives(place.name, span)
+    return tuple(dict.fromkeys([*equivalent, *(Place(n, place.joints) for n in more)]))
 
 
 @dataclass(frozen=True, slots=True)

@@ -25,7 +25,8 @@ def _push(p: Values, arm: MovingArm) -> Array:
     jacobian = pin.computeFrameJacobian(
         arm.model, arm.data, arm.q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )
-    return jacobian[:3].T @ _force(p)
+    # Pinocchio gives a matrix of one column as a vector.
+    return jacobian.reshape(6, -1)[:3].T @ _force(p)
 
 
 def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:

@@ -80,8 +80,9 @@ def build_arm_capsules(model: pin.Model) -> ArmCapsules:
     low = tuple(k for k, frame in enumerate(kept) if frame >= 3 or frame > model.nv)
     data = model.createData()
     jacobian = pin.computeJointJacobians(model, data, pin.neutral(model))
-    if abs(jacobian[5, 0]) <= 0.99:  # the first axis is not upright in the base frame
-        low = ()
+    # Pinocchio gives a matrix of one column as a vector.
+    if abs(jacobian.reshape(6, -1)[5, 0]) <= 0.99:
+        low = ()  # the first axis is not upright in the base frame
     names = [f"{_end(model, kept[k])} above the floor" for k in low]
     names += [
         f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs
@@ -195,7 +196,7 @@ def solve_inverse_kinematics(
         fixed = null_space(compute_flange_jacobian(model, home[None])[0]).T
     for _ in range(_STEPS):
         pin.forwardKinematics(model, data, q)
-        rows = pin.computeFrameJacobian(model, data, q, arm.flange)
+        rows = pin.computeFrameJacobian(model, data, q, arm.flange).reshape(6, -1)
         here = pin.updateFramePlacement(model, data, arm.flange)
         error = pin.log6(here.actInv(target)).vector
         if len(fixed):

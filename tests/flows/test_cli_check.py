@@ -130,7 +130,7 @@ def spoil(column, rows, value):
 
 
 UNREADABLE = {
-    "nan": (spoil("q2", 7, np.nan), ("spike", [2])),
+    "nan": (spoil("q2", slice(7, 507), np.nan), ("spike", [2])),
     "infinite": (spoil("tau3", 7, np.inf), ("spike", [3])),
     "clock back": (spoil("t", 9, 0.0), ("clock", [])),
     "clock stands": (spoil("t", slice(9, 12), 1.0), ("clock", [])),
@@ -177,8 +177,8 @@ def test_a_missing_value_is_no_outlier(log, capsys):
     log(spoil("q2", 7, np.nan))
     run("check A.csv --robot irb140")
     out = capsys.readouterr().out
-    assert "Single samples are outliers or missing (joint 2): spike, certain." in out
-    assert "q is NaN or infinite at sample 7" in out
+    assert "Single samples are outliers or missing: spike, suspected." in out
+    assert "1 samples are masked: no number." in out
 
 
 def test_every_kind_has_its_words():

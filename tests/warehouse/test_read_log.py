@@ -119,7 +119,8 @@ def scale(columns, factor):
 
 
 BAD_SAMPLES = {
-    "nan": (change(7, 2, np.nan), "q is NaN or infinite at sample 7"),
+    "nan": (change(range(7, 77), 2, np.nan), "q is NaN or infinite at sample 7"),
+    "no number": (change(slice(None), 2, np.nan), r"at sample 0. Name a column"),
     "inf": (change(7, 4, np.inf), "tau is NaN or infinite at sample 7"),
     "huge": (change(7, 4, -1e300), "tau is -1e[+]300 at sample 7"),
     "time nan": (change(7, 0, np.nan), "time is NaN or infinite at sample 7"),
@@ -149,6 +150,14 @@ def test_bad_samples_are_refused(robot, samples, write, spoil, message):
     with pytest.raises(InputError, match=message) as caught:
         read_log(write(spoil(samples)), robot)
     assert str(caught.value).count("\n") <= 1
+
+
+def test_a_few_missing_samples_are_masked_with_their_neighbours(robot, samples, write):
+    samples[[7, 40], [2, 4]] = np.nan
+    log, understood = read_log(write(samples), robot)
+    assert len(log.t) == len(samples) - 2
+    assert log.t[log.masked.any(axis=1)].tolist() == samples[[6, 8, 39, 41], 0].tolist()
+    assert "2 samples are masked: no number." in understood.doubts[0].words
 
 
 def test_degrees_of_a_turning_joint_show_by_speed(make_robot, samples, write, tmp_path):

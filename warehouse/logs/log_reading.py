@@ -48,7 +48,7 @@ from warehouse.logs.ros_bags import open_bag
 Array = np.ndarray
 
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
-MOST_MASKED = 0.1  # of the samples of a log with a drive are no numbers, at the most
+MOST_MASKED = 0.1  # of the samples of a log are no numbers, at the most
 LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
 # What the files of each format begin with; all others are text.
 _BAGS, _PARQUET = (b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"), b"PAR1"
@@ -108,10 +108,13 @@ def find_finite_rows(
             row = int(np.argmax(mask.any(axis=1)))
             first = signals[name][row][mask[row]][0]
             shown_value = f"{first:.3g}" if np.isfinite(first) else "NaN or infinite"
-            words = (
-                f"{source}: {name} is {shown_value} at sample {row}. Cut the log "
-                f"there with a window (FILE@start:end) or repair it. {_share(keep)}"
+            remedy = (
+                "Cut the log there with a window (FILE@start:end) or repair it."
+                if keep.any()
+                else "Name a column with numbers in the map (--map)."
             )
+            words = f"{source}: {name} is {shown_value} at sample {row}. {remedy} "
+            words += _share(keep)
             doubts.append(LogDoubt("spike", joints, words))
     return keep, tuple(doubts)
 
@@ -430,9 +433,14 @@ def _samples(
         signals["enabled"] = np.repeat(on, robot.dof, axis=1)
     rows, broken = find_finite_rows(signals, label)
     masks = {}
-    if columns.drive is not None and rows.mean() >= 1 - MOST_MASKED:
-        rows, masks["masked"], lost = _mask_rows(signals, rows, robot)
-        words = f"{label}: {lost} samples are masked: no number, or a leap and back."
+    driven = columns.drive is not None
+    # A few missing samples are masked; a number that no sensor writes is a fault.
+    lacking = np.any([np.isnan(x).any(axis=1) for x in signals.values()], axis=0)
+    masks_some = driven or (lacking.any() and (lacking == ~rows).all())
+    if masks_some and rows.mean() >= 1 - MOST_MASKED:
+        rows, masks["masked"], lost = _mask_rows(signals, rows, robot, driven)
+        leaps = ", or a leap and back" * driven
+        words = f"{label}: {lost} samples are masked: no number{leaps}."
         broken = (LogDoubt("spike", (), words, certain=False),) if lost else ()
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
@@ -440,7 +448,7 @@ def _samples(
             reason or f"{label} has {rows.sum()} samples; widen the window."
         )
     kept = _rows(rows)
-    if columns.drive is not None:
+    if driven:
         signals["tau"] = np.zeros_like(signals["q"])
     recording = Recording(
         id=label,
@@ -449,7 +457,7 @@ def _samples(
         **{k: move_large_array_to_disk(signals.pop(k)[kept]) for k in tuple(signals)},
         **masks,
     )
-    if columns.drive is not None:
+    if driven:
         recording = apply_drive(recording, columns.drive)
     # Arrow keeps what a text took while it was read: of an hour 700 MB.
     pa.default_memory_pool().release_unused()
@@ -460,13 +468,14 @@ def _samples(
 
 
 def _mask_rows(
-    signals: Mapping[str, Array], rows: Array, robot: Robot
+    signals: Mapping[str, Array], rows: Array, robot: Robot, driven: bool
 ) -> tuple[Array, Array, int]:
-    """Return the rows to keep of an arm with drives, the masked ones, their number.
+    """Return the rows to keep, the masked ones of them, and how many are left out.
 
-    A bus loses packets and turns bits: samples that are no numbers or leap there and
-    back are left out, and all between their neighbours is masked. A goal beyond the
-    range of its joint is masked, too: a stop carries the arm.
+    Samples that are no numbers are left out, and all between their neighbours is
+    masked. The bus of an arm with drives turns bits, too: samples that leap there and
+    back are left out. A goal beyond the range of its joint is masked: a stop carries
+    the arm.
 
     Args:
         rows: Rows in which every signal is a number. Shape (n,).
@@ -474,12 +483,14 @@ def _mask_rows(
     Returns:
         Shapes (n,), (kept rows, dof), and how many samples are left out.
     """
-    q, goal = signals["q"], signals["q_ref"]
-    keep = rows.copy()
-    keep[np.flatnonzero(rows)[find_leaps(q[rows])]] = False
-    beside = ~keep | ~np.r_[keep[1:], True] | ~np.r_[True, keep[:-1]]
-    with np.errstate(invalid="ignore"):
-        masked = (goal < robot.lower) | (goal > robot.upper) | beside[:, None]
+    q, keep = signals["q"], rows.copy()
+    masked = np.zeros(q.shape, bool)
+    if driven:
+        keep[np.flatnonzero(rows)[find_leaps(q[rows])]] = False
+        goal = signals["q_ref"]
+        with np.errstate(invalid="ignore"):
+            masked |= (goal < robot.lower) | (goal > robot.upper)
+    masked |= (~keep | ~np.r_[keep[1:], True] | ~np.r_[True, keep[:-1]])[:, None]
     return keep, masked[keep], int(np.sum(~keep))
 
 

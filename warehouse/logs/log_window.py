@@ -340,7 +340,7 @@ def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
         q: Readings in any unit, all rows. Shape (n, dof).
         t: Their times; over a gap, where samples were left out, any way is possible.
     """
-    if len(q) < RUN:
+    if len(q) < RUN or np.isnan(q).all(axis=0).any():
         return None
     if _in_turn(q):
         return _two_arms(source, len(q) - 1, len(q))

@@ -1,5 +1,6 @@
 """What stands between goal and torque of a drive, found by the check."""
 
+import re
 from dataclasses import replace
 from functools import cache
 
@@ -36,12 +37,24 @@ def test_a_chain_that_the_map_leaves_out_is_found_with_its_line():
     assert "until a mass is weighed" in find_fault().evidence
 
 
+def test_a_speed_that_a_limit_hides_is_a_bound_and_a_limit_a_range():
+    hidden = replace(DRIVE, limit=(12.0,), goal_speed=(50.0,))
+    faults, _ = find_drive_faults(
+        pendulum(), [drive_log(seed, drive=hidden) for seed in (1, 2)]
+    )
+    words = faults[0].evidence
+    low, high = re.search(r"limit of torque is .* \[(.*) to (.*)\] N m", words).groups()
+    assert float(low) < 12.0 < 1.1 * float(high)
+    assert "the goal's speed is at least" in words or "goal's speed" not in words
+
+
 @pytest.mark.parametrize(("speed", "certain"), [(2.2, True), (4.0, False)])
 def test_a_chain_is_certain_where_it_halves_what_is_left(monkeypatch, speed, certain):
     """Less may be an effect of the library, however many nats it is worth."""
     chain = {"goal_speed": [speed], "delay": [0.0], "limit": [np.inf]}
     worth = {"goal_speed": [100.0], "delay": [0.0], "limit": [0.0]}
-    answer = [{k: np.array(v) for k, v in each.items()} for each in (chain, worth)]
+    found = (chain, worth, {k: [v, v] for k, v in chain.items()})
+    answer = [{k: np.array(v) for k, v in each.items()} for each in found]
     monkeypatch.setattr(drive_chain, "search_drive_chain", lambda *_: answer)
     (fault,), _ = find_drive_faults(pendulum(), logs())
     assert fault.certain == certain
