@@ -8,16 +8,24 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import Candidates, SearchTask, refine_last_shape
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.outcome import Outcome
+from residual.diagnosis.score import Score, label_blocks
+from residual.diagnosis.search import Search, refine_last_shape
+from residual.diagnosis.select import Selection
 from residual.effects import load_effects
 from residual.effects.base import Effect, Joints, PlacedEffect
 from residual.errors import check_name
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.fit import Fit, build_fitted_model, fit_jointly
-from residual.evidence.fit import keep_physical_terms as physical_terms
-from residual.evidence.priors import build_first_design, list_first_priors
+from residual.evidence.fit import (
+    Fit,
+    build_fitted_model,
+    fit_jointly,
+    fit_nominal,
+    keep_physical_terms,
+)
+from residual.evidence.priors import build_relative_prior, list_first_priors
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.model import Model
@@ -54,16 +62,19 @@ def oracle(
     logs = prepare_fit_logs(robot, recordings, clock, FilterSettings())
     nominal = build_free_nominal(logs, choose_declared_effects(robot, None))
     wanted = [pair for told in effects for pair in placed(*told, robot.dof)]
-    task, fitted = _best(build_first_design(logs, nominal), logs, nominal, wanted)
+    design = Design(logs.tracks, nominal.model, labels=label_blocks(logs.tracks))
+    first = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
+    design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
+    score, fitted = _best(design, logs, nominal, wanted)
     if wanted:
         # As after a find: features that read the model's torque are made of the better.
-        named = physical_terms(build_fitted_model(nominal, fitted))
-        design = build_first_design(logs, nominal, named)
-        task, fitted = _best(design, logs, nominal, wanted)
+        named = keep_physical_terms(build_fitted_model(nominal, fitted))
+        design.set_torque_model(named)
+        score, fitted = _best(design, logs, nominal, wanted)
+    search = Search(score, Candidates((), {}), ())
+    told = Selection(search, fitted, (), (), score.prior.scale, score.prior)
     # Without an adequacy: nobody asks this one what is left.
-    found = SearchOutcome(
-        logs, nominal, task, task.prior, fitted, fitted, (), (), adequacy=None
-    )
+    found = Outcome(logs, nominal, told, fitted, fitted, (), adequacy=None)
     model = found.model(fitted).model
     proof = prepare_held_out(held_out, nominal.model)
     errors, _ = compute_model_errors({"told": model}, proof, FilterSettings())
@@ -88,7 +99,7 @@ def _best(
     logs: FitLogs,
     nominal: NominalModel,
     wanted: Sequence[tuple[Effect, Joints]],
-) -> tuple[SearchTask, Fit]:
+) -> tuple[Score, Fit]:
     """Return the fit under the prior that these logs are likeliest under."""
     # Columns do not depend on the prior: made anew for each of a score of priors, they
     # would fill the memory. Of each effect those of every shape that a search begins
@@ -97,24 +108,27 @@ def _best(
     for effect, joints in wanted:
         shapes = effect.shapes(logs.span, joints[0] if joints else 0)
         grid.append(design.add([PlacedEffect(effect, joints, s) for s in shapes]))
-    runs = []
-    for prior in list_first_priors(design, nominal):
-        task = SearchTask(design, prior, Candidates((), {}), THRESHOLDS)
-        runs.append((task, _fitted(task, grid)))
+    scores = [Score(design, prior) for prior in list_first_priors(design, nominal)]
+    return _likeliest([(score, _fitted(score, grid)) for score in scores])
+
+
+def _fitted(score: Score, grid: Sequence[Sequence[CandidateColumns]]) -> Fit:
+    """Fit all of them, the shape of each searched as in a diagnosis."""
+    current = score.fit(())
+    for groups in grid:
+        trials = [score.fit((*current.members, g), current) for g in groups]
+        _, best = _likeliest([(score, trial) for trial in trials])
+        current = score.fit(refine_last_shape(score, best.members, best), best)
+    return current
+
+
+def _likeliest(runs: Sequence[tuple[Score, Fit]]) -> tuple[Score, Fit]:
+    """The fit with the most evidence, where as many rows count for all."""
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
     worth = [
-        fit_jointly(design, task.prior, fitted.members, counted, rounds=4).score
-        for task, fitted in runs
+        fit_jointly(
+            score.design, score.prior, fitted.members, counted, fitted.variance, 4
+        ).score
+        for score, fitted in runs
     ]
     return runs[int(np.argmax(worth))]
-
-
-def _fitted(task: SearchTask, grid: Sequence[Sequence[CandidateColumns]]) -> Fit:
-    """Fit all of them, the shape of each searched as in a diagnosis."""
-    current = task.start()
-    for groups in grid:
-        trials = [task.fit((*current.members, g), current) for g in groups]
-        best = max(trials, key=lambda trial: trial.score)
-        members = refine_last_shape(task, best.members, current)
-        current = task.settle(task.fit(members, current))
-    return current

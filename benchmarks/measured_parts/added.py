@@ -12,7 +12,6 @@ from time import process_time
 
 import numpy as np
 
-from benchmarks.blocks import names as blocks
 from benchmarks.changes_parts import sizes
 from benchmarks.changes_parts.real import plain_body
 from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
@@ -176,7 +175,6 @@ def measure(case: Case) -> dict:
     begun = process_time()
     verdict = diagnose(robot, fit, held_out=held_out).verdict
     seconds = round(process_time() - begun, 2)
-    sure, likely = blocks.names(robot, fit)
     return {
         "split": case.split,
         "truth": truth,
@@ -186,8 +184,6 @@ def measure(case: Case) -> dict:
         "seconds": seconds,
         "named": _names(verdict.effects),
         "suspected": _names(verdict.suspected),
-        "blocks": sure,
-        "blocks_suspected": likely,
         "peer": [[n.split()[0], j, [], None] for n, j in greedy.names(robot, fit)],
     }
 

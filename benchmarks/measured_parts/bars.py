@@ -15,29 +15,19 @@ CONSTANT = "offset"
 FIRST, ANOTHER = 0.70, 0.06  # of the effects that the logs show; of the cases
 PRICE = 5  # right first names that another name costs
 OURS, PEER = ("named", "suspected"), ("peer",)
-BLOCKS = ("blocks", "blocks_suspected")  # of benchmarks/blocks
 _POINTS = 12  # of the curve, beside the probabilities that decide today
 _DECIDING = (0.5, 0.9)
 
 
 def added_figures(rows: Rows) -> Figures:
-    """Return the figures of the program, of one criterion and of the greedy peer."""
-    out = _figures(judged(rows, OURS))
-    for keys, word, why in (
-        (BLOCKS, "blocks", "one criterion, benchmarks/blocks"),
-        (PEER, "peer", "greedy selection"),
-    ):
-        own = (
-            _figures(judged(rows, keys))
-            if all(k in r for r in rows for k in keys)
-            else {}
-        )
-        out |= {
-            f"{name}_of_{word}": entry | {"bar": None, "ok": None, "why": why}
-            for name, entry in own.items()
-            if entry["n"] and (name != _SUSPECTED or keys[1:])
-        }
-    return out
+    """Return the figures of the program and of the greedy peer."""
+    ours, peer = _figures(judged(rows, OURS)), _figures(judged(rows, PEER))
+    of_peer = {
+        f"{name}_of_peer": entry | {"bar": None, "ok": None, "why": "greedy selection"}
+        for name, entry in peer.items()
+        if entry["n"] and name != _SUSPECTED
+    }
+    return ours | of_peer
 
 
 def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[dict]:

@@ -16,7 +16,7 @@ from flows.storage.diagnosis import (
     store_report,
 )
 from residual import one_blas_thread
-from residual.diagnosis.held_out import AdoptionCheck, check_adoption
+from residual.diagnosis.adoption import AdoptionCheck, check_adoption
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.verdict.result import Verdict

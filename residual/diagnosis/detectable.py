@@ -1,29 +1,22 @@
 """The smallest effect that these logs would have shown, and what it resembles.
 
-It rests on the motion and on the noise alone: what a fit with one effect leaves of
-another, in nats.
+The evidence of an effect theta is a function of W = theta' K theta, with K what the
+logs tell of it beyond the fit: the size at which that reaches what a name must have is
+had in closed form, but for the mixture over sizes of the prior.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.special import ndtr
 
-from residual.diagnosis.gate import system_cross_validation_errors
-from residual.diagnosis.search import SearchTask
+from residual.diagnosis.score import count_merged_blocks, mixture_evidence
+from residual.diagnosis.search import Search
 from residual.effects.base import Effect, EffectTrait, PlacedEffect
-from residual.evidence.design import CandidateColumns
-from residual.evidence.fit import (
-    Fit,
-    FitEquations,
-    NominalPrior,
-    find_group_limits,
-    fit_jointly,
-    invert_scaled,
-)
+from residual.evidence.design import CandidateColumns, Design
+from residual.evidence.fit import Fit, FitEquations, find_group_limits
 from residual.evidence.priors import stack_groups, weight_column_products
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
@@ -32,245 +25,70 @@ from residual.verdict.result import Detectable, Place
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DetectionModel:
-    """A fit of the logs under several priors, ready to be asked about effects."""
+    """A fit of the logs, ready to be asked about effects."""
 
-    task: SearchTask  # data, chosen prior, candidates and rules
+    search: Search
     fitted: Fit  # the fit to which an effect would come
-    # Its normal equations under each prior, the chosen one first.
-    systems: tuple[FitEquations, ...]
-    inverses: Array  # posterior covariances of those, (priors, m, m)
-    scores: tuple[float, ...]  # evidence of the fit under each prior [nats]
-    fold_covariances: (
-        Array  # covariance under the chosen prior without each fold, (folds, m, m)
-    )
-    grams: Array  # gram of the fit on each fold, (folds, dof, m, m)
-    left_out: (
-        Array  # squared error of all folds, each predicted from the others, (dof,)
-    )
+    weight: Array  # information of a unit of squared error, (dof,)
+    half: Array  # products of its columns with all, by its lower factor, (m, size)
 
     @classmethod
-    def of(
-        cls, task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior]
-    ) -> "DetectionModel":
+    def of(cls, search: Search, fitted: Fit) -> "DetectionModel":
         """Solve once what all effects have in common."""
-        design = task.design
-        every, scores = _near_priors(task, fitted, priors)
-        systems = [FitEquations.of(design, p, fitted.members) for p in every]
+        design = search.score.design
         weight = fitted.weight(design.rows)
-        whole, grams = systems[0], [own.gram for own in systems[0].folds(design)]
-        others = [
-            _covariance(replace(whole, gram=whole.gram - own), weight) for own in grams
-        ]
-        return cls(
-            task,
-            fitted,
-            tuple(systems),
-            np.stack([_covariance(s, weight) for s in systems]),
-            tuple(scores),
-            np.stack(others),
-            np.stack(grams),
-            system_cross_validation_errors(task, fitted, whole).sum(axis=0),
+        system = FitEquations.of(design, search.score.prior, fitted.members)
+        shared = weight_column_products(design, system, weight)
+        lower = system.solve(weight)[1]
+        return cls(search, fitted, weight, solve_triangular(lower, shared, lower=True))
+
+    def information(self, group: CandidateColumns) -> Array:
+        """What the logs tell of a group beyond the fit. Shape (k, k)."""
+        (stack,) = stack_groups(self.search.score.design, [group])
+        half = self.half
+        if half.shape[1] <= group.ids.max():  # columns that were added since
+            half = DetectionModel.of(self.search, self.fitted).half
+        return stack.beyond(self.weight, half)[0]
+
+    def smallest(self, group: CandidateColumns, direction: Array) -> float:
+        """Least size along a direction that is named in half of the draws."""
+        design, known = self.search.score.design, self.information(group)
+        along = float(direction @ known @ direction)
+        torque = 0.0
+        for j in range(design.dof):
+            place, have = design.present(j, group.ids)
+            if len(place):
+                gram, _ = design.sums(j, place)
+                power = direction[have] @ gram @ direction[have] / design.rows[j]
+                torque = max(torque, float(power) / design.rms[j] ** 2)
+        if along <= 0 or torque <= 0:
+            return np.inf
+        # The least evidence counts: that of the longest blocks, of fewest degrees.
+        degrees = THRESHOLDS.prior_blocks + min(count_merged_blocks(design.folds))
+        sizes = np.geomspace(1, WIDEST, STEPS) / np.sqrt(along)
+        pull, prior = known @ direction, group.precision
+        nats = mixture_evidence(known, pull, prior, degrees, sizes)
+        enough = nats >= max(
+            THRESHOLDS.named_nats, self.search.least + self.search.cost(group)
         )
-
-    @property
-    def weight(self) -> Array:
-        """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
-        return self.fitted.weight(self.task.design.rows)
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class ExpectedEffect:
-    """What an effect in one direction of its coefficients does, per unit squared."""
-
-    # Squared error that it adds to each joint after a refit without it, under each
-    # prior, (priors, dof).
-    fall: Array
-    bent: Array  # prior energy of that refit under each prior, (priors,)
-    occam: Array  # occam factor of its coefficients under each prior [nats], (priors,)
-    prior_energy: float  # its own prior energy
-    # Squared error that it adds to each fold predicted from the others, under the
-    # chosen prior, (folds, dof).
-    fold_errors: Array
-    torque: Array  # its own mean square torque, in shares of rms squared, (dof,)
-    count: int  # number of its coefficients
-    cost: float  # price of the choice [nats]
-
-
-def predict_effect_evidence(
-    detection: DetectionModel, group: CandidateColumns, directions: Sequence[Array]
-) -> list[ExpectedEffect]:
-    """What a group does in each of some directions."""
-    task, design, weight = detection.task, detection.task.design, detection.weight
-    group_gram, cross_gram = _blocks(detection, group)
-    every, across = group_gram.sum(axis=0), cross_gram.sum(axis=0)  # over folds
-    pull = np.tensordot(weight, across, 1)
-    moved = detection.inverses @ pull
-    # A prior bends the fit; what it leaves is the data's own affair.
-    falls = _added_error(detection.systems[0].gram, every, across, moved[:, None])
-    precisions = np.stack([system.precision for system in detection.systems])
-    bends = moved.transpose(0, 2, 1) @ precisions @ moved
-    information = np.tensordot(falls, weight, (1, 0)) + bends
-    log_det = np.linalg.slogdet(information + group.precision)[1]
-    without = detection.fold_covariances @ (
-        pull - np.tensordot(cross_gram, weight, (1, 0))
-    )
-    outs = _added_error(detection.grams, group_gram, cross_gram, without[:, None])
-    occam = 0.5 * np.maximum(log_det - group.log_det, 0.0)
-    return [
-        ExpectedEffect(
-            fall=_quadratic_form(falls, u),
-            bent=np.einsum("k,pkl,l->p", u, bends, u),
-            occam=occam,
-            prior_energy=float(u @ group.precision @ u),
-            fold_errors=_quadratic_form(outs, u),
-            torque=_quadratic_form(every, u) / design.rows / design.rms**2,
-            count=len(group.ids),
-            cost=task.candidates.cost(group),
-        )
-        for u in directions
-    ]
-
-
-def detects_sizes(
-    detection: DetectionModel, effect: ExpectedEffect, sizes: Array
-) -> Array:
-    """Whether effects of some sizes are found, if the noise does as on average.
-
-    The estimate of the size is the one thing that chance moves; every rule below rises
-    with it, so what holds at the average holds in half of the draws.
-
-    Args:
-        sizes: Its sizes. Shape (s,).
-
-    Returns:
-        Shape (s,), bool.
-    """
-    fitted, rules = detection.fitted, detection.task.rules
-    square = np.asarray(sizes)[:, None] ** 2
-    fall = square[..., None] * effect.fall
-    rise = np.log1p(fall / np.maximum(fitted.sse, 1e-300))
-    spared = 0.5 * square * effect.bent
-    lost = 0.5 * rise @ fitted.counted + spared  # by the fit without it
-    paid = effect.occam + 0.5 * square * effect.prior_energy - 0.5 * effect.count
-    net = lost - paid - effect.cost
-    scores = np.array(detection.scores)
-    named = scores - paid - effect.cost - THRESHOLDS.nats_per_name
-    others = np.max(scores - lost, axis=1, keepdims=True)
-    wins = (net >= rules.min_nats) & (named >= others)
-    relative = np.sqrt(fall / detection.task.design.rows) / detection.task.design.rms
-    share = fall / np.maximum(fitted.sse + fall, 1e-300)
-    by_fit = rules.lower(relative, share).any(axis=2) & _confirmed(
-        detection, effect, square
-    )
-    big = (
-        np.sqrt(square * effect.torque).max(axis=1, keepdims=True)
-        >= rules.min_plausible_torque
-    )
-    spares = (
-        (net >= rules.min_plausible_nats)
-        & (spared >= rules.min_prior_share * net)
-        & big
-    )
-    return np.any(wins & (by_fit | spares), axis=1)
-
-
-def _confirmed(bench: DetectionModel, effect: ExpectedEffect, square: Array) -> Array:
-    """Whether logs left out are predicted better by enough, and enough of them.
-
-    Args:
-        square: Squares of its sizes. Shape (sizes, 1).
-
-    Returns:
-        Shape (sizes, 1).
-    """
-    fitted, design, rules = bench.fitted, bench.task.design, bench.task.rules
-    acts = effect.torque > 0
-    # What its coefficients catch of the noise makes it predict worse.
-    caught = effect.count / max(acts.sum(), 1) * fitted.sse / fitted.counted
-    fall = np.maximum(square * effect.fold_errors.sum(axis=0) - acts * caught, 0)
-    power = np.maximum(design.tau_power.sum(axis=0), 1e-30)
-    share = fall / np.maximum(bench.left_out + fall, 1e-300)
-    enough = rules.lower(np.sqrt(fall / power), share)
-    # A fold is better with it by a normal chance of this many standard deviations.
-    sure = np.sqrt(square[..., None] * np.maximum(effect.fold_errors, 0) * bench.weight)
-    folds = effect.fold_errors > 1e-3 * np.maximum(
-        effect.fold_errors.max(axis=0), 1e-300
-    )
-    better = np.where(folds, ndtr(0.5 * sure), 0).sum(axis=1)
-    better = better / np.maximum(folds.sum(axis=0), 1)
-    return np.any(
-        enough & (better >= THRESHOLDS.min_improved_folds), axis=1, keepdims=True
-    )
-
-
-def _near_priors(
-    task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior]
-) -> tuple[list, list]:
-    """The chosen prior and its competitors, with the evidence of each."""
-    design, every = task.design, [task.prior, *priors]
-    scores = [
-        fit_jointly(design, p, fitted.members, fitted.counted, rounds=4).score
-        for p in every
-    ]
-    near = [
-        i
-        for i, s in enumerate(scores)
-        if i == 0 or s > max(scores) - THRESHOLDS.hopeless_nats
-    ]
-    return [every[i] for i in near], [scores[i] for i in near]
-
-
-def _covariance(system: FitEquations, weight: Array) -> Array:
-    return invert_scaled(system.precision + np.einsum("j,jmn->mn", weight, system.gram))
-
-
-def _blocks(bench: DetectionModel, group: CandidateColumns) -> tuple[Array, Array]:
-    """Gram of a group and with the fit, per fold and joint.
-
-    Returns:
-        Shapes (folds, dof, k, k), (folds, dof, m, k).
-    """
-    design, ids = bench.task.design, bench.systems[0].ids
-    shape, k = (design.folds, design.dof), len(group.ids)
-    group_gram, cross_gram = np.zeros((*shape, k, k)), np.zeros((*shape, len(ids), k))
-    for j in range(design.dof):
-        place, columns = design.present(j, group.ids)
-        if len(place):
-            fit_places, have = design.present(j, ids)
-            gram = design.gram[j]
-            group_gram[:, j, columns[:, None], columns] = gram[:, place[:, None], place]
-            cross_gram[:, j, have[:, None], columns] = gram[
-                :, fit_places[:, None], place
-            ]
-    return group_gram, cross_gram
-
-
-def _added_error(
-    gram: Array, group_gram: Array, cross_gram: Array, shift: Array
-) -> Array:
-    """Squared error of a group less what the moved fit imitates. Shape (..., k, k).
-
-    Args:
-        gram: Of the fit. Shape (..., m, m).
-        group_gram: Of the group. Shape (..., k, k).
-        cross_gram: Of the fit with the group. Shape (..., m, k).
-        shift: What the fit moves by. Shape (..., m, k).
-    """
-    turned = np.swapaxes(shift, -1, -2)
-    across = turned @ cross_gram
-    return group_gram - across - np.swapaxes(across, -1, -2) + turned @ (gram @ shift)
-
-
-def _quadratic_form(form: Array, u: Array) -> Array:
-    """Quadratic forms along a direction. Shape (...) of (..., k, k)."""
-    return np.maximum(np.einsum("k,...kl,l->...", u, form, u), 0)
+        if not enough.any():
+            return np.inf
+        i = int(np.argmax(enough))
+        low, high = nats[max(i - 1, 0)], nats[i]
+        part = (THRESHOLDS.named_nats - low) / max(high - low, 1e-9) if i else 0.0
+        ratio = WIDEST ** (1 / (STEPS - 1))
+        size = sizes[max(i - 1, 0)] * ratio ** float(np.clip(part, 0.0, 1.0))
+        # It must be worth a name by its torque, or by the error it leaves otherwise.
+        left = float(np.max(design.rms**2 / np.maximum(self.fitted.variance, 1e-300)))
+        share = np.sqrt(torque * max(1.0, left * THRESHOLDS.min_share))
+        return max(float(size), THRESHOLDS.min_share / share)
 
 
 FLAT = 1e-9  # of the largest information of a group: a direction that does nothing
 
 
 def find_lookalikes(
-    task: SearchTask, fitted: Fit, effects: Sequence[tuple[CandidateColumns, Array]]
+    bench: DetectionModel, effects: Sequence[tuple[CandidateColumns, Array]]
 ) -> list[tuple[Place, ...]]:
     """Candidates that would explain each effect within 6 nats.
 
@@ -280,12 +98,10 @@ def find_lookalikes(
     Args:
         effects: Each with its coefficients. Shapes (k,).
     """
-    design = task.design
-    weight = fitted.weight(design.rows)
-    system = FitEquations.of(design, task.prior, fitted.members)
-    shared = weight_column_products(design, system, weight)
-    half = solve_triangular(system.solve(weight)[1], shared, lower=True)
-    others = [g for g in task.candidates.groups if not g.parts]
+    search, fitted, weight = bench.search, bench.fitted, bench.weight
+    design = search.score.design
+    half = DetectionModel.of(search, fitted).half
+    others = [g for g in search.candidates.groups if not g.parts]
     bases = [
         (
             [others[i] for i in stack.members],
@@ -296,7 +112,7 @@ def find_lookalikes(
     ]
     out = []
     for group, theta in effects:
-        pull = _products(task, group, theta, weight) - half.T @ (
+        pull = _products(design, group, theta, weight) - half.T @ (
             half[:, group.ids] @ theta
         )
         every = theta @ pull[group.ids]
@@ -319,10 +135,10 @@ def find_lookalikes(
 
 
 def _products(
-    task: SearchTask, group: CandidateColumns, theta: Array, weight: Array
+    design: Design, group: CandidateColumns, theta: Array, weight: Array
 ) -> Array:
     """Weighted products of an effect's torque with all columns. Shape (size,)."""
-    design, out = task.design, np.zeros(task.design.size)
+    out = np.zeros(design.size)
     for j in range(design.dof):
         place, have = design.present(j, group.ids)
         every = np.flatnonzero(design.place[j] >= 0)
@@ -342,28 +158,22 @@ def _root(information: Array) -> Array:
 
 
 WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
-FINER = 128  # steps from one of those to the next
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
 
-def find_detectable_sizes(
-    task: SearchTask, fitted: Fit, priors: Sequence[NominalPrior] = ()
-) -> list[Detectable]:
-    """Size that would be found in half of the draws of the noise, per effect and joint.
-
-    Found means all that a name must do: win the threshold with its price paid, stand
-    against a wider prior without a name, and lower the error, also that of logs left
-    out, by the rules' tolerance and share; or spare the parameters beyond belief.
+def find_detectable_sizes(search: Search, fitted: Fit) -> list[Detectable]:
+    """Size that would be named in half of the draws of the noise, by effect and joint.
 
     Returns:
-        One entry per effect and joints. Of several
-        parameters of one unit the value is the length (cos and sin), of a searched
-        shape the usual one counts.
+        One entry per effect and joints. Of several parameters of one unit the value is
+        the length (cos and sin), of a searched shape the usual one counts.
     """
-    bench, robot = DetectionModel.of(task, fitted, priors), task.design.states[0].robot
+    bench = DetectionModel.of(search, fitted)
+    design = search.score.design
+    robot = design.states[0].robot
     sizes: list[_SmallestEffect] = []
     keys: dict[tuple, list[CandidateColumns]] = {}
-    for g in task.candidates.groups:
+    for g in search.candidates.groups:
         if not g.parts:
             keys.setdefault((g.effect.name, g.joints), []).append(g)
     for groups in keys.values():
@@ -376,8 +186,7 @@ def find_detectable_sizes(
         if smallest is not None:
             sizes.append(smallest)
     alike = find_lookalikes(
-        task,
-        fitted,
+        bench,
         [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes],
     )
     return [
@@ -403,7 +212,7 @@ class _SmallestEffect:
 
 def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
     """The size; None where no arm has an effect that large."""
-    design, group = bench.task.design, least.group
+    design, group = bench.search.score.design, least.group
     limits = find_group_limits(design, bench.fitted, group)
     shape, signs = group.shape, (least.theta, -least.theta)
     if _of_its_own_shape(group.effect, group):
@@ -423,9 +232,8 @@ def _smallest_effect(
         levels = [
             PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
         ]
-        for clip in bench.task.design.add(levels):
-            (one,) = predict_effect_evidence(bench, clip, [np.ones(1)])
-            if one.torque.any() and detects_sizes(bench, one, np.ones(1)).all():
+        for clip in bench.search.score.design.add(levels):
+            if bench.smallest(clip, np.ones(1)) <= 1.0:
                 return _SmallestEffect(clip.shape[0], clip, np.ones(1))
         return None
     if _of_its_own_shape(effect, middle):
@@ -436,7 +244,7 @@ def _smallest_effect(
     size, middle = _median_shape(bench, groups)
     if len(middle.ids) > 1 or not np.isfinite(size):
         return _with_direction(size, size, bench, middle)
-    robot = bench.task.design.states[0].robot
+    robot = bench.search.score.design.states[0].robot
     told = effect.values(np.array([size]), middle.shape, robot)
     return _with_direction(abs(told[0]), size, bench, middle)
 
@@ -451,7 +259,7 @@ def _median_shape(
     """
     effect, joints = groups[0].effect, groups[0].joints
     shapes = [PlacedEffect(effect, joints, shape) for shape in effect.least_seen]
-    made = bench.task.design.add(shapes) or [groups[len(groups) // 2]]
+    made = bench.search.score.design.add(shapes) or [groups[len(groups) // 2]]
     sizes = [_smallest(bench, group) for group in made]
     return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
 
@@ -468,32 +276,8 @@ def _with_direction(
 
 def _smallest(bench: DetectionModel, group: CandidateColumns) -> float:
     """Smallest detectable coefficient; the median over directions."""
-    sizes = []
-    for one in predict_effect_evidence(
-        bench, group, unit_effect_coefficients(bench, group)
-    ):
-        information = bench.weight @ one.fall[0] + one.bent[0]
-        if information <= 0:
-            sizes.append(np.inf)
-            continue
-        sizes.append(_first_detected(bench, one, np.sqrt(2 / information)))
-    return float(np.median(sizes))
-
-
-def _first_detected(
-    bench: DetectionModel, effect: ExpectedEffect, unit: float
-) -> float:
-    """First size that is found, climbing from what is worth a nat.
-
-    Far above it an effect may be lost again, since its own prior does not believe it.
-    """
-    ladder = unit * np.geomspace(1, WIDEST, STEPS)
-    detected = detects_sizes(bench, effect, ladder)
-    if detected[0] or not detected.any():
-        return float(ladder[0]) if detected[0] else np.inf
-    step = int(np.argmax(detected))
-    between = np.geomspace(ladder[step - 1], ladder[step], FINER + 1)[1:]
-    return float(between[int(np.argmax(detects_sizes(bench, effect, between)))])
+    directions = unit_effect_coefficients(bench, group)
+    return float(np.median([bench.smallest(group, u) for u in directions]))
 
 
 def unit_effect_coefficients(
@@ -506,7 +290,9 @@ def unit_effect_coefficients(
     """
     effect, count = group.effect, len(group.ids)
     if effect.unit_directions is not None:
-        return effect.unit_directions(detection.task.design.states, group.joints)
+        return effect.unit_directions(
+            detection.search.score.design.states, group.joints
+        )
     if not _one_vector(effect, group):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]

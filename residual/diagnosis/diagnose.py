@@ -8,17 +8,25 @@ from collections.abc import Sequence
 
 from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
-from residual.diagnosis.constants import add_joint_constants
-from residual.diagnosis.doubts import split_background, withdraw_doubtful_names
-from residual.diagnosis.errors_in_variables import describe_angle_noise
-from residual.diagnosis.findings import residual_clouds
-from residual.diagnosis.held_out import build_three_models, fit_least_squares_model
+from residual.diagnosis.errors_in_variables import (
+    check_angle_noise,
+    describe_angle_noise,
+)
+from residual.diagnosis.findings import (
+    merge_into_findings,
+    residual_clouds,
+    split_background,
+)
+from residual.diagnosis.held_out import (
+    build_three_models,
+    fit_least_squares_model,
+    prove,
+)
 from residual.diagnosis.open_question import build_open_question
 from residual.diagnosis.outcome import Progress, search_effects
 from residual.diagnosis.unexplained import analyze_unexplained
 from residual.diagnosis.verdict import build_verdict, describe_signals
 from residual.errors import InputError
-from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
     compute_model_errors,
     find_worse_joints,
@@ -29,6 +37,7 @@ from residual.model.nominal import (
     GIVEN,
     FitLogs,
     NominalModel,
+    add_joint_constants,
     choose_declared_effects,
     prepare_fit_logs,
     refuse_known_values_with_baseline,
@@ -86,46 +95,46 @@ def diagnose(
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 
-    # The nominal model, and a search for what it lacks.
-    logs = prepare_fit_logs(
-        robot, fit, find_session_start([*fit, *held_out]), FilterSettings()
-    )
-    nominal = _build_nominal_model(logs, declared)
-    outcome = search_effects(logs, nominal, THRESHOLDS, tell)
-    # Every name is doubted, on held-out motion too; what stands is in the models.
+    # What the nominal model lacks, by the fit logs alone.
+    logs = prepare_fit_logs(robot, fit, find_session_start(fit), FilterSettings())
+    outcome = search_effects(logs, _build_nominal_model(logs, declared), tell)
+    # The held-out logs are read once: a refuted name leaves the model.
     tell("proof", 0.0)
-    proof = prepare_held_out(held_out, outcome.nominal.model)
-    standing = withdraw_doubtful_names(outcome, proof, fit, tell)
-    outcome, validation = standing.outcome, standing.validation
-    models, bodies = build_three_models(outcome, validation)
+    held = prepare_held_out(held_out, outcome.nominal.model)
+    proof = prove(outcome, held)
+    refuted, outcome = proof.refuted, proof.outcome
+    models, bodies = build_three_models(outcome)
+    remains = analyze_unexplained(outcome, outcome.fit, models["augmented"])
+    noise = check_angle_noise(outcome, outcome.fit, fit) if outcome.named else None
+    found = merge_into_findings(outcome, outcome.fit, outcome.named, noise)
+    named, background = split_background(found, robot.dof)
+    suspects = (*refuted, *(m for m in outcome.suspected if m not in refuted))
+    suspected = merge_into_findings(outcome, outcome.selection.fit, suspects)
+    question = build_open_question(outcome, outcome.fit, named)
     augmented = models["augmented"]
-    remains = analyze_unexplained(outcome, validation.fit, augmented)
-    named, background = split_background(standing.named, outcome.logs.robot.dof)
-    question = build_open_question(outcome, validation.fit, named)
     if remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
     # The error of every model on the held-out logs, beside plain least squares.
-    filters = outcome.logs.filters
-    errors, proofs = compute_model_errors(models, proof, filters)
-    reference, _ = compute_model_errors(
-        {PLAIN: fit_least_squares_model(logs)}, proof, filters
-    )
-    small = outcome.logs.too_small
-    errors = {name: e.without(small) for name, e in (errors | reference).items()}
+    filters = logs.filters
+    errors, proofs = compute_model_errors(models, held, filters)
+    plain = {PLAIN: fit_least_squares_model(logs)}
+    reference, _ = compute_model_errors(plain, held, filters)
+    errors = {k: e.without(logs.too_small) for k, e in (errors | reference).items()}
     verdict = build_verdict(
-        standing,
+        proof,
         named,
         background,
+        suspected,
         bodies,
         remains,
         question,
         errors,
         tabulate_errors(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in outcome.logs.tracks),
+            min(t.cutoff for t in logs.tracks),
             [r.id for r in held_out],
             same_run,
-            find_worse_joints(models, proof),
+            find_worse_joints(models, held),
             compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
         ),
         check,
@@ -136,10 +145,10 @@ def diagnose(
         verdict=verdict,
         models=models,
         proofs=proofs,
-        clouds=residual_clouds(outcome, validation.fit, named),
+        clouds=residual_clouds(outcome, outcome.fit, named),
         notes=(
             *describe_signals(outcome),
-            *describe_angle_noise(standing.checks, [t for t, _ in validation.kept]),
+            *describe_angle_noise(noise, outcome.named),
             *bodies.notes,
         ),
         residual_clouds=tuple(one.cloud for one in remains.joints),

@@ -15,9 +15,8 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.linalg import solve_triangular
 
-from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import HeldOutValidation, drop_names
-from residual.diagnosis.outcome import SearchOutcome
+from residual.diagnosis.outcome import Outcome
+from residual.diagnosis.select import Member
 from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import (
@@ -54,34 +53,14 @@ class AngleNoiseCheck:
     # instruments, (dof,).
     share: Array
 
-    def differs(self, tested: GateResult) -> bool:
+    def differs(self, tested: Member) -> bool:
         """Whether the fit without the noise is another one, beyond chance."""
         shift, slots = self._shift(tested)
         spread = self.spread[np.ix_(slots, slots)]
         spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
         return compute_zero_chance(shift, spread, LEAST) < THRESHOLDS.noise_chance
 
-    def is_noise(self, tested: GateResult) -> bool:
-        """Whether the effect is made of the noise, or too much of it to believe.
-
-        A reference says what is left of an effect. A redrawn noise is known by its
-        level alone: what it moves by more than a quarter is not believed.
-        """
-        if not self.differs(tested):
-            return False
-        shift, slots = self._shift(tested)
-        own = self.covariance[np.ix_(slots, slots)]
-        nothing = (
-            compute_zero_chance(self.theta[slots], own, LEAST)
-            > THRESHOLDS.noise_zero_chance
-        )
-        sd = np.sqrt(np.diag(self.fit.covariance())[slots])
-        part = np.linalg.norm(shift / sd) / np.linalg.norm(self.fit.theta[slots] / sd)
-        return nothing or (
-            self.method == EFFECTIVE and bool(part > THRESHOLDS.noise_shift_share)
-        )
-
-    def estimate(self, tested: GateResult) -> tuple[Array, Array]:
+    def estimate(self, tested: Member) -> tuple[Array, Array]:
         """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
 
         Where the noise makes a difference they are those without it. Of what a redrawn
@@ -95,38 +74,13 @@ class AngleNoiseCheck:
             return theta + shift, spread + redrawn * square / 4
         return theta, redrawn * square
 
-    def _shift(self, tested: GateResult) -> tuple[Array, Array]:
+    def _shift(self, tested: Member) -> tuple[Array, Array]:
         slots = self.fit.slots(tested.group)
         return (self.theta - self.fit.theta)[slots], slots
 
 
-def drop_noise_artifacts(
-    outcome: SearchOutcome,
-    validation: HeldOutValidation,
-    recordings: Sequence[Recording],
-) -> tuple[HeldOutValidation, AngleNoiseCheck | None, tuple[GateResult, ...]]:
-    """Drop the names that noise of the angles made.
-
-    Args:
-        recordings: The fit logs, in the diagnosis' order.
-
-    Returns:
-        The names that stand, how their fit was checked (None where there are none), and
-        the names that are noise.
-    """
-    dropped: list[GateResult] = []
-    while validation.kept:
-        checks = check_angle_noise(outcome, validation.fit, recordings)
-        noise = [t for t, _ in validation.kept if checks.is_noise(t)]
-        if not noise:
-            return validation, checks, tuple(dropped)
-        dropped += noise
-        validation = drop_names(outcome, validation, noise)
-    return validation, None, tuple(dropped)
-
-
 def describe_angle_noise(
-    checks: AngleNoiseCheck | None, tested: Sequence[GateResult]
+    checks: AngleNoiseCheck | None, tested: Sequence[Member]
 ) -> tuple[str, ...]:
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
@@ -157,7 +111,7 @@ def describe_angle_noise(
 
 
 def check_angle_noise(
-    outcome: SearchOutcome, fitted: Fit, recordings: Sequence[Recording]
+    outcome: Outcome, fitted: Fit, recordings: Sequence[Recording]
 ) -> AngleNoiseCheck:
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
@@ -173,10 +127,10 @@ def check_angle_noise(
     return _by_redrawing(outcome, fitted, outcome.logs.shaken)
 
 
-def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseCheck:
+def _by_instruments(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
-    design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
-    system = FitEquations.of(design, outcome.task.prior, fitted.members)
+    design, other, ids = outcome.design, *_design_with(outcome, fitted, tracks)
+    system = FitEquations.of(design, outcome.prior, fitted.members)
     weight = fitted.weight(design.rows)
     precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
@@ -197,19 +151,19 @@ def _by_instruments(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseCh
     )
 
 
-def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseCheck:
+def _by_redrawing(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     """The normal equations without the noise that one more helping of it shows.
 
     Least squares solves (S + N) x = S b, with S what exact columns would give and N the
     noise's own: b is had back where N is known.
     """
-    design, other, ids = outcome.task.design, *_design_with(outcome, fitted, tracks)
+    design, other, ids = outcome.design, *_design_with(outcome, fitted, tracks)
     if any(EffectTrait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
         design, own = _design_with(outcome, fitted, outcome.logs.sketch)
     else:
         own = fitted.ids
-    rows = outcome.task.design.rows
+    rows = outcome.design.rows
     weight = fitted.weight(rows)
     start, size = np.zeros(len(ids)), len(ids)
     start[: len(design.nominal)] = outcome.nominal.model.coefficients()
@@ -239,7 +193,7 @@ def _by_redrawing(outcome: SearchOutcome, fitted: Fit, tracks) -> AngleNoiseChec
     )
 
 
-def _design_with(outcome: SearchOutcome, fitted: Fit, tracks) -> tuple[Design, Array]:
+def _design_with(outcome: Outcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     """The fit's columns computed from other angles, on the same rows."""
     nominal = outcome.nominal
     other = replace(outcome.logs, tracks=tracks)

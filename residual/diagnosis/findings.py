@@ -1,17 +1,17 @@
 """From tested members to findings, and the residual that each of them explains."""
 
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from scipy.linalg import block_diag
 from scipy.special import ndtri, stdtrit
 
 from residual.diagnosis.errors_in_variables import AngleNoiseCheck
-from residual.diagnosis.gate import GateResult
-from residual.diagnosis.outcome import SearchOutcome
+from residual.diagnosis.outcome import Outcome
+from residual.diagnosis.rivals import find_load_alternatives
 from residual.diagnosis.search import refine_last_shape
-from residual.diagnosis.select import find_load_alternatives, find_member_alternatives
+from residual.diagnosis.select import Member
 from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
 from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
@@ -47,7 +47,7 @@ class MemberUncertainty:
 
 
 def estimate_uncertainties(
-    outcome: SearchOutcome,
+    outcome: Outcome,
     fitted: Fit,
     sizes: Mapping[CandidateColumns, tuple[Array, Array]],
 ) -> dict[CandidateColumns, MemberUncertainty]:
@@ -64,18 +64,18 @@ def estimate_uncertainties(
     Returns:
         What is known of each member.
     """
-    task, robot = outcome.task, outcome.logs.robot
-    extra = {g: _slope(task.design, g, fitted.of(g)) for g in fitted.members}
+    design, robot = outcome.design, outcome.logs.robot
+    extra = {g: _slope(design, g, fitted.of(g)) for g in fitted.members}
     slopes = [s for s in extra.values() if s is not None]
     members = (*fitted.members, *slopes)
     known = fitted.counted, fitted.variance, 1
-    full = fit_jointly(task.design, outcome.wide, members, *known)
-    covariance, between = full.covariance(), covariance_between_logs(task.design, full)
+    full = fit_jointly(design, outcome.selection.wide, members, *known)
+    covariance, between = full.covariance(), covariance_between_logs(design, full)
     sharp = fit_jointly(
-        task.design, rougher_body_prior(outcome), members, *known
+        design, rougher_body_prior(outcome), members, *known
     ).covariance()
     out = {}
-    for g in fitted.members:
+    for g in sizes:
         slope, (theta, doubt) = extra[g], sizes[g]
         slots = full.slots(g)
         if slope is not None:
@@ -91,16 +91,16 @@ def estimate_uncertainties(
     return out
 
 
-def rougher_body_prior(outcome: SearchOutcome) -> NominalPrior:
+def rougher_body_prior(outcome: Outcome) -> NominalPrior:
     """The prior that a wrong value must stand out from: bodies one step rougher.
 
     Their scale is an estimate from few sums of many parameters, good to such a step.
     """
-    prior, wide = outcome.task.prior, outcome.wide
+    prior, wide = outcome.prior, outcome.selection.wide
     if prior.scale >= wide.scale:
         return wide
     rougher = min([s for s in OF_NAMES if s > prior.scale], default=wide.scale)
-    space = PriorSpace(outcome.task.design, outcome.nominal)
+    space = PriorSpace(outcome.design, outcome.nominal)
     return space.at(min(rougher, wide.scale), prior.widths)
 
 
@@ -146,27 +146,27 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
     own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
     standard deviations are made to hold what Student's t holds.
     """
-    weight = full.weight(design.rows)
-    pulls = np.zeros((design.folds, len(full.ids)))
+    weight, label = full.weight(design.rows), design.label_logs()
+    count = int(label.max()) + 1
+    pulls = np.zeros((count, len(full.ids)))
     for j in range(design.dof):
         place, have = design.present(j, full.ids)
-        gram, cross = design.fold_sums(j, place)
-        scores = cross - gram @ full.theta[have]
-        pulls[:, have] += weight[j] * scores
+        own = design.fold_pulls(j, place, full.theta[have])
+        np.add.at(pulls, (label[:, None], have), weight[j] * own)
     pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
     moved = pulls @ full.covariance()
-    free = max(design.folds - 1, 1)
+    free = max(count - 1, 1)
     wider = float(stdtrit(free, USUAL) / ndtri(USUAL))
-    return wider**2 * design.folds / free * moved.T @ moved
+    return wider**2 * count / free * moved.T @ moved
 
 
-def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: CandidateColumns) -> Array:
+def _form_doubt(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> Array:
     """Half of what another form of the same effect would change. Shape (parameters,).
 
     Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
     logs hold of it does not reach down to standstill, where its level is said.
     """
-    task, effect = outcome.task, group.effect
+    score, effect = outcome.score, group.effect
     robot = outcome.logs.robot
     values = np.asarray(
         effect.values(fitted.of(group), group.shape, robot), dtype=float
@@ -178,10 +178,10 @@ def _form_doubt(outcome: SearchOutcome, fitted: Fit, group: CandidateColumns) ->
     doubt = effect.inexact * np.array(sizes)
     for form in sorted(forms - {group.shape[1:]}):
         shape = (group.shape[0], *form)
-        groups = task.design.add([group.placed._replace(shape=shape)])
+        groups = score.design.add([group.placed._replace(shape=shape)])
         others = [g for g in fitted.members if g is not group]
-        *_, best = refine_last_shape(task, (*others, *groups), fitted)
-        theta = task.fit((*others, best), fitted).of(best)
+        *_, best = refine_last_shape(score, (*others, *groups), fitted)
+        theta = score.fit((*others, best), fitted).of(best)
         doubt = np.maximum(
             doubt, abs(effect.values(theta, best.shape, robot) - values) / 2
         )
@@ -265,7 +265,7 @@ class NamedEffect:
     """One named effect on one or several joints."""
 
     # Its members, one per joint where the effect is local.
-    tested: tuple[GateResult, ...]
+    tested: tuple[Member, ...]
     joints: tuple[int, ...]  # joints from 1 in the vocabulary's convention
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
@@ -291,49 +291,15 @@ class NamedEffect:
         return min(s.probability for s in self.confidences)
 
     @property
-    def size_is_significant(self) -> Array:
-        """Whether a size of each member is clear of nothing. Shape (members,)."""
-        sums = [abs(value) >= SIZED * std for value, std, _ in self.combined.values()]
-        clear = [
-            np.abs(values) >= SIZED * sds
-            for values, sds, _, _ in self.parameters.values()
-        ]
-        return np.any(clear, axis=0) | any(sums)
-
-    def select_members(self, members: Collection[GateResult]) -> "NamedEffect | None":
-        """The same of some members; None where none of them is in it."""
-        keep = [i for i, t in enumerate(self.tested) if t in members]
-        if not keep or len(keep) == len(self.tested):
-            return self if keep else None
-        kept = tuple(self.tested[i] for i in keep)
-        joints = tuple(j for t in kept for j in joint_numbers(t.group))
-        return replace(
-            self,
-            tested=kept,
-            joints=joints,
-            parameters={
-                key: (values[keep], sds[keep], unit, clear)
-                for key, (values, sds, unit, clear) in self.parameters.items()
-            },
-            equivalent=tuple(
-                (name, left)
-                for name, on in self.equivalent
-                if (left := tuple(j for j in on if j in joints)) or not on
-            ),
-            confidences=tuple(self.confidences[i] for i in keep),
-            torque=self.torque[keep],
-        )
-
-    @property
     def nats(self) -> float:
         """Evidence of all members [nats]."""
         return sum(t.nats for t in self.tested)
 
 
 def merge_into_findings(
-    outcome: SearchOutcome,
+    outcome: Outcome,
     fitted: Fit,
-    tested: Sequence[GateResult],
+    tested: Sequence[Member],
     noise_check: AngleNoiseCheck | None = None,
 ) -> list[NamedEffect]:
     """Merge members of one name into one finding; what has most torque comes first.
@@ -341,16 +307,13 @@ def merge_into_findings(
     Args:
         noise_check: What noise of the angles does to the fit; None where nobody looked.
     """
+    if not tested:
+        return []
     sizes = {t.group: _size(fitted, t, noise_check) for t in tested}
     doubts = estimate_uncertainties(outcome, fitted, sizes)
-    near = {t: find_member_alternatives(outcome.task, fitted, t.group) for t in tested}
-    out = []
+    out, search = [], outcome.selection.search
     for members in _merge_joints(tested, outcome.logs.robot):
-        options = [near[t] for t in members]
-        known = [doubts[t.group] for t in members]
-        sure = [
-            MemberConfidence(p, d) for (_, p), d in zip(options, known, strict=True)
-        ]
+        sure = [MemberConfidence(t.probability, doubts[t.group]) for t in members]
         values = _parameters(outcome, members, sizes, sure)
         out.append(
             NamedEffect(
@@ -360,8 +323,11 @@ def merge_into_findings(
                 _equivalents(
                     members,
                     [
-                        [*o[0], *find_load_alternatives(outcome.task, fitted, t.group)]
-                        for o, t in zip(options, members, strict=True)
+                        [
+                            *t.equivalent,
+                            *find_load_alternatives(search, fitted, t.group),
+                        ]
+                        for t in members
                     ],
                 ),
                 tuple(sure),
@@ -398,9 +364,9 @@ def _rides_on(rider: NamedEffect, base: NamedEffect) -> bool:
     return any(sizes[0][j] >= THRESHOLDS.rides_share * sizes[1][j] for j in shared)
 
 
-def _torque(outcome: SearchOutcome, fitted: Fit, group: CandidateColumns) -> float:
+def _torque(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> float:
     """Largest rms torque of a member on any joint, as a share of the joint's rms."""
-    design, out = outcome.task.design, 0.0
+    design, out = outcome.design, 0.0
     for j in range(design.dof):
         torque = _torque_on(design, fitted, group, j)
         if torque.any():  # a joint may log no torque
@@ -415,7 +381,7 @@ def _torque_on(design: Design, fitted: Fit, group: CandidateColumns, j: int) -> 
 
 
 def _size(
-    fitted: Fit, tested: GateResult, checks: AngleNoiseCheck | None
+    fitted: Fit, tested: Member, checks: AngleNoiseCheck | None
 ) -> tuple[Array, Array]:
     """Reported coefficients of a member, and the covariance of their doubt."""
     if checks:
@@ -429,9 +395,9 @@ def joint_numbers(group: CandidateColumns) -> tuple[int, ...]:
     return tuple(j + 1 for j in group.joints)
 
 
-def _merge_joints(tested: Sequence[GateResult], robot: Robot) -> list[list[GateResult]]:
+def _merge_joints(tested: Sequence[Member], robot: Robot) -> list[list[Member]]:
     """Group members of one local effect on joints of one unit."""
-    out: list[list[GateResult]] = []
+    out: list[list[Member]] = []
     for t in sorted(tested, key=lambda t: (t.group.effect.name, t.group.joints)):
         group = t.group
         for members in out:
@@ -466,7 +432,7 @@ def _equivalents(members, near) -> tuple:
     return tuple((other, tuple(sorted({*joints}))) for (other, _), joints in ranked)
 
 
-def _parameters(outcome: SearchOutcome, members, sizes, sure) -> dict:
+def _parameters(outcome: Outcome, members, sizes, sure) -> dict:
     robot = outcome.logs.robot
     effect = members[0].group.effect
     values = np.array(
@@ -485,9 +451,7 @@ def _parameters(outcome: SearchOutcome, members, sizes, sure) -> dict:
     }
 
 
-def _combined(
-    outcome: SearchOutcome, member: GateResult, sizes, sure, parameters
-) -> dict:
+def _combined(outcome: Outcome, member: Member, sizes, sure, parameters) -> dict:
     """What the motion determines of a member whose parameters it does not. By formula.
 
     Returns:
@@ -508,7 +472,7 @@ def _combined(
 
 
 def residual_clouds(
-    outcome: SearchOutcome, fitted: Fit, findings: Sequence[NamedEffect]
+    outcome: Outcome, fitted: Fit, findings: Sequence[NamedEffect]
 ) -> tuple[FindingScatter, ...]:
     """One cloud per finding and joint on which it acts most.
 
@@ -519,11 +483,11 @@ def residual_clouds(
         _cloud(outcome, fitted, tested, j)
         for finding in findings
         for tested in finding.tested
-        for j in _drawn_on(outcome.task.design, fitted, tested)
+        for j in _drawn_on(outcome.design, fitted, tested)
     )
 
 
-def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
+def _drawn_on(design: Design, fitted: Fit, tested: Member) -> Sequence[int]:
     """Joints (from 0) on which a member is plotted."""
     group = tested.group
     if group.effect.scope == "local":
@@ -542,10 +506,8 @@ def _drawn_on(design: Design, fitted: Fit, tested: GateResult) -> Sequence[int]:
     ]
 
 
-def _cloud(
-    outcome: SearchOutcome, fitted: Fit, tested: GateResult, j: int
-) -> FindingScatter:
-    design, group = outcome.task.design, tested.group
+def _cloud(outcome: Outcome, fitted: Fit, tested: Member, j: int) -> FindingScatter:
+    design, group = outcome.design, tested.group
     torque = _torque_on(design, fitted, group, j)
     left = design.residual(j, fitted.ids, fitted.theta)
     anchor = j if group.effect.scope == "local" else tested.joint
@@ -558,7 +520,7 @@ def _cloud(
 
 
 def _variable(
-    outcome: SearchOutcome, effect: Effect, anchor: int, j: int
+    outcome: Outcome, effect: Effect, anchor: int, j: int
 ) -> tuple[Array | None, str, Array]:
     """The explaining variable on the rows of joint j, and which log each is of.
 
@@ -570,7 +532,7 @@ def _variable(
         [],
         convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED,
     )
-    states = outcome.task.design.states
+    states = outcome.design.states
     for track, state in zip(outcome.logs.sketch, states, strict=True):
         rows = track.moving[:, j]
         if effect.variable is not None:
@@ -578,3 +540,35 @@ def _variable(
             values.append(x[:: track.step][rows])
         labels.append(np.full(int(rows.sum()), track.id))
     return np.concatenate(values) if values else None, label, np.concatenate(labels)
+
+
+def split_background(
+    named: Sequence[NamedEffect], dof: int
+) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
+    """Part the findings into those to be listed and those to be folded.
+
+    Folded is friction or ripple of a size that the joints have anyway, beside something
+    much larger, where half of the joints have such: one alone is a finding.
+
+    Returns:
+        What is listed, and what is folded, in the same order.
+    """
+    if not named:
+        return tuple(named), ()
+    largest = max(f.torque.max() for f in named)
+    small = [
+        f for f in named if _is_background(f, THRESHOLDS.background_share * largest)
+    ]
+    if len({j for f in small for j in f.joints}) < max(
+        THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
+    ):
+        small = []
+    return tuple(f for f in named if f not in small), tuple(small)
+
+
+def _is_background(finding: NamedEffect, least: float) -> bool:
+    effect = finding.effect
+    small = effect.traits & (EffectTrait.FRICTION | EffectTrait.PERIODIC)
+    if not small or effect.scope != "local":
+        return False
+    return bool(np.all(finding.torque < min(THRESHOLDS.usual_torque_share, least)))

@@ -6,12 +6,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.findings import NamedEffect, joint_numbers
-from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.search import SearchTask
-from residual.diagnosis.select import (
-    find_member_alternatives,
-    find_separable_sets,
-)
+from residual.diagnosis.outcome import Outcome
+from residual.diagnosis.rivals import find_separable_sets
+from residual.diagnosis.search import Search
 from residual.effects.base import PlacedEffect
 from residual.evidence.design import CandidateColumns
 from residual.evidence.fit import (
@@ -52,7 +49,7 @@ class MemberSwap:
 
 
 def find_member_swaps(
-    task: SearchTask,
+    search: Search,
     fitted: Fit,
     named: Sequence[tuple[CandidateColumns, Sequence[CandidateColumns]]],
 ) -> list[MemberSwap]:
@@ -63,7 +60,7 @@ def find_member_swaps(
     """
     known = {(group.key, other.key) for group, near in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
-    for one in find_separable_sets(task, fitted):
+    for one in find_separable_sets(search, fitted):
         gone = _without(fitted.members, one.members)
         instead = _without(one.members, fitted.members)
         pair = tuple(g.key for g in (*gone, *instead))
@@ -92,30 +89,30 @@ class SharedColumns:
         place: Where a design's column stands among the shared ones.
     """
 
-    outcome: SearchOutcome
+    outcome: Outcome
     fitted: Fit
     groups: tuple[CandidateColumns, ...]
     place: dict[int, int]
 
     @classmethod
     def of(
-        cls, outcome: SearchOutcome, fitted: Fit, groups: Sequence[CandidateColumns]
+        cls, outcome: Outcome, fitted: Fit, groups: Sequence[CandidateColumns]
     ) -> "SharedColumns":
         """Number the columns of the nominal model, then those of the groups."""
         unique: dict[int, CandidateColumns] = {int(g.ids[0]): g for g in groups}
-        ids = [outcome.task.design.nominal, *(g.ids for g in unique.values())]
+        ids = [outcome.design.nominal, *(g.ids for g in unique.values())]
         place = {int(c): i for i, c in enumerate(np.concatenate(ids))}
         return cls(outcome, fitted, tuple(unique.values()), place)
 
     @property
-    def task(self) -> SearchTask:
+    def search(self) -> Search:
         """Data, prior and candidates."""
-        return self.outcome.task
+        return self.outcome.selection.search
 
     @property
     def weight(self) -> Array:
         """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
-        return self.fitted.weight(self.task.design.rows)
+        return self.fitted.weight(self.outcome.design.rows)
 
     def rival(
         self,
@@ -129,15 +126,15 @@ class SharedColumns:
             deciding: Those that make the difference; empty for none.
             without: The fit without them.
         """
-        system = FitEquations.of(self.task.design, self.task.prior, members)
+        system = FitEquations.of(self.outcome.design, self.outcome.prior, members)
         theta, _ = system.solve(self.weight)
         nats, at = 0.0, np.zeros(0, dtype=int)
         if deciding:
-            big = self.task.fit(members, self.fitted)
+            big = self.outcome.score.fit_like(members, self.fitted)
             # Every name after the first has to pass the threshold of a name, too.
-            more = (len(deciding) - 1) * self.task.rules.min_nats
-            cost = sum(self.task.candidates.cost(g) for g in deciding[1:]) + more
-            nats = self.task.net_gain(big, without, deciding[0]) - cost
+            more = (len(deciding) - 1) * self.search.least
+            cost = sum(self.search.cost(g) for g in deciding) + more
+            nats = big.score - without.score - cost
             at = np.array([self.place[int(c)] for g in deciding for c in g.ids])
         return Rival(
             merge_places(list_places(deciding)),
@@ -160,13 +157,13 @@ class SharedColumns:
             options: The sets; an empty one for nothing.
             enough: Nats by which one must lead.
         """
-        without = self.task.fit(shared, self.fitted)
+        without = self.outcome.score.fit_like(shared, self.fitted)
         found = [self.rival((*shared, *own), own, without) for own in options]
         return RivalContest(tuple(found), enough)
 
 
 def build_open_question(
-    outcome: SearchOutcome, fitted: Fit, named: Sequence[NamedEffect]
+    outcome: Outcome, fitted: Fit, named: Sequence[NamedEffect]
 ) -> OpenQuestion:
     """Return what a diagnosis leaves open.
 
@@ -176,17 +173,17 @@ def build_open_question(
     rivals of one another and of nothing, although none of them could be named.
     """
     equal = [
-        (t.group, near)
+        (t.group, t.equivalent)
         for finding in named
-        if finding.equivalent
         for t in finding.tested
-        if (near := find_member_alternatives(outcome.task, fitted, t.group)[0])
+        if t.equivalent
     ]
+    search = outcome.selection.search
     classes: dict[tuple, MemberSwap] = {
         (group.key,): MemberSwap((group,), tuple((g,) for g in near))
         for group, near in equal
     }
-    for swap in find_member_swaps(outcome.task, fitted, equal):
+    for swap in find_member_swaps(search, fitted, equal):
         key = tuple(g.key for g in swap.gone)
         known = classes.get(key, MemberSwap(swap.gone, ()))
         classes[key] = replace(known, instead=(*known.instead, *swap.instead))
@@ -203,7 +200,7 @@ def build_open_question(
         )
         for swap in classes.values()
     ]
-    threshold = outcome.task.rules.min_nats
+    threshold = THRESHOLDS.named_nats
     contests += [
         basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
         for groups in strong
@@ -261,24 +258,21 @@ def _signals(basis: SharedColumns) -> SignalSettings:
     )
 
 
-def _strongest(
-    outcome: SearchOutcome, fitted: Fit, joint: int
-) -> list[CandidateColumns]:
+def _strongest(outcome: Outcome, fitted: Fit, joint: int) -> list[CandidateColumns]:
     """The candidates with the most evidence on a joint, one shape of each.
 
     None that has no evidence beyond its price: where nothing speaks for a candidate, no
     motion could choose among them.
     """
-    task = outcome.task
-    dof = task.design.dof
+    search, design, dof = outcome.selection.search, outcome.design, outcome.design.dof
     groups = [
         g
-        for g in task.candidates.groups
+        for g in search.candidates.groups
         if not g.parts and joint in g.effect.rows(g.joints, dof)
     ]
-    price = np.array([task.candidates.cost(g) for g in groups])
-    own = FitEquations.of(task.design, task.prior, fitted.members)
-    net = screen_candidates(task.design, fitted, groups, own) - price
+    price = np.array([search.cost(g) for g in groups])
+    own = FitEquations.of(design, outcome.prior, fitted.members)
+    net = screen_candidates(design, fitted, groups, own) - price
     chosen: dict[tuple, CandidateColumns] = {}
     known = {g.key for g in fitted.members}
     for i in np.argsort(-net):

@@ -1,438 +1,321 @@
-"""Search for the set of effects with the most evidence: add, refine, swap, delete.
+"""Search for the effects that blocks of the logs bear out: add, swap, drop.
 
-A greedy search in the model space of `evidence.fit` (stepwise Bayesian selection, as in
-orthogonal least squares; Chen, Billings and Luo 1989). A candidate c joins the set S if
-
-    ln p(S + c) - ln p(S) - ln K - ln V_c >= min_nats
-
-with K the number of candidates and V_c the number of shapes of c: the price of choosing
-the best of many (a uniform prior over them). It must also lower the error of a joint,
-or spare the nominal parameters. Quadratic forms on Gram matrices screen all candidates
-at once (`screen_candidates`); only the best few are fitted, and only the winner's shape
-is refined. After each addition a member gives way to a better
-candidate, and members that lost their evidence are deleted.
+A candidate joins the set if its evidence by blocks (``score``) less the price of the
+choice, ln K for one of K candidates and ln V for one of V shapes, makes a false name in
+the whole diagnosis less likely than ``false_chance``, and if left-out blocks or what is
+given bear it out. Free curves over the joint's position and speed are candidates, too:
+where one leaves a quarter less than any name, the joint follows it and has no name.
 """
 
-from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
-from residual.effects import load_effects
-from residual.effects.base import Effect, EffectTrait, MotionSpan, PlacedEffect
-from residual.evidence.columns import merge_groups
-from residual.evidence.design import CandidateColumns, Design
-from residual.evidence.fit import (
-    Fit,
-    FitEquations,
-    NominalPrior,
-    compute_evidence_gain,
-    fit_jointly,
-    fit_nominal,
-    is_fit_possible,
-    refit_effective_rows,
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.score import LeftOut, Score
+from residual.effects.base import (
+    Effect,
+    EffectTrait,
+    PlacedEffect,
+    against_position,
+    build_joint_columns,
 )
-from residual.evidence.priors import (
-    list_first_priors,
-    list_forbidden_effects,
-    screen_candidates,
-    select_acting_groups,
-    widen_group_prior,
-)
-from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
-from residual.model.nominal import NominalModel
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.design import Design
+from residual.evidence.fit import Fit, FitEquations, fit_jointly, is_fit_possible
+from residual.evidence.priors import screen_candidates
+from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
+from residual.signals.track import Track
 
-FIRST_LOOKS = 4  # admissible candidates to look at where one is to be chosen
+Members = tuple[CandidateColumns, ...]
 
-# Which effects may be blamed, on which joints, and what a wider choice costs.
+
+def _build_curve(name: str, signal: str) -> Effect:
+    """A free curve over a signal of the joint, without its mean.
+
+    Its shape has the two ends and the mean of each hat on the logs: a constant is not a
+    part of it.
+    """
+
+    def hats(state, joint: int, shape: tuple[float, ...]) -> list[Array]:
+        return list(
+            _hats(getattr(state, signal)[:, joint], shape[:2]).T
+            - np.array(shape[2:])[:, None]
+        )
+
+    return Effect(name, "", {}, build_joint_columns(hats))
+
+
+def _hats(values: Array, ends: tuple[float, ...]) -> Array:
+    """Piecewise linear functions at evenly spaced knots. Shape (n, knots)."""
+    knots = np.linspace(*ends, THRESHOLDS.curve_knots)
+    x = np.clip(values, *ends)[:, None]
+    return np.maximum(1 - abs(x - knots) / (knots[1] - knots[0]), 0)
+
+
+CURVES = {
+    "q": _build_curve("curve over q", "q"),
+    "qd": _build_curve("curve over qd", "qd"),
+}
+CURVE_RIVALS = 3  # names of its joint that are looked at beside a curve
+ENDS = 1e-3  # quantiles of a signal where its curve ends
+
+
+def is_curve(group: CandidateColumns) -> bool:
+    """Whether a group is a free curve, which names nothing."""
+    return group.effect in CURVES.values()
+
+
+def add_curves(design: Design, tracks: Sequence[Track]) -> list[CandidateColumns]:
+    """Append the free curves of each joint that moves."""
+    placed = []
+    moving = np.concatenate([track.moving for track in tracks])
+    for signal, effect in CURVES.items():
+        values = np.concatenate(
+            [getattr(track, signal)[:: track.step] for track in tracks]
+        )
+        for j in range(design.dof):
+            own = values[moving[:, j], j]
+            if design.rows[j] < THRESHOLDS.min_rows or np.ptp(own) == 0:
+                continue
+            ends = tuple(np.quantile(own, (ENDS, 1 - ENDS)).tolist())
+            means = tuple(_hats(own, ends).mean(axis=0).tolist())
+            placed.append(PlacedEffect(effect, (j,), (*ends, *means)))
+    return design.add(placed)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Candidates:
-    """Every candidate finding with its price."""
+class SearchRun:
+    """What a search under one prior found."""
 
-    # All of them: each shape of each effect on each joint, then the effects that are
-    # also tried on all joints at once.
-    groups: tuple[CandidateColumns, ...]
-    price: Mapping[tuple, float]  # what choosing one of so many costs [nats], by key
-    # Of each group its key, whether it is one of several joints, and its price [nats].
-    keys: tuple[tuple, ...] = field(init=False)
-    unions: Array = field(init=False)
-    costs: Array = field(init=False)
+    score: Score
+    fit: Fit
+    left_out: LeftOut
 
-    def __post_init__(self) -> None:
-        every = self.groups
-        object.__setattr__(self, "keys", tuple(g.key for g in every))
-        object.__setattr__(self, "unions", np.array([bool(g.parts) for g in every]))
-        object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
+    @property
+    def named(self) -> Members:
+        """Its members but curves."""
+        return tuple(g for g in self.fit.members if not is_curve(g))
+
+    @property
+    def curves(self) -> Members:
+        """Joints that follow a free curve, better than any name."""
+        return tuple(g for g in self.fit.members if is_curve(g))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Trial:
+    """A candidate beside a set."""
+
+    group: CandidateColumns
+    fit: Fit
+    nats: float  # its evidence less its price
+    score: Score
+
+    @property
+    def left_out(self) -> LeftOut:
+        """Errors of left-out blocks."""
+        return self.score.left_out(self.fit)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Search:
+    """Candidates and rivals under one prior."""
+
+    score: Score
+    candidates: Candidates
+    curves: Sequence[CandidateColumns]
+
+    @property
+    def least(self) -> float:
+        """Evidence that a name must win beyond its price [nats]."""
+        return float(np.log(1 / THRESHOLDS.false_chance))
 
     def cost(self, group: CandidateColumns) -> float:
-        """Price of a group [nats]; joints that came together share one price."""
-        return self.price[group.key] / group.fellows
+        """Price of a group [nats]."""
+        if is_curve(group):
+            return float(np.log(len(self.candidates.price)))
+        return self.candidates.cost(group)
 
-    def beside(self, more: Sequence[CandidateColumns]) -> "Candidates":
-        """The same with more of them."""
-        price = float(np.log(len({*self.price, *(g.key for g in more)})))
-        priced = {**self.price, **{g.key: price for g in more}}
-        return replace(self, groups=(*self.groups, *more), price=priced)
+    def set_score(self, fitted: Fit) -> float:
+        """Evidence of a set less the price of its names [nats]."""
+        return fitted.score - sum(self.cost(g) + self.least for g in fitted.members)
 
-    def without(self, names: Sequence[str]) -> "Candidates":
-        """The same without some effects; itself where it has none of them."""
-        if not any(g.effect.name in names for g in self.groups):
-            return self
-        kept = tuple(g for g in self.groups if g.effect.name not in names)
-        return replace(self, groups=kept)
+    def leads(self, fitted: Fit, other: Fit) -> bool:
+        """Whether a set has more evidence less its price, counted like another."""
+        rows = replace(other, counted=np.maximum(fitted.counted, other.counted))
+        ours, theirs = (
+            self.set_score(self.score.fit_like(f.members, rows))
+            for f in (fitted, other)
+        )
+        return ours > theirs
 
-    def exclude_joints(
-        self, joints: Collection[int], bodies: bool = True
-    ) -> "Candidates":
-        """The same without what sits on some joints, alone or among others.
+    def run(self, start: Members = ()) -> SearchRun:
+        """Add the best candidate while one is borne out."""
+        fitted = self.score.fit(start)
+        fitted = self._drop(fitted) if start else fitted
+        left = self.score.left_out(fitted)
+        while len(fitted.members) < THRESHOLDS.max_effects:
+            best = self._choose(self.look(fitted), left)
+            if best is None:
+                break
+            fitted, left = self._join(fitted, best)
+        return SearchRun(self.score, fitted, left)
+
+    def settle(self, members: Members) -> SearchRun:
+        """A given set without what does not carry its price."""
+        fitted = self._drop(self.score.fit(members))
+        return SearchRun(self.score, fitted, self.score.left_out(fitted))
+
+    def look(
+        self,
+        base: Fit,
+        instead: CandidateColumns | None = None,
+        most: int | None = None,
+    ) -> list[Trial]:
+        """Candidates with evidence enough beside a fit, most evidence first.
+
+        Beside a curve the likeliest names of its joint, however faint.
 
         Args:
-            joints: The joints, from 0.
+            instead: A member that was taken out: what may stand in for it.
+            most: Candidates that are fitted at most.
         """
-        shut = set(joints)
-        kept = (
-            g
-            for g in self.groups
-            if not shut & set(g.joints)
-            or not (bodies or g.effect.portable.bodies is None)
+        most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
+        curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
+        for quick, group in self._rank(base, instead):
+            faint = quick < THRESHOLDS.faint_share * top or looks >= most
+            if faint and curved.get(group.joints, CURVE_RIVALS) >= CURVE_RIVALS:
+                continue
+            looks += 1
+            parts, own = group.parts or (group,), system
+            for part in parts:
+                own = own.beside(self.score.design, part)
+            fitted = self.score.fit((*base.members, *parts), base, own)
+            if not is_fit_possible(self.score.design, fitted, group):
+                continue
+            nats = self.score.nats(fitted, group) - self.cost(group)
+            if nats < self.least:
+                continue
+            out.append(Trial(group, fitted, nats, self.score))
+            if is_curve(group):
+                curved.setdefault(group.joints, 0)
+            else:
+                top = top or quick
+                curved |= {j: n + 1 for j, n in curved.items() if j == group.joints}
+        return sorted(out, key=lambda trial: -trial.nats)
+
+    def is_borne_out(self, trial: Trial, after: LeftOut, before: LeftOut) -> bool:
+        """Whether left-out blocks are predicted better, or parameters are spared."""
+        if after.gain_over(before).sum() <= -THRESHOLDS.left_out_slack:
+            return False
+        group, design = trial.group, self.score.design
+        torque = max(
+            member_torque_shares(design, trial.fit, g).max()
+            for g in group.parts or (group,)
         )
-        return replace(self, groups=tuple(kept))
+        fall = after.fall_from(before).max()
+        return max(float(fall), float(torque)) >= THRESHOLDS.min_share
 
-    def exclude_groups(
-        self, fallen: Sequence[CandidateColumns], kin: Sequence[CandidateColumns]
-    ) -> "Candidates":
-        """The same without some effects on their joints, alone or among others.
+    def shortlist(
+        self, base: Fit, instead: CandidateColumns | None, most: int
+    ) -> list[CandidateColumns]:
+        """The best shape of the most promising candidates, by a quick look."""
+        return [group for _, group in self._rank(base, instead)[:most]]
 
-        Args:
-            kin: Those of them with which all of their family on those joints goes: it
-                would say the same, only worse.
+    def _rank(
+        self, base: Fit, instead: CandidateColumns | None
+    ) -> list[tuple[float, CandidateColumns]]:
+        """Quick evidence less its price of each candidate's best shape, descending."""
+        groups = (*self.candidates.groups, *self.curves)
+        system = FitEquations.of(self.score.design, self.score.prior, base.members)
+        quick = screen_candidates(self.score.design, base, groups, system)
+        quick = quick - np.array([self.cost(g) for g in groups])
+        chosen: dict[tuple, tuple[float, CandidateColumns]] = {}
+        for i in np.argsort(-quick):
+            if quick[i] < THRESHOLDS.min_quick_nats:
+                break
+            if groups[i].key not in chosen and self._fits_in(
+                groups[i], base.members, instead
+            ):
+                chosen[groups[i].key] = float(quick[i]), groups[i]
+        return list(chosen.values())
+
+    def _fits_in(
+        self,
+        group: CandidateColumns,
+        members: Members,
+        instead: CandidateColumns | None,
+    ) -> bool:
+        """Whether a candidate may stand beside some members, in place of another."""
+        taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
+        if instead is not None:
+            taken.add(instead.key)
+            rows = [set(self.rows(g)) for g in (group, instead)]
+            if group.parts or not rows[0] & rows[1]:
+                return False
+        if taken & {group.key, *(p.key for p in group.parts)}:
+            return False
+        family = group.effect.family, group.joints
+        if group.effect.family and family in {
+            (g.effect.family, g.joints) for g in members
+        }:
+            return False
+        return not any(_cancel(group, x) or _draws(group, x) for x in members)
+
+    def rows(self, group: CandidateColumns) -> Sequence[int]:
+        """Joints (from 0) on which a group acts."""
+        return group.effect.rows(group.joints, self.score.design.dof)
+
+    def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
+        """The most evidence that is borne out, and that no curve of its joint outdoes.
+
+        Where a name explains less than three quarters of it the curve stands.
         """
-        keys = {g.key for g in fallen}
-        families = {(g.effect.family, g.joints) for g in kin if g.effect.family}
+        curves = {t: t.left_out for t in trials if is_curve(t.group)}
+        outdone: Trial | None = None
+        for trial in trials:
+            after = curves.get(trial) or trial.left_out
+            if not self.is_borne_out(trial, after, before):
+                continue
+            if is_curve(trial.group):
+                outdone = outdone or trial
+                continue
+            joint = after.find_main_joint(before)
+            if outdone is not None and outdone.group.joints != (joint,):
+                continue
+            rivals = [
+                t
+                for t, left in curves.items()
+                if t.group.joints == (joint,) and _outdoes(left, after, before, joint)
+            ]
+            if not rivals:
+                return trial
+            outdone = outdone or max(rivals, key=lambda t: t.nats)
+        return outdone
 
-        def falls(group: CandidateColumns) -> bool:
-            own = group.effect.family, group.joints
-            return group.key in keys or own in families
+    def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
+        members = (*base.members, *(best.group.parts or (best.group,)))
+        if best.group.effect.refine and not best.group.parts:
+            members = refine_last_shape(self.score, members, best.fit)
+        fitted = self._drop(self.score.fit(members, best.fit))
+        return fitted, self.score.left_out(fitted)
 
-        kept = (g for g in self.groups if not any(map(falls, g.parts or (g,))))
-        return replace(self, groups=tuple(kept))
-
-
-def collect_candidates(
-    design: Design, effects: Sequence[Effect], span: MotionSpan, dof: int
-) -> Candidates:
-    """Append the columns of all candidates to the design.
-
-    A key costs the logarithm of the number of keys, and its shapes that of their
-    number: the evidence of the best of many is worth so much less.
-    """
-    placed = []
-    for effect in effects:
-        for joints in effect.candidates(dof, span.prismatic):
-            anchor = joints[0] if joints else 0
-            shapes = effect.shapes(span, anchor)
-            placed += [PlacedEffect(effect, joints, shape) for shape in shapes]
-    groups = design.add(placed)
-    # Linear local effects that usually sit on every joint, as one candidate.
-    single: dict[str, list[CandidateColumns]] = {}
-    for g in groups:
-        if EffectTrait.GROUPABLE in g.effect.traits and g.shape == ():
-            single.setdefault(g.effect.name, []).append(g)
-    together = [
-        merge_groups(parts) for parts in single.values() if len(parts) == dof > 1
-    ]
-    groups += together
-    variants = Counter(g.key for g in groups)
-    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
-    # A model that lacks all that every drive has must gain it in one step, since each
-    # alone leaves a residual in which the others cannot be seen.
-    drive_groups = [g for g in together if g.effect.drive_order]
-    for count in range(2, len(drive_groups) + 1):
-        for some in combinations(drive_groups, count):
-            parts = [part for g in some for part in g.parts]
-            label = " + ".join(g.effect.name for g in some)
-            groups.append(merge_groups(parts, label))
-            price[groups[-1].key] = sum(price[g.key] for g in some)
-    return Candidates(tuple(groups), price)
-
-
-def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
-    """The same candidates, seen with the model that the design looks with now.
-
-    Only columns that read the model's torque are made anew.
-    """
-    reading = [
-        g
-        for g in candidates.groups
-        if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
-    ]
-    recomputed = design.add([g.placed for g in reading])
-    new = {_place(g): group for g, group in zip(reading, recomputed, strict=True)}
-
-    def of(group: CandidateColumns) -> CandidateColumns:
-        if not any(_place(p) in new for p in group.parts):
-            return new.get(_place(group), group)
-        parts = [new.get(_place(p), p) for p in group.parts]
-        return merge_groups(parts, group.label)
-
-    return replace(candidates, groups=tuple(of(g) for g in candidates.groups))
-
-
-def _place(group: CandidateColumns) -> tuple:
-    return group.effect.name, group.joints, group.shape, len(group.parts)
-
-
-def build_candidates(
-    design: Design, nominal: NominalModel, span: MotionSpan, clocked: bool
-) -> Candidates:
-    """Append the columns of all effects that some prior allows.
-
-    Args:
-        clocked: Whether the order of the logs in time is known.
-    """
-    absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
-    effects = [e for e in load_effects().values() if not e.traits & absent]
-    barred = [
-        list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)
-    ]
-    allowed = [e for e in effects if not all(e.name in b for b in barred)]
-    candidates = collect_candidates(design, allowed, span, design.dof)
-    # Where all values of a kind are off, that is how good they are, and no effect.
-    kinds = nominal.kinds
-    groups = [
-        g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)
-    ]
-    candidates = replace(candidates, groups=tuple(groups))
-    # Of joints that hardly move the logs say nothing.
-    return candidates.exclude_joints(
-        np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
-    )
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SearchTask:
-    """What a search works on: data, prior, candidates and rules.
-
-    What stands in for a member of a fit, and which sets are near one, is computed once.
-    """
-
-    design: Design
-    prior: NominalPrior
-    candidates: Candidates
-    rules: EvidenceThresholds
-    alternatives: dict[
-        tuple[Fit, CandidateColumns], tuple[list[CandidateColumns], float]
-    ] = field(default_factory=dict, init=False)
-    near_sets: dict[Fit, list] = field(default_factory=dict, init=False)
-
-    def fit(
-        self, members: Sequence[CandidateColumns], like: Fit, rounds: int = 3
-    ) -> Fit:
-        """Fit a set with the row counts and noise of another fit to start from."""
-        counted, variance = like.counted, like.variance
-        return fit_jointly(self.design, self.prior, members, counted, variance, rounds)
-
-    def settle(self, fitted: Fit) -> Fit:
-        """Count rows anew by the fit's own residual and fit again."""
-        return refit_effective_rows(self.design, self.prior, fitted)
-
-    def start(self) -> Fit:
-        """Fit of the nominal structure alone."""
-        return fit_nominal(self.design, self.prior)
-
-    def net_gain(self, big: Fit, small: Fit, group: CandidateColumns) -> float:
-        """Evidence of ``big`` over ``small`` less the price of the group [nats]."""
-        value, _, _ = compute_evidence_gain(self.design, self.prior, big, small)
-        return value - self.candidates.cost(group)
-
-
-def search_effect_set(task: SearchTask, start: Fit | None = None) -> Fit:
-    """Add the best effect while one is worth it; then swap and delete.
-
-    Args:
-        start: A fit of names to start from, with its noise: from the noise of the
-            nominal structure alone the alternation may end at another fixed point,
-            where a name that halves the torque carries nothing. Names go that do not
-            carry their own weight.
-
-    Returns:
-        The fit of the chosen set, its members single-joint groups.
-    """
-    current, rules = task.start(), task.rules
-    if start is not None and start.members:
-        current = _delete(task, task.settle(task.fit(start.members, start)))
-    for _ in range(rules.max_effects - len(current.members)):
-        ranked = rank_additions(task, current, looks=FIRST_LOOKS)
-        if not ranked or ranked[0][0] < rules.min_nats:
-            break
-        chosen = ranked[0][1]
-        members = (*current.members, *(chosen.parts or (chosen,)))
-        current = task.settle(
-            task.fit(refine_last_shape(task, members, current), current)
-        )
-        if not chosen.parts:
-            current = _swap(task, current, joints_acted_on(task, chosen))
-        current = _delete(task, current)
-    return current
-
-
-def rank_additions(
-    task: SearchTask,
-    base: Fit,
-    instead: CandidateColumns | None = None,
-    looks: int | None = None,
-) -> list[tuple[float, CandidateColumns, Fit]]:
-    """Admissible additions to a fit, most evidence first: (net gain, group, fit).
-
-    Args:
-        instead: A member that was taken out: only what acts on its joints, and is not
-            the same candidate, may stand in for it.
-        looks: Of how many admissible ones the rows are counted anew, where the first
-            is all that is wanted.
-    """
-    ranked = []
-    base_system = FitEquations.of(task.design, task.prior, base.members)
-    tried = [
-        _try_candidate(task, base, g, base_system)
-        for g in _shortlist(task, base, instead, base_system)
-    ]
-    tried.sort(key=lambda one: task.candidates.cost(one[0]) - one[1].score)
-    for group, trial, system in tried:
-        trial = replace(trial, counted=base.counted)
-        value, big, small = compute_evidence_gain(
-            task.design, task.prior, trial, base, (system, base_system)
-        )
-        value -= task.candidates.cost(group)
-        if is_admissible(task, group, value, big, small):
-            ranked.append((value, group, big))
-        if len(ranked) == looks:
-            break
-    return sorted(ranked, key=lambda item: -item[0])
-
-
-def _try_candidate(
-    task: SearchTask, base: Fit, group: CandidateColumns, base_system: FitEquations
-) -> tuple[CandidateColumns, Fit, FitEquations]:
-    """Fit with a candidate, under a wide prior where it is far beyond the usual."""
-
-    def trial(group: CandidateColumns) -> tuple[CandidateColumns, Fit, FitEquations]:
-        system, members = base_system.beside(task.design, group), (*base.members, group)
-        counted = task.design.rows / 4
-        fitted = fit_jointly(task.design, task.prior, members, counted, system=system)
-        return group, fitted, system
-
-    standard = trial(group)
-    wide = widen_group_prior(standard[1], group)
-    return (
-        standard
-        if wide is None
-        else max(standard, trial(wide), key=lambda t: t[1].score)
-    )
-
-
-def joints_acted_on(task: SearchTask, group: CandidateColumns) -> set[int]:
-    """Joints on which a group's columns act."""
-    return set(group.effect.rows(group.joints, task.design.dof))
-
-
-def _shortlist(
-    task: SearchTask,
-    base: Fit,
-    instead: CandidateColumns | None,
-    base_system: FitEquations,
-) -> list[CandidateColumns]:
-    """The best shape of the most promising keys, at most a third of them per joint."""
-    groups = task.candidates.groups
-    values, floor = (
-        screen_candidates(task.design, base, groups, base_system),
-        task.rules.min_nats / 4,
-    )
-    if instead is not None:
-        acting_too = select_acting_groups(
-            task.design, groups, joints_acted_on(task, instead)
-        )
-        values = np.where(acting_too & ~task.candidates.unions, values, -np.inf)
-        alike = values[[key == instead.key for key in task.candidates.keys]]
-        floor = max(floor, THRESHOLDS.rival_share * alike.max(initial=0.0))
-    values = values - task.candidates.costs
-    if (
-        instead is None
-        and (top := values.max(initial=0.0)) > THRESHOLDS.clear_best_nats
-    ):
-        floor = max(floor, THRESHOLDS.faint_share * top)
-    taken = {g.key for g in base.members if EffectTrait.PERIODIC not in g.effect.traits}
-    if instead is not None:
-        taken.add(instead.key)
-    families = {(g.effect.family, g.joints) for g in base.members if g.effect.family}
-    chosen, per_joint, limit = {}, {}, task.rules.max_exact_looks
-    for i in np.argsort(-values):
-        g = groups[i]
-        if values[i] < floor or len(chosen) >= limit:
-            break
-        place = g.joints if len(g.joints) == 1 else ()
-        barred = g.key in taken or g.key in chosen
-        barred = barred or any(part.key in taken for part in g.parts)
-        barred = barred or any(_neighbours(g, other) for other in base.members)
-        if barred or (g.effect.family, g.joints) in families:
-            continue
-        if per_joint.get(place, 0) >= max(1, limit // 3):
-            continue
-        chosen[g.key] = g
-        per_joint[place] = per_joint.get(place, 0) + 1
-    return list(chosen.values())
-
-
-def _neighbours(first: CandidateColumns, second: CandidateColumns) -> bool:
-    """Whether two ripples of one joint have nearly the same order: they cancel."""
-    if (
-        first.effect is not second.effect
-        or first.joints != second.joints
-        or not first.shape
-    ):
-        return False
-    ratio = first.shape[0] / second.shape[0]
-    return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio
-
-
-def is_admissible(
-    task: SearchTask, group: CandidateColumns, value: float, big: Fit, small: Fit
-) -> bool:
-    """Does the effect lower the error, or spare the model beyond belief?"""
-    if not is_fit_possible(task.design, big, group):
-        return False
-    return lowers_error(task, big, small) or spares_model(
-        task, group, value, big, small
-    )
-
-
-def lowers_error(task: SearchTask, big: Fit, small: Fit) -> bool:
-    """The error of some joint falls by enough, of torque and of what was left."""
-    design = task.design
-    fall = np.maximum(small.sse - big.sse, 0)
-    relative = np.sqrt(fall / design.rows) / design.rms
-    share = fall / np.maximum(small.sse, 1e-300)
-    return bool(np.any(task.rules.lower(relative, share)))
-
-
-def spares_model(
-    task: SearchTask, group: CandidateColumns, value: float, big: Fit, small: Fit
-) -> bool:
-    """The refit can imitate the effect, but only with implausible parameters."""
-    rules = task.rules
-    if (
-        value < rules.min_plausible_nats
-        or small.bent - big.bent < rules.min_prior_share * value
-    ):
-        return False
-    return bool(
-        member_torque_shares(task.design, big, group).max()
-        >= rules.min_plausible_torque
-    )
+    def _drop(self, fitted: Fit) -> Fit:
+        """Drop members that no longer carry their price, weakest first."""
+        while True:
+            known = self.score.covariances(fitted)
+            worth = [
+                self.score.nats(fitted, g, known) - self.cost(g) for g in fitted.members
+            ]
+            if not worth or min(worth) >= 0:
+                return fitted
+            weakest = fitted.members[int(np.argmin(worth))]
+            rest = tuple(g for g in fitted.members if g is not weakest)
+            fitted = self.score.fit(rest, fitted)
 
 
 def member_torque_shares(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
@@ -441,111 +324,74 @@ def member_torque_shares(design: Design, fitted: Fit, group: CandidateColumns) -
     for j in range(design.dof):
         place, have = design.present(j, group.ids)
         if len(place):
-            gram = design.total(j)[0][np.ix_(place, place)]
+            gram, _ = design.sums(j, place)
             power = theta[have] @ gram @ theta[have] / design.rows[j]
             out[j] = np.sqrt(max(power, 0.0)) / design.rms[j]
     return out
 
 
 def refine_last_shape(
-    task: SearchTask, members: Sequence[CandidateColumns], like: Fit
-) -> tuple[CandidateColumns, ...]:
+    score: Score, members: Sequence[CandidateColumns], like: Fit
+) -> Members:
     """The set with the last member's nonlinear parameter searched off the grid."""
     *others, last = members
     how = last.effect.refine
     if how is None:
         return tuple(members)
-    ratio = how.step == "ratio"
-    reach = how.compute_half_width(last.joints, task.design.states[0].robot)
+    design, prior = score.design, score.prior
+    reach = how.compute_half_width(last.joints, design.states[0].robot)
     offsets = np.linspace(-reach, reach, 7)
-    base_system, size = (
-        FitEquations.of(task.design, task.prior, others),
-        task.design.size,
-    )
-    counted = task.design.rows / 4
+    system, size = FitEquations.of(design, prior, others), design.size
     centre, winner, top = last.shape[0], last, -np.inf
     for _ in range(3):
-        points = centre * np.exp(offsets) if ratio else centre + offsets
+        points = centre * np.exp(offsets) if how.step == "ratio" else centre + offsets
         points = np.unique(np.clip(points, how.lower, how.upper))
         shapes = [
             last.placed._replace(shape=(float(x), *last.shape[1:])) for x in points
         ]
-        for group in task.design.add(shapes):
+        for group in design.add(shapes):
             trial = fit_jointly(
-                task.design,
-                task.prior,
+                design,
+                prior,
                 (*others, group),
-                counted,
+                like.counted,
                 like.variance,
-                system=base_system.beside(task.design, group),
+                system=system.beside(design, group),
             )
-            if trial.score > top and is_fit_possible(task.design, trial, group):
+            if trial.score > top and is_fit_possible(design, trial, group):
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
-    task.design.drop_newest_columns(size)  # of all that was tried one shape is kept
+    design.drop_newest_columns(size)  # of all that was tried one shape is kept
     if winner is not last:
-        (winner,) = task.design.add([winner.placed])
-    winner, *_ = _try_candidate(
-        task, replace(like, members=tuple(others)), winner, base_system
-    )
-    return (*others, winner)
+        (winner,) = design.add([winner.placed])
+    return (*others, replace(winner, fellows=last.fellows))
 
 
-def _swap(task: SearchTask, current: Fit, where: set[int]) -> Fit:
-    """Replace a member where another candidate explains the same better by 1 nat.
-
-    Only members that share a joint with the last addition are looked at: nothing
-    changed for the others. One of several joints that came together gives way to
-    something else only for as much as a name of its own would need.
-    """
-    for _ in range(2):
-        for group in current.members:
-            if not where & joints_acted_on(task, group):
-                continue
-            others = tuple(g for g in current.members if g is not group)
-            without = task.fit(others, current)
-            member_nats = task.net_gain(current, without, group)
-            ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
-            margin = 1.0 if group.fellows == 1 else task.rules.min_nats
-            if ranked and ranked[0][0] > member_nats + margin:
-                members = refine_last_shape(task, (*others, ranked[0][1]), without)
-                current = task.settle(task.fit(members, without))
-                break
-        else:
-            return current
-    return current
+def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool:
+    """Whether a name explains clearly less of its joint than a curve."""
+    own, theirs, first = (x.errors[:, joint] for x in (curve, name, before))
+    gain = theirs - own
+    scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
+    if gain.sum() <= THRESHOLDS.paired_deviations * scatter:
+        return False
+    share = THRESHOLDS.explained_share
+    return bool((first - theirs).sum() < share * (first - own).sum())
 
 
-def _delete(task: SearchTask, current: Fit) -> Fit:
-    """Drop members that no longer carry their own weight.
-
-    Members of a group that came together stay while they carry any: the name stands
-    already, and what a joint still lacks makes its rows count for little.
-    """
-    for group in current.members:
-        others = tuple(g for g in current.members if g is not group)
-        without = task.fit(others, current)
-        value, _, _ = compute_evidence_gain(task.design, task.prior, current, without)
-        if value < required_nats(task, current.members, group):
-            current = task.settle(without)
-    return current
+def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:
+    """Whether a curve draws what a name of its joint says in its own variable."""
+    if not is_curve(curve) or is_curve(name) or name.joints != curve.joints:
+        return False
+    by_position = name.effect.variable is against_position
+    return by_position == (curve.effect is CURVES["q"])
 
 
-def required_nats(
-    task: SearchTask, members: Sequence[CandidateColumns], group: CandidateColumns
-) -> float:
-    """Evidence that a member must carry to stay [nats].
-
-    None for one of several joints, as long as half of the arm's joints have the name;
-    what every drive has may even cost as much, since what a joint lacks may hide it.
-    """
-    if EffectTrait.CONSTANT in group.effect.traits:
-        # Tested on left-out parts: a joint whose error it halves may have five rows
-        # that count.
-        return -np.inf
-    name = group.effect.name
-    fellows = [g for g in members if g.fellows > 1 and g.effect.name == name]
-    enough = group in fellows and len(fellows) >= max(2, task.design.dof / 2)
-    low = -task.rules.min_nats if group.effect.drive_order else 0.0
-    return low if enough else task.rules.min_nats
+def _cancel(first: CandidateColumns, second: CandidateColumns) -> bool:
+    """Whether two waves of one joint have nearly the same order."""
+    if first.effect is not second.effect or first.joints != second.joints:
+        return False
+    if EffectTrait.PERIODIC not in first.effect.traits or not first.shape:
+        return False
+    ratio = first.shape[0] / second.shape[0]
+    return 1 / THRESHOLDS.ripple_order_ratio < ratio < THRESHOLDS.ripple_order_ratio

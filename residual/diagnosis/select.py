@@ -1,520 +1,516 @@
-"""Choose the set of effects, the scale of the rigid prior and that of given values.
+"""Names and their probability: searches under every scale of what is given, averaged.
 
-The inertial parameters have the prior N(given, (scale * size)^2), declared values
-N(given, (width * value)^2); neither is known. Empirical Bayes takes the pair of prior
-and set with the most evidence (type-II maximum likelihood; MacKay 1992),
-
-    max over scale, widths, S of  ln p(y | S, scale, widths) - sum over S of prices.
-
-Prior and set are chosen together, after a search under each prior: a scale that is
-chosen first widens until the parameters absorb the effect. The grid is not searched in
-full: all scales with the values as given, all widths at each local maximum, then the
-width of each kind of value by itself, then the neighbors of the best scale.
+Of the scales that predict left-out blocks as well as the best (paired by block, t < 2)
+each counts by its evidence. The probability of a name is the share of them in which it
+stands, or what blocks cannot tell from it, times what evidence of its size is worth.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass, field, replace
-from itertools import combinations
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from residual.diagnosis.search import (
-    FIRST_LOOKS,
+from residual.diagnosis.adequacy import assess_adequacy, torque_from_angle_noise
+from residual.diagnosis.candidates import (
     Candidates,
-    SearchTask,
-    joints_acted_on,
-    rank_additions,
-    refine_last_shape,
-    search_effect_set,
+    build_candidates,
+    recompute_candidates,
 )
-from residual.evidence.design import CandidateColumns
+from residual.diagnosis.score import LeftOut, Score, label_blocks
+from residual.diagnosis.search import (
+    Search,
+    SearchRun,
+    add_curves,
+    is_curve,
+    member_torque_shares,
+    refine_last_shape,
+)
+from residual.effects.base import EffectTrait
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.design import Design
 from residual.evidence.fit import (
     Fit,
-    FitEquations,
     NominalPrior,
-    find_group_limits,
+    build_fitted_model,
     fit_jointly,
-    is_fit_possible,
+    fit_nominal,
+    keep_physical_terms,
 )
-from residual.evidence.priors import (
-    WIDTHS,
-    PriorSpace,
-    stack_groups,
-    weight_column_products,
-)
-from residual.evidence.thresholds import THRESHOLDS, EvidenceThresholds
+from residual.evidence.priors import WIDTHS, PriorSpace, build_relative_prior
+from residual.evidence.thresholds import THRESHOLDS
+from residual.model.nominal import FitLogs, NominalModel
 from residual.recording import Array
-from residual.robot.dynamics import PER_LINK
-from residual.verdict.result import Detectable
+from residual.verdict.result import Splits
+
+PARTS = 3  # of the logs, left out in turn
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Member:
+    """One named effect on one joint, or of the whole arm."""
+
+    group: CandidateColumns  # the effect, joints and shape
+    nats: float  # evidence that it carries in the whole set
+    by: str  # "fit" or "plausibility"
+    joint: int  # the joint (from 0) on which it matters most
+    # Joint (from 0) whose left-out error falls most: without the name the parameters
+    # bend, and that may show elsewhere.
+    shown_joint: int
+    probability: float  # of its class against all other names and none
+    equivalent: tuple[CandidateColumns, ...]  # what blocks cannot tell from it
+    splits: Splits  # how many thirds of the logs it is borne out without
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Selection:
-    """The search's result."""
+    """The likeliest set, what else is likely, and under which priors."""
 
-    task: SearchTask  # data under the chosen prior
-    fit: Fit  # its best fit
-    # The widest prior that the logs do not contradict, for standard deviations.
+    search: Search  # data, prior and candidates of the likeliest set
+    fit: Fit  # its fit, curves left out
+    members: tuple[Member, ...]  # its names, surest first
+    curves: tuple[CandidateColumns, ...]  # joints that follow a curve and no name
+    # Scale of the rigid part: the evidence-weighted median; the widest that counts.
+    scale: float
     wide: NominalPrior
 
 
+def select_names(
+    logs: FitLogs, nominal: NominalModel, progress: Callable[[float], None]
+) -> Selection:
+    """Search the logs for what the nominal model lacks."""
+    design = Design(
+        logs.tracks,
+        nominal.model,
+        labels=label_blocks(logs.tracks),
+        shaken=logs.shaken if _is_torque_shaken(logs, nominal) else (),
+    )
+    first = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
+    design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
+    candidates = build_candidates(design, nominal, logs.span, logs.clock is not None)
+    curves = add_curves(design, logs.tracks)
+    space = PriorSpace(design, nominal)
+
+    def search(prior: NominalPrior) -> Search:
+        allowed = candidates.without(tuple(space.list_barred_effects(prior)))
+        return Search(Score(design, prior), allowed, curves)
+
+    runs: dict[tuple, SearchRun] = {}
+
+    def run(prior: NominalPrior) -> SearchRun:
+        key = prior.scale, tuple(sorted(prior.widths.items()))
+        if key not in runs:
+            runs[key] = search(prior).run()
+            progress(len(runs) / (len(runs) + 3))
+        return runs[key]
+
+    # Columns that read the model's torque see it with what a first search finds.
+    if _reads_torque(found := run(first)):
+        _settle_torque_model(found, nominal)
+        candidates = recompute_candidates(design, candidates)
+        runs.clear()
+
+    # From free to exact: where values are worse than a scale says, so is its forecast.
+    # Below the scales that are too rough for names of bodies such a name may mend it.
+    for rough in (True, False):
+        own: list[SearchRun] = []
+        for scale in reversed(space.scales):
+            if (scale > THRESHOLDS.rough_scale) == rough:
+                own.append(run(space.at(scale, space.even[0])))
+                if _falls_behind(own):
+                    break
+    weighted = _weigh(design, candidates, list(runs.values()))
+    if others := _other_widths(space, weighted):
+        for prior in others:
+            run(prior)
+        weighted = _weigh(design, candidates, list(runs.values()))
+    constants = _Constants.of(design, nominal, curves)
+    return _conclude(logs, nominal, weighted, search, constants, runs)
+
+
+def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
+    """Whether noise of the angles makes torque that shows beside the torque's own."""
+    angles = torque_from_angle_noise(nominal.model, logs.sketch, logs.shaken)
+    noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.sketch], axis=0))
+    return bool((angles > THRESHOLDS.shaken_share * noise).any())
+
+
+def _reads_torque(found: SearchRun) -> bool:
+    """Whether something was found that shifts what reads the model's torque."""
+    design = found.score.design
+    shares = [
+        float(member_torque_shares(design, found.fit, g).max()) for g in found.named
+    ]
+    uses = [EffectTrait.USES_MODEL in g.effect.traits for g in found.named]
+    return any(uses) or max(shares, default=0.0) > THRESHOLDS.large_torque_share
+
+
+def _settle_torque_model(found: SearchRun, nominal: NominalModel) -> None:
+    """Let the design see the torque of the named effects, iterated: Gauss-Newton."""
+    design, fitted, score = found.score.design, found.fit, found.score
+    for _ in range(THRESHOLDS.refit_rounds):
+        model = build_fitted_model(nominal, _without_curves(score, fitted))
+        design.set_torque_model(keep_physical_terms(model))
+        members = tuple(design.add([g.placed for g in fitted.members]))
+        for group in members:
+            if group.effect.refine and EffectTrait.USES_MODEL in group.effect.traits:
+                others = tuple(g for g in members if g is not group)
+                members = refine_last_shape(score, (*others, group), fitted)
+        before, fitted = fitted.score, score.fit(members, fitted)
+        if abs(fitted.score - before) < THRESHOLDS.steady_nats:
+            break
+
+
+def _without_curves(score: Score, fitted: Fit) -> Fit:
+    return score.fit([g for g in fitted.members if not is_curve(g)], fitted)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
-class _SearchRuns:
-    """Searches so far by the prior's scale and widths, and what each may name."""
+class Weighted:
+    """Searches that predict left-out blocks as well as the best, likeliest first."""
 
-    space: PriorSpace
-    candidates: Candidates
-    rules: EvidenceThresholds
-    done: dict[tuple, Selection] = field(default_factory=dict)
-    allowed: dict[frozenset[str], Candidates] = field(default_factory=dict)
-
-    def search(self, prior: NominalPrior) -> None:
-        """Search under a prior, unless that was done."""
-        if (key := _key(prior)) not in self.done:
-            barred = frozenset(self.space.list_barred_effects(prior))
-            if barred not in self.allowed:
-                self.allowed[barred] = self.candidates.without(tuple(barred))
-            task = SearchTask(
-                self.space.design, prior, self.allowed[barred], self.rules
-            )
-            self.done[key] = Selection(task, search_effect_set(task), prior)
+    runs: tuple[SearchRun, ...]
+    share: tuple[float, ...]  # of the evidence
 
     @property
-    def counted(self) -> Array:
-        """Rows of each joint, counted alike for all runs. Shape (dof,)."""
-        return np.max([r.fit.counted for r in self.done.values()], axis=0)
-
-    @property
-    def best(self) -> Selection:
+    def best(self) -> SearchRun:
         """The run with the most evidence."""
-        counted = self.counted
-        return max(self.done.values(), key=lambda r: _comparable_score(r, counted))
+        return self.runs[0]
 
-    def score(self, prior: NominalPrior, run: Selection) -> float:
-        """Evidence of a run's set under another prior [nats]."""
+
+def _weigh(
+    design: Design, candidates: Candidates, runs: Sequence[SearchRun]
+) -> Weighted:
+    """Weigh runs by evidence, each name priced."""
+    power = np.maximum(design.power.sum(axis=0), 1e-30)
+    first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
+    lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
+    best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
+    same = [r for r, x in zip(runs, lefts, strict=True) if _predicts_as_well(x, best)]
+    counted = np.max([r.fit.counted for r in runs], axis=0)
+
+    def evidence(run: SearchRun) -> float:
+        prior, start = run.score.prior, run.fit.variance
         members = run.fit.members
+        common = fit_jointly(design, prior, members, counted, start, rounds=4)
+        price = float(np.log(len(candidates.price)))
+        costs = (price if is_curve(g) else candidates.cost(g) for g in members)
+        return common.score - sum(costs)
+
+    values = np.array([evidence(r) for r in same])
+    order = np.argsort(-values)
+    share = np.exp(values[order] - values.max())
+    share /= share.sum()
+    return Weighted(tuple(same[i] for i in order), tuple(share.tolist()))
+
+
+def _predicts_as_well(left: LeftOut, best: LeftOut) -> bool:
+    loss = best.gain_over(left)
+    scatter = loss.std(ddof=1) * np.sqrt(len(loss))
+    if loss.sum() <= THRESHOLDS.paired_deviations * scatter:
+        return True
+    total, least = (float((x.errors @ x.weight).sum()) for x in (left, best))
+    return total < (1 + THRESHOLDS.same_share) * least
+
+
+def _falls_behind(runs: Sequence[SearchRun]) -> bool:
+    """Whether the last run predicts left-out blocks clearly worse than the best."""
+    weight = runs[-1].left_out.weight
+    lefts = [replace(r.left_out, weight=weight) for r in runs]
+    best = min(lefts, key=lambda x: float((x.errors @ weight).sum()))
+    total, least = (float((x.errors @ weight).sum()) for x in (lefts[-1], best))
+    behind = total > (1 + THRESHOLDS.hopeless_share) * least
+    return behind and not _predicts_as_well(lefts[-1], best)
+
+
+def _other_widths(space: PriorSpace, weighted: Weighted) -> list[NominalPrior]:
+    """Priors with other widths of given values beside the best, one kind at a time."""
+    if not space.free or not weighted.best.score.prior.widths:
+        return []
+    prior = weighted.best.score.prior
+    out = [space.at(prior.scale, widths) for widths in space.even]
+    kinds = prior.widths if len(prior.widths) > 1 else ()
+    trials = [
+        space.at(prior.scale, {**prior.widths, kind: width})
+        for kind in kinds
+        for width in WIDTHS
+    ]
+    fitted, members = weighted.best.fit, weighted.best.fit.members
+
+    def score(one: NominalPrior) -> float:
         return fit_jointly(
-            self.space.design, prior, members, self.counted, rounds=4
+            space.design, one, members, fitted.counted, fitted.variance, rounds=4
         ).score
 
-
-def _key(prior: NominalPrior) -> tuple:
-    return prior.scale, tuple(sorted(prior.widths.items()))
-
-
-def select_set_and_prior(
-    space: PriorSpace,
-    candidates: Candidates,
-    rules: EvidenceThresholds,
-    progress: Callable[[float], None] = lambda fraction: None,
-) -> Selection:
-    """Search under the priors and keep the pair with the most evidence.
-
-    Every scale of the rigid part is tried with the values as they were said to be; at
-    each that is a hill, every width for all of them; then each kind of value may go
-    its own way; then that scale's neighbours.
-
-    Args:
-        candidates: All that may be named under some prior.
-    """
-
-    def as_given(runs: _SearchRuns) -> Iterable[NominalPrior]:
-        return [space.at(scale, space.even[0]) for scale in space.scales]
-
-    runs, turns = (
-        _SearchRuns(space, candidates, rules),
-        (as_given, _even_widths, _by_kind, _adjacent_scales),
-    )
-    for turn, wanted in enumerate(turns):
-        for prior in wanted(runs):
-            runs.search(prior)
-            progress((turn + len(runs.done) / (len(runs.done) + 2)) / len(turns))
-    best = runs.best
-    return replace(best, fit=best.task.settle(best.fit), wide=_widest_prior(runs, best))
-
-
-def _even_widths(runs: _SearchRuns) -> Iterable[NominalPrior]:
-    """Every width at the best scale, and at others that are best beside their own.
-
-    A sharp prior with names and a wide one without are two hills of evidence.
-    """
-    scales, counted = runs.space.scales, runs.counted
-    worth = [
-        _comparable_score(run, counted) for run in runs.done.values()
-    ]  # one a scale, so far
-    walls = [-np.inf, *worth, -np.inf]
-    tops = [
-        scale
-        for i, scale in enumerate(scales)
-        if worth[i] >= max(walls[i], walls[i + 2])
-        and worth[i] > max(worth) - THRESHOLDS.hill_nats
-    ]
-    return [runs.space.at(s, widths) for s in tops for widths in runs.space.even]
-
-
-def _by_kind(runs: _SearchRuns) -> Iterable[NominalPrior]:
-    for _ in range(THRESHOLDS.width_rounds):
-        best = runs.best
-        if not runs.space.free or len(best.wide.widths) < 2:
-            return
-        turned = _best_widths(runs, best)
-        if _key(turned) in runs.done:
-            return
-        yield turned
-
-
-def _best_widths(runs: _SearchRuns, best: Selection) -> NominalPrior:
-    """The prior with the best width of each kind, one after the other."""
-    prior = best.wide
-    for kind in best.wide.widths:
-        trials = [
-            runs.space.at(prior.scale, {**prior.widths, kind: width})
-            for width in WIDTHS
-        ]
-        prior = max([prior, *trials], key=lambda p: runs.score(p, best))
-    return prior
-
-
-def _adjacent_scales(runs: _SearchRuns) -> Iterable[NominalPrior]:
-    best, scales = runs.best.wide, runs.space.scales
-    index = scales.index(best.scale)
-    return [
-        runs.space.at(s, best.widths) for s in scales[max(index - 1, 0) : index + 2]
-    ]
-
-
-def _widest_prior(runs: _SearchRuns, run: Selection) -> NominalPrior:
-    """The widest prior within 6 nats, and none under 10 % where the scale is open.
-
-    How wrong a URDF is can be estimated only as far as the wrong values can be seen;
-    what trades off against a load cannot. Given values are held as they were when the
-    effects were named: one that may be off at will leaves nothing to be named.
-    """
-    prior, scales = run.task.prior, runs.space.scales
-    if len(scales) == 1:
-        return prior
-    priors = [runs.space.at(s, prior.widths) for s in scales]
-    scores = [runs.score(p, run) for p in priors]
-    allowed = [
-        p
-        for p, score in zip(priors, scores, strict=True)
-        if score > max(scores) - THRESHOLDS.alike_scale_nats
-        or p.scale == THRESHOLDS.min_wide_scale
-    ]
-    return max(allowed, key=lambda p: p.scale)
-
-
-def neighbor_priors(space: PriorSpace, prior: NominalPrior) -> tuple[NominalPrior, ...]:
-    """Priors that a search might have turned to, beside the one that it chose."""
-    pairs = [(s, widths) for widths in space.even for s in space.scales]
-    pairs += [(s, prior.widths) for s in space.scales]
-    if space.free and len(prior.widths) > 1:
-        pairs += [
-            (prior.scale, {**prior.widths, kind: width})
-            for kind in prior.widths
-            for width in WIDTHS
-        ]
-    priors = {_key(p): p for p in (space.at(*one) for one in pairs)}
-    priors.pop(_key(prior), None)
-    return tuple(priors.values())
-
-
-def _comparable_score(run: Selection, counted: Array) -> float:
-    """Evidence with equal row counts for all runs, less the price of names."""
-    task, members = run.task, run.fit.members
-    common = fit_jointly(task.design, task.prior, members, counted, rounds=4)
-    # What a name costs beside its choice: a link's, all that a name must win.
-    price = (
-        THRESHOLDS.nats_per_link if g.effect.replaces_link else THRESHOLDS.nats_per_name
-        for g in members
-    )
-    costs = (task.candidates.cost(g) for g in members)
-    return common.score - sum(a + b for a, b in zip(costs, price, strict=True))
-
-
-# Sets of effects near the one that was found: better ones, and those as good.
-#
-# A greedy search takes one effect after another, and what two changes do together one
-# of another name may do almost as well. So near its end members are swapped one for
-# one, one for two and two for one, and every set pays alike:
-#
-# score(S) = log evidence - sum over S of (price + threshold)
-#
-# which is the threshold that a single name must pass, as a prior over sets.
-
-
-FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
-FAR = 2 * THRESHOLDS.class_nats  # nats from where a set is not worth a closer look
-
-Members = tuple[CandidateColumns, ...]
-
-
-def find_member_alternatives(
-    task: SearchTask, fitted: Fit, group: CandidateColumns
-) -> tuple[list[CandidateColumns], float]:
-    """What could stand in a member's place, and how sure its class is.
-
-    Returns:
-        Candidates within 6 nats of the member when swapped in, nearest first; the
-        probability of that class against every other candidate and against nothing.
-    """
-    if (fitted, group) not in task.alternatives:
-        task.alternatives[fitted, group] = _alternatives(task, fitted, group)
-    return task.alternatives[fitted, group]
-
-
-def _alternatives(
-    task: SearchTask, fitted: Fit, group: CandidateColumns
-) -> tuple[list[CandidateColumns], float]:
-    others = [g for g in fitted.members if g is not group]
-    without = task.fit(others, fitted)
-    member_nats = task.net_gain(fitted, without, group)
-    ranked = rank_additions(task, without, instead=group)
-    residual_power = np.maximum(without.sse, 1e-30)
-    removed = np.maximum(without.sse - fitted.sse, 0) / residual_power
-    joint = int(np.argmax(removed))
-
-    def stands_in(value: float, big: Fit) -> bool:
-        """It explains what the member explains, and not something else beside it."""
-        fall = (without.sse[joint] - big.sse[joint]) / residual_power[joint]
-        return (
-            member_nats - value < THRESHOLDS.class_nats and fall > 0.5 * removed[joint]
-        )
-
-    near = [g for value, g, big in ranked if stands_in(value, big)]
-    far = [value for value, g, _ in ranked if g not in near]
-    inside = np.exp(
-        [0.0, *(min(v - member_nats, 50) for v, g, _ in ranked if g in near)]
-    ).sum()
-    outside = np.exp([min(v - member_nats, 50) for v in [0.0, *far]]).sum()
-    return near, float(inside / (inside + outside))
-
-
-def find_load_alternatives(
-    task: SearchTask, fitted: Fit, group: CandidateColumns
-) -> list[CandidateColumns]:
-    """Loads that add the very body that a heavier last link adds.
-
-    Evidence prefers the name with one coefficient, but the torques are the same.
-    """
-    robot, add = task.design.model.robot, group.effect.portable.bodies
-    if add is None:
-        return []
-    body, out = add(fitted.of(group), group.joints, robot), []
-    taken = {g.key for g in fitted.members}
-    for g in task.candidates.groups:
-        add = g.effect.portable.bodies
-        if g.effect.scope != "flange" or add is None or g.key in taken:
-            continue
-        unit = np.stack([add(x, g.joints, robot) for x in np.eye(len(g.ids))], axis=1)
-        theta = unit.T @ body  # a coefficient is an inertial parameter of its link
-        limits = find_group_limits(task.design, fitted, g)
-        same = np.allclose(unit @ theta, body) and body[::PER_LINK].sum() > 0
-        if same and g.effect.possible(theta, g.shape, limits):
-            out.append(g)
-    return out
-
-
-def swap_for_simpler_names(task: SearchTask, fitted: Fit) -> Fit:
-    """Prefer the simpler of two names that the data cannot tell apart.
-
-    A member gives way to an alternative with fewer coefficients and shape parameters
-    that explains the same within 3 nats (odds of 20 to 1).
-    """
-    for group in fitted.members:
-        others = [g for g in fitted.members if g is not group]
-        without = task.fit(others, fitted)
-        # Priced as if alone: one of several joints has no lead over its alternative.
-        member_nats = task.net_gain(fitted, without, replace(group, fellows=1))
-        for value, candidate, _ in rank_additions(task, without, instead=group):
-            if member_nats - value < THRESHOLDS.simpler_nats and _size(
-                candidate
-            ) < _size(group):
-                stand_in = replace(candidate, fellows=group.fellows)
-                fitted = task.settle(task.fit((*others, stand_in), without))
-                break
-    return fitted
-
-
-def _size(group: CandidateColumns) -> float:
-    """Number of free parameters of a group, and how far-fetched it is."""
-    shape = group.effect.refine is not None
-    return len(group.ids) + shape + group.effect.far_fetched
+    return out + sorted(trials, key=score, reverse=True)[: THRESHOLDS.width_rounds]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class RivalSet:
-    """Another set that the logs cannot tell from the one named."""
+class _Constants:
+    """The same logs with the constants of joints as candidates, not in the model."""
 
-    members: Members  # its effects
-    nats: float  # its score over that of the named set [nats]
-    twin: bool = False  # whether the two differ by what these logs cannot show at all
+    space: PriorSpace
+    groups: tuple[CandidateColumns, ...]
+    curves: Sequence[CandidateColumns]
+
+    @classmethod
+    def of(
+        cls,
+        design: Design,
+        nominal: NominalModel,
+        curves: Sequence[CandidateColumns],
+    ) -> "_Constants":
+        """Take the constants out of the model; no column is computed anew."""
+        count = nominal.constants
+        if not count:
+            return cls(PriorSpace(design, nominal), (), curves)
+        terms, ids = nominal.model.terms[-count:], design.nominal[-count:]
+        bare = design.drop_last_terms(count)
+        groups = [
+            bare.group_columns(t, ids[[i]])
+            for i, t in enumerate(terms)
+            if design.rows[t.joints[0]] >= THRESHOLDS.min_rows
+        ]
+        space = PriorSpace(bare, nominal.without_constants())
+        return cls(space, tuple(groups), curves)
+
+    def score(self, prior: NominalPrior) -> Score:
+        """The same prior without constants."""
+        return Score(self.space.design, self.space.at(prior.scale, prior.widths))
+
+    def search(self, search: Search) -> Search:
+        """The same search with constants among the candidates."""
+        candidates = search.candidates
+        if self.groups:
+            candidates = candidates.beside(self.groups)
+        return Search(self.score(search.score.prior), candidates, self.curves)
 
 
-def improve_set(task: SearchTask, fitted: Fit) -> Fit:
-    """Move to a better set near the one found, as long as there is one."""
-    if any(g.fellows > 1 for g in fitted.members):
-        return fitted
-    for _ in range(THRESHOLDS.set_rounds if fitted.members else 0):
-        score = _set_score(task, fitted)
-        best = max(
-            _neighboring_fits(task, fitted),
-            key=lambda f: _set_score(task, f),
-            default=fitted,
+def _conclude(
+    logs: FitLogs,
+    nominal: NominalModel,
+    weighted: Weighted,
+    search: Callable[[NominalPrior], Search],
+    constants: _Constants,
+    runs: Mapping[tuple, SearchRun],
+) -> Selection:
+    """The likeliest set with the probability of each name."""
+    priors = [r.score.prior for r in weighted.runs]
+    look = constants.search(search(weighted.best.score.prior))
+    found = weighted.best.fit.members
+    named = _drop_curved_constants(look.score, found, constants.groups)
+    best, former = _join_constants(look, found, named)
+    doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
+    parts = _fit_parts(best.score, best.fit)
+    members = tuple(
+        sorted(
+            (
+                _judge(look, best, weighted, g, doubted, parts, former.get(g))
+                for g in best.named
+            ),
+            key=lambda m: -m.probability,
         )
-        if _set_score(task, best) < score + THRESHOLDS.better_set_nats or not all(
-            is_fit_possible(task.design, best, g) for g in best.members
-        ):
-            break
-        fitted = task.settle(task.fit(best.members, best))
-    return fitted
-
-
-def find_rival_sets(
-    task: SearchTask, fitted: Fit, detectable: Sequence[Detectable]
-) -> list[RivalSet]:
-    """Return all sets within 6 nats of the one named, nearest first."""
-    if not fitted.members or any(g.fellows > 1 for g in fitted.members):
-        return []
-    near, twins = (
-        find_separable_sets(task, fitted),
-        _body_twins(task, fitted, detectable),
     )
-    known = {_places_of(r.members) for r in near}
-    return [*near, *(r for r in twins if _places_of(r.members) not in known)]
+    scores = [constants.score(r.score.prior) for r in runs.values()]
+    sure = [m.group for m in members if m.probability >= THRESHOLDS.sure_probability]
+    score = _choose_predictive_scale(best, sure, scores)
+    # Sizes are freed of the noise one by one, since it may move them far.
+    score = replace(score, design=score.design.keep_angle_noise())
+    scales = sorted(zip([p.scale for p in priors], weighted.share, strict=True))
+    middle = np.searchsorted(np.cumsum([s for _, s in scales]), 0.5)
+    wide = _find_widest_prior(constants.space, weighted)
+    return Selection(
+        replace(look, score=score),
+        score.fit([m.group for m in members], best.fit),
+        members,
+        best.curves,
+        scales[min(int(middle), len(scales) - 1)][0],
+        wide,
+    )
 
 
-def find_separable_sets(task: SearchTask, fitted: Fit) -> list[RivalSet]:
-    """Return the sets of those that another motion may tell from the one named."""
-    if not fitted.members or any(g.fellows > 1 for g in fitted.members):
-        return []
-    if fitted not in task.near_sets:
-        task.near_sets[fitted] = _near_sets(task, fitted)
-    return task.near_sets[fitted]
+def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
+    """The widest prior within 6 nats, and none under 10 % where the scale is open.
 
-
-def _near_sets(task: SearchTask, fitted: Fit) -> list[RivalSet]:
-    score, rivals = _set_score(task, fitted), {}
-    for neighbor in _neighboring_fits(task, fitted):
-        gap = _set_score(task, neighbor) - score
-        key = _places_of(neighbor.members)
-        if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
-            rival = rivals.get(key)
-            if rival is None or gap > rival.nats:
-                rivals[key] = RivalSet(neighbor.members, gap)
-    return sorted(rivals.values(), key=lambda r: -r.nats)
-
-
-def _neighboring_fits(task: SearchTask, fitted: Fit) -> Iterator[Fit]:
-    """Sets one move away: another for one, two for one, one for two, one less."""
-    members = fitted.members
-    for group in members:
-        others = tuple(g for g in members if g is not group)
-        without = task.fit(others, fitted)
-        yield without
-        ranked = rank_additions(task, without, instead=group, looks=FIRST_LOOKS)
-        for _, candidate, _ in ranked[:FIRST]:
-            swapped = _fit_with(task, others, candidate, without)
-            yield swapped
-            for _, second, _ in _other_additions(task, swapped, (group,))[:SECOND]:
-                yield _fit_with(task, swapped.members, second, swapped)
-    for first, second in combinations(members, 2):
-        if joints_acted_on(task, first) & joints_acted_on(task, second):
-            others = tuple(g for g in members if g is not first and g is not second)
-            without = task.fit(others, fitted)
-            for _, candidate, _ in _other_additions(task, without, (first, second))[
-                :FIRST
-            ]:
-                yield _fit_with(task, others, candidate, without)
-
-
-def _other_additions(
-    task: SearchTask, base: Fit, gone: Sequence[CandidateColumns]
-) -> list:
-    """Additions to a fit that are not among the removed candidates."""
-    keys = {g.key for g in gone}
-    ranked = rank_additions(task, base, looks=FIRST_LOOKS)
-    return [one for one in ranked if not one[1].parts and one[1].key not in keys]
-
-
-def _fit_with(
-    task: SearchTask,
-    others: Sequence[CandidateColumns],
-    candidate: CandidateColumns,
-    like: Fit,
-) -> Fit:
-    return task.fit(refine_last_shape(task, (*others, candidate), like), like)
-
-
-def _set_score(task: SearchTask, fitted: Fit) -> float:
-    price = sum(task.candidates.cost(g) + task.rules.min_nats for g in fitted.members)
-    return fitted.score - price
-
-
-def _places_of(members: Sequence[CandidateColumns]) -> tuple:
-    return tuple(sorted((g.effect.name, g.joints) for g in members))
-
-
-def _body_twins(
-    task: SearchTask, fitted: Fit, least: Sequence[Detectable]
-) -> list[RivalSet]:
-    """Sets with one more change of a body that the named ones take up unseen.
-
-    A smaller load and a heavier link do what a load does; no evidence chooses, only
-    the price of one more name.
+    How wrong given values are can be told only as far as wrong ones can be seen; what
+    trades off against a load cannot.
     """
-    bodies = [g for g in fitted.members if g.effect.portable.bodies is not None]
-    taken = _places_of(fitted.members)
-    candidates = [
-        g
-        for g in task.candidates.groups
-        if g.effect.portable.bodies is not None
-        and not g.parts
-        and (g.effect.name, g.joints) not in taken
-        and len(g.ids) == 1
-    ]
-    if not bodies or not candidates:
-        return []
-    non_bodies = [g for g in fitted.members if g not in bodies]
-    without_bodies = _information(task, fitted, non_bodies, candidates)
-    with_bodies = _information(task, fitted, fitted.members, candidates)
+    least = weighted.share[0] * np.exp(-THRESHOLDS.class_nats)
+    pairs = zip(weighted.runs, weighted.share, strict=True)
+    near = [run.score.prior for run, share in pairs if share >= least]
+    wide = max(near, key=lambda prior: prior.scale)
+    scale = max(wide.scale, min(THRESHOLDS.rough_scale, space.scales[-1]))
+    return space.at(scale, wide.widths)
+
+
+def _join_constants(
+    look: Search,
+    found: Sequence[CandidateColumns],
+    constants: Sequence[CandidateColumns],
+) -> tuple[SearchRun, dict[CandidateColumns, str]]:
+    """The names with the constants that carry their price.
+
+    A name beside a free constant may be another one without: a balancer and a constant
+    are a spring at rest elsewhere. The set with the most evidence less its price wins.
+
+    Returns:
+        The set, and of each name that so took another's place the other's effect.
+    """
+    best, former = look.settle((*found, *constants)), {}
+    for group in found:
+        beside = [g for g in constants if g.joints == group.joints]
+        if is_curve(group) or not any(g in best.fit.members for g in beside):
+            continue
+        rest = tuple(g for g in best.fit.members if g is not group and g not in beside)
+        base = look.score.fit(rest, best.fit)
+        for trial in look.look(base, group, THRESHOLDS.class_looks):
+            if is_curve(trial.group) or trial.group.parts:
+                continue
+            other = look.settle((*rest, trial.group, *beside))
+            if look.leads(other.fit, best.fit):
+                best, former[trial.group] = other, group.effect.name
+    return best, former
+
+
+def _find_doubted_joints(
+    logs: FitLogs, nominal: NominalModel, best: SearchRun
+) -> tuple[int, ...]:
+    """Joints (from 0) on which more than noise is left beside the names."""
+    named = _without_curves(best.score, best.fit)
+    model = build_fitted_model(nominal, named)
+    angles = torque_from_angle_noise(model, logs.sketch, logs.shaken)
+    plain, design = best.score.fit((), named), best.score.design
+    return assess_adequacy(design, logs.sketch, plain, named, angles).doubted
+
+
+def _drop_curved_constants(
+    score: Score, found: Sequence[CandidateColumns], groups: Sequence[CandidateColumns]
+) -> list[CandidateColumns]:
+    """Constants but those of joints that follow a curve, of which they say little.
+
+    A constant must explain most of what it and the curve explain together.
+    """
     out = []
-    for candidate, before, after in zip(
-        candidates, without_bodies, with_bodies, strict=True
-    ):
-        cost = task.candidates.cost(candidate) + task.rules.min_nats
-        # Clear without the named bodies, which take it up: not to be found beside them.
-        clear, taken_up = (
-            0.5 * THRESHOLDS.body_change_share**2 * before > cost,
-            after < THRESHOLDS.absorbed_share * before,
-        )
-        if clear and taken_up and _is_hidden(candidate, least):
-            out.append(RivalSet((*fitted.members, candidate), -cost, twin=True))
+    for group in groups:
+        curves = [g for g in found if is_curve(g) and g.joints == group.joints]
+        if curves:
+            others = [g for g in found if g not in curves]
+            sets = (others, [*others, group], [*others, group, *curves])
+            lefts = [score.left_out(score.fit(members)) for members in sets]
+            none, alone, both = (x.errors[:, group.joints[0]].sum() for x in lefts)
+            if none - alone < THRESHOLDS.explained_share * (none - both):
+                continue
+        out.append(group)
     return out
 
 
-def _is_hidden(candidate: CandidateColumns, least: Sequence[Detectable]) -> bool:
-    """Whether the usual change of a body is below the detectable size."""
-    place = candidate.effect.name, tuple(j + 1 for j in candidate.joints)
-    sizes = [d.value for d in least if (d.name, d.joints) == place]
-    return not any(
-        size is not None and size < THRESHOLDS.body_change_share for size in sizes
+def _choose_predictive_scale(
+    best: SearchRun, names: Sequence[CandidateColumns], scores: Sequence[Score]
+) -> Score:
+    """The prior under which the names predict left-out blocks best.
+
+    Evidence compares scales as if noise were all that is left; on a measured arm it is
+    not. No other prior is taken for less than ``min_share`` of the left-out error.
+    """
+    chosen = best.score
+    fitted = chosen.fit(names, best.fit)
+    left = chosen.left_out(fitted)
+    least = float((left.errors @ left.weight).sum()) * (1 - THRESHOLDS.min_share)
+    for score in scores:
+        errors = score.left_out(score.fit(names, fitted)).errors
+        if (total := float((errors @ left.weight).sum())) < least:
+            chosen, least = score, total
+    return chosen
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _Part:
+    """A set fitted to some of the blocks."""
+
+    score: Score
+    fit: Fit
+    covariances: list[tuple[Array, float]]
+
+
+def _fit_parts(score: Score, fitted: Fit) -> list[_Part]:
+    """Fit a set without each third of the blocks."""
+    every, out = np.arange(score.design.folds), []
+    for third in np.array_split(every, PARTS):
+        part = replace(score, design=score.design.part(np.setdiff1d(every, third)))
+        own = part.fit_like(fitted.members, fitted)
+        out.append(_Part(part, own, part.covariances(own)))
+    return out
+
+
+def _judge(
+    look: Search,
+    best: SearchRun,
+    weighted: Weighted,
+    group: CandidateColumns,
+    doubted: set[int],
+    parts: Sequence[_Part],
+    former: str | None,
+) -> Member:
+    """Evidence, equivalents and probability of one name.
+
+    Args:
+        former: Effect whose place it took when constants became candidates: with a free
+            constant the searches have that one.
+    """
+    score, fitted, left = best.score, best.fit, best.left_out
+    rest = tuple(g for g in fitted.members if g is not group)
+    without = score.fit(rest, fitted)
+    bare = replace(score.left_out(without), weight=left.weight)
+    removed = float(left.gain_over(bare).sum())
+    near, nats = [], score.nats(fitted, group)
+    for trial in look.look(without, group, THRESHOLDS.class_looks):
+        if is_curve(trial.group) or trial.nats < nats / 2:
+            continue
+        gain = left.gain_over(replace(trial.left_out, weight=left.weight))
+        scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
+        within = max(THRESHOLDS.class_nats, THRESHOLDS.paired_deviations * scatter)
+        if gain.sum() < within:
+            near.append(trial.group)
+    alike = {group.effect.name, former, *(g.effect.name for g in near)}
+    # A constant is free in every run.
+    constant = EffectTrait.CONSTANT in group.effect.traits
+    stands = constant or sum(
+        share
+        for run, share in zip(weighted.runs, weighted.share, strict=True)
+        if any(_same_place(g, group) and g.effect.name in alike for g in run.named)
+    )
+    fall = np.maximum((bare.errors - left.errors).sum(axis=0), 0.0)
+    shares = member_torque_shares(score.design, fitted, group)
+    spared = without.bent - fitted.bent
+    return Member(
+        group,
+        nats,
+        "plausibility" if spared > removed else "fit",
+        int(np.argmax(shares)),
+        int(np.argmax(fall / score.design.tau_power.sum(axis=0).clip(1e-30))),
+        float(stands) * name_probability(nats, bool(doubted & set(look.rows(group)))),
+        tuple(near),
+        Splits(
+            sum(
+                p.score.nats(p.fit, group, p.covariances) > look.cost(group)
+                for p in parts
+            ),
+            PARTS,
+        ),
     )
 
 
-def _information(
-    task: SearchTask,
-    fitted: Fit,
-    members: Sequence[CandidateColumns],
-    candidates: Sequence[CandidateColumns],
-) -> Array:
-    """Information on each candidate beyond a set. Shape (g,)."""
-    weight = fitted.weight(task.design.rows)
-    system = FitEquations.of(task.design, task.prior, members)
-    shared = weight_column_products(task.design, system, weight)
-    half = solve_triangular(system.solve(weight)[1], shared, lower=True)
-    out = np.empty(len(candidates))
-    for stack in stack_groups(task.design, candidates):
-        out[stack.members] = stack.beyond(weight, half)[:, 0, 0]
-    return out
+def _same_place(first: CandidateColumns, second: CandidateColumns) -> bool:
+    whole = not first.joints or not second.joints
+    return whole or first.joints == second.joints
+
+
+def name_probability(nats: float, doubted: bool = True) -> float:
+    """Probability of a name by its evidence: logistic in ln(nats).
+
+    Args:
+        doubted: Whether more than noise is left of a joint on which it acts: errors of
+            blocks are less independent then than evidence takes them for.
+    """
+    even = THRESHOLDS.even_nats if doubted else THRESHOLDS.clean_even_nats
+    odds = THRESHOLDS.odds_slope * np.log(max(nats, 1e-3) / even)
+    return float(1 / (1 + np.exp(-odds)))

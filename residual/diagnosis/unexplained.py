@@ -16,8 +16,8 @@ from scipy.sparse import csr_array
 
 from residual.calibration.correction_choice import TrainingRows, fit_chosen_tables
 from residual.calibration.table_regression import choose_table_levels
-from residual.diagnosis.gate import Adequacy, find_motion_period
-from residual.diagnosis.outcome import SearchOutcome
+from residual.diagnosis.adequacy import Adequacy, find_motion_period
+from residual.diagnosis.outcome import Outcome
 from residual.errors import format_joint_numbers
 from residual.evidence.columns import label_folds
 from residual.evidence.design import Design
@@ -378,14 +378,14 @@ def analyze_joint_remainders(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
 ) -> tuple[JointRemainder, ...]:
     """Look at every joint on which more than noise remains."""
-    out = []
+    out, folds = [], label_folds(tracks)
     for j in adequacy.doubted:
         residual = design.residual(j, fitted.ids, fitted.theta)
         power = (adequacy.structured_share[j] * design.rms[j]) ** 2 * len(residual)
         log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
         rows = JointResidual(
             residual,
-            np.unique(design.label_joint_folds(j), return_inverse=True)[1],
+            _stack(tracks, j, folds),
             log,
             design.rows[j] / fitted.counted[j],
             power,
@@ -578,11 +578,11 @@ class UnexplainedAnalysis:
 
 
 def analyze_unexplained(
-    outcome: SearchOutcome, fitted: Fit, augmented: Model
+    outcome: Outcome, fitted: Fit, augmented: Model
 ) -> UnexplainedAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = outcome.adequacy, outcome.logs.sketch
-    found = analyze_joint_remainders(outcome.task.design, tracks, fitted, told)
+    found = analyze_joint_remainders(outcome.design, tracks, fitted, told)
     made = fit_correction(augmented, tracks, found)
     sentences = ()
     if made is not None and made.uncorrected_joints:

@@ -8,7 +8,6 @@ from scipy.special import ndtri
 
 from residual.check.result import LogCheck
 from residual.diagnosis.detectable import find_detectable_sizes
-from residual.diagnosis.doubts import ConfirmedNames, WithdrawnName
 from residual.diagnosis.findings import (
     NamedEffect,
     covariance_between_logs,
@@ -16,11 +15,14 @@ from residual.diagnosis.findings import (
     rougher_body_prior,
     values_jacobian,
 )
-from residual.diagnosis.gate import GateResult
-from residual.diagnosis.held_out import classify_gain, describe_unproven_joints
+from residual.diagnosis.held_out import (
+    Proof,
+    classify_gain,
+    describe_unproven_joints,
+)
 from residual.diagnosis.open_question import list_places
-from residual.diagnosis.outcome import SearchOutcome
-from residual.diagnosis.select import find_rival_sets, neighbor_priors
+from residual.diagnosis.outcome import Outcome
+from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import (
     JointRemainder,
     UnexplainedAnalysis,
@@ -31,7 +33,6 @@ from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import format_joint_numbers
 from residual.evidence.fit import Fit, PossibleModel, invert_scaled
 from residual.evidence.priors import (
-    PriorSpace,
     compute_inertial_precision,
     compute_inertial_sd,
 )
@@ -71,9 +72,10 @@ from residual.verdict.result import (
 
 
 def build_verdict(
-    confirmed: ConfirmedNames,
+    proof: Proof,
     named: Sequence[NamedEffect],
     background: Sequence[NamedEffect],
+    suspected: Sequence[NamedEffect],
     bodies: PossibleModel,
     unexplained: UnexplainedAnalysis,
     question: OpenQuestion,
@@ -87,31 +89,32 @@ def build_verdict(
     Args:
         named: The findings to be listed, most torque first.
         background: Those that any used arm has.
+        suspected: What is less sure or refuted, and in no model.
         bodies: The augmented model, and what of it no body could be.
         errors: Errors of each model on the held-out logs; `tables` has them as values.
         notes: Warnings on the logs, which come first.
     """
-    outcome, validation = confirmed.outcome, confirmed.validation
-    task, robot = outcome.task, outcome.logs.robot
+    outcome = proof.outcome
+    search, robot = outcome.selection.search, outcome.logs.robot
+    unlikely = outcome.impossible or bodies
     contradicted = (
-        *describe_contradictions(outcome, validation.fit, errors),
-        *bodies.doubts,
+        *describe_contradictions(outcome, outcome.fit, errors),
+        *unlikely.doubts,
     )
     doubtful = len(outcome.adequacy.doubted) or contradicted
-    every = neighbor_priors(PriorSpace(task.design, outcome.nominal), task.prior)
-    least = _clear_links(outcome, find_detectable_sizes(task, validation.fit, every))
+    least = _clear_links(outcome, find_detectable_sizes(search, outcome.fit))
     alternatives = tuple(
         Alternative(
             set=tuple(Place(g.effect.name, joint_numbers(g)) for g in rival.members),
             nats=convert_to_plain_values(rival.nats),
             separated_by=LOAD if rival.twin else MOTION,
         )
-        for rival in find_rival_sets(task, validation.fit, least)
+        for rival in find_rival_sets(search, outcome.fit)
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
         span = outcome.logs.span
-        return [_finding(f, i, confirmed, span) for i, f in enumerate(some, 1)]
+        return [_finding(f, i, proof, span) for i, f in enumerate(some, 1)]
 
     return Verdict(
         robot=robot.name,
@@ -121,30 +124,30 @@ def build_verdict(
         minimum_detectable=tuple(least),
         unexplained=_unexplained(outcome, unexplained.joints),
         error=tables,
-        nominal_scale=convert_to_plain_values(task.prior.scale),
+        nominal_scale=convert_to_plain_values(outcome.selection.scale),
         next_experiment=predict_best_motion(question),
         warnings=(
             *notes,
             *(check.sentences if check else ()),
-            *collect_warnings(outcome, confirmed.withdrawn, tables.same_run),
+            *collect_warnings(proof, tables.same_run),
             *describe_unproven_joints(outcome, errors["augmented"]),
             *unexplained.sentences,
         ),
         log_check=check,
         contradictions=contradicted,
         frames=Frames.of(robot),
-        changes=compare_nominal_values(outcome, validation.fit),
+        changes=compare_nominal_values(outcome, outcome.fit),
         alternatives=mark_inseparable_alternatives(
-            question, list_places(validation.fit.members), alternatives
+            question, list_places(outcome.fit.members), alternatives
         ),
         background=tuple(listing(background)),
-        bodies=bodies.correction,
-        suspected=tuple(listing(confirmed.suspected)),
+        bodies=unlikely.correction,
+        suspected=tuple(listing(suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
     )
 
 
-def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detectable]:
+def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
     """Raise the detectable size of a link to four deviations of the URDF's error."""
     prior, model = rougher_body_prior(outcome), outcome.logs.robot.model
     bodies = read_inertial_parameters(model)
@@ -160,12 +163,10 @@ def _clear_links(outcome: SearchOutcome, least: list[Detectable]) -> list[Detect
     return out
 
 
-def _finding(
-    named: NamedEffect, order: int, standing: ConfirmedNames, span: MotionSpan
-) -> Finding:
-    gains = {**standing.gains, **dict(standing.validation.kept)}
-    gain = float(np.mean([gains[t] for t in named.tested]))
-    splits = [standing.splits[t] for t in named.tested]
+def _finding(named: NamedEffect, order: int, proof: Proof, span: MotionSpan) -> Finding:
+    gains = [proof.gains[m] for m in named.tested if m in proof.gains]
+    gain = float(np.mean(gains)) if gains else None
+    splits = [m.splits for m in named.tested]
     parameters = {}
     for key, (values, stds, unit, clear) in named.parameters.items():
         row, std = (
@@ -195,17 +196,15 @@ def _finding(
         evidence=Evidence(
             nats=convert_to_plain_values(named.nats),
             by="fit" if any(t.by == "fit" for t in named.tested) else "plausibility",
-            held_out=classify_gain(gain),
-            held_out_gain=convert_to_plain_values(gain),
+            held_out="neutral" if gain is None else classify_gain(gain),
+            held_out_gain=None if gain is None else convert_to_plain_values(gain),
             splits=min(splits, key=lambda s: s.found),
         ),
     )
 
 
-def _unexplained(
-    outcome: SearchOutcome, leftovers: Sequence[JointRemainder]
-) -> Unexplained:
-    a, design, logs = outcome.adequacy, outcome.task.design, outcome.logs
+def _unexplained(outcome: Outcome, leftovers: Sequence[JointRemainder]) -> Unexplained:
+    a, design, logs = outcome.adequacy, outcome.design, outcome.logs
     power = design.rows * design.rms**2
     weight = power / power.sum()
     kinds = [one.kind for one in leftovers if one.kind]
@@ -237,10 +236,10 @@ PLACES = 20  # positions at which the inertia is looked at
 
 
 def describe_contradictions(
-    outcome: SearchOutcome, fitted: Fit, errors: dict[str, ErrorSums]
+    outcome: Outcome, fitted: Fit, errors: dict[str, ErrorSums]
 ) -> tuple[str, ...]:
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
-    if not outcome.task.design.fold_rows.any():
+    if not outcome.design.fold_rows.any():
         return (STILL,)
     friction, inertia = (
         _driving_friction(outcome, fitted),
@@ -269,9 +268,9 @@ def describe_contradictions(
     return tuple(out)
 
 
-def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
+def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction drives the motion."""
-    design, covariance = outcome.task.design, fitted.covariance()
+    design, covariance = outcome.design, fitted.covariance()
     theta, out = _absolute_coefficients(outcome, fitted), []
     brakes = _select_slots(
         outcome, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
@@ -292,9 +291,9 @@ def _driving_friction(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
+def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose fitted inertia is negative on average."""
-    design, covariance = outcome.task.design, fitted.covariance()
+    design, covariance = outcome.design, fitted.covariance()
     theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
@@ -317,7 +316,7 @@ def _negative_inertia(outcome: SearchOutcome, fitted: Fit) -> list[int]:
     return out
 
 
-def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
+def _absolute_coefficients(outcome: Outcome, fitted: Fit) -> Array:
     """The fit's coefficients, nominal values added. Shape (m,)."""
     theta = fitted.theta.copy()
     base = outcome.nominal.model.coefficients()
@@ -325,7 +324,7 @@ def _absolute_coefficients(outcome: SearchOutcome, fitted: Fit) -> Array:
     return theta
 
 
-def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Array:
+def _select_slots(outcome: Outcome, fitted: Fit, selects: Callable) -> Array:
     """Mask of the coefficients of the selected effects. Shape (m,)."""
     model = outcome.nominal.model
     marks = [np.zeros(len(model.inertial), dtype=bool)]
@@ -335,43 +334,40 @@ def _select_slots(outcome: SearchOutcome, fitted: Fit, selects: Callable) -> Arr
     return np.concatenate(marks)
 
 
-def collect_warnings(
-    outcome: SearchOutcome, withdrawn: Sequence[WithdrawnName], same_run: bool
-) -> list[str]:
-    """Return what qualifies the answer: a weak proof, a rough model, names withdrawn.
+def collect_warnings(proof: Proof, same_run: bool) -> list[str]:
+    """Return what qualifies the answer: a weak proof, a rough model, refuted names.
 
     Args:
-        withdrawn: Names that did not stand.
         same_run: Whether the held-out logs are a part of a fit log.
     """
-    out = []
+    out, outcome = [], proof.outcome
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "
             "the proof is weak: it is the same run"
         )
-    scale = outcome.task.prior.scale
+    scale = outcome.selection.scale
     if scale > THRESHOLDS.rough_scale:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
             f"the inertias of the nominal model are off by {off}: too rough to name a "
             "wrong body of the arm; give --baseline"
         )
-    out += [describe_withdrawal(w.tested, w.why) for w in withdrawn]
-    return list(dict.fromkeys(out))  # two ripples of a joint make one sentence
+    for member in proof.refuted:
+        joints = [j + 1 for j in member.group.joints]
+        place = f" on {format_joint_numbers(joints)}" if joints else ""
+        rise = -100 * proof.gains[member]
+        out.append(
+            f"{member.group.effect.name}{place}: refuted by the held-out logs (error "
+            f"there {rise:.1f} % higher with it); suspected, and in no model"
+        )
+    return list(dict.fromkeys(out))
 
 
-def describe_withdrawal(tested: GateResult, reason: str) -> str:
-    """A warning about a name that did not stand: 'ripple on joint 3: why'."""
-    joints = [j + 1 for j in tested.group.joints]
-    place = f" on {format_joint_numbers(joints)}" if joints else ""
-    return f"{tested.group.effect.name}{place}: {reason}"
-
-
-def describe_signals(outcome: SearchOutcome) -> tuple[str, ...]:
+def describe_signals(outcome: Outcome) -> tuple[str, ...]:
     """Return what was understood of the signals: filter and rows."""
     logs = outcome.logs
-    rows = outcome.task.design.rows
+    rows = outcome.design.rows
     every = sum(int(t.valid.sum()) for t in logs.tracks)
     notes = [
         f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "
@@ -411,7 +407,7 @@ class _Values:
     added: Array
 
 
-def compare_nominal_values(outcome: SearchOutcome, fitted: Fit) -> tuple[Change, ...]:
+def compare_nominal_values(outcome: Outcome, fitted: Fit) -> tuple[Change, ...]:
     """Return every value that the model was given, and what the logs make of it."""
     groups = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
     count = sum(len(a.names) for a in groups)
@@ -432,11 +428,11 @@ class _Covariances:
     between: Array
 
     @classmethod
-    def of(cls, outcome: SearchOutcome, fitted: Fit) -> "_Covariances":
-        task = outcome.task
+    def of(cls, outcome: Outcome, fitted: Fit) -> "_Covariances":
+        design = outcome.design
         before = np.zeros((len(fitted.ids), len(fitted.ids)))
-        p = len(task.design.nominal)
-        before[:p, :p] = invert_scaled(task.prior.precision)
+        p = len(design.nominal)
+        before[:p, :p] = invert_scaled(outcome.prior.precision)
         for g in fitted.members:
             at = fitted.slots(g)
             before[np.ix_(at, at)] = invert_scaled(g.precision)
@@ -444,7 +440,7 @@ class _Covariances:
             fitted.theta,
             before,
             fitted.covariance(),
-            covariance_between_logs(task.design, fitted),
+            covariance_between_logs(design, fitted),
         )
 
 
@@ -478,7 +474,7 @@ def _value_changes(
         )
 
 
-def _drive_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _drive_values(outcome: Outcome, fitted: Fit) -> list[_Values]:
     """Declared values, grouped by joints."""
     nominal = outcome.nominal
     terms, given = zip(*nominal.declared, strict=True) if nominal.declared else ((), ())
@@ -525,7 +521,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     ]
 
 
-def _body_values(outcome: SearchOutcome, fitted: Fit) -> list[_Values]:
+def _body_values(outcome: Outcome, fitted: Fit) -> list[_Values]:
     """Identifiable base parameters of the arm's bodies, one by one."""
     robot = outcome.logs.robot
     base = compute_base_parameters(robot.model)

@@ -8,17 +8,14 @@ to gravity in the base frame.
 import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
-from residual.effects.sensitivity import build_loaded_model
-from residual.robot.dynamics import compute_gravity_torque
+from residual.effects.sensitivity import compute_weight_torque
 
 MOST = np.deg2rad(10.0)
 
 
 def _columns(state, joints, shape):
-    model = build_loaded_model(state)
-    size = np.linalg.norm(model.gravity.linear)
-    pushes = size * np.eye(3)[:2]
-    return np.stack([compute_gravity_torque(model, state.q, g) for g in pushes], axis=2)
+    size = np.linalg.norm(state.robot.model.gravity.linear)
+    return size * compute_weight_torque(state)
 
 
 def _angles(theta, shape, robot):

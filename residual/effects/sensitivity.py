@@ -16,7 +16,11 @@ from cachetools import LRUCache, cached
 
 from residual.effects.base import State
 from residual.recording import Array
-from residual.robot.dynamics import build_motion_key, replace_inertial_parameters
+from residual.robot.dynamics import (
+    build_motion_key,
+    compute_gravity_torque,
+    replace_inertial_parameters,
+)
 from residual.signals.filters import filter_low_pass
 
 # A shift made of the model's torque holds qdd, and its own second derivative the fourth
@@ -44,6 +48,14 @@ def compute_torque_derivatives(state: State) -> Array:
     for i in range(len(q)):
         out[:, i] = pin.computeRNEADerivatives(model, data, q[i], qd[i], qdd[i])
     return out
+
+
+@cached(LRUCache(KEPT, getsizeof=lambda torque: torque.nbytes), key=_key, lock=Lock())
+def compute_weight_torque(state: State) -> Array:
+    """Torques of gravity of 1 m/s^2 along x and y of the base. Shape (n, dof, 2)."""
+    model = build_loaded_model(state)
+    pushes = [compute_gravity_torque(model, state.q, g) for g in np.eye(3)[:2]]
+    return np.stack(pushes, axis=2)
 
 
 def build_loaded_model(state: State) -> pin.Model:

@@ -5,7 +5,7 @@ columns may be taken back, those of shapes that were tried.
 """
 
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from tempfile import TemporaryFile
 
@@ -99,6 +99,20 @@ class ColumnCache:
             start += k
         return out
 
+    def pick(self, shelf: object, rows: int, which: Array) -> Array:
+        """Return some columns of a shelf. Shape (len(which), rows)."""
+        if self._file is None:
+            return self.read(shelf, rows)[which]
+        offsets = np.array([o for o, _ in self._blocks[shelf]])
+        firsts = np.cumsum([0, *(k for _, k in self._blocks[shelf])])
+        out = np.empty((len(which), rows))
+        for own, i in zip(out, which, strict=True):
+            block = int(np.searchsorted(firsts, i, side="right")) - 1
+            start = offsets[block] + (i - firsts[block]) * own.nbytes
+            if own.size:
+                os.preadv(self._file.fileno(), [own], int(start))
+        return out
+
 
 class GramSums:
     """Gram matrices of appended columns, and their products with the target.
@@ -107,14 +121,15 @@ class GramSums:
         size: Number of columns.
         place: Per joint, where each column stands among those that act on it; -1 where
             it does not. Shapes (size,).
-        gram, cross: Per joint. Shapes (folds, p, p), (folds, p).
+        gram: Per joint, of all rows. Shapes (p, p).
+        cross: Per joint, of every fold. Shapes (folds, p).
     """
 
     def __init__(self, dof: int, folds: int) -> None:
         """Make empty sums of so many joints and folds."""
         self.size = 0
         self.place = [np.zeros(0, dtype=int) for _ in range(dof)]
-        self.gram = [np.zeros((folds, 0, 0)) for _ in range(dof)]
+        self.gram = [np.zeros((0, 0)) for _ in range(dof)]
         self.cross = [np.zeros((folds, 0)) for _ in range(dof)]
         self._room = list(zip(self.gram, self.cross, strict=True))
 
@@ -149,10 +164,10 @@ class GramSums:
         gram, cross = self._room[j]
         if size > cross.shape[1]:
             folds, wide = len(cross), size + size // 8 if old else size
-            larger = np.zeros((folds, wide, wide)), np.zeros((folds, wide))
-            larger[0][:, :old, :old], larger[1][:, :old] = self.gram[j], self.cross[j]
+            larger = np.zeros((wide, wide)), np.zeros((folds, wide))
+            larger[0][:old, :old], larger[1][:, :old] = self.gram[j], self.cross[j]
             self._room[j] = gram, cross = larger
-        self.gram[j], self.cross[j] = gram[:, :size, :size], cross[:, :size]
+        self.gram[j], self.cross[j] = gram[:size, :size], cross[:, :size]
 
     def cut(self, size: int) -> list[int]:
         """Take back the newest columns, so that so many are left."""
@@ -161,22 +176,96 @@ class GramSums:
             self.place[j] = place[:size]
             n = int((self.place[j] >= 0).sum())
             gram, cross = self._room[j]
-            gram[:, n:], gram[:, :, n:], cross[:, n:] = 0.0, 0.0, 0.0
-            self.gram[j], self.cross[j] = gram[:, :n, :n], cross[:, :n]
+            gram[n:], gram[:, n:], cross[:, n:] = 0.0, 0.0, 0.0
+            self.gram[j], self.cross[j] = gram[:n, :n], cross[:, :n]
             counts.append(n)
         return counts
 
-    def add(self, j: int, fold: int, rows: Array, first: int, y: Array) -> None:
-        """Add rows of one fold to the sums of a joint's newest columns.
+    def add(self, j: int, columns: Array, first: int, y: Array, labels: Array) -> None:
+        """Add rows to the sums of a joint's newest columns.
 
         Args:
-            rows: All columns of the joint on these rows. Shape (p, rows).
+            columns: All columns of the joint on these rows. Shape (p, rows).
             y: The target. Shape (rows,).
+            labels: Fold of each row, in ascending order. Shape (rows,).
         """
-        block = rows @ rows[first:].T
-        self.gram[j][fold, :, first:] += block
-        self.gram[j][fold, first:, :first] += block[:first].T
-        self.cross[j][fold, first:] += rows[first:] @ y
+        block = columns @ columns[first:].T
+        self.gram[j][:, first:] += block
+        self.gram[j][first:, :first] += block[:first].T
+        for fold, own in slice_folds(labels):
+            self.cross[j][fold, first:] += columns[first:, own] @ y[own]
+
+
+class FoldGrams:
+    """Gram matrices of a joint's columns in every fold, of those that are asked for.
+
+    What all fits have, the leading columns, is kept whole; of any other its products
+    with these, since a fit has few others.
+    """
+
+    def __init__(
+        self,
+        columns: ColumnCache,
+        shelves: Mapping[object, Array],
+        folds: int,
+        lead: int,
+    ) -> None:
+        """Make empty ones.
+
+        Args:
+            shelves: Where the columns of the joint lie, with the fold of each row.
+            lead: Number of leading columns.
+        """
+        self._columns, self._shelves = columns, shelves
+        self._folds, self._lead = folds, np.arange(lead)
+        self._whole: Array | None = None  # (folds, lead, lead)
+        self._sides: dict[int, Array] = {}  # of a column with the leading ones
+
+    def of(self, place: Array) -> Array:
+        """Gram of some columns, the first of which lead. Shape (folds, k, k)."""
+        lead, sides, others = self._parts(place)
+        first, out = lead.shape[1], np.empty((self._folds, len(place), len(place)))
+        out[:, :first, :first], out[:, first:, first:] = lead, others
+        out[:, first:, :first], out[:, :first, first:] = sides, sides.mT
+        return out
+
+    def times(self, place: Array, theta: Array) -> Array:
+        """Gram of some columns times coefficients. Shape (folds, k)."""
+        lead, sides, others = self._parts(place)
+        first, last = np.split(theta, [lead.shape[1]])
+        own = lead @ first + sides.mT @ last
+        return np.concatenate([own, sides @ first + others @ last], axis=1)
+
+    def _parts(self, place: Array) -> tuple[Array, Array, Array]:
+        """Products of leading columns, of others with them, and of others."""
+        if self._whole is None:
+            self._whole = self._products(self._lead, self._lead)
+        lead = self._lead[: len(place)]
+        first = int(np.cumprod(place[: len(lead)] == lead).sum())
+        others = place[first:]
+        new = np.array([i for i in others if int(i) not in self._sides], dtype=int)
+        if len(new):
+            both = self._products(new, self._lead)
+            self._sides |= {int(i): both[:, n] for n, i in enumerate(new)}
+        sides = np.empty((self._folds, len(others), first))
+        for n, i in enumerate(others):
+            sides[:, n] = self._sides[int(i)][:, :first]
+        among = self._products(others, others)
+        return self._whole[:, :first, :first], sides, among
+
+    def cut(self, size: int) -> None:
+        """Forget columns from a number on."""
+        self._sides = {i: x for i, x in self._sides.items() if i < size}
+
+    def _products(self, left: Array, right: Array) -> Array:
+        out = np.zeros((self._folds, len(left), len(right)))
+        if not len(left):
+            return out
+        for shelf, labels in self._shelves.items():
+            x, y = (self._columns.pick(shelf, len(labels), i) for i in (left, right))
+            for fold, own in slice_folds(labels):
+                out[fold] += x[:, own] @ y[:, own].T
+        return out
 
 
 @dataclass(frozen=True, eq=False, slots=True)

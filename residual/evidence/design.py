@@ -15,9 +15,11 @@ from dataclasses import replace
 import numpy as np
 
 from residual.effects.base import Joints, PlacedEffect, State
+from residual.evidence.angle_noise import AngleNoise
 from residual.evidence.columns import (
     CandidateColumns,
     ColumnCache,
+    FoldGrams,
     GramSums,
     KnownPrior,
     label_folds,
@@ -70,6 +72,7 @@ class Design:
         states: Sequence[State] = (),
         seen_with: Model | None = None,
         labels: Sequence[Array] = (),
+        shaken: Sequence[Track] = (),
     ) -> None:
         """Make the nominal model's columns.
 
@@ -78,6 +81,8 @@ class Design:
             seen_with: The model whose torque effects see; the nominal one where None.
             labels: Fold of each row of each log, in ascending order; logs, or blocks
                 of few logs, where none is given. Shapes (m,).
+            shaken: The sketch with one more helping of the noise of its angles: the
+                bias that this noise is to products with the target leaves them.
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
@@ -95,10 +100,14 @@ class Design:
         self._columns, self._sums = ColumnCache(long), GramSums(self.dof, self.folds)
         self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
         self._totals: list = [None] * self.dof
+        self._blocks: list[FoldGrams] = []
+        self._leads: dict[int, Array] = {}
         self._lines: dict[int, tuple[Array, int]] = {}
         self.flat, self.stacks = {}, {}
+        self._noise = AngleNoise(self.dof, dict(zip(self._shown, shaken, strict=False)))
         self._measure_torque()
         self._take_nominal()
+        self._take_noise_torque(model)
 
     # -- building -----------------------------------------------------------------
 
@@ -142,6 +151,14 @@ class Design:
         self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
+        self._blocks = [self._fold_grams(j) for j in range(self.dof)]
+
+    def _fold_grams(self, j: int) -> FoldGrams:
+        shelves = {
+            (j, c): self._rows_labels(j, chunk) for c, chunk in enumerate(self._chunks)
+        }
+        lead = int((self._sums.place[j][self.nominal] >= 0).sum())
+        return FoldGrams(self._columns, shelves, self.folds, lead)
 
     def _take_target(self, c: int, chunk: Sequence[int]) -> None:
         """Residual torque of the nominal model on a chunk, computed once."""
@@ -183,11 +200,36 @@ class Design:
                     ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
                 for j, columns in self._filtered(i, parts):
                     fresh[j].append(columns)
+                self._take_noise(i, columns_of, bodies, fresh)
             for j in (j for j in range(self.dof) if fresh[j]):
                 columns = np.concatenate(fresh[j], axis=1)
                 fresh[j].clear()  # they are as much again
                 self._extend(c, j, columns)
         return ids
+
+    def _take_noise(self, i: int, columns_of: Made, bodies: bool, fresh) -> None:
+        """Append what one more helping of the angles' noise moves in a log's columns.
+
+        Args:
+            fresh: Columns of each joint of which the last are this log's.
+        """
+        track = self._noise.tracks.get(i)
+        if track is None:
+            return
+        state = self._seen_with.observe(track)
+        if bodies:
+            state = replace(state, regressor=np.asarray(state.regressor))
+        for j, columns in self._filtered(i, columns_of(state)):
+            self._noise.extend(i, j, columns - fresh[j][-1])
+
+    def _take_noise_torque(self, model: Model) -> None:
+        """Torque that one more helping of the angles' noise moves in a model."""
+        for i, track in self._noise.tracks.items():
+            pair = [model.torque_on(t) for t in (track, self._tracks[i])]
+            moved = track.filter(pair[0] - pair[1])
+            own = [moved[use, j] for j, use in enumerate(self._use[i].T)]
+            self._noise.take_torque(i, own)
+        self._totals = [None] * self.dof
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
         """Filtered columns of one log on the rows of each joint. Shapes (k, rows)."""
@@ -207,8 +249,7 @@ class Design:
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
         every = self._columns.read((j, c), len(y))
-        for fold, own in slice_folds(self._rows_labels(j, self._chunks[c])):
-            self._sums.add(j, fold, every[:, own], first, y[own])
+        self._sums.add(j, every, first, y, self._rows_labels(j, self._chunks[c]))
 
     def add(self, candidates: Sequence[PlacedEffect]) -> list[CandidateColumns]:
         """Append candidates and return their groups, in order."""
@@ -240,11 +281,11 @@ class Design:
     def drop_newest_columns(self, size: int) -> None:
         """Forget the columns that were added since there were ``size`` of them."""
         for j, count in enumerate(self._sums.cut(size)):
+            self._noise.cut(j, count)
+            self._blocks[j].cut(count)
             for c in range(len(self._chunks)):
                 self._columns.cut((j, c), count)
-            if self._totals[j] is not None:
-                gram, cross, have = self._totals[j]
-                self._totals[j] = gram, cross, min(have, count)
+            self._totals[j] = None
 
     def _group(self, candidate, rows: Joints, ids: Array) -> CandidateColumns:
         """Zellner's g-prior: 30 % of torque rms in every direction of the columns."""
@@ -270,8 +311,8 @@ class Design:
         out = np.zeros((len(ids), len(ids)))
         for j in rows:
             place, have = self.present(j, ids)
-            total = self.total(j)[0][np.ix_(place, place)]
-            out[np.ix_(have, have)] += total / self.rows[j] / self.rms[j] ** 2
+            gram, _ = self.sums(j, place)
+            out[np.ix_(have, have)] += gram / self.rows[j] / self.rms[j] ** 2
         return out
 
     def group_columns(self, term: Term, ids: Array) -> CandidateColumns:
@@ -292,10 +333,18 @@ class Design:
     def set_torque_model(self, model: Model) -> None:
         """From now on let effects see the logs with another model's torque."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
+        self._take_noise_torque(model)
 
     def set_states(self, states: Sequence[State]) -> None:
         """From now on let effects see these states of the logs, one of each."""
         self._states = list(states)
+
+    def keep_angle_noise(self) -> "Design":
+        """The same with the bias that noise of the angles is to least squares."""
+        out = copy(self)
+        out._noise, out._totals = AngleNoise(self.dof, {}), [None] * self.dof
+        out.flat, out.stacks = {}, {}
+        return out
 
     def part(self, folds: Array, detached: bool = False) -> "Design":
         """Some folds (k,) as a design of its own; columns are shared with the whole.
@@ -307,6 +356,7 @@ class Design:
         out._alone = detached
         out._kept, out.folds = folds, len(folds)
         out.power, out.tau_power = self.power[folds], self.tau_power[folds]
+        out.fold_rows = self.fold_rows[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
         if detached:
             out.rms = np.maximum(np.sqrt(out.tau_power.sum(axis=0) / out.rows), 1e-9)
@@ -327,11 +377,13 @@ class Design:
         out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
-            x, own = self._columns.read((j, 0), len(y)), np.zeros_like(self.cross[j])
+            x = self._columns.read((j, 0), len(y))
+            own = np.zeros_like(self._sums.cross[j])
             for fold, rows in slice_folds(self._rows_labels(j, self._chunks[0])):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)
+        out._blocks = [out._fold_grams(j) for j in range(self.dof)]
         out._show_target()
         return out
 
@@ -347,16 +399,6 @@ class Design:
         """Per joint, where each column stands; -1 where it does not act."""
         return self._sums.place
 
-    @property
-    def gram(self) -> list[Array]:
-        """Per joint, Gram of its columns in every fold. Shapes (folds, p, p)."""
-        return self._sums.gram
-
-    @property
-    def cross(self) -> list[Array]:
-        """Per joint, products of its columns with the target. Shapes (folds, p)."""
-        return self._sums.cross
-
     def present(self, j: int, ids: Array) -> tuple[Array, Array]:
         """Places of the columns that act on joint j, and which of ``ids`` they are."""
         place = self._sums.place[j][ids]
@@ -369,26 +411,27 @@ class Design:
 
     def total(self, j: int) -> tuple[Array, Array]:
         """Gram and cross product of joint j, summed over folds. (p, p), (p,)."""
-        gram, cross = self.gram[j], self.cross[j]
-        size, known = cross.shape[1], self._totals[j]
-        have = 0 if known is None else known[2]
-        if have == size:
-            return known[0][:size, :size], known[1][:size]
-        if known is None or size > len(known[1]):
-            wide = size + size // 8
-            larger = np.zeros((wide, wide)), np.zeros(wide)
-            if known is not None:
-                larger[0][:have, :have] = known[0][:have, :have]
-                larger[1][:have] = known[1][:have]
-            known = larger
-        new = gram[:, :, have:] if self._kept is None else gram[self._kept, :, have:]
-        block = new.sum(axis=0)
-        known[0][:size, have:size] = block
-        known[0][have:size, :have] = block[:have].T
-        own = cross if self._kept is None else cross[self._kept]
-        known[1][have:size] = own[:, have:].sum(axis=0)
-        self._totals[j] = known[0], known[1], size
-        return known[0][:size, :size], known[1][:size]
+        size, known = self._sums.cross[j].shape[1], self._totals[j]
+        if known is None or len(known[1]) != size:
+            known = self._totals[j] = self._sum_folds(j, size)
+        return known
+
+    def _sum_folds(self, j: int, size: int) -> tuple[Array, Array]:
+        if self._kept is not None:
+            gram, cross = self.fold_sums(j, np.arange(size))
+            return gram.sum(axis=0), cross.sum(axis=0)
+        pull = self._sums.cross[j].sum(axis=0)
+        if self._noise.tracks:
+            pull = pull + self.rows[j] * self._noise.pull(j)[:size]
+        return self._sums.gram[j], pull
+
+    def sums(self, j: int, place: Array) -> tuple[Array, Array]:
+        """Gram and cross product of some columns of joint j. Shapes (k, k), (k,)."""
+        if self._kept is not None:
+            gram, cross = self.fold_sums(j, place)
+            return gram.sum(axis=0), cross.sum(axis=0)
+        gram, cross = self.total(j)
+        return gram[place[:, None], place], cross[place]
 
     def fold_sums(self, j: int, place: Array) -> tuple[Array, Array]:
         """Gram and cross product of some columns of joint j in every fold.
@@ -396,18 +439,43 @@ class Design:
         Returns:
             Shapes (folds, k, k), (folds, k).
         """
-        folds = slice(None) if self._kept is None else self._kept
-        gram = self.gram[j][:, place[:, None], place]
-        return gram[folds], self.cross[j][:, place][folds]
+        gram = self._blocks[j].of(place)
+        if self._kept is not None:
+            gram = gram[self._kept]
+        return gram, self._fold_cross(j, place)
+
+    def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
+        """Products of some columns with what they leave, in every fold. (folds, k)."""
+        torque = self._blocks[j].times(place, theta)
+        if self._kept is not None:
+            torque = torque[self._kept]
+        return self._fold_cross(j, place) - torque
+
+    def _fold_cross(self, j: int, place: Array) -> Array:
+        cross = self._sums.cross[j][:, place]
+        if self._kept is not None:
+            cross = cross[self._kept]
+        if self._noise.tracks:
+            cross = cross + self.fold_rows[:, [j]] * self._noise.pull(j)[place]
+        return cross
 
     def columns(self, j: int, place: Array) -> Array:
         """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""
-        return self._of_sketch(j, lambda x: x[place]).T
+        return self._of_sketch(j, place).T
 
-    def _of_sketch(self, j: int, of: Callable[[Array], Array]) -> Array:
+    def _of_sketch(self, j: int, place: Array) -> Array:
         chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
-        parts = [of(self._columns.read((j, c), len(rows[c]))) for c in chunks]
+        parts = [self._columns.pick((j, c), len(rows[c]), place) for c in chunks]
         return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
+
+    def _leading(self, j: int) -> Array:
+        """The nominal columns of joint j on the sketch. Shape (k, rows)."""
+        count = int((self._sums.place[j][self.nominal] >= 0).sum())
+        if len(self._chunks) == 1:
+            return self._columns.read((j, 0), len(self._targets[j][0]))[:count]
+        if j not in self._leads:  # a fit asks for them many times
+            self._leads[j] = self._of_sketch(j, np.arange(count))
+        return self._leads[j]
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
         """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""
@@ -419,13 +487,12 @@ class Design:
         place, have = self.present(j, ids)
         # The nominal model's come first and lie together: no copy is made of them.
         first = int(np.cumprod(place == np.arange(len(place))).sum())
-        own, others = theta[have[:first]], theta[have[first:]]
-
-        def torque(x: Array) -> Array:
-            out = own @ x[:first]
-            return out + others @ x[place[first:]] if len(others) else out
-
-        return self.target[j] - self._of_sketch(j, torque)
+        lead = self._leading(j)
+        first = min(first, len(lead))
+        torque = theta[have[:first]] @ lead[:first]
+        if first < len(place):
+            torque = torque + theta[have[first:]] @ self._of_sketch(j, place[first:])
+        return self.target[j] - torque
 
     def stacked(self, per_log: Sequence[Array]) -> list[Array]:
         """Signals of the logs of the sketch on the rows of each joint."""
@@ -461,6 +528,13 @@ class Design:
             labels = self.label_joint_folds(j)
             values = np.where(np.isin(labels, self._kept), values, 0.0)
         out[at] = values
+        return out
+
+    def label_logs(self) -> Array:
+        """Of each fold its log, or the part where logs are few. Shape (folds,)."""
+        out = np.zeros(self.folds, dtype=int)
+        for own, log in zip(self._labels, label_folds(self._tracks), strict=True):
+            out[own] = log
         return out
 
     def label_joint_folds(self, j: int) -> Array:

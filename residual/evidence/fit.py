@@ -153,9 +153,8 @@ class FitEquations:
         design: Design,
         prior: NominalPrior,
         members: Sequence[CandidateColumns],
-        folds: Array | None = None,
     ) -> "FitEquations":
-        """Gather from the design; ``folds`` selects some folds only."""
+        """Gather from the design."""
         ids = np.concatenate([design.nominal, *(g.ids for g in members)])
         p, m = len(design.nominal), len(ids)
         precision = np.zeros((m, m))
@@ -169,25 +168,9 @@ class FitEquations:
         gram, cross = np.zeros((design.dof, m, m)), np.zeros((design.dof, m))
         present = tuple(design.present(j, ids) for j in range(design.dof))
         for j, (place, have) in enumerate(present):
-            if folds is None:
-                all_gram, all_cross = design.total(j)
-                own = all_gram[place[:, None], place], all_cross[place]
-            else:
-                own = tuple(x[folds].sum(axis=0) for x in design.fold_sums(j, place))
-            gram[j, have[:, None], have], cross[j, have] = own
-        chosen = slice(None) if folds is None else folds
-        power = design.power[chosen].sum(axis=0)
+            gram[j, have[:, None], have], cross[j, have] = design.sums(j, place)
+        power = design.power.sum(axis=0)
         return cls(ids, precision, pull, level, log_det, gram, cross, power, present)
-
-    def folds(self, design: Design) -> list["FitEquations"]:
-        """The same equations, of each fold alone."""
-        m, dof = len(self.ids), design.dof
-        gram = np.zeros((design.folds, dof, m, m))
-        cross = np.zeros((design.folds, dof, m))
-        for j, (at, have) in enumerate(self.present):
-            gram[:, j, have[:, None], have], cross[:, j, have] = design.fold_sums(j, at)
-        parts = zip(gram, cross, design.power, strict=True)
-        return [replace(self, gram=g, cross=c, power=p) for g, c, p in parts]
 
     def beside(self, design: Design, group: CandidateColumns) -> "FitEquations":
         """The same with one more effect: only what is new is gathered."""
@@ -309,29 +292,6 @@ def estimate_autocorrelation_time(line: Array) -> float:
     pairs = rho[1:-1:2] + rho[2::2]
     stop = int(np.argmax(pairs <= 0)) if (pairs <= 0).any() else len(pairs)
     return float(1 + 2 * pairs[:stop].sum())
-
-
-def compute_evidence_gain(
-    design: Design,
-    prior: NominalPrior,
-    big: Fit,
-    small: Fit,
-    systems: "tuple[FitEquations | None, FitEquations | None]" = (None, None),
-) -> tuple[float, Fit, Fit]:
-    """Evidence of the larger set over the smaller [nats], and both fits.
-
-    Rows are counted by the larger model's residual: what the smaller model leaves is
-    correlated because it lacks the effect, and would hide it.
-    """
-    changed = np.flatnonzero(np.abs(small.sse / np.maximum(big.sse, 1e-300) - 1) > 0.02)
-    counted = np.maximum(count_effective_rows(design, big, changed), small.counted)
-    first, second = (
-        fit_jointly(
-            design, prior, f.members, counted, f.variance, rounds=2, system=system
-        )
-        for f, system in zip((big, small), systems, strict=True)
-    )
-    return first.score - second.score, first, second
 
 
 def refit_effective_rows(design: Design, prior: NominalPrior, fitted: Fit) -> Fit:
@@ -503,8 +463,7 @@ def fit_possible_bodies(
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
     correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.
-    share = 1 - np.sqrt(before / np.maximum(after, 1e-300))
-    large = THRESHOLDS.lower(price, share).any()
+    large = (price >= THRESHOLDS.min_fall).any()
     # Of so many bodies one is always the worst, as of links.
     sure = chance < THRESHOLDS.link_zero_chance
     return PossibleModel(

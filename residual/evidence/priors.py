@@ -1,6 +1,6 @@
 """How much the nominal model is believed, and a quick look at every candidate."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -223,36 +223,7 @@ def hold_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
     return replace(prior, precision=prior.precision + np.diag(stiff))
 
 
-def drop_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
-    """The prior of the other coefficients, which do not hang on these."""
-    rest = np.setdiff1d(np.arange(len(prior.precision)), slots)
-    return _prior(prior.precision[np.ix_(rest, rest)], prior.scale, prior.widths)
-
-
 NEARLY_ALL = 0.999  # of the squares of a joint: more is rounding
-PRICE = float(np.log(20))  # nats: one effect in twenty is not of usual size
-
-
-# A second look at what is far larger than was expected of it.
-#
-# The prior of an effect's size is a mixture: what is usual, and anything. Where an
-# effect comes out many deviations beyond the usual, it is looked at on its own scale,
-# for the price of that choice.
-
-
-def widen_group_prior(fitted: Fit, group: CandidateColumns) -> CandidateColumns | None:
-    """Return a group with the prior of its own size; None where it is usual."""
-    if group.parts or group.known_prior:
-        return None
-    theta, count = fitted.of(group), len(group.ids)
-    size = float(theta @ group.precision @ theta) / count
-    if size < THRESHOLDS.far_deviations**2:
-        return None
-    return replace(
-        group,
-        precision=group.precision / size,
-        log_det=group.log_det - count * np.log(size) - 2 * PRICE,
-    )
 
 
 def build_first_design(
@@ -265,7 +236,7 @@ def build_first_design(
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
-        prior = build_relative_prior(design, nominal, THRESHOLDS.first_scale)
+        prior = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
         named = build_fitted_model(nominal, fit_nominal(design, prior))
     design.set_torque_model(named)
     return design
@@ -367,16 +338,6 @@ def stack_groups(
             _stack(design, groups, np.array(m)) for m in alike.values()
         ]
     return design.stacks[key]
-
-
-def select_acting_groups(
-    design: Design, groups: Sequence[CandidateColumns], joints: Iterable[int]
-) -> Array:
-    """Which groups act on one of some joints. Shape (g,), bool."""
-    out, on = np.zeros(len(groups), dtype=bool), sorted(joints)
-    for stack in stack_groups(design, groups):
-        out[stack.members] = stack.acts[:, on].any(axis=1)
-    return out
 
 
 def _stack(

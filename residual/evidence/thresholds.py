@@ -1,110 +1,84 @@
 """The thresholds of a diagnosis, all that there are, in one record.
 
-What each is worth was measured: docs/method.md says how, docs/benchmarks.md what every
-doubt of a name prevents and costs. Numerical tolerances stay where they are used.
+docs/method.md says where the first of them come from. Numerical tolerances, and grids
+of scales and sizes, stay where they are used.
 """
 
 from dataclasses import dataclass
 
-from residual.recording import Array
-
 
 @dataclass(frozen=True, slots=True)
 class EvidenceThresholds:
-    """What a search, its gate and every doubt of a name go by."""
+    """What names an effect, and what is said of it and of the rest."""
 
-    min_nats: float = 10.0  # evidence that a name must win [nats]
-    # The same where only implausible parameters speak for it [nats].
-    min_plausible_nats: float = 30.0
-    min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
-    min_fall_share: float = 0.08  # least share of what was left unexplained
-    # the share from which half of the tolerance is enough
-    clear_fall_share: float = 0.15
-    # least torque of a name won by plausibility, as a share of rms
-    min_plausible_torque: float = 0.02
-    # Least part of such a win that the nominal parameters' prior saves.
-    min_prior_share: float = 0.2
-    max_effects: int = 30  # most effects to add
-    max_exact_looks: int = 15  # candidates that get an exact look per step
+    # What decides a name, its probability or a flag.
+    block_seconds: float = 2.0  # length from which errors of two blocks are independent
+    min_blocks: int = 8  # blocks at least
+    max_blocks: int = 48  # blocks at most
+    min_block_rows: int = 10  # moving rows without which a joint has no vote in a block
+    prior_blocks: float = 15.0  # blocks that independent noise counts as
 
-    # What the evidence counts with.
     # prior size of an effect's torque, as a share of torque rms
     prior_torque_share: float = 0.3
     noise_floor: float = 0.003  # of torque rms: no log is believed to be cleaner
     min_rows: float = 5.0  # that a joint counts for at least
     # times the largest logged torque, where no limit is given
     unknown_limit_factor: float = 2.0
-    # scale: a nominal worse than this is too rough to blame a payload
+    # of the noise of the torque: less torque made by noise of the angles is nothing
+    shaken_share: float = 0.1
+    # scale: a nominal worse than this is too rough to blame a payload; of the first
+    # fit, which only feeds model-based features
     rough_scale: float = 0.1
-    # prior of the first fit, which only feeds model-based features
-    first_scale: float = 0.1
-    # deviations of the usual prior, on average over the coefficients
-    far_deviations: float = 3.0
 
-    # The search.
+    # chance of one false name in a whole diagnosis
+    false_chance: float = 0.001
+    min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
+    left_out_slack: float = 2.0  # nats that left-out blocks may lose
+    curve_knots: int = 10  # of a free curve
+    # of what a curve of its joint explains: what a name must alone
+    explained_share: float = 0.75
+    paired_deviations: float = 2.0  # of a paired difference that is no chance
     ripple_order_ratio: float = 1.5  # ratio of orders from which two ripples are two
-    # nats of the best, from which on the faint are left out
-    clear_best_nats: float = 20.0
-    # Shares of quick evidence under which no exact look is taken: of a member, whose
-    # place nothing may take with less; and of the best, to be the best.
-    rival_share: float = 0.5
-    faint_share: float = 0.3
-    alike_scale_nats: float = 6.0  # nats within which two scales cannot be told apart
-    # Share of the left-out error by which a scale must predict better to be taken.
-    scale_gain_share: float = 0.02
-    min_wide_scale: float = 0.1  # scale that deviations are told under at least
-    nats_per_name: float = 2.0  # nats a name costs when scales are compared
-    # the same of a link: where bodies are rough, some link always stands out
-    nats_per_link: float = 10.0
-    width_rounds: int = 3  # looks at the widths of single kinds
-    hill_nats: float = 50.0  # nats that given values may yet make up for
-    # nats that a prior may be behind and still be turned to
-    hopeless_nats: float = 60.0
-    refit_rounds: int = 4  # at what was named, before the second search
-    steady_nats: float = 0.1  # nats by which one more look at it changes nothing
-    # share of torque rms from which an effect shifts model-based features
-    large_torque_share: float = 0.05
-    set_rounds: int = 3  # moves to a better set
-    better_set_nats: float = 1.0  # nats that a move must win
-    # of what the logs hold of a body: less is left of it beside another
-    absorbed_share: float = 0.3
-    # of a body: what logs should tell from a change of another
-    body_change_share: float = 0.2
 
-    # The gate, and what is alike.
+    same_share: float = 0.05  # of the left-out error: scales that predict as well
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
-    # share of what waves explain together that one curve explains in their place
-    curve_share: float = 0.95
-    simpler_nats: float = 3.0  # nats within which the simpler of two names is taken
-    # share of its power under which an effect is not in a fold
-    silent_fold_share: float = 1e-3
-    min_improved_folds: float = 0.6  # share of left-out folds that must improve
+    even_nats: float = 12.0  # evidence at which a name is as likely as not
+    clean_even_nats: float = 6.0  # the same where nothing but noise is left
+    odds_slope: float = 5.4  # of the log odds of a name over ln(nats)
+    sure_probability: float = 0.9  # from which a name is in the model
+    min_probability: float = 0.5  # probability under which a name is not the likeliest
 
-    # What remains.
-    # structured residual, as a share of torque rms, that voids names
+    # structured residual, as a share of torque rms, that is flagged
     flag_share: float = 0.05
     doubt_share: float = 0.015  # share of torque rms that is not nothing
     # times the noise that is not nothing: complete models keep up to 1.15 times, a dead
     # zone of a sensor that shows at all 2.7 and more
     doubt_noises: float = 2.0
-    # the same of what a name of the whole arm must outdo: where less is left, true ones
-    # would fall (play of a gear, with half of its torque left)
-    veto_share: float = 0.02
-    veto_noises: float = 3.0
+    min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
+
+    # How much is tried.
+    max_effects: int = 30  # most effects to add
+    max_exact_looks: int = 15  # candidates that get an exact look per step
+    min_quick_nats: float = 2.0  # by a quick look: less gets no other
+    # of the most evidence by a quick look: fainter candidates get no exact look
+    faint_share: float = 0.3
+    hopeless_share: float = 0.3  # of the left-out error: no sharper scale is tried
+    class_looks: int = 8  # candidates that may stand in for a name
+    width_rounds: int = 3  # looks at the widths of single kinds
+    refit_rounds: int = 4  # at what was named, before the second search
+    steady_nats: float = 0.1  # nats by which one more look at it changes nothing
+    # share of torque rms from which an effect shifts what reads the model's torque
+    large_torque_share: float = 0.05
+
+    # What is said of a name, of held-out logs, of the rest.
+    # of what the logs hold of a body: less is left of it beside another
+    absorbed_share: float = 0.3
+    # of a body: what logs should tell from a change of another
+    body_change_share: float = 0.2
     # two stretches are a repeat if q differs by less than this share
     repeat_share: float = 0.02
-    # of what was left of a flagged joint that a name must explain
-    flagged_explained_share: float = 0.75
-
-    # Doubts of a name.
-    own_curve_share: float = 0.35  # of its own torque that a name may leave as a curve
-    # of the joint's torque: what a model of any arm leaves
-    own_curve_torque_share: float = 0.005
     noise_chance: float = 1e-3  # under which a difference is no chance
-    # above which what is left of an effect may be nothing
-    noise_zero_chance: float = 0.05
-    noise_shift_share: float = 0.25  # of an effect that noise may move
     # of the information in one direction that is taken for noise at most
     max_noise_information: float = 0.9
     confirmed_gain: float = 0.01  # gain above which a name counts as confirmed
@@ -115,14 +89,6 @@ class EvidenceThresholds:
     held_out_error_share: float = 0.03  # of torque, where it counts
     # standard errors of a gain that only spares parameters
     spared_deviations: float = 2.0
-    # share of an effect's power under which a part hardly shows it
-    part_power_share: float = 0.2
-    # standard errors, of a name in the place of a fallen one
-    late_deviations: float = 3.0
-    # searches at most; after the last, names fall and none takes their place
-    doubt_rounds: int = 6
-    min_probability: float = 0.5  # probability under which a name is not the likeliest
-    zero_chance: float = 0.0455  # chance of a size beyond two standard deviations
     # the same beyond four: of all links one is always the worst
     link_zero_chance: float = 6.3e-5
     link_deviations: float = 4.0  # deviations, as of a name
@@ -135,8 +101,6 @@ class EvidenceThresholds:
     max_shown_share: float = 1.4  # of it: what that may show at most
     # of a joint's torque: what held-out motion can say nothing of
     silent_torque_share: float = 1e-3
-
-    # What is said.
     # times the smallest size: where a name should be sure
     confusable_size_factor: float = 3.0
     determined_share: float = 0.5  # of the standard deviation before the logs
@@ -151,8 +115,6 @@ class EvidenceThresholds:
     background_share: float = 0.1  # of the largest torque of a finding
     min_value_change: float = 0.05  # of a value: less is no news
     value_change_chance: float = 0.01  # of one false word in a whole table
-
-    # What follows nothing named.
     curve_chance: float = 0.05  # of a curve among surrogates
     # share of the leftover under which a curve is not worth telling
     min_curve_share: float = 0.1
@@ -160,10 +122,11 @@ class EvidenceThresholds:
     # turns by which a line must miss a whole number of them in a period
     off_harmonic_turns: float = 0.1
 
-    def lower(self, fall: Array, share: Array) -> Array:
-        """Where an error falls by enough: of torque rms, and of what was left."""
-        usual = (fall >= self.min_fall) & (share >= self.min_fall_share)
-        return usual | ((fall >= self.min_fall / 2) & (share >= self.clear_fall_share))
+    @property
+    def named_nats(self) -> float:
+        """Evidence from which a name is sure enough to be named [nats]."""
+        odds = self.sure_probability / (1 - self.sure_probability)
+        return float(self.even_nats * odds ** (1 / self.odds_slope))
 
 
 THRESHOLDS = EvidenceThresholds()

@@ -14,7 +14,7 @@ from functools import lru_cache
 import numpy as np
 
 from residual.effects import load_effects
-from residual.effects.base import Effect, Joints, MotionSpan, State
+from residual.effects.base import Effect, EffectTrait, Joints, MotionSpan, State
 from residual.errors import (
     InputError,
     check_keys,
@@ -403,6 +403,24 @@ def build_free_nominal(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     """The user's model, on the clock and thresholds of these logs."""
     base = build_nominal(logs.robot, names, logs.span, logs.speed_floor, logs.filters)
     return replace(base, model=replace(base.model, clock=logs.clock))
+
+
+def add_joint_constants(logs: FitLogs, names: Sequence[str]) -> NominalModel:
+    """The declared model and, where it says nothing of one, a constant of each joint.
+
+    A sensor's constant that the model lacks bends everything beside it: over little
+    travel it is taken for a spring. So each is free while names are sought, and then a
+    candidate like any other.
+
+    Args:
+        names: The declared effects.
+    """
+    settled = {*names, *(known.name for known in list_known_values(logs.robot))}
+    more = [e.name for e in load_effects().values() if EffectTrait.CONSTANT in e.traits]
+    more = [name for name in more if name not in settled]
+    nominal = build_free_nominal(logs, (*names, *more))
+    terms = [t for t in nominal.model.terms if t.effect.name in more]
+    return replace(nominal, constants=len(terms))
 
 
 WORTH = 0.98  # share of the usual choice's squared error that another must get under

@@ -19,7 +19,7 @@ from flows.steps.adopt import (
 from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
 from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
-from residual.diagnosis.held_out import check_adoption
+from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, SERIAL, diagnosed, unchecked
 from warehouse.query.store import open_store

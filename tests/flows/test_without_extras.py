@@ -53,7 +53,7 @@ assert not loaded, loaded
 HIDDEN = ROOT / "examples" / "hidden"
 # With a report, a verdict in JSON and a model that is kept; 32 are an effect each. It
 # was 162; 75 is aimed at. Nine came with goals, flaws of robot files, the next step.
-MOST = 115
+MOST = 117
 
 
 def run(lines, folder):

@@ -11,10 +11,12 @@ from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, merge_into_findings
-from residual.diagnosis.outcome import SearchOutcome, search_effects
-from residual.evidence.thresholds import EvidenceThresholds as Thresholds
-from residual.model.nominal import DEFAULT_DECLARED, prepare_fit_logs
-from residual.model.nominal import build_free_nominal as free_nominal
+from residual.diagnosis.outcome import Outcome, search_effects
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    add_joint_constants,
+    prepare_fit_logs,
+)
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
@@ -147,15 +149,15 @@ def recording(t, q, tau, label="log") -> Recording:
     return Recording(label, "any", t, q, tau)
 
 
-def doubts(
+def searched(
     case: Case, declared=DEFAULT_DECLARED
-) -> tuple[SearchOutcome, list[NamedEffect]]:
-    """Search, gate and findings without the proof, which takes as long again."""
-    clock = find_session_start([*case.fit, *case.held_out])
+) -> tuple[Outcome, list[NamedEffect]]:
+    """Search and findings without the proof."""
+    clock = find_session_start(case.fit)
     logs = prepare_fit_logs(case.robot, case.fit, clock, FilterSettings())
     assert not case.baseline, "what changed is compared: diagnose_case"
-    diagnosis = search_effects(logs, free_nominal(logs, declared), Thresholds(), quiet)
-    return diagnosis, merge_into_findings(diagnosis, diagnosis.fit, diagnosis.tested)
+    outcome = search_effects(logs, add_joint_constants(logs, declared), quiet)
+    return outcome, merge_into_findings(outcome, outcome.fit, outcome.named)
 
 
 def quiet(stage, share):

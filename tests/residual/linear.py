@@ -4,12 +4,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from residual.diagnosis.search import Candidates, SearchTask
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.score import Score
+from residual.diagnosis.search import Search
 from residual.effects.base import Effect, EffectTrait, State, build_joint_columns
 from residual.evidence.columns import merge_groups
 from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import NominalPrior
-from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.model import Model
 from residual.signals.track import Track
 from tests.residual.arms import arm
@@ -81,7 +82,7 @@ class Problem:
                 tau[:, on] += effect.columns(state, joints, ()) @ np.asarray(own)
             tau += noise * coloured(rng, rows, colour)
             keep = rng.uniform(size=(rows, DOF)) >= options.get("masked", 0.0)
-            tracks.append((track(tau, keep, f"log{k}"), state))
+            tracks.append((track(tau, keep, f"log{k}", state), state))
         problem = cls(tracks, build(tracks), prior)
         problem.theta = theta
         return problem
@@ -116,14 +117,13 @@ class Problem:
             start = stop
         return out
 
-    def task(self, groups, **rules):
+    @property
+    def score(self):
+        return Score(self.design, self.prior)
+
+    def search(self, groups, curves=()):
         price = {g.key: 1.0 for g in groups}
-        return SearchTask(
-            self.design,
-            self.prior,
-            Candidates(tuple(groups), price),
-            EvidenceThresholds(**rules),
-        )
+        return Search(self.score, Candidates(tuple(groups), price), curves)
 
 
 def nominal_prior(rng) -> NominalPrior:
@@ -150,16 +150,15 @@ def random_state(rng, rows, slow=0.0) -> State:
     )
 
 
-def track(tau, keep, label) -> Track:
+def track(tau, keep, label, state) -> Track:
     """A track whose cut-off is beyond its rate: its filter is the identity."""
-    zeros = np.zeros_like(tau)
     return Track(
         id=label,
         rate=100.0,
         t=np.arange(len(tau), dtype=float),
-        q=zeros,
-        qd=zeros,
-        qdd=zeros,
+        q=state.q,
+        qd=state.qd,
+        qdd=state.qdd,
         cutoff=100.0,
         step=1,
         tau=tau,
@@ -169,9 +168,16 @@ def track(tau, keep, label) -> Track:
     )
 
 
+BLOCK = 20  # rows
+
+
 def build(logs) -> Design:
-    model = Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF))
-    return Design([t for t, _ in logs], model, [s for _, s in logs])
+    """The design of the logs in blocks."""
+    model, labels, start = Model(arm(), np.zeros(NOMINAL), (), np.ones(DOF)), [], 0
+    for own, _ in logs:
+        labels.append(start + np.arange(len(own.tau)) // BLOCK)
+        start = labels[-1][-1] + 1
+    return Design([t for t, _ in logs], model, [s for _, s in logs], labels=labels)
 
 
 def coloured(rng, rows, a):

@@ -5,8 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from residual.diagnosis.adequacy import assess_adequacy, find_motion_period
 from residual.diagnosis.diagnose import diagnose
-from residual.diagnosis.gate import assess_adequacy, find_motion_period
 from residual.evidence.fit import fit_jointly
 from residual.signals.track import FilterSettings, build_tracks
 from tests.residual.arms import TWO, arm, plain_logs, recording

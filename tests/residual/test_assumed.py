@@ -12,7 +12,7 @@ from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.trajectories import plan_reference_motion
-from tests.residual.arms import doubts
+from tests.residual.arms import searched
 
 ROBOT = load_robot("irb140")
 FAMILIES = ("fourier", "cyclic", "move_stop_move")
@@ -42,7 +42,7 @@ def believed(factors):
 
 def examined_on(robot, logs):
     declared = choose_declared_effects(robot, None)
-    return doubts(Case(robot, tuple(logs), (), (), None, None), declared)
+    return searched(Case(robot, tuple(logs), (), (), None, None), declared)
 
 
 @pytest.mark.parametrize(

@@ -144,6 +144,6 @@ def test_a_load_that_no_body_is_gets_no_name():
     # An offset may be suspected beside it (0.92); no body is.
     assert [e for e in diagnosis.effects if e.probability > 0.95] == []
     assert not {"payload", "link_body"} & {e.name for e in diagnosis.effects}
-    assert any("impossible" in line for line in diagnosis.verdict.warnings)
+    assert any("impossible" in line for line in diagnosis.verdict.contradictions)
     assert diagnosis.verdict.bodies.chance < 1e-6
     assert refusals(diagnosis.models["augmented"]) == []

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.diagnosis import doubts
+from residual.diagnosis import outcome
 from residual.diagnosis.diagnose import diagnose
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, names, short_case
@@ -29,10 +29,21 @@ def test_they_are_one_finding_with_their_values_beside_another_effect():
     assert [e.name for e in verdict.effects if e is not finding] == [hidden.name]
 
 
+def test_they_are_named_where_nothing_else_is_missing():
+    case = short_case(arm(), seed=71)
+    fit, held_out = map(_with_constants, (case.fit, case.held_out))
+    verdict = diagnose(case.robot, fit, held_out=held_out).verdict
+    assert names(verdict) == [("offset", (1, 2))]
+    np.testing.assert_allclose(
+        verdict.effects[0].parameters["torque"].value, TORQUE, atol=0.3
+    )
+
+
 def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
-    monkeypatch.setattr(doubts, "SURE", 2.0)  # nothing is as sure as that
+    unsure = replace(outcome.THRESHOLDS, sure_probability=2.0)  # nothing is so sure
+    monkeypatch.setattr(outcome, "THRESHOLDS", unsure)
     verdict = diagnose(case.robot, fit, held_out=held_out).verdict
     assert not verdict.effects
     assert [(e.name, e.joints) for e in verdict.suspected] == [("offset", (1, 2))]

@@ -5,7 +5,6 @@ import pytest
 
 from residual.diagnosis.outcome import search_effects
 from residual.diagnosis.unexplained import analyze_joint_remainders, fit_correction
-from residual.evidence.thresholds import EvidenceThresholds
 from residual.model.compare import compute_model_errors, prepare_held_out
 from residual.model.nominal import DEFAULT_DECLARED, prepare_fit_logs
 from residual.model.nominal import build_free_nominal as free_nominal
@@ -30,8 +29,8 @@ def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw():
     fit, held = every[:4], every[4:]
     logs = prepare_fit_logs(arm(), fit, find_session_start(every), FilterSettings())
     nominal = free_nominal(logs, DEFAULT_DECLARED)
-    outcome = search_effects(logs, nominal, EvidenceThresholds(max_effects=0), quiet)
-    design = outcome.task.design
+    outcome = search_effects(logs, nominal, quiet)
+    design = outcome.design
     left = analyze_joint_remainders(design, logs.tracks, outcome.fit, outcome.adequacy)
     model = outcome.model(outcome.fit).model
     tables = fit_correction(model, logs.tracks, left)
@@ -40,6 +39,7 @@ def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw():
         models, prepare_held_out(held, nominal.model), logs.filters
     )
     errors = {k: e.per_joint("filtered") for k, e in errors.items()}
+    assert outcome.named == ()
     assert [one.joint for one in left] == [1]
     assert (left[0].curves[0].variable.on, left[0].kind) == ("q", "repeatable")
     assert tables.uncorrected_joints == ()

@@ -1,15 +1,14 @@
 """How sure a parameter is: by noise, by logs that disagree, by other textbook forms."""
 
 from dataclasses import replace
-from types import SimpleNamespace
 
 import numpy as np
 
 from residual.diagnosis.findings import estimate_uncertainties
 from residual.effects.base import Effect, EffectTrait, ShapeRefinement
 from residual.effects.base import build_joint_columns as joint_columns
-from tests.residual.arms import arm
 from tests.residual.linear import LINE, Problem, build
+from tests.residual.test_search import seen
 
 DRAWS = 20
 FADE = Effect(
@@ -36,13 +35,10 @@ def deviation(problem, shape):
     """Coefficient and deviation of the first parameter of one effect on joint 1."""
     effect, form = shape
     (group,) = problem.design.add([(effect, (0,), form)])
-    task = problem.task([group])
-    fitted = task.settle(task.fit([group], task.start()))
-    logs = SimpleNamespace(robot=arm(), span=None)
-    diagnosis = SimpleNamespace(task=task, logs=logs, wide=task.prior)
+    fitted = problem.score.fit([group])
     theta = fitted.of(group)
     exact = {group: (theta, np.zeros((len(theta), len(theta))))}
-    (sd,) = estimate_uncertainties(diagnosis, fitted, exact).values()
+    (sd,) = estimate_uncertainties(seen(problem.score), fitted, exact).values()
     return theta[0], sd.std, np.sqrt(np.diag(fitted.covariance())[fitted.slots(group)])
 
 

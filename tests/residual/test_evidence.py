@@ -7,7 +7,6 @@ import pytest
 from scipy.stats import multivariate_normal
 
 from residual.evidence.fit import FitEquations, count_effective_rows, fit_jointly
-from residual.evidence.fit import compute_evidence_gain as evidence_gain
 from residual.evidence.priors import screen_candidates
 from tests.residual.linear import (
     DOF,
@@ -148,24 +147,6 @@ def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
     counted = count_effective_rows(problem.design, fitted, range(DOF))
     expected = problem.design.rows * (1 - a) / (1 + a)
     np.testing.assert_allclose(counted, expected, rtol=0.25)
-
-
-def test_a_gain_counts_rows_by_what_the_larger_set_leaves(rng):
-    """What the smaller one leaves is slow because it lacks the effect."""
-    slow = replace(
-        LINE,
-        columns=lambda s, j, x: np.sin(s.t / 40)[:, None, None] * np.ones((1, 1, 1)),
-    )
-    problem = Problem.draw(rng, [(slow, (0,), [3.0])], rows=400, logs=2)
-    (group,) = problem.design.add([(slow, (0,), ())])
-    big, small = (every_row_counts(problem, m, rounds=5) for m in ([group], []))
-    poor = count_effective_rows(problem.design, small, range(DOF))
-    small, big = replace(small, counted=poor), replace(big, counted=poor)
-    value, first, second = evidence_gain(problem.design, problem.prior, big, small)
-    np.testing.assert_array_equal(first.counted, second.counted)
-    assert poor[0] < 100
-    assert first.counted[0] > 300
-    assert value > 100
 
 
 @pytest.mark.parametrize("colour", [0.0, 0.8])

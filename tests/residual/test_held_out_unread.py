@@ -23,11 +23,6 @@ def before_the_proof(verdict) -> set[tuple[str, int, float]]:
     return {(e.name, j, e.probability) for e in places for j in e.joints or (0,)}
 
 
-@pytest.mark.xfail(
-    strict=True,
-    raises=AssertionError,
-    reason="the engine of ab4d41df reads held-out logs",
-)
 @pytest.mark.parametrize(
     "held_out",
     [

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import errors_in_variables as instruments
-from residual.diagnosis.detectable import find_lookalikes
+from residual.diagnosis.detectable import DetectionModel, find_lookalikes
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit_jointly
 from residual.recording import Recording
@@ -80,7 +80,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
         fits.append(look(*args))
         return fits[-1]
 
-    monkeypatch.setattr(instruments, "check_angle_noise", keep)
+    monkeypatch.setattr("residual.diagnosis.diagnose.check_angle_noise", keep)
     outcome = diagnosed(COARSE, reference=False)
     value, std = inertia(outcome)
     assert is_noted(outcome, "parameters of rotor_inertia are corrected for it")
@@ -107,10 +107,12 @@ def test_only_what_moves_alike_is_confusable(rng):
     problem = Problem.draw(rng)
     shapes = [(LINE, (0,), ()), (OTHER, (0,), ()), (PLANE, (0,), ()), (LINE, (1,), ())]
     groups = problem.design.add(shapes)
-    task = problem.task(groups)
-    fitted = fit_jointly(task.design, task.prior, (), task.design.rows)
+    search, design = problem.search(groups), problem.design
+    fitted = fit_jointly(design, problem.prior, (), design.rows)
     told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
-    line, other, plane, far = find_lookalikes(task, fitted, told_of)
+    line, other, plane, far = find_lookalikes(
+        DetectionModel.of(search, fitted), told_of
+    )
     assert line == far == ()
     assert other == (Place("plane", (1,)),)
     # Of a plane in the direction that OTHER has too.

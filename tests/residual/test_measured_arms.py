@@ -42,16 +42,21 @@ def test_kr300_has_a_balancer_on_axis_2_and_its_error_there_falls():
     assert BALANCER in classes(verdict.effects[0])
     assert all(2 in e.joints for e in verdict.effects if BALANCER in classes(e))
     moving = verdict.error.moving
-    assert moving["identified"][1] > 20
-    assert moving["augmented"][1] < 8
+    # The scale that predicts best is wide: bodies take up much of what it does.
+    assert moving["nominal"][1] > 20
+    assert moving["augmented"][1] < min(8, moving["identified"][1])
     for j in (0, 2, 3, 4, 5):
         assert moving["augmented"][j] < 1.02 * moving["identified"][j]
     assert (np.array(verdict.error.filtered["augmented"]) < 1.05 * REACHED).all()
 
 
 def test_friction_by_load_is_named_on_a_ur10e_and_halves_what_is_left():
+    """And friction of joint 1 not linear in speed, which other days bear out."""
     verdict = verdict_of("ur10e", "feb10", "feb12")
-    assert names(verdict) == [("load_friction", (2, 3))]
+    assert ("load_friction", (2, 3)) in names(verdict)
+    assert {n for n, _ in names(verdict)} <= {"load_friction", "quadratic_viscous"}
+    assert any(n == "quadratic_viscous" and 1 in j for n, j in names(verdict))
+    assert all(e.evidence.held_out == "confirmed" for e in verdict.effects)
     moving = verdict.error.moving
     for joint in (1, 2):
         assert moving["augmented"][joint] < 0.7 * moving["identified"][joint]

@@ -31,7 +31,7 @@ def design_of(found, rng):
     for k in range(3):
         state = random_state(rng, 100)
         drawn.append(
-            (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k), state)
+            (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k, state), state)
         )
     return Design([t for t, _ in drawn], found.model, [s for _, s in drawn])
 

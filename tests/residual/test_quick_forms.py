@@ -76,8 +76,13 @@ def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
     gathered = FitEquations.of(design, problem.prior, groups[:3])
     for name in ("ids", "precision", "gram", "cross", "power"):
         np.testing.assert_allclose(getattr(grown, name), getattr(gathered, name))
-    folds = gathered.folds(design)
-    np.testing.assert_allclose(sum(f.gram for f in folds), gathered.gram, atol=1e-9)
+    every, have = design.present(0, gathered.ids)
+    gram, cross = design.fold_sums(0, every)
+    own = gathered.gram[0][np.ix_(have, have)]
+    np.testing.assert_allclose(gram.sum(axis=0), own, atol=1e-9)
+    theta = np.random.default_rng(seed).normal(size=len(every))
+    left = cross - gram @ theta
+    np.testing.assert_allclose(design.fold_pulls(0, every, theta), left, atol=1e-9)
     counted = np.full(DOF, 50.0)
     one, other = (
         fit_jointly(design, problem.prior, groups[:3], counted, system=s)

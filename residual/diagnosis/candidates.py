@@ -1,0 +1,162 @@
+"""Which effects may be named, on which joints, and what a wider choice costs."""
+
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import combinations
+
+import numpy as np
+
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait, MotionSpan, PlacedEffect
+from residual.evidence.columns import CandidateColumns, merge_groups
+from residual.evidence.design import Design
+from residual.evidence.priors import list_first_priors, list_forbidden_effects
+from residual.evidence.thresholds import THRESHOLDS
+from residual.model.nominal import NominalModel
+from residual.recording import Array
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Candidates:
+    """Every candidate finding with its price."""
+
+    # All of them: each shape of each effect on each joint, then the effects that are
+    # also tried on all joints at once.
+    groups: tuple[CandidateColumns, ...]
+    price: Mapping[tuple, float]  # what choosing one of so many costs [nats], by key
+    # Of each group its key, whether it is one of several joints, and its price [nats].
+    keys: tuple[tuple, ...] = field(init=False)
+    unions: Array = field(init=False)
+    costs: Array = field(init=False)
+
+    def __post_init__(self) -> None:
+        every = self.groups
+        object.__setattr__(self, "keys", tuple(g.key for g in every))
+        object.__setattr__(self, "unions", np.array([bool(g.parts) for g in every]))
+        object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
+
+    def cost(self, group: CandidateColumns) -> float:
+        """Price of a group [nats]; joints that came together share one price."""
+        return self.price[group.key] / group.fellows
+
+    def beside(self, more: Sequence[CandidateColumns]) -> "Candidates":
+        """The same with more of them."""
+        price = float(np.log(len({*self.price, *(g.key for g in more)})))
+        priced = {**self.price, **{g.key: price for g in more}}
+        return replace(self, groups=(*self.groups, *more), price=priced)
+
+    def without(self, names: Sequence[str]) -> "Candidates":
+        """The same without some effects; itself where it has none of them."""
+        if not any(g.effect.name in names for g in self.groups):
+            return self
+        kept = tuple(g for g in self.groups if g.effect.name not in names)
+        return replace(self, groups=kept)
+
+    def exclude_joints(
+        self, joints: Collection[int], bodies: bool = True
+    ) -> "Candidates":
+        """The same without what sits on some joints, alone or among others.
+
+        Args:
+            joints: The joints, from 0.
+        """
+        shut = set(joints)
+        kept = (
+            g
+            for g in self.groups
+            if not shut & set(g.joints)
+            or not (bodies or g.effect.portable.bodies is None)
+        )
+        return replace(self, groups=tuple(kept))
+
+
+def collect_candidates(
+    design: Design, effects: Sequence[Effect], span: MotionSpan, dof: int
+) -> Candidates:
+    """Append the columns of all candidates to the design.
+
+    A key costs the logarithm of the number of keys, and its shapes that of their
+    number: the evidence of the best of many is worth so much less.
+    """
+    placed = []
+    for effect in effects:
+        for joints in effect.candidates(dof, span.prismatic):
+            anchor = joints[0] if joints else 0
+            shapes = effect.shapes(span, anchor)
+            placed += [PlacedEffect(effect, joints, shape) for shape in shapes]
+    groups = design.add(placed)
+    # Linear local effects that usually sit on every joint, as one candidate.
+    single: dict[str, list[CandidateColumns]] = {}
+    for g in groups:
+        if EffectTrait.GROUPABLE in g.effect.traits and g.shape == ():
+            single.setdefault(g.effect.name, []).append(g)
+    together = [
+        merge_groups(parts) for parts in single.values() if len(parts) == dof > 1
+    ]
+    groups += together
+    variants = Counter(g.key for g in groups)
+    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    # A model that lacks all that every drive has must gain it in one step, since each
+    # alone leaves a residual in which the others cannot be seen.
+    drive_groups = [g for g in together if g.effect.drive_order]
+    for count in range(2, len(drive_groups) + 1):
+        for some in combinations(drive_groups, count):
+            parts = [part for g in some for part in g.parts]
+            label = " + ".join(g.effect.name for g in some)
+            groups.append(merge_groups(parts, label))
+            price[groups[-1].key] = sum(price[g.key] for g in some)
+    return Candidates(tuple(groups), price)
+
+
+def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
+    """The same candidates, seen with the model that the design looks with now.
+
+    Only columns that read the model's torque are made anew.
+    """
+    reading = [
+        g
+        for g in candidates.groups
+        if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
+    ]
+    recomputed = design.add([g.placed for g in reading])
+    new = {_place(g): group for g, group in zip(reading, recomputed, strict=True)}
+
+    def of(group: CandidateColumns) -> CandidateColumns:
+        if not any(_place(p) in new for p in group.parts):
+            return new.get(_place(group), group)
+        parts = [new.get(_place(p), p) for p in group.parts]
+        return merge_groups(parts, group.label)
+
+    return replace(candidates, groups=tuple(of(g) for g in candidates.groups))
+
+
+def _place(group: CandidateColumns) -> tuple:
+    return group.effect.name, group.joints, group.shape, len(group.parts)
+
+
+def build_candidates(
+    design: Design, nominal: NominalModel, span: MotionSpan, clocked: bool
+) -> Candidates:
+    """Append the columns of all effects that some prior allows.
+
+    Args:
+        clocked: Whether the order of the logs in time is known.
+    """
+    absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
+    effects = [e for e in load_effects().values() if not e.traits & absent]
+    barred = [
+        list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)
+    ]
+    allowed = [e for e in effects if not all(e.name in b for b in barred)]
+    candidates = collect_candidates(design, allowed, span, design.dof)
+    # Where all values of a kind are off, that is how good they are, and no effect.
+    kinds = nominal.kinds
+    groups = [
+        g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)
+    ]
+    candidates = replace(candidates, groups=tuple(groups))
+    # Of joints that hardly move the logs say nothing.
+    return candidates.exclude_joints(
+        np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
+    )
