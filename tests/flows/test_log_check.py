@@ -230,7 +230,8 @@ def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(
 
 def test_a_log_with_nan_is_to_be_cut_and_not_to_be_recorded_again(place, capsys):
     lines = Path("A.csv").read_text().splitlines()
-    lines[300] = ",".join([*lines[300].split(",")[:-1], "nan"])
+    for i in range(100, 100 + len(lines) // 5):  # some are masked, so many are not
+        lines[i] = ",".join([*lines[i].split(",")[:-1], "nan"])
     Path("A.csv").write_text("\n".join(lines))
     assert run("diagnose A.csv B.csv --robot arm.urdf") == 2
     err = capsys.readouterr().err
