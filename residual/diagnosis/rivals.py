@@ -15,7 +15,12 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from residual.diagnosis.score import Score
-from residual.diagnosis.search import Search, is_curve, refine_last_shape
+from residual.diagnosis.search import (
+    Search,
+    is_curve,
+    places_of,
+    refine_last_shape,
+)
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.fit import Fit, FitEquations, find_group_limits
 from residual.evidence.priors import stack_groups, weight_column_products
@@ -67,9 +72,9 @@ class RivalSet:
 def find_rival_sets(search: Search, fitted: Fit) -> list[RivalSet]:
     """Return all sets within 6 nats of the one named, nearest first."""
     near = find_separable_sets(search, fitted)
-    known = {_places_of(r.members) for r in near}
+    known = {places_of(r.members) for r in near}
     twins = _body_twins(search, fitted)
-    return [*near, *(r for r in twins if _places_of(r.members) not in known)]
+    return [*near, *(r for r in twins if places_of(r.members) not in known)]
 
 
 def find_separable_sets(search: Search, fitted: Fit) -> list[RivalSet]:
@@ -79,8 +84,8 @@ def find_separable_sets(search: Search, fitted: Fit) -> list[RivalSet]:
     score, rivals = search.set_score(fitted), {}
     for neighbor in _neighboring_fits(search, fitted):
         gap = search.set_score(neighbor) - score
-        key = _places_of(neighbor.members)
-        if gap > -THRESHOLDS.class_nats and key != _places_of(fitted.members):
+        key = places_of(neighbor.members)
+        if gap > -THRESHOLDS.class_nats and key != places_of(fitted.members):
             rival = rivals.get(key)
             if rival is None or gap > rival.nats:
                 rivals[key] = RivalSet(neighbor.members, gap)
@@ -131,10 +136,6 @@ def _fit_with(
     return score.fit_like(members, like)
 
 
-def _places_of(members: Sequence[CandidateColumns]) -> tuple:
-    return tuple(sorted((g.effect.name, g.joints) for g in members))
-
-
 def _body_twins(search: Search, fitted: Fit) -> list[RivalSet]:
     """Sets with one more change of a body that the named ones take up unseen.
 
@@ -142,7 +143,7 @@ def _body_twins(search: Search, fitted: Fit) -> list[RivalSet]:
     the price of one more name.
     """
     bodies = [g for g in fitted.members if g.effect.portable.bodies is not None]
-    taken = _places_of(fitted.members)
+    taken = places_of(fitted.members)
     candidates = [
         g
         for g in search.candidates.groups

@@ -156,10 +156,12 @@ class Search:
         """Add the best candidate while one is borne out."""
         fitted = self.score.fit(start)
         fitted = self._drop(fitted) if start else fitted
-        left = self.score.left_out(fitted)
-        while len(fitted.members) < THRESHOLDS.max_effects:
+        left, seen = self.score.left_out(fitted), set()
+        # A member may drop what brings it back: a set that was there ends the search.
+        while (places := places_of(fitted.members)) not in seen:
+            seen.add(places)
             best = self._choose(self.look(fitted), left)
-            if best is None:
+            if best is None or len(fitted.members) >= THRESHOLDS.max_effects:
                 break
             fitted, left = self._join(fitted, best)
         return SearchRun(self.score, fitted, left)
@@ -377,6 +379,11 @@ def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool
         return False
     share = THRESHOLDS.explained_share
     return bool((first - theirs).sum() < share * (first - own).sum())
+
+
+def places_of(members: Sequence[CandidateColumns]) -> tuple:
+    """Effects and joints of a set, whatever their shapes and order."""
+    return tuple(sorted((g.effect.name, g.joints) for g in members))
 
 
 def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:

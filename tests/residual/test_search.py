@@ -131,6 +131,25 @@ def test_a_set_that_was_given_loses_what_does_not_carry_its_price(rng):
     assert keys(problem.search(groups).settle(tuple(groups)).named) == [("line", (0,))]
 
 
+def test_a_search_whose_member_drops_what_brings_it_back_ends(rng, monkeypatch):
+    """On a measured arm one name and another took turns for ever."""
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
+    first, second = problem.design.add([(LINE, (0,), ()), (PLANE, (1,), ())])
+    search = problem.search([first, second])
+    joins = []
+
+    def join(self, base, best):
+        now = first if first not in base.members else second
+        joins.append(now)
+        fitted = self.score.fit((now,))
+        return fitted, self.score.left_out(fitted)
+
+    monkeypatch.setattr(type(search), "_join", join)
+    monkeypatch.setattr(type(search), "_choose", lambda self, trials, left: first)
+    search.run()
+    assert joins == [first, second, first]
+
+
 # As on an arm: columns slower than what is left, of whose rows a quarter counts.
 SLOW = {"rows": 300, "colour": 0.6, "slow": 0.9}
 
