@@ -417,7 +417,7 @@ def _describe_doubt(fault: Fault) -> str:
     """Say what may be wrong with a log, and what else explains it."""
     settle = f" {fault.settle}" if fault.settle else ""
     either = join_with_and([title_fault(fault)])
-    return f"Either {either}, or {' or '.join(fault.rivals)}.{settle}"
+    return f"Either {either}, or {', or '.join(fault.rivals)}.{settle}"
 
 
 def _effects(verdict: Verdict) -> str:

@@ -424,7 +424,8 @@ def _decide(
         tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
         for other in same[:1]
     )
-    rivals = [_name(other.slips) for other in near if other not in same]
+    names = [_name(other.slips) for other in near if other not in same]
+    rivals = [n if n != _name(group) else "another factor of it" for n in names]
     rivals += _list_rivals(best, without, kind)
     if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
         rivals.append("masses of the robot file that are all off by one factor")
