@@ -144,6 +144,8 @@ def build_candidates(
         clocked: Whether the order of the logs in time is known.
     """
     absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
+    if span.one_drive:
+        absent |= EffectTrait.CHAIN
     effects = [e for e in load_effects().values() if not e.traits & absent]
     barred = [
         list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)

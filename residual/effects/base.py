@@ -259,6 +259,7 @@ class EffectTrait(Flag):
     GROUPABLE = auto()  # it is also tried on all joints at once
     # Logs of one drive do not split what has this: a motor constant is in them all.
     MOTOR = auto()
+    CHAIN = auto()  # the chain of a drive has it: where one is stated it is no effect
 
 
 @dataclass(frozen=True, eq=False, slots=True)

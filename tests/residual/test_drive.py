@@ -6,10 +6,17 @@ import numpy as np
 import pytest
 
 from residual.check.check import check_logs
+from residual.diagnosis.candidates import build_candidates
 from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive, compute_drive_torque, limit_goal
 from residual.effects.base import MotionSpan
+from residual.evidence.design import Design
 from residual.identification.identify import identify
+from residual.model.nominal import (
+    DEFAULT_DECLARED,
+    build_free_nominal,
+    prepare_fit_logs,
+)
 from residual.planning.drive_logs import list_separating_logs
 from residual.recording import Recording, apply_drive
 from residual.robot.dynamics import (
@@ -17,9 +24,10 @@ from residual.robot.dynamics import (
     replace_inertial_parameters,
 )
 from residual.robot.robot import add_known_values, load_robot
+from residual.signals.track import FilterSettings
 from residual.verdict.result import Place, add_motor_class
 from tests import plain_arm
-from tests.residual.arms import arm
+from tests.residual.arms import arm, plain_logs
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
 
 T = np.arange(0, 2, 0.01)
@@ -106,3 +114,16 @@ def test_logs_of_one_drive_have_one_name_for_gain_motor_and_friction():
     off = replace(span, switched=(True,))
     assert add_motor_class(place, [], off) == (both[1],)
     assert add_motor_class(place, [], replace(span, one_drive=False)) == ()
+
+
+def test_where_a_drive_is_stated_a_delay_is_of_its_chain_and_no_effect():
+    logs = prepare_fit_logs(
+        arm(), plain_logs(arm(), [0, 1], [0.0, 0.0], count=2), None, FilterSettings()
+    )
+    nominal = build_free_nominal(logs, DEFAULT_DECLARED)
+    design = Design(logs.tracks, nominal.model)
+    names = [
+        {g.effect.name for g in build_candidates(design, nominal, span, False).groups}
+        for span in (logs.span, replace(logs.span, one_drive=True))
+    ]
+    assert names[0] - names[1] == {"delay"}
