@@ -44,6 +44,7 @@ from residual.check.slips import (
     list_factor_slips,
     list_removals,
     list_scale_slips,
+    measure_angle,
     merge_slips,
     repair_motion,
     repair_torques,
@@ -301,7 +302,7 @@ class Search:
     def _inclined(self, reading: Reading) -> Iterator[Slip]:
         if np.linalg.norm(reading.sums.gravity):
             tilted = find_tilted_gravity(reading.sums, reading.torques)
-            if _angle(tilted, reading.sums.gravity) > CHECK.tilted_rad / 2:
+            if measure_angle(tilted, reading.sums.gravity) > CHECK.tilted_rad / 2:
                 yield build_mounting_slip(self._down, tilted)
 
     @property
@@ -314,7 +315,7 @@ class Search:
             return reading
         for _ in range(12):
             tilted = find_tilted_gravity(reading.sums, reading.torques)
-            turn = _angle(tilted, reading.sums.gravity)
+            turn = measure_angle(tilted, reading.sums.gravity)
             slip = build_mounting_slip(self._down, tilted)
             slips = [slip if s.kind == MOUNTING else s for s in reading.slips]
             other = self.read(slips)
@@ -325,7 +326,7 @@ class Search:
         gravity = reading.sums.gravity
         size = float(np.linalg.norm(gravity))
         axis = size * np.sign(gravity) * (np.abs(gravity) > 0.9 * size)
-        if axis.any() and _angle(axis, self._down) > CHECK.tilted_rad / 2:
+        if axis.any() and measure_angle(axis, self._down) > CHECK.tilted_rad / 2:
             slip = build_mounting_slip(self._down, axis)
             near = self.read([slip if s.kind == MOUNTING else s for s in reading.slips])
             if near.nats > reading.nats - CHECK.odds_nats:
@@ -359,12 +360,6 @@ def _get_value(reading: Reading) -> float:
 
 def _get_sketched(reading: Reading) -> float:
     return reading.sketched
-
-
-def _angle(a: Array, b: Array) -> float:
-    """Angle between two directions [rad]; none where one is nothing."""
-    size = float(np.linalg.norm(a) * np.linalg.norm(b))
-    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
 
 
 def find_misreadings(
@@ -403,7 +398,10 @@ def _decide(
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     own = {slip.words for slip in group}
-    if kind == MOUNTING and _angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
+    if (
+        kind == MOUNTING
+        and measure_angle(best.sums.gravity, search._down) < CHECK.tilted_rad
+    ):
         return None
     near = [
         other

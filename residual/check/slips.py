@@ -157,10 +157,15 @@ def list_removals(robot: Robot) -> Iterator[Slip]:
         yield Slip(REMOVED, (), words, ())
 
 
+def measure_angle(a: Array, b: Array) -> float:
+    """Angle between two directions [rad]; none where one is nothing."""
+    size = float(np.linalg.norm(a) * np.linalg.norm(b))
+    return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
+
+
 def build_mounting_slip(file: Array, gravity: Array) -> Slip:
     """Return the slip of an arm that stands otherwise than its file says."""
-    size = float(np.linalg.norm(file) * np.linalg.norm(gravity))
-    angle = float(np.arccos(np.clip(file @ gravity / size, -1, 1)))
+    angle = measure_angle(file, gravity)
     way = f"stands inclined by {np.degrees(angle):.0f} degrees"
     for at, words in ((np.pi, "hangs from a ceiling"), (np.pi / 2, "is on a wall")):
         way = words if abs(angle - at) < CHECK.tilted_rad else way

@@ -18,9 +18,7 @@ class CheckThresholds:
     # Gravity is certain from `suspect_nats` on: on sound arms another direction of it
     # gains 5 nats at most.
     certain_nats: float = 60.0
-    loss_ratio: float = 5.0  # gain over the loss of any one channel
     one_joint_nats: float = 40.0  # bending at most: two joints may hide an effect
-    broken_nats: float = 150.0  # bending: certainly another arm
 
     strained_nats: float = 6.0  # of all joints: other arrangements are tried
     least_rest: float = 0.02  # of a torque: no file is nearer
@@ -79,7 +77,6 @@ class CheckThresholds:
     unit_ratio: float = 1.8
     unit_certain_ratio: float = 5.0
     joint_ratio: float = 4.0  # of a joint in its place and unit
-    inertia_ratio: float = 1.6  # of the inertia in a torque without weight
     weak_joint_share: float = 0.03  # of the strongest torque: a wrist's ratio is unsure
     factor_spread: float = 1.1  # factors so near to each other are one
     weight_share: float = 0.2  # of the weight; doubled time leaves a quarter
