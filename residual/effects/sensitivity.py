@@ -18,7 +18,7 @@ from residual.effects.base import State
 from residual.recording import Array
 from residual.robot.dynamics import (
     build_motion_key,
-    compute_gravity_torque,
+    compute_weight_torques,
     replace_inertial_parameters,
 )
 from residual.signals.filters import filter_low_pass
@@ -53,9 +53,7 @@ def compute_torque_derivatives(state: State) -> Array:
 @cached(LRUCache(KEPT, getsizeof=lambda torque: torque.nbytes), key=_key, lock=Lock())
 def compute_weight_torque(state: State) -> Array:
     """Torques of gravity of 1 m/s^2 along x and y of the base. Shape (n, dof, 2)."""
-    model = build_loaded_model(state)
-    pushes = [compute_gravity_torque(model, state.q, g) for g in np.eye(3)[:2]]
-    return np.stack(pushes, axis=2)
+    return compute_weight_torques(build_loaded_model(state), state.q)[:, :, :2]
 
 
 def build_loaded_model(state: State) -> pin.Model:
