@@ -10,14 +10,13 @@ from dataclasses import dataclass
 from itertools import product
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from residual.diagnosis.score import count_merged_blocks, mixture_evidence
 from residual.diagnosis.search import Search
 from residual.effects.base import Effect, EffectTrait, PlacedEffect
 from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import Fit, FitEquations, find_group_limits
-from residual.evidence.priors import stack_groups, weight_column_products
+from residual.evidence.priors import project_columns, stack_groups
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.verdict.result import Detectable, Place
@@ -38,9 +37,7 @@ class DetectionModel:
         design = search.score.design
         weight = fitted.weight(design.rows)
         system = FitEquations.of(design, search.score.prior, fitted.members)
-        shared = weight_column_products(design, system, weight)
-        lower = system.solve(weight)[1]
-        return cls(search, fitted, weight, solve_triangular(lower, shared, lower=True))
+        return cls(search, fitted, weight, project_columns(design, system, weight))
 
     def information(self, group: CandidateColumns) -> Array:
         """What the logs tell of a group beyond the fit. Shape (k, k)."""

@@ -24,6 +24,7 @@ from residual.diagnosis.held_out import (
 )
 from residual.diagnosis.open_question import build_open_question
 from residual.diagnosis.outcome import Progress, search_effects
+from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_unexplained
 from residual.diagnosis.verdict import build_verdict, describe_signals
 from residual.errors import InputError
@@ -110,7 +111,8 @@ def diagnose(
     named, background = split_background(found, robot.dof)
     suspects = (*refuted, *(m for m in outcome.suspected if m not in refuted))
     suspected = merge_into_findings(outcome, outcome.selection.fit, suspects)
-    question = build_open_question(outcome, outcome.fit, named)
+    rivals = find_rival_sets(outcome.selection.search, outcome.fit)
+    question = build_open_question(outcome, outcome.fit, named, rivals)
     augmented = models["augmented"]
     if remains.correction is not None:  # tables for the rest are a model too
         models["plsr"] = remains.correction
@@ -128,6 +130,7 @@ def diagnose(
         bodies,
         remains,
         question,
+        rivals,
         errors,
         tabulate_errors(
             {name: errors.get(name) for name in (*STAGES, PLAIN)},

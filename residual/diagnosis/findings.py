@@ -17,7 +17,6 @@ from residual.evidence.design import CandidateColumns, Design
 from residual.evidence.fit import (
     Fit,
     NominalPrior,
-    compute_zero_chance,
     fit_jointly,
     invert_scaled,
 )
@@ -29,7 +28,6 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 from residual.verdict.result import EXPLAINED
 
-FLAT = 1e-9  # of the largest correlation: a direction that moves nothing
 USUAL = 0.975  # quantile at two standard deviations
 STEP = 1e-3  # relative step of the numerical derivatives
 
@@ -41,9 +39,6 @@ class MemberUncertainty:
     std: Array  # standard deviation of each parameter, (parameters,)
     prior: Array  # the same before the logs spoke, (parameters,)
     theta: Array  # standard deviation of each coefficient, and before, (2, k)
-    # Chance of coefficients so far from zero if they were zero, and the rest as good as
-    # the logs say.
-    chance: float
 
 
 def estimate_uncertainties(
@@ -71,9 +66,6 @@ def estimate_uncertainties(
     known = fitted.counted, fitted.variance, 1
     full = fit_jointly(design, outcome.selection.wide, members, *known)
     covariance, between = full.covariance(), covariance_between_logs(design, full)
-    sharp = fit_jointly(
-        design, rougher_body_prior(outcome), members, *known
-    ).covariance()
     out = {}
     for g in sizes:
         slope, (theta, doubt) = extra[g], sizes[g]
@@ -82,7 +74,7 @@ def estimate_uncertainties(
             slots = np.concatenate([slots, full.slots(slope)])
         searched = slope is not None
         jacobian = values_jacobian(g.effect, theta, g.shape, robot, searched)
-        covariances = [c[np.ix_(slots, slots)] for c in (covariance, between, sharp)]
+        covariances = [c[np.ix_(slots, slots)] for c in (covariance, between)]
         for c in covariances:
             c[: len(theta), : len(theta)] += doubt
         form = _form_doubt(outcome, fitted, g)
@@ -112,21 +104,14 @@ def _doubt(
     form: Array,
     prior: Array,
 ) -> MemberUncertainty:
-    """Combine the covariances of one member: noise, between logs, and sharp."""
-    by_noise, between, sharp = covariances
-    wide = (by_noise, between)
-    variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in wide]
+    """Combine the covariances of one member: by noise, and between logs."""
+    variance = [np.einsum("ij,jk,ik->i", jacobian, c, jacobian) for c in covariances]
     std = np.sqrt(np.maximum.reduce([*variance, form**2]))
     k = len(theta)
-    # A structure must stand out though bodies may be off by as much as logs allow;
-    # that a value is wrong is asked of this value, the others as good as they are.
-    covariance = sharp if EffectTrait.PARAMETER in group.effect.traits else by_noise
-    spreads = (covariance, covariance + between)
-    chance = max(compute_zero_chance(theta, c[:k, :k], FLAT) for c in spreads)
     before = np.diag(invert_scaled(group.precision))
-    after = np.maximum.reduce([np.diag(c)[:k] for c in wide])
+    after = np.maximum.reduce([np.diag(c)[:k] for c in covariances])
     deviations = np.sqrt(np.maximum([after, before], 0.0))
-    return MemberUncertainty(std, prior, deviations, chance)
+    return MemberUncertainty(std, prior, deviations)
 
 
 def _prior_std(
@@ -239,20 +224,12 @@ def values_jacobian(
     return np.column_stack(columns)
 
 
-SIZED = 2.0  # deviations
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class MemberConfidence:
     """How sure one member of a finding is."""
 
     probability: float  # of its class against all other names and against none
     doubt: MemberUncertainty  # what is known of its parameters
-
-    @property
-    def chance(self) -> float:
-        """Chance of a size so far from nothing, were it nothing."""
-        return self.doubt.chance
 
     @property
     def determined(self) -> Array:

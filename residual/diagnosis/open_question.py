@@ -7,7 +7,7 @@ import numpy as np
 
 from residual.diagnosis.findings import NamedEffect, joint_numbers
 from residual.diagnosis.outcome import Outcome
-from residual.diagnosis.rivals import find_separable_sets
+from residual.diagnosis.rivals import RivalSet
 from residual.diagnosis.search import Search
 from residual.effects.base import PlacedEffect
 from residual.evidence.design import CandidateColumns
@@ -49,18 +49,19 @@ class MemberSwap:
 
 
 def find_member_swaps(
-    search: Search,
     fitted: Fit,
     named: Sequence[tuple[CandidateColumns, Sequence[CandidateColumns]]],
+    rivals: Sequence[RivalSet],
 ) -> list[MemberSwap]:
-    """Return what other sets within 6 nats differ by, each difference once.
+    """Return what other sets differ by that a motion may tell, each difference once.
 
     Args:
         named: Named effects with their equivalents, which are no news here.
+        rivals: The other sets within 6 nats.
     """
     known = {(group.key, other.key) for group, near in named for other in near}
     found: dict[tuple, tuple[Groups, list[Groups]]] = {}
-    for one in find_separable_sets(search, fitted):
+    for one in (rival for rival in rivals if not rival.twin):
         gone = _without(fitted.members, one.members)
         instead = _without(one.members, fitted.members)
         pair = tuple(g.key for g in (*gone, *instead))
@@ -163,7 +164,10 @@ class SharedColumns:
 
 
 def build_open_question(
-    outcome: Outcome, fitted: Fit, named: Sequence[NamedEffect]
+    outcome: Outcome,
+    fitted: Fit,
+    named: Sequence[NamedEffect],
+    rivals: Sequence[RivalSet],
 ) -> OpenQuestion:
     """Return what a diagnosis leaves open.
 
@@ -171,6 +175,9 @@ def build_open_question(
     contest, and so are several findings and what could stand in theirs. Where nothing
     is named and a joint keeps more than noise, the strongest candidates there are
     rivals of one another and of nothing, although none of them could be named.
+
+    Args:
+        rivals: Sets that the logs cannot tell from the one that is named.
     """
     equal = [
         (t.group, t.equivalent)
@@ -178,12 +185,11 @@ def build_open_question(
         for t in finding.tested
         if t.equivalent
     ]
-    search = outcome.selection.search
     classes: dict[tuple, MemberSwap] = {
         (group.key,): MemberSwap((group,), tuple((g,) for g in near))
         for group, near in equal
     }
-    for swap in find_member_swaps(search, fitted, equal):
+    for swap in find_member_swaps(fitted, equal, rivals):
         key = tuple(g.key for g in swap.gone)
         known = classes.get(key, MemberSwap(swap.gone, ()))
         classes[key] = replace(known, instead=(*known.instead, *swap.instead))

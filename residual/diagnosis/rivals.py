@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from itertools import combinations
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from residual.diagnosis.score import Score
 from residual.diagnosis.search import (
@@ -23,7 +22,7 @@ from residual.diagnosis.search import (
 )
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.fit import Fit, FitEquations, find_group_limits
-from residual.evidence.priors import stack_groups, weight_column_products
+from residual.evidence.priors import project_columns, stack_groups
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
@@ -177,8 +176,7 @@ def _information(
     design = score.design
     weight = fitted.weight(design.rows)
     system = FitEquations.of(design, score.prior, members)
-    shared = weight_column_products(design, system, weight)
-    half = solve_triangular(system.solve(weight)[1], shared, lower=True)
+    half = project_columns(design, system, weight)
     out = np.empty(len(candidates))
     for stack in stack_groups(design, candidates):
         out[stack.members] = stack.beyond(weight, half)[:, 0, 0]

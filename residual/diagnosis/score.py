@@ -73,6 +73,11 @@ class LeftOut:
         """By how much it predicts each block better than another [nats]. (blocks,)."""
         return 0.5 * (other.errors - self.errors) @ self.weight
 
+    @property
+    def total(self) -> float:
+        """All of it, weighted."""
+        return float((self.errors @ self.weight).sum())
+
     def find_main_joint(self, other: "LeftOut") -> int:
         """The joint (from 0) on which it gains most over another."""
         return int(np.argmax((other.errors - self.errors).sum(axis=0) * self.weight))
@@ -81,6 +86,11 @@ class LeftOut:
         """Share of the other's squared error that falls, by joint. Shape (dof,)."""
         before = np.maximum(other.errors.sum(axis=0), 1e-30)
         return 1 - self.errors.sum(axis=0) / before
+
+
+def compute_scatter(gains: Array) -> float:
+    """Standard deviation of the sum of what blocks gain, each independently."""
+    return float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.score import LeftOut, Score
+from residual.diagnosis.score import LeftOut, Score, compute_scatter
 from residual.effects.base import (
     Effect,
     EffectTrait,
@@ -374,8 +374,7 @@ def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool
     """Whether a name explains clearly less of its joint than a curve."""
     own, theirs, first = (x.errors[:, joint] for x in (curve, name, before))
     gain = theirs - own
-    scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
-    if gain.sum() <= THRESHOLDS.paired_deviations * scatter:
+    if gain.sum() <= THRESHOLDS.paired_deviations * compute_scatter(gain):
         return False
     share = THRESHOLDS.explained_share
     return bool((first - theirs).sum() < share * (first - own).sum())

@@ -16,7 +16,7 @@ from residual.diagnosis.candidates import (
     build_candidates,
     recompute_candidates,
 )
-from residual.diagnosis.score import LeftOut, Score, label_blocks
+from residual.diagnosis.score import LeftOut, Score, compute_scatter, label_blocks
 from residual.diagnosis.search import (
     Search,
     SearchRun,
@@ -184,7 +184,7 @@ def _weigh(
     power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
     lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
-    best = min(lefts, key=lambda x: float((x.errors @ x.weight).sum()))
+    best = min(lefts, key=lambda x: x.total)
     same = [r for r, x in zip(runs, lefts, strict=True) if _predicts_as_well(x, best)]
     counted = np.max([r.fit.counted for r in runs], axis=0)
 
@@ -205,20 +205,17 @@ def _weigh(
 
 def _predicts_as_well(left: LeftOut, best: LeftOut) -> bool:
     loss = best.gain_over(left)
-    scatter = loss.std(ddof=1) * np.sqrt(len(loss))
-    if loss.sum() <= THRESHOLDS.paired_deviations * scatter:
+    if loss.sum() <= THRESHOLDS.paired_deviations * compute_scatter(loss):
         return True
-    total, least = (float((x.errors @ x.weight).sum()) for x in (left, best))
-    return total < (1 + THRESHOLDS.same_share) * least
+    return left.total < (1 + THRESHOLDS.same_share) * best.total
 
 
 def _falls_behind(runs: Sequence[SearchRun]) -> bool:
     """Whether the last run predicts left-out blocks clearly worse than the best."""
     weight = runs[-1].left_out.weight
     lefts = [replace(r.left_out, weight=weight) for r in runs]
-    best = min(lefts, key=lambda x: float((x.errors @ weight).sum()))
-    total, least = (float((x.errors @ weight).sum()) for x in (lefts[-1], best))
-    behind = total > (1 + THRESHOLDS.hopeless_share) * least
+    best = min(lefts, key=lambda x: x.total)
+    behind = lefts[-1].total > (1 + THRESHOLDS.hopeless_share) * best.total
     return behind and not _predicts_as_well(lefts[-1], best)
 
 
@@ -414,10 +411,10 @@ def _choose_predictive_scale(
     chosen = best.score
     fitted = chosen.fit(names, best.fit)
     left = chosen.left_out(fitted)
-    least = float((left.errors @ left.weight).sum()) * (1 - THRESHOLDS.min_share)
+    least = left.total * (1 - THRESHOLDS.min_share)
     for score in scores:
-        errors = score.left_out(score.fit(names, fitted)).errors
-        if (total := float((errors @ left.weight).sum())) < least:
+        other = score.left_out(score.fit(names, fitted))
+        if (total := replace(other, weight=left.weight).total) < least:
             chosen, least = score, total
     return chosen
 
@@ -466,8 +463,8 @@ def _judge(
         if is_curve(trial.group) or trial.nats < nats / 2:
             continue
         gain = left.gain_over(replace(trial.left_out, weight=left.weight))
-        scatter = float(gain.std(ddof=1) * np.sqrt(len(gain)))
-        within = max(THRESHOLDS.class_nats, THRESHOLDS.paired_deviations * scatter)
+        scatter = THRESHOLDS.paired_deviations * compute_scatter(gain)
+        within = max(THRESHOLDS.class_nats, scatter)
         if gain.sum() < within:
             near.append(trial.group)
     alike = {group.effect.name, former, *(g.effect.name for g in near)}

@@ -22,7 +22,7 @@ from residual.diagnosis.held_out import (
 )
 from residual.diagnosis.open_question import list_places
 from residual.diagnosis.outcome import Outcome
-from residual.diagnosis.rivals import find_rival_sets
+from residual.diagnosis.rivals import RivalSet
 from residual.diagnosis.unexplained import (
     JointRemainder,
     UnexplainedAnalysis,
@@ -79,6 +79,7 @@ def build_verdict(
     bodies: PossibleModel,
     unexplained: UnexplainedAnalysis,
     question: OpenQuestion,
+    rivals: Sequence[RivalSet],
     errors: Mapping[str, ErrorSums],
     tables: ErrorTables,
     check: LogCheck | None,
@@ -91,6 +92,7 @@ def build_verdict(
         background: Those that any used arm has.
         suspected: What is less sure or refuted, and in no model.
         bodies: The augmented model, and what of it no body could be.
+        rivals: Sets that the logs cannot tell from the one that is named.
         errors: Errors of each model on the held-out logs; `tables` has them as values.
         notes: Warnings on the logs, which come first.
     """
@@ -109,7 +111,7 @@ def build_verdict(
             nats=convert_to_plain_values(rival.nats),
             separated_by=LOAD if rival.twin else MOTION,
         )
-        for rival in find_rival_sets(search, outcome.fit)
+        for rival in rivals
     )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:

@@ -298,6 +298,12 @@ def weight_column_products(
     return out
 
 
+def project_columns(design: Design, system: FitEquations, weight: Array) -> Array:
+    """What a fit imitates of all columns, for `GroupStack.beyond`. (m, size)."""
+    shared = weight_column_products(design, system, weight)
+    return solve_triangular(system.solve(weight)[1], shared, lower=True)
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class GroupStack:
     """Groups of as many columns."""
