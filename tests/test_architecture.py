@@ -43,7 +43,7 @@ NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 MAX_LINES = 600
 MAX_BODY = 80
 # Rooms of the method that decide something, each by one record.
-DECIDING = ("check", "changes", "evidence", "monitoring")
+DECIDING = ("check", "evidence", "monitoring")
 THRESHOLDS = re.compile(r".*Thresholds")
 
 

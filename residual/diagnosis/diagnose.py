@@ -6,8 +6,8 @@ that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PL
 
 from collections.abc import Sequence
 
-from residual.changes.compare import compare_epochs
 from residual.check.result import LogCheck
+from residual.diagnosis.changes import compare_epochs
 from residual.diagnosis.errors_in_variables import (
     check_angle_noise,
     describe_angle_noise,

@@ -345,16 +345,10 @@ def _torque(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> float:
     """Largest rms torque of a member on any joint, as a share of the joint's rms."""
     design, out = outcome.design, 0.0
     for j in range(design.dof):
-        torque = _torque_on(design, fitted, group, j)
+        torque = design.torque(group, fitted.of(group), j)
         if torque.any():  # a joint may log no torque
             out = max(out, float(np.sqrt(np.mean(torque**2))) / design.rms[j])
     return out
-
-
-def _torque_on(design: Design, fitted: Fit, group: CandidateColumns, j: int) -> Array:
-    """Torque of a member on the rows of a joint [N m]. Shape (rows,)."""
-    place, have = design.present(j, group.ids)
-    return design.columns(j, place) @ fitted.of(group)[have]
 
 
 def _size(
@@ -472,7 +466,7 @@ def _drawn_on(design: Design, fitted: Fit, tested: Member) -> Sequence[int]:
     if group.effect.variable is not None:
         return (tested.joint,)
     rows = group.effect.rows(group.joints, len(design.rms))
-    torques = {j: _torque_on(design, fitted, group, j) for j in rows}
+    torques = {j: design.torque(group, fitted.of(group), j) for j in rows}
     shares = {
         j: np.sqrt(np.mean(torque**2)) / design.rms[j]
         for j, torque in torques.items()
@@ -485,14 +479,13 @@ def _drawn_on(design: Design, fitted: Fit, tested: Member) -> Sequence[int]:
 
 def _cloud(outcome: Outcome, fitted: Fit, tested: Member, j: int) -> FindingScatter:
     design, group = outcome.design, tested.group
-    torque = _torque_on(design, fitted, group, j)
-    left = design.residual(j, fitted.ids, fitted.theta)
+    torque, rows = design.torque(group, fitted.of(group), j), design.acting(j)
+    left = design.residual(j, fitted.ids, fitted.theta)[rows]
     anchor = j if group.effect.scope == "local" else tested.joint
     x, label, log = _variable(outcome, group.effect, anchor, j)
-    if x is None:
-        x = torque
+    x = torque if x is None else x[rows]
     return FindingScatter(
-        group.effect.name, j + 1, label, x, left + torque, torque, log
+        group.effect.name, j + 1, label, x, left + torque, torque, log[rows]
     )
 
 

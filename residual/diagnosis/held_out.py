@@ -1,7 +1,7 @@
 """The held-out logs, read once, after every choice: errors, and a word on each name."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -11,7 +11,6 @@ from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import (
-    Fit,
     FitEquations,
     PossibleModel,
     solve_minimum_norm,
@@ -19,8 +18,6 @@ from residual.evidence.fit import (
 from residual.evidence.priors import (
     SCALES,
     build_relative_prior,
-    hold_coefficients,
-    list_contradicted_coefficients,
 )
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums, HeldOutLog, compute_error_rise
@@ -85,25 +82,11 @@ def _gain(
     rest = [m for m in outcome.named if m is not member]
     without = outcome.error(outcome.refit(rest), held_out)
     fall = _error_fall(outcome.design, member, with_it, without)
-    if fall < THRESHOLDS.confirmed_gain and (held := _at_nominal(outcome, member)):
+    if fall < THRESHOLDS.confirmed_gain and (held := outcome.fit_at_nominal(member)):
         fall = _error_fall(
             outcome.design, member, with_it, outcome.error(held, held_out)
         )
     return round(fall, ROUND)
-
-
-def _at_nominal(outcome: Outcome, member: Member) -> Fit | None:
-    """The fit without a wrong value, that value and no other held as it was given.
-
-    Of a body all bodies are held: its neighbours would say what it may not. None where
-    the name is no value that the model has.
-    """
-    slots = list_contradicted_coefficients(outcome.nominal.model, member.group)
-    if not len(slots):
-        return None
-    prior = hold_coefficients(outcome.prior, slots)
-    members = [m.group for m in outcome.named if m is not member]
-    return replace(outcome.score, prior=prior).fit(members, outcome.fit)
 
 
 def _error_fall(

@@ -21,6 +21,10 @@ from residual.evidence.fit import (
     fit_jointly,
     fit_possible_bodies,
 )
+from residual.evidence.priors import (
+    hold_coefficients,
+    list_contradicted_coefficients,
+)
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import HeldOutLog, compute_moving_error
 from residual.model.model import Model
@@ -86,8 +90,30 @@ class Outcome:
     def with_names(self, named: Sequence[Member]) -> "Outcome":
         """The same with other names in the model."""
         fitted = self.refit(named)
-        adequacy = _assess(self.logs, self.nominal, self.design, self.plain, fitted)
+        adequacy = self.assess(fitted)
         return replace(self, named=tuple(named), fit=fitted, adequacy=adequacy)
+
+    def assess(self, fitted: Fit) -> Adequacy:
+        """What a fit leaves."""
+        return _assess(self.logs, self.nominal, self.design, self.plain, fitted)
+
+    def possible(self) -> PossibleModel:
+        """The fit with the named effects, its bodies moved to what can exist."""
+        model = build_fitted_model(self.nominal, self.fit)
+        return fit_possible_bodies(self.design, self.fit, model)
+
+    def fit_at_nominal(self, member: Member) -> Fit | None:
+        """The fit without a wrong value, that value and no other held as it was given.
+
+        Of a body all bodies are held: its neighbours would say what it may not. None
+        where the name is no value that the model has.
+        """
+        slots = list_contradicted_coefficients(self.nominal.model, member.group)
+        if not len(slots):
+            return None
+        prior = hold_coefficients(self.prior, slots)
+        members = [m.group for m in self.named if m is not member]
+        return replace(self.score, prior=prior).fit(members, self.fit)
 
     def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
         """A fit as a model of possible bodies, with the standstill of the fit logs.
@@ -126,16 +152,15 @@ def search_effects(logs: FitLogs, nominal: NominalModel, progress: Progress) -> 
         fitted = score.fit([m.group for m in named], fitted)
     adequacy = _assess(logs, nominal, score.design, plain, fitted)
     outcome = Outcome(logs, nominal, selection, plain, fitted, named, adequacy)
-    return _without_impossible_bodies(outcome)
+    return leave_out_impossible_bodies(outcome)
 
 
-def _without_impossible_bodies(outcome: Outcome) -> Outcome:
+def leave_out_impossible_bodies(outcome: Outcome) -> Outcome:
     """Without names of bodies where the logs contradict every possible body."""
     others = [m for m in outcome.named if EffectTrait.BODY not in m.group.effect.traits]
     if len(others) == len(outcome.named):
         return outcome
-    model = build_fitted_model(outcome.nominal, outcome.fit)
-    possible = fit_possible_bodies(outcome.design, outcome.fit, model)
+    possible = outcome.possible()
     if not possible.contradicted:
         return outcome
     return replace(outcome.with_names(others), impossible=possible)

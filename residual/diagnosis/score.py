@@ -151,6 +151,9 @@ class Score:
         One for each number of blocks that are joined.
         """
         design, weight = self.design, fitted.weight(self.design.rows)
+        merged = count_merged_blocks(design.folds)
+        if design.unrest is not None:  # it says how long errors last
+            weight, merged = weight * design.unrest, merged[:1]
         pulls = np.zeros((design.folds, len(fitted.ids)))
         for j in range(design.dof):
             place, have = design.present(j, fitted.ids)
@@ -158,7 +161,7 @@ class Score:
             own = design.fold_pulls(j, place, fitted.theta[have])
             pulls[:, have] += weight[j] * votes[:, None] * own
         plain, nu, out = fitted.covariance(), THRESHOLDS.prior_blocks, []
-        for n in count_merged_blocks(design.folds):
+        for n in merged:
             labels = np.minimum(np.arange(design.folds) // (design.folds // n), n - 1)
             joined = np.zeros((n, pulls.shape[1]))
             np.add.at(joined, labels, pulls)

@@ -127,11 +127,13 @@ class Search:
     score: Score
     candidates: Candidates
     curves: Sequence[CandidateColumns]
+    # Chance of one false name in the whole diagnosis.
+    chance: float = THRESHOLDS.false_chance
 
     @property
     def least(self) -> float:
         """Evidence that a name must win beyond its price [nats]."""
-        return float(np.log(1 / THRESHOLDS.false_chance))
+        return float(-np.log(self.chance))
 
     def cost(self, group: CandidateColumns) -> float:
         """Price of a group [nats]."""
@@ -214,13 +216,11 @@ class Search:
         """Whether left-out blocks are predicted better, or parameters are spared."""
         if after.gain_over(before).sum() <= -THRESHOLDS.left_out_slack:
             return False
-        group, design = trial.group, self.score.design
-        torque = max(
-            member_torque_shares(design, trial.fit, g).max()
-            for g in group.parts or (group,)
-        )
-        fall = after.fall_from(before).max()
-        return max(float(fall), float(torque)) >= THRESHOLDS.min_share
+        design, parts = self.score.design, trial.group.parts or (trial.group,)
+        shares = [design.torque_shares(g, trial.fit.of(g)).max() for g in parts]
+        if design.unrest is None:  # else nothing but noise is left, and all counts
+            shares.append(after.fall_from(before).max())
+        return bool(max(shares) >= THRESHOLDS.min_share)
 
     def shortlist(
         self, base: Fit, instead: CandidateColumns | None, most: int
@@ -266,7 +266,19 @@ class Search:
             (g.effect.family, g.joints) for g in members
         }:
             return False
-        return not any(_cancel(group, x) or _draws(group, x) for x in members)
+        return not any(
+            _cancel(group, x) or _draws(group, x) or self._is_same_body(group, x)
+            for x in members
+        )
+
+    def _is_same_body(self, first: CandidateColumns, second: CandidateColumns) -> bool:
+        """Whether both are the body of one link: one of them says it all."""
+        groups = first, second
+        if any(g.effect.portable.bodies is None for g in groups):
+            return False
+        last = self.score.design.dof - 1
+        links = {g.joints[0] if g.effect.scope == "link" else last for g in groups}
+        return len(links) == 1
 
     def rows(self, group: CandidateColumns) -> Sequence[int]:
         """Joints (from 0) on which a group acts."""
@@ -295,16 +307,74 @@ class Search:
                 if t.group.joints == (joint,) and _outdoes(left, after, before, joint)
             ]
             if not rivals:
-                return trial
+                return self._find_simplest(trial, after, trials, before)
             outdone = outdone or max(rivals, key=lambda t: t.nats)
         return outdone
+
+    def _find_simplest(
+        self, best: Trial, after: LeftOut, trials: Sequence[Trial], before: LeftOut
+    ) -> Trial:
+        """The plainest name of those that blocks cannot tell from the best.
+
+        Evidence is a t statistic and saturates: the ten coefficients of a body follow
+        an effect of one coefficient, and fit as well.
+        """
+        plain = _complexity(best.group)
+        near = [
+            t
+            for t in trials
+            if best.nats - t.nats < THRESHOLDS.class_nats
+            and _complexity(t.group) < plain
+            and not (is_curve(t.group) or t.group.parts)
+        ]
+        for trial in sorted(near, key=lambda t: _complexity(t.group)):
+            left = trial.left_out
+            if not self.is_borne_out(trial, left, before):
+                continue
+            gain = after.gain_over(replace(left, weight=after.weight))
+            scatter = THRESHOLDS.paired_deviations * compute_scatter(gain)
+            if gain.sum() < max(THRESHOLDS.class_nats, scatter):
+                return trial
+        return best
 
     def _join(self, base: Fit, best: Trial) -> tuple[Fit, LeftOut]:
         members = (*base.members, *(best.group.parts or (best.group,)))
         if best.group.effect.refine and not best.group.parts:
             members = refine_last_shape(self.score, members, best.fit)
-        fitted = self._drop(self.score.fit(members, best.fit))
+        fitted = self._split_friction(self.score.fit(members, best.fit))
+        fitted = self._drop(fitted)
         return fitted, self.score.left_out(fitted)
+
+    def _split_friction(self, fitted: Fit) -> Fit:
+        """The last name as two plain ones of its joint, where they say more.
+
+        More friction is a level and a slope; between the two lies many a curve.
+        """
+        *others, last = fitted.members
+        friction = EffectTrait.FRICTION
+        if not last.shape or friction not in last.effect.traits or is_curve(last):
+            return fitted
+        plain = [
+            g
+            for g in self.candidates.groups
+            if g.joints == last.joints
+            and friction in g.effect.traits
+            and len(g.ids) == 1
+            and not (g.shape or g.parts)
+            and self._fits_in(g, (*others,), None)
+        ]
+        pair = list(others)
+        for _ in range(2):
+            fits = [self.score.fit_like((*pair, g), fitted) for g in plain]
+            if not fits:
+                return fitted
+            best = fits[int(np.argmax([f.score for f in fits]))]
+            pair, plain = (
+                list(best.members),
+                [g for g in plain if g not in best.members],
+            )
+        split = self.score.fit(pair, fitted)
+        return split if self.leads(split, fitted) else fitted
 
     def _drop(self, fitted: Fit) -> Fit:
         """Drop members that no longer carry their price, weakest first."""
@@ -318,18 +388,6 @@ class Search:
             weakest = fitted.members[int(np.argmin(worth))]
             rest = tuple(g for g in fitted.members if g is not weakest)
             fitted = self.score.fit(rest, fitted)
-
-
-def member_torque_shares(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
-    """Rms torque of a member on each joint, as a share of torque rms. Shape (dof,)."""
-    theta, out = fitted.of(group), np.zeros(design.dof)
-    for j in range(design.dof):
-        place, have = design.present(j, group.ids)
-        if len(place):
-            gram, _ = design.sums(j, place)
-            power = theta[have] @ gram @ theta[have] / design.rows[j]
-            out[j] = np.sqrt(max(power, 0.0)) / design.rms[j]
-    return out
 
 
 def refine_last_shape(
@@ -378,6 +436,12 @@ def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool
         return False
     share = THRESHOLDS.explained_share
     return bool((first - theirs).sum() < share * (first - own).sum())
+
+
+def _complexity(group: CandidateColumns) -> tuple[float, bool]:
+    """How far-fetched a name is, and whether it has ten coefficients of a body."""
+    body = EffectTrait.BODY in group.effect.traits
+    return group.effect.far_fetched, body and len(group.ids) > 1
 
 
 def places_of(members: Sequence[CandidateColumns]) -> tuple:

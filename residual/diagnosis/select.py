@@ -22,7 +22,6 @@ from residual.diagnosis.search import (
     SearchRun,
     add_curves,
     is_curve,
-    member_torque_shares,
     refine_last_shape,
 )
 from residual.effects.base import EffectTrait
@@ -138,7 +137,7 @@ def _reads_torque(found: SearchRun) -> bool:
     """Whether something was found that shifts what reads the model's torque."""
     design = found.score.design
     shares = [
-        float(member_torque_shares(design, found.fit, g).max()) for g in found.named
+        float(design.torque_shares(g, found.fit.of(g)).max()) for g in found.named
     ]
     uses = [EffectTrait.USES_MODEL in g.effect.traits for g in found.named]
     return any(uses) or max(shares, default=0.0) > THRESHOLDS.large_torque_share
@@ -297,16 +296,7 @@ def _conclude(
     named = _drop_curved_constants(look.score, found, constants.groups)
     best, former = _join_constants(look, found, named)
     doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
-    parts = _fit_parts(best.score, best.fit)
-    members = tuple(
-        sorted(
-            (
-                _judge(look, best, weighted, g, doubted, parts, former.get(g))
-                for g in best.named
-            ),
-            key=lambda m: -m.probability,
-        )
-    )
+    members = judge_members(look, best, weighted, doubted, former)
     scores = [constants.score(r.score.prior) for r in runs.values()]
     sure = [m.group for m in members if m.probability >= THRESHOLDS.sure_probability]
     score = _choose_predictive_scale(best, sure, scores)
@@ -438,6 +428,27 @@ def _fit_parts(score: Score, fitted: Fit) -> list[_Part]:
     return out
 
 
+def judge_members(
+    look: Search,
+    best: SearchRun,
+    weighted: Weighted,
+    doubted: set[int],
+    former: Mapping[CandidateColumns, str],
+) -> tuple[Member, ...]:
+    """Every name of a set with its evidence and probability, surest first.
+
+    Args:
+        doubted: Joints (from 0) on which more than noise is left.
+        former: Effects whose place a name took when constants became candidates.
+    """
+    parts = _fit_parts(best.score, best.fit)
+    members = (
+        _judge(look, best, weighted, g, doubted, parts, former.get(g))
+        for g in best.named
+    )
+    return tuple(sorted(members, key=lambda m: -m.probability))
+
+
 def _judge(
     look: Search,
     best: SearchRun,
@@ -476,7 +487,7 @@ def _judge(
         if any(_same_place(g, group) and g.effect.name in alike for g in run.named)
     )
     fall = np.maximum((bare.errors - left.errors).sum(axis=0), 0.0)
-    shares = member_torque_shares(score.design, fitted, group)
+    shares = score.design.torque_shares(group, fitted.of(group))
     spared = without.bent - fitted.bent
     return Member(
         group,

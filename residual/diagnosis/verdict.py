@@ -116,7 +116,7 @@ def build_verdict(
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
         span = outcome.logs.span
-        return [_finding(f, i, proof, span) for i, f in enumerate(some, 1)]
+        return [build_finding(f, i, proof, span) for i, f in enumerate(some, 1)]
 
     return Verdict(
         robot=robot.name,
@@ -165,7 +165,10 @@ def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
     return out
 
 
-def _finding(named: NamedEffect, order: int, proof: Proof, span: MotionSpan) -> Finding:
+def build_finding(
+    named: NamedEffect, order: int, proof: Proof, span: MotionSpan
+) -> Finding:
+    """A finding as the verdict has it."""
     gains = [proof.gains[m] for m in named.tested if m in proof.gains]
     gain = float(np.mean(gains)) if gains else None
     splits = [m.splits for m in named.tested]

@@ -62,6 +62,8 @@ class Design:
             (``evidence.priors``).
     """
 
+    # By how much logs differ beyond their noise, where that was measured, (dof,).
+    unrest: Array | None = None
     _kept: Array | None = None  # the folds of a part; None for all
     _alone = False  # whether a part looks at its own rows only
 
@@ -185,8 +187,17 @@ class Design:
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
-    def _append(self, columns_of: Made, bodies: bool) -> list[Array]:
-        """Append columns of all logs, and return their numbers part by part."""
+    def _append(
+        self,
+        columns_of: Made,
+        bodies: bool,
+        widths: Callable[[int], Sequence[int]] = lambda j: (),
+    ) -> list[Array]:
+        """Append columns of all logs, and return their numbers part by part.
+
+        Args:
+            widths: Columns of each group that acts on a joint, once they are made.
+        """
         ids: list[Array] = []
         for c, chunk in enumerate(self._chunks):
             fresh: list[list[Array]] = [[] for _ in range(self.dof)]
@@ -204,7 +215,7 @@ class Design:
             for j in (j for j in range(self.dof) if fresh[j]):
                 columns = np.concatenate(fresh[j], axis=1)
                 fresh[j].clear()  # they are as much again
-                self._extend(c, j, columns)
+                self._extend(c, j, columns, widths(j))
         return ids
 
     def _take_noise(self, i: int, columns_of: Made, bodies: bool, fresh) -> None:
@@ -244,7 +255,7 @@ class Design:
             if own:
                 yield j, np.concatenate(own)
 
-    def _extend(self, c: int, j: int, new: Array) -> None:
+    def _extend(self, c: int, j: int, new: Array, widths: Sequence[int]) -> None:
         y = self._targets[j][c]
         first = self._columns.count((j, c))
         self._columns.write((j, c), new)
@@ -271,7 +282,11 @@ class Design:
 
         bodies = any(e.scope in ("link", "flange") for e, _, _ in candidates)
         groups: dict[int, CandidateColumns] = {}
-        ids = self._append(columns_of, bodies)
+
+        def widths(j: int) -> list[int]:
+            return [sizes[i] for rows, own in by_rows.items() if j in rows for i in own]
+
+        ids = self._append(columns_of, bodies, widths)
         for own, (rows, members) in zip(ids, by_rows.items(), strict=True):
             parts = np.split(own, np.cumsum([sizes[i] for i in members])[:-1])
             for i, columns in zip(members, parts, strict=True):
@@ -476,6 +491,34 @@ class Design:
         if j not in self._leads:  # a fit asks for them many times
             self._leads[j] = self._of_sketch(j, np.arange(count))
         return self._leads[j]
+
+    def coefficients(self, theta: Array) -> Array:
+        """Nominal coefficients as a fit moves them. Shape (p,)."""
+        return self.model.coefficients() + theta[: len(self.nominal)]
+
+    def may_fall(self, group: CandidateColumns) -> bool:
+        """Whether there may be less of an effect than there is in the model."""
+        return False
+
+    def acting(self, j: int) -> Array:
+        """Rows of joint j on the sketch on which candidates act. (rows,), bool."""
+        return np.ones(len(self.target[j]), dtype=bool)
+
+    def torque(self, group: CandidateColumns, theta: Array, j: int) -> Array:
+        """Torque of a group on the rows of joint j on which it acts [N m]. (n,)."""
+        place, have = self.present(j, group.ids)
+        return self.columns(j, place) @ theta[have]
+
+    def torque_shares(self, group: CandidateColumns, theta: Array) -> Array:
+        """Rms torque of a group on each joint, as a share of torque rms. (dof,)."""
+        out = np.zeros(self.dof)
+        for j in range(self.dof):
+            place, have = self.present(j, group.ids)
+            if len(place):
+                gram, _ = self.sums(j, place)
+                power = theta[have] @ gram @ theta[have] / self.rows[j]
+                out[j] = np.sqrt(max(power, 0.0)) / self.rms[j]
+        return out
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
         """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""

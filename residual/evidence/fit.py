@@ -276,7 +276,7 @@ def count_effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> 
         left = design.residual(j, fitted.ids, fitted.theta)
         slow = estimate_autocorrelation_time(design.line(j, left))
         out[j] = min(max(design.rows[j] / slow, THRESHOLDS.min_rows), design.rows[j])
-    return out
+    return out if design.unrest is None else out / design.unrest**2
 
 
 def estimate_autocorrelation_time(line: Array) -> float:
@@ -318,7 +318,9 @@ def is_fit_possible(design: Design, fitted: Fit, group: CandidateColumns) -> boo
     if group.parts:
         return True
     limits = find_group_limits(design, fitted, group)
-    return group.effect.possible(fitted.of(group), group.shape, limits)
+    theta = fitted.of(group)
+    signs = (1, -1) if design.may_fall(group) else (1,)
+    return any(group.effect.possible(x * theta, group.shape, limits) for x in signs)
 
 
 def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> JointLimits:
@@ -353,8 +355,7 @@ def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> Join
 
 def _model_coefficients(design: Design, fitted: Fit, group: CandidateColumns) -> Array:
     """The model's coefficients of the effect, refitted. Shape (k,)."""
-    model, count = design.model, len(design.nominal)
-    now = model.coefficients() + fitted.theta[:count]
+    model, now = design.model, design.coefficients(fitted.theta)
     if group.effect.carries == "body":
         end = BODY * design.dof
         return now[end - BODY : end]

@@ -32,6 +32,8 @@ class EvidenceThresholds:
 
     # chance of one false name in a whole diagnosis
     false_chance: float = 0.001
+    # the same of two epochs, where the logs of the first say what chance is
+    false_change: float = 0.01
     min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
     left_out_slack: float = 2.0  # nats that left-out blocks may lose
     curve_knots: int = 10  # of a free curve
@@ -56,6 +58,35 @@ class EvidenceThresholds:
     # zone of a sensor that shows at all 2.7 and more
     doubt_noises: float = 2.0
     min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
+
+    # What two epochs share, and what logs of an arm differ by without a change.
+    min_epoch_rows: float = (
+        60  # rows of each epoch without which a joint is not compared
+    )
+    # of torque rms: what a column of one joint may differ by from the fit of all joints
+    shared_share: float = 0.03
+    friction_spread: float = 0.01  # of its friction: what a joint differs by at least
+    warmth: float = 0.3  # of all friction: what warmth may move
+    warmth_spread: float = 0.45  # of the warmth of all joints, by which one may differ
+    ramp_share: float = 0.02  # of its friction, from the middle of a log to its end
+    one_way_share: float = 0.1  # of what friction moves by: more one way than the other
+    gain_share: float = 0.05  # of a large change: what a drive may misreport of it
+    load_precision: float = 0.1  # of that of a usual load: one that is hung on
+    link_nats: float = 3.0  # price of a link that changed where a load would do
+    usual_joints: float = (
+        2.0  # joints, or logs, that what is usual of friction counts as
+    )
+    few_logs: int = 3  # logs from which their differences are known
+    few_logs_factor: float = 1.2  # least unrest where they are fewer
+    kept_ratios: float = 0.9  # of the differences of logs: no single one decides
+    changed_share: float = 0.025  # of torque rms: a change without a name
+    usual_log_spread: float = 0.3  # of logs, in ln(squared error)
+    usual_logs: float = 3.0  # logs that this counts as
+    drift_deviations: float = 3.0  # of warmth that is no chance
+    moved_share: float = 0.3  # of the warmth of all joints: one that moved with them
+    unlike_refit_ratio: float = 2.0  # times a refit's error: a change not explained
+    long_epoch: float = 300.0  # s from which a part of an epoch is looked at
+    kept_epoch: float = 280.0  # s of that part
 
     # How much is tried.
     max_effects: int = 30  # most effects to add

@@ -1,68 +1,70 @@
-"""What changed between two epochs: laws of the regression, and planted changes."""
+"""Two epochs as one design: laws of the whitened rows, and of what may be a change."""
+
+from functools import cache
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from residual.changes.contrast import SQUARES, change_log_evidence, expected_evidence
-from residual.changes.rows import OWN, JointRows, RowLayout
+from residual.diagnosis.epochs import search_epochs
+from residual.evidence.epoch_design import OWN, Whitening
+from residual.model.nominal import NominalModel, prepare_fit_logs, start_model
+from residual.signals.track import FilterSettings
+from sim.engine.plant_records import SyntheticEffect
+from tests.residual.arms import arm, short_case
 
-ROWS, BLOCK = 120, 12
-
-
-def layout(rows=ROWS, block=BLOCK):
-    second = np.arange(rows) >= rows // 2
-    starts = np.arange(0, rows, block)
-    return RowLayout(second, second.astype(int), starts, np.arange(len(starts)))
-
-
-def drawn(seed, width=6):
-    rng = np.random.default_rng(seed)
-    shared = rng.normal(size=(ROWS, width))
-    held = rng.uniform(0.5, 50.0, width)
-    return shared, held, rng.normal(size=ROWS), rng.normal(size=(ROWS, 2))
+ROWS = 120
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000))
-def test_a_held_nuisance_is_generalised_least_squares(seed):
+@given(st.integers(0, 10_000), st.integers(1, 9))
+def test_whitened_rows_are_generalised_least_squares(seed, width):
     """Against the closed form with the full covariance of the rows."""
-    shared, held, y, columns = drawn(seed)
-    joint = JointRows(shared, y, layout(), held)
-    mask = layout().second
-    before = np.zeros_like(columns)  # nothing of it was there
-    (piece,) = joint.pieces(columns, mask, [2], before)
-    size = np.sqrt((shared**2).mean(axis=0))
-    precision = np.diag(held / size**2 + 1e-5 * ROWS)
-    x = shared / size
-    covariance = np.eye(ROWS) + x @ np.linalg.inv(precision) @ x.T
-    z = columns * mask[:, None]
-    assert piece.gram == pytest.approx(z.T @ np.linalg.solve(covariance, z), rel=1e-6)
-    assert piece.cross == pytest.approx(z.T @ np.linalg.solve(covariance, y), rel=1e-6)
+    rng = np.random.default_rng(seed)
+    shared, precision = rng.normal(size=(ROWS, width)), rng.uniform(0.5, 50.0, width)
+    y, z = rng.normal(size=(2, ROWS))
+    whiten = Whitening.of(shared, precision)
+    covariance = np.eye(ROWS) + shared @ (shared / precision).T
+    expected = y @ np.linalg.solve(covariance, z)
+    assert whiten(y) @ whiten(z) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    degrees = np.trace(np.eye(ROWS) - np.linalg.inv(covariance))
+    assert whiten.degrees == pytest.approx(degrees, rel=1e-9)
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.integers(0, 10_000))
-def test_what_was_there_before_explains_no_change(seed):
-    shared, held, _, columns = drawn(seed)
-    joint = JointRows(shared, columns @ [3.0, -2.0], layout(), held)
-    (piece,) = joint.pieces(columns, layout().second, [2])
-    assert np.abs(np.linalg.solve(piece.gram, piece.cross)).max() < 20 * OWN
+@cache
+def searched(level: float):
+    hidden = [SyntheticEffect("coulomb", (2,), {"level": level})] if level else []
+    case = short_case(arm(), *hidden, seed=64, baseline=True)
+    logs = prepare_fit_logs(
+        case.robot, [*case.baseline, *case.fit], 0, FilterSettings()
+    )
+    model = start_model(logs, None)
+    nominal = NominalModel(model, (None,) * len(model.terms))
+    return search_epochs(logs, len(case.baseline), nominal, lambda share: None)
 
 
-@settings(max_examples=25, deadline=None)
-@given(st.floats(0.1, 1e4), st.floats(-5, 5), st.floats(0.01, 100.0))
-def test_evidence_is_a_bayes_factor(information, theta, precision):
-    """Of one coefficient, in closed form, at the likeliest of the prior's sizes."""
-    known, prior = np.array([[information]]), np.array([[precision]])
-    worth = float(change_log_evidence(known, known @ [theta], prior, None))
-    variances = SQUARES / precision + 1 / information
-    logs = [
-        -0.5 * np.log(v * information) + 0.5 * theta**2 * (information - 1 / v)
-        for v in variances
-    ]
-    assert worth == pytest.approx(max(logs) - np.log(len(SQUARES)), abs=1e-6)
-    sizes = np.array([0.0, abs(theta)])
-    both = expected_evidence(known, np.ones(1), prior, 20.0, sizes)
-    assert both[0] <= both[1]
+def test_what_was_there_before_explains_no_change():
+    """A column of a change has nothing of the same effect in both epochs."""
+    epochs, _ = searched(0.0)
+    design = epochs.design
+    for group in epochs.search.candidates.groups[::40]:
+        (raw,) = design.raw.add([group.placed])
+        for j in range(design.dof):
+            place, _ = design.present(j, group.ids)
+            if not len(place):
+                continue
+            columns = design.raw.columns(j, design.raw.present(j, raw.ids)[0])
+            before = design.whiten[j](columns.T)
+            size = np.linalg.norm(columns) * np.linalg.norm(before)
+            assert np.abs(before @ design.columns(j, place)).max() <= 2 * OWN * size
+
+
+def test_a_change_is_found_by_its_own_columns_and_none_where_there_is_none():
+    epochs, run = searched(3.0)
+    (group,) = run.named
+    assert (group.effect.name, group.joints) == ("coulomb", (1,))
+    assert run.fit.of(group) == pytest.approx([3.0], rel=0.1)
+    assert not epochs.design.torque(group, run.fit.of(group), 0).any()
+    _, unchanged = searched(0.0)
+    assert unchanged.named == unchanged.curves == ()

@@ -1,0 +1,158 @@
+"""The verdict on two epochs: what changed, by how much, and what would have shown."""
+
+from collections.abc import Iterator, Sequence
+
+import numpy as np
+
+from residual.check.result import LogCheck
+from residual.diagnosis.detectable import find_detectable_sizes
+from residual.diagnosis.epoch_outcome import EpochFit, EpochOutcome
+from residual.diagnosis.findings import NamedEffect, values_jacobian
+from residual.diagnosis.held_out import Proof
+from residual.diagnosis.unexplained import JointRemainder, list_dependences
+from residual.diagnosis.verdict import build_finding, collect_warnings
+from residual.evidence.fit import PossibleModel
+from residual.evidence.thresholds import THRESHOLDS
+from residual.model.model import pair_coefficient_slices
+from residual.quantity import convert_to_plain_values
+from residual.verdict.result import (
+    STILL,
+    Change,
+    Detectable,
+    Drift,
+    ErrorTables,
+    Frames,
+    Unexplained,
+    Verdict,
+    replace_by_model_values,
+)
+
+
+def build_change_verdict(
+    proof: Proof,
+    named: Sequence[NamedEffect],
+    suspected: Sequence[NamedEffect],
+    augmented: PossibleModel,
+    remains: Sequence[JointRemainder],
+    epochs: tuple[EpochFit, EpochFit],
+    tables: ErrorTables,
+    check: LogCheck | None,
+    notes: Sequence[str],
+    doubts: Sequence[str],
+) -> Verdict:
+    """Return the verdict, of plain values.
+
+    Args:
+        named: The changes, most torque first.
+        suspected: What is less sure or refuted, and in no model.
+        epochs: Fits of both epochs by themselves.
+        notes: Warnings on the logs, which come first.
+        doubts: Why the named changes do not explain the second epoch.
+    """
+    outcome, span = proof.outcome, proof.outcome.logs.span
+    still = not any(t.moving.any() for t in epochs[1].logs.tracks)
+    unlikely = outcome.impossible or augmented
+    contradictions = (STILL,) if still else unlikely.doubts
+    doubtful = outcome.adequacy.doubted or contradictions
+    least = find_detectable_sizes(outcome.selection.search, outcome.fit)
+    factor, deviation = outcome.measure_drift(outcome.fit)
+    moved = abs(factor) > THRESHOLDS.drift_deviations * deviation
+    listing = [build_finding(f, i, proof, span) for i, f in enumerate(named, 1)]
+    return Verdict(
+        robot=outcome.logs.robot.name,
+        declared=tuple(outcome.nominal.names),
+        verdict="effects" if named else "unknown" if doubtful else "none",
+        effects=tuple(replace_by_model_values(f, augmented) for f in listing),
+        minimum_detectable=(*least, Detectable("drift", (), 2 * deviation, "1")),
+        unexplained=_unexplained(outcome, remains),
+        error=tables,
+        nominal_scale=None,
+        next_experiment=None,
+        warnings=(
+            *notes,
+            *collect_warnings(proof, tables.same_run),
+            *(
+                f"joint {j + 1} hardly moves in one of the epochs and is not compared"
+                for j, own in enumerate(outcome.epochs.design.epochs)
+                if not own.compared
+            ),
+            *doubts,
+        ),
+        log_check=check,
+        contradictions=contradictions,
+        drift=_describe_drift(outcome, factor, deviation) if moved else None,
+        bodies=unlikely.correction,
+        frames=Frames.of(outcome.logs.robot),
+        changes=tuple(_compare_values(*epochs, outcome)),
+        suspected=tuple(
+            build_finding(f, i, proof, span) for i, f in enumerate(suspected, 1)
+        ),
+    )
+
+
+def _unexplained(
+    outcome: EpochOutcome, remains: Sequence[JointRemainder]
+) -> Unexplained:
+    left, design = outcome.adequacy, outcome.design
+    power = design.rows * design.rms**2
+    shares = (left.structured_share, left.noise)
+    both = [float(np.sqrt(power @ x**2 / power.sum())) for x in shares]
+    return Unexplained(
+        joints=tuple(j + 1 for j in left.doubted),
+        fraction=convert_to_plain_values(both[0]),
+        noise_floor=convert_to_plain_values(both[1]),
+        depends_on=list_dependences(remains),
+        kind=None,
+        per_joint=tuple(convert_to_plain_values(left.structured_share)),
+        noise_model="first epoch",
+    )
+
+
+def _describe_drift(outcome: EpochOutcome, factor: float, deviation: float) -> Drift:
+    same = np.nan_to_num(outcome.epochs.drift.moved) * np.sign(factor)
+    joints = np.flatnonzero(same > THRESHOLDS.moved_share * abs(factor))
+    return Drift(
+        factor=convert_to_plain_values(1 + factor),
+        std=convert_to_plain_values(deviation),
+        joints=tuple(int(j) + 1 for j in joints),
+        clock="order" if outcome.logs.clock is None else "recording time",
+    )
+
+
+def _compare_values(
+    first: EpochFit, second: EpochFit, outcome: EpochOutcome
+) -> Iterator[Change]:
+    """Declared values of separate fits of both epochs, with both deviations.
+
+    Two fits may share out the same friction otherwise. So a value is off only where the
+    comparison of both epochs says so too.
+    """
+    named = {(m.group.effect.name, m.group.joints) for m in outcome.named}
+    robot, size = first.model.robot, len(first.model.inertial)
+    spread = sum(one.joint.fitted.covariance() for one in (first, second))
+    placed = pair_coefficient_slices(first.model.terms, size)
+    for (term, own), now in zip(placed, second.model.terms, strict=True):
+        effect = term.effect
+        before, after = (effect.values(x.theta, x.shape, robot) for x in (term, now))
+        slope = values_jacobian(effect, term.theta, term.shape, robot)
+        sd = np.sqrt(np.diag(slope @ spread[own, own] @ slope.T))
+        for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
+            gap = float(after[i] - before[i])
+            sigma = abs(gap) / sd[i] if sd[i] > 0 else None
+            beyond = (effect.name, term.joints) in named
+            beyond = (
+                beyond and sigma is not None and sigma > THRESHOLDS.drift_deviations
+            )
+            yield Change(
+                name=effect.name,
+                joints=tuple(j + 1 for j in term.joints),
+                parameter=key,
+                nominal=convert_to_plain_values(float(before[i])),
+                identified=convert_to_plain_values(float(after[i])),
+                std=convert_to_plain_values(float(sd[i])),
+                unit=unit,
+                sigma=convert_to_plain_values(sigma),
+                beyond=bool(
+                    beyond and abs(gap) > THRESHOLDS.min_value_change * abs(before[i])
+                ),
+            )

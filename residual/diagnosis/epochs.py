@@ -1,0 +1,534 @@
+"""Two epochs of an arm as one design (``evidence.epoch_design``), and their search.
+
+What one arm has in both epochs is shared: its bodies and declared effects, and a little
+of what any arm has (friction by speed, load and position, a few waves, a constant). So
+is what logs of an unchanged arm differ by: the friction of a joint from log to log, and
+of all joints together, which is warmth. How much they differ beyond that, the logs of
+the first epoch say, joint by joint.
+"""
+
+from collections import Counter
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.special import psi
+
+from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.score import Score, label_blocks
+from residual.diagnosis.search import Search, SearchRun, add_curves
+from residual.effects import load_effects
+from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
+from residual.evidence.columns import CandidateColumns
+from residual.evidence.design import Design
+from residual.evidence.epoch_design import (
+    OWN,
+    EpochDesign,
+    EpochRows,
+    Whitening,
+    locate_rows,
+)
+from residual.evidence.fit import (
+    Fit,
+    NominalPrior,
+    build_fitted_model,
+    estimate_autocorrelation_time,
+    fit_jointly,
+    refit_effective_rows,
+)
+from residual.evidence.priors import build_relative_prior
+from residual.evidence.thresholds import THRESHOLDS
+from residual.model.model import Model, Term
+from residual.model.nominal import FitLogs, NominalModel
+from residual.recording import Array
+
+LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
+FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of
+RIDGE = 1e-5  # of the rows: keeps what no motion shows where the joint fit has it
+CLEAR = 0.2  # deviation from which friction of a joint says nothing
+FEWEST = 50  # rows of a log that can be compared
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CommonModelFit:
+    """One arm fitted to logs, with all that any arm has a little of."""
+
+    design: Design  # the columns
+    fitted: Fit  # the fit
+    common: tuple[CandidateColumns, ...]  # its effects beside the nominal model's
+    prior: NominalPrior  # of the nominal coefficients
+
+    def refit(self, design: Design, groups: Sequence[CandidateColumns]) -> Fit:
+        """Fit other columns, or another torque, likewise."""
+        return _fit(design, self.prior, groups)
+
+
+def fit_common_model(
+    logs: FitLogs,
+    nominal: NominalModel,
+    scales: Sequence[float],
+    labels: Sequence[Array] = (),
+) -> CommonModelFit:
+    """Fit one arm to logs: its model, and what any arm has a little of.
+
+    How far the bodies are from the model's, and how little of the rest there is, the
+    evidence chooses: a short log must not fill what it did not see.
+    """
+    design = Design(logs.tracks, nominal.model, labels=labels)
+    own_features, loaded = _common_effects(logs, nominal.model)
+    prior = build_relative_prior(design, nominal, LOOSE)
+    groups = design.add(own_features)
+    design.set_torque_model(build_fitted_model(nominal, _fit(design, prior, groups)))
+    groups = (*groups, *design.add(loaded))
+    fits = [
+        CommonModelFit(
+            design, _fit(design, prior, firm_groups), tuple(firm_groups), prior
+        )
+        for prior in (build_relative_prior(design, nominal, scale) for scale in scales)
+        for firm_groups in (
+            [g.scale_precision(times) for g in groups] for times in FIRM
+        )
+    ]
+    return max(fits, key=lambda own: own.fitted.score)
+
+
+def _common_effects(
+    logs: FitLogs, model: Model
+) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
+    """Effects that any arm has: those without and with the model's torque."""
+    has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
+    out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
+    for effect in load_effects().values():
+        for joints in effect.candidates(model.robot.dof, model.robot.prismatic):
+            for shape in effect.in_any_arm(logs.span, joints[0] if joints else 0):
+                if (effect.name, joints, shape) not in has:
+                    kind = out[EffectTrait.USES_MODEL in effect.traits]
+                    kind.append(PlacedEffect(effect, joints, shape))
+    return out
+
+
+def _fit(
+    design: Design, prior: NominalPrior, groups: Sequence[CandidateColumns]
+) -> Fit:
+    return refit_effective_rows(
+        design, prior, fit_jointly(design, prior, groups, design.rows / 5, rounds=4)
+    )
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class FrictionSpread:
+    """By how much friction differs without any other change."""
+
+    # Of each joint, second epoch over first, less one; NaN where it has none, (dof,).
+    moved: Array
+    spread: Array  # standard deviation from log to log, (dof,)
+    warmth: float | None  # of all joints together; None of fewer than three
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Epochs:
+    """Two epochs, ready to be searched."""
+
+    logs: FitLogs  # all logs, those of the first epoch first
+    first: int  # number of logs of the first epoch
+    nominal: NominalModel  # the model that the arm is said to have
+    common: CommonModelFit  # one arm fitted to both, without what is known to change
+    # Torque of all its friction on each joint's rows [N m], (rows,).
+    friction: tuple[Array, ...]
+    drift: FrictionSpread
+    search: Search
+
+    @property
+    def design(self) -> EpochDesign:
+        """The whitened rows."""
+        return self.search.score.design
+
+    def fit_without(
+        self, changes: Sequence[Term]
+    ) -> tuple[Design, Fit, tuple[Array, ...]]:
+        """One arm fitted to both epochs, the second without what changed.
+
+        Returns:
+            The rows that are left, the fit, and the torque of the changes on the rows
+            of each joint [N m], (rows,).
+        """
+        raw = self.common.design
+        torques = _sum_torques(raw, self.design.epochs, changes)
+        target = [y - x for y, x in zip(raw.target, torques, strict=True)]
+        remaining = raw.with_target(target)
+        return remaining, self.common.refit(remaining, self.common.common), torques
+
+
+def _sum_torques(
+    raw: Design, epochs: Sequence[EpochRows], changes: Sequence[Term]
+) -> tuple[Array, ...]:
+    """Torque of changes on the rows of each joint, in the second epoch [N m]."""
+    out = [np.zeros(len(own.second)) for own in epochs]
+    groups = raw.add([PlacedEffect(t.effect, t.joints, t.shape) for t in changes])
+    for group, term in zip(groups, changes, strict=True):
+        for j, own in enumerate(epochs):
+            out[j] += own.second * raw.torque(group, term.theta, j)
+    return tuple(out)
+
+
+def search_epochs(
+    logs: FitLogs, first: int, nominal: NominalModel, progress: Callable[[float], None]
+) -> tuple[Epochs, SearchRun]:
+    """Search two epochs for what changed.
+
+    A large change presses on the gears, shifts the joint fit and what each drive
+    reports: what was found is taken out of the fit once, and searched again.
+
+    Args:
+        first: The first logs so many are of the first epoch.
+    """
+    labels = label_blocks(logs.tracks)
+    common = fit_common_model(logs, nominal, (LOOSE,), labels)
+    common.design.set_torque_model(build_fitted_model(nominal, common.fitted))
+    epochs = _build_epochs(logs, first, nominal, common, ())
+    progress(0.5)
+    run = epochs.search.run()
+    design, large = epochs.design, []
+    for group in run.named:
+        theta = run.fit.of(group)
+        if design.torque_shares(group, theta).max() > THRESHOLDS.large_torque_share:
+            large.append(Term(group.effect, group.joints, group.shape, theta))
+    if large:
+        epochs = _build_epochs(logs, first, nominal, common, large)
+        run = epochs.search.run()
+    return epochs, run
+
+
+def _build_epochs(
+    logs: FitLogs,
+    first: int,
+    nominal: NominalModel,
+    common: CommonModelFit,
+    changes: Sequence[Term],
+) -> Epochs:
+    """Whiten both epochs, and append every candidate.
+
+    Args:
+        changes: What is known to have changed.
+    """
+    raw, rows = common.design, locate_rows(common.design, first)
+    model, fitted, groups = (
+        build_fitted_model(nominal, common.fitted),
+        common.fitted,
+        common.common,
+    )
+    reported: tuple[Array, ...] = ()
+    if changes:
+        groups = _see_changes(logs, first, model, raw, groups, changes)
+        torques = _sum_torques(raw, rows, changes)
+        target = [y - x for y, x in zip(raw.target, torques, strict=True)]
+        fitted = common.refit(raw.with_target(target), groups)
+        wide = [t for t in changes if t.effect.scope != "local"]
+        reported = _sum_torques(raw, rows, wide) if wide else ()
+    common = replace(common, fitted=fitted, common=groups)
+    friction = _friction_torque(raw, fitted, nominal, groups)
+    residuals = [raw.residual(j, fitted.ids, fitted.theta) for j in range(raw.dof)]
+    joints = {
+        j: _SharedColumns.of(raw, fitted.ids, own, j)
+        for j, own in enumerate(rows)
+        if own.compared
+    }
+    drift = _measure_friction(joints, residuals, friction, first)
+    whiten = {
+        j: joint.whiten(friction[j], drift, j, reported[j] if reported else None)
+        for j, joint in joints.items()
+    }
+    args = raw, residuals, friction, whiten, rows, logs.span
+    design = EpochDesign.of(*args)
+    design.model = model
+    candidates = _build_candidates(design, logs, list(joints))
+    curves = add_curves(design, logs.tracks)
+    design.unrest = _measure_unrest(
+        design, candidates.groups, joints, whiten, residuals, first
+    )
+    # Of fewer than three joints nobody can say what they have in common.
+    width = THRESHOLDS.friction_spread if drift.warmth is None else THRESHOLDS.warmth
+    precision = np.array([[width**-2]])
+    prior = NominalPrior(precision, float(np.log(precision[0, 0])), LOOSE, {})
+    search = Search(Score(design, prior), candidates, curves, THRESHOLDS.false_change)
+    return Epochs(logs, first, nominal, common, friction, drift, search)
+
+
+def _see_changes(
+    logs: FitLogs,
+    first: int,
+    model: Model,
+    raw: Design,
+    groups: Sequence[CandidateColumns],
+    changes: Sequence[Term],
+) -> tuple[CandidateColumns, ...]:
+    """Let the second epoch be seen by the changed model; what any arm has, anew."""
+    terms = [t for t in changes if EffectTrait.PARAMETER in t.effect.traits]
+    bodies = [t for t in terms if t.effect.carries == "body"]
+    others = [t for t in terms if t.effect.carries != "body"]
+    body = replace(model, terms=tuple(bodies)).loaded()
+    seen = replace(model, inertial=body, terms=(*model.terms, *others))
+    raw.set_states(
+        [
+            (model if i < first else seen).observe(track)
+            for i, track in enumerate(logs.tracks)
+        ]
+    )
+    reading = [g for g in groups if EffectTrait.USES_MODEL in g.effect.traits]
+    made = iter(raw.add([g.placed for g in reading]))
+    return tuple(
+        replace(g, ids=next(made).ids)
+        if EffectTrait.USES_MODEL in g.effect.traits
+        else g
+        for g in groups
+    )
+
+
+def _friction_torque(
+    raw: Design,
+    fitted: Fit,
+    nominal: NominalModel,
+    groups: Sequence[CandidateColumns],
+) -> tuple[Array, ...]:
+    """Friction torque of the joint fit, per joint [N m]. Shapes (rows,)."""
+    values = fitted.theta.copy()
+    size = len(nominal.model.coefficients())
+    values[:size] += nominal.model.coefficients()
+    braking, start = [], len(nominal.model.inertial)
+    for effect, count in [
+        *((t.effect, len(t.theta)) for t in nominal.model.terms),
+        *((g.effect, len(g.ids)) for g in groups),
+    ]:
+        if EffectTrait.FRICTION in effect.traits:
+            braking += range(start, start + count)
+        start += count
+    ids, values = fitted.ids[braking], values[braking]
+    out = []
+    for j in range(raw.dof):
+        place, have = raw.present(j, ids)
+        out.append(raw.columns(j, place) @ values[have])
+    return tuple(out)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class _SharedColumns:
+    """What one joint has in both epochs, beside the joint fit."""
+
+    rows: EpochRows
+    columns: Array  # (rows, p)
+    precision: Array  # in units of the noise, (p,)
+    noise: float  # variance of independent rows [N^2 m^2]
+
+    @classmethod
+    def of(cls, raw: Design, ids: Array, rows: EpochRows, j: int) -> "_SharedColumns":
+        """Columns of the joint fit, each with the same freedom of torque.
+
+        The noise is of the first epoch by itself: no change can be in it, as it may be
+        in what a fit of both epochs leaves.
+        """
+        columns = raw.columns(j, raw.present(j, ids)[0])
+        first = np.flatnonzero(~rows.second)
+        free = np.full(columns.shape[1], RIDGE * len(first))
+        power = (columns**2).mean(axis=0)
+        unit = columns[first] / np.sqrt(np.maximum(power, 1e-300))
+        inverse = np.linalg.inv(unit.T @ unit + np.diag(free))
+        y = raw.target[j][first]
+        left = y - unit @ (inverse @ (unit.T @ y))
+        degrees = len(y) - float((inverse * (unit.T @ unit)).sum())
+        line = np.zeros(len(rows.second))
+        line[first] = left
+        slow = max(estimate_autocorrelation_time(raw.line(j, line)), 1.0)
+        floor = (THRESHOLDS.noise_floor * raw.rms[j]) ** 2
+        noise = slow * (float(left @ left) / max(degrees, 1.0) + floor)
+        held = noise / (THRESHOLDS.shared_share * raw.rms[j]) ** 2 + RIDGE * len(
+            columns
+        )
+        return cls(rows, columns, held * power, noise)
+
+    def whiten(
+        self, friction: Array, drift: FrictionSpread, j: int, reported: Array | None
+    ) -> Whitening:
+        """With the friction of each log, its slope, and that of the second epoch.
+
+        Args:
+            friction: Torque of all friction [N m]. Shape (rows,).
+            j: The joint, from 0.
+            reported: Torque of a large change, of which each drive reports what it
+                bears with a gain of its own; None without one. Shape (rows,).
+        """
+        spread, warmth = float(drift.spread[j]), abs(drift.warmth or 0.0)
+        numbers = np.unique(self.rows.log)
+        own = self.rows.log[:, None] == numbers
+        ramp = np.zeros(len(friction))
+        for mask in own.T:
+            ramp[mask] = np.linspace(-1, 1, int(mask.sum()))
+        # Friction that is more one way than the other warms as well.
+        epoch = np.column_stack([friction, abs(friction)]) * self.rows.second[:, None]
+        columns = [friction[:, None] * own, (friction * ramp)[:, None] * own, epoch]
+        sd = [spread] * len(numbers) + [THRESHOLDS.ramp_share] * len(numbers)
+        sd += [spread, THRESHOLDS.one_way_share * (warmth + spread)]
+        if reported is not None:
+            columns.append(reported[:, None])
+            sd.append(THRESHOLDS.gain_share)
+        return Whitening.of(
+            np.hstack([self.columns, *columns]),
+            np.concatenate([self.precision, self.noise / np.square(sd)]),
+        )
+
+
+def _contrast(
+    whiten: Whitening, columns: Array, y: Array, block: Array, mask: Array
+) -> list[tuple[float, float, int] | None]:
+    """Each column on some rows beyond all of them: value, deviation, blocks.
+
+    None where nearly all of it is shared.
+
+    Args:
+        columns: Shape (k, rows).
+        y: Whitened torque [N m]. Shape (rows,).
+    """
+    own, every = whiten(columns * mask), whiten(columns)
+    size = (every**2).sum(axis=1) + OWN * (columns**2).sum(axis=1) + 1e-300
+    own = own - every * ((own * every).sum(axis=1) / size)[:, None]
+    out: list[tuple[float, float, int] | None] = []
+    for z, column in zip(own, columns, strict=True):
+        known = float(z @ z)
+        if known <= OWN * float((column[mask] ** 2).sum()):
+            out.append(None)
+            continue
+        value = float(z @ y) / known
+        lever, pull = (np.bincount(block, z * x) for x in (z, y - value * z))
+        pull = pull / np.maximum(1 - lever / known, 0.1)
+        deviation = float(np.sqrt((pull**2).sum())) / known
+        out.append((value, deviation, int((lever > 0.02 * known).sum())))
+    return out
+
+
+def _measure_friction(
+    joints: Mapping[int, _SharedColumns],
+    residuals: Sequence[Array],
+    friction: Sequence[Array],
+    first: int,
+) -> FrictionSpread:
+    """By how much friction of joints differs from log to log, and of all together.
+
+    Joints warm by different amounts, and few of them say by how different: a robust
+    spread of the second epoch over the joints, and of the first over its logs.
+    """
+    moved, sd = np.full((2, len(friction)), np.nan)
+    within = np.zeros(len(friction))
+    for j, joint in joints.items():
+        whiten = Whitening.of(joint.columns, joint.precision)
+        own, before = joint.rows, ~joint.rows.second
+        known = friction[j][None], whiten(residuals[j]), own.block, own.second
+        if beyond := _contrast(whiten, *known)[0]:
+            moved[j], sd[j], _ = beyond
+        known = friction[j][None] * before, whiten(residuals[j] * before), own.block
+        logs = (_contrast(whiten, *known, own.log == i)[0] for i in range(first))
+        if len(single := [x for x in logs if x]) > 1:
+            values, deviations, _ = np.array(single).T
+            beyond = values.var(ddof=1) - (deviations**2).mean()
+            within[j] = max(float(beyond), 0.0)
+    clear, spread, warmth = sd < CLEAR, THRESHOLDS.friction_spread, None
+    if clear.sum() >= THRESHOLDS.few_logs:
+        warmth = float(np.median(moved[clear]))
+        gap = 1.48 * float(np.median(abs(moved[clear] - warmth)))
+        beyond = max(gap**2 - float(np.median(sd[clear])) ** 2, 0.0)
+        usual, count = (
+            THRESHOLDS.usual_joints * THRESHOLDS.friction_spread**2,
+            clear.sum(),
+        )
+        spread = float(
+            np.sqrt((usual + count * beyond) / (THRESHOLDS.usual_joints + count))
+        )
+        spread = max(spread, THRESHOLDS.warmth_spread * abs(warmth))
+    logs = first - 1
+    each = (THRESHOLDS.usual_joints * spread**2 + logs * within) / (
+        THRESHOLDS.usual_joints + logs
+    )
+    return FrictionSpread(moved, np.sqrt(each), warmth)
+
+
+def _measure_unrest(
+    design: EpochDesign,
+    groups: Sequence[CandidateColumns],
+    joints: Mapping[int, _SharedColumns],
+    whiten: Mapping[int, Whitening],
+    residuals: Sequence[Array],
+    first: int,
+) -> Array:
+    """By how much logs of the first epoch differ beyond their noise, by joint.
+
+    A factor on standard deviations, of all plain candidates and logs together: three
+    logs give a score of values, and no single one decides. Of fewer logs, thirds of the
+    epoch are compared. Shape (dof,).
+    """
+    plain = [g for g in groups if g.effect.scope == "local" and g.shape == ()]
+    plain = [g for g in plain if len(g.ids) == 1]
+    raw, out = design.raw, np.ones(design.dof)
+    made = raw.add([g.placed for g in plain])
+    for j, joint in joints.items():
+        own = [g.ids for g in made if g.joints == (j,)]
+        if not own:
+            continue
+        before = ~joint.rows.second
+        columns = raw.columns(j, raw.present(j, np.concatenate(own))[0]).T * before
+        y, number = whiten[j](residuals[j] * before), joint.rows.log
+        masks = [number == i for i in range(first)]
+        masks = [mask for mask in masks if mask.sum() >= FEWEST]
+        few = len(masks) < THRESHOLDS.few_logs
+        if few:
+            parts = np.array_split(np.flatnonzero(before), THRESHOLDS.few_logs)
+            masks = [np.isin(np.arange(len(before)), part) for part in parts]
+        ratios = []
+        for mask in masks:
+            found = _contrast(whiten[j], columns, y, joint.rows.block, mask)
+            for value, deviation, blocks in filter(None, found):
+                free = max(blocks - 1, 2)
+                square = np.log1p((value / deviation) ** 2 / free)
+                # Of Student's t with so many degrees the logarithm is this on average.
+                ratios.append(square / (psi((free + 1) / 2) - psi(free / 2)))
+        kept = np.sort(ratios)[: max(1, int(THRESHOLDS.kept_ratios * len(ratios)))]
+        seen = float(np.sqrt(np.mean(kept))) if ratios else 2.0
+        out[j] = max(seen, THRESHOLDS.few_logs_factor if few else 1.0)
+    return out
+
+
+def _build_candidates(
+    design: EpochDesign, logs: FitLogs, live: Sequence[int]
+) -> Candidates:
+    """Every effect that may have changed, on each joint and in each shape."""
+    absent = EffectTrait.NONE if logs.clock is not None else EffectTrait.NEEDS_CLOCK
+    if logs.span.one_drive:
+        absent |= EffectTrait.CHAIN
+    wanted = []
+    for effect in load_effects().values():
+        if effect.traits & absent:
+            continue
+        for on in effect.candidates(design.dof, logs.span.prismatic):
+            if effect.scope in ("local", "pair") and not set(on) <= set(live):
+                continue
+            shapes = effect.shapes(logs.span, on[0] if on else 0)
+            wanted += [PlacedEffect(effect, on, x) for x in _extend(effect, shapes)]
+    groups = design.add(wanted)
+    variants = Counter(g.key for g in groups)
+    price = {
+        g.key: float(np.log(len(variants)) + np.log(variants[g.key]))
+        + (THRESHOLDS.link_nats if g.effect.replaces_link else 0.0)
+        for g in groups
+    }
+    return Candidates(tuple(groups), price)
+
+
+def _extend(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
+    """Shapes on a grid of ratios, up to the largest that the effect can have.
+
+    A change may be larger than what an arm is delivered with.
+    """
+    out, how = list(shapes), effect.refine
+    if how is None or how.step != "ratio" or len(out) < 2 or not np.isfinite(how.upper):
+        return out
+    ratio = out[-1][0] / out[-2][0]
+    while ratio > 1 and out[-1][0] * ratio < how.upper:
+        out.append((out[-1][0] * ratio, *out[-1][1:]))
+    return out
