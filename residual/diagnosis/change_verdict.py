@@ -139,10 +139,9 @@ def _compare_values(
         for i, (key, unit) in enumerate(effect.units(term.joints, robot).items()):
             gap = float(after[i] - before[i])
             sigma = abs(gap) / sd[i] if sd[i] > 0 else None
-            beyond = (effect.name, term.joints) in named
-            beyond = (
-                beyond and sigma is not None and sigma > THRESHOLDS.drift_deviations
-            )
+            beyond = (effect.name, term.joints) in named and sigma is not None
+            beyond = beyond and sigma > THRESHOLDS.drift_deviations
+            beyond = beyond and abs(gap) > THRESHOLDS.min_value_change * abs(before[i])
             yield Change(
                 name=effect.name,
                 joints=tuple(j + 1 for j in term.joints),
@@ -152,7 +151,5 @@ def _compare_values(
                 std=convert_to_plain_values(float(sd[i])),
                 unit=unit,
                 sigma=convert_to_plain_values(sigma),
-                beyond=bool(
-                    beyond and abs(gap) > THRESHOLDS.min_value_change * abs(before[i])
-                ),
+                beyond=bool(beyond),
             )

@@ -290,9 +290,8 @@ def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> fl
     means = np.array([a[logs == i].mean() for i in np.unique(logs)])
     # Few logs say little of how logs differ: drawn towards what is usual.
     spread = float(((means - means.mean()) ** 2).sum())
-    between = (spread + THRESHOLDS.usual_logs * THRESHOLDS.usual_log_spread**2) / (
-        len(means) - 1 + THRESHOLDS.usual_logs
-    )
+    usual, known = THRESHOLDS.usual_logs, len(means) - 1
+    between = (spread + usual * THRESHOLDS.usual_log_spread**2) / (known + usual)
     sd = np.sqrt(
         within * (1 / len(a) + 1 / len(b))
         + between * (1 / len(means) + 1 / len(np.unique(fresh)))

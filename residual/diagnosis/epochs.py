@@ -340,9 +340,8 @@ class _SharedColumns:
         slow = max(estimate_autocorrelation_time(raw.line(j, line)), 1.0)
         floor = (THRESHOLDS.noise_floor * raw.rms[j]) ** 2
         noise = slow * (float(left @ left) / max(degrees, 1.0) + floor)
-        held = noise / (THRESHOLDS.shared_share * raw.rms[j]) ** 2 + RIDGE * len(
-            columns
-        )
+        share = THRESHOLDS.shared_share * raw.rms[j]
+        held = noise / share**2 + RIDGE * len(columns)
         return cls(rows, columns, held * power, noise)
 
     def whiten(
@@ -429,23 +428,17 @@ def _measure_friction(
             values, deviations, _ = np.array(single).T
             beyond = values.var(ddof=1) - (deviations**2).mean()
             within[j] = max(float(beyond), 0.0)
-    clear, spread, warmth = sd < CLEAR, THRESHOLDS.friction_spread, None
-    if clear.sum() >= THRESHOLDS.few_logs:
+    rules, clear, warmth = THRESHOLDS, sd < CLEAR, None
+    spread, usual = rules.friction_spread, rules.usual_joints
+    if clear.sum() >= rules.few_logs:
         warmth = float(np.median(moved[clear]))
         gap = 1.48 * float(np.median(abs(moved[clear] - warmth)))
         beyond = max(gap**2 - float(np.median(sd[clear])) ** 2, 0.0)
-        usual, count = (
-            THRESHOLDS.usual_joints * THRESHOLDS.friction_spread**2,
-            clear.sum(),
-        )
-        spread = float(
-            np.sqrt((usual + count * beyond) / (THRESHOLDS.usual_joints + count))
-        )
-        spread = max(spread, THRESHOLDS.warmth_spread * abs(warmth))
+        count = clear.sum()
+        square = (usual * spread**2 + count * beyond) / (usual + count)
+        spread = max(float(np.sqrt(square)), rules.warmth_spread * abs(warmth))
     logs = first - 1
-    each = (THRESHOLDS.usual_joints * spread**2 + logs * within) / (
-        THRESHOLDS.usual_joints + logs
-    )
+    each = (usual * spread**2 + logs * within) / (usual + logs)
     return FrictionSpread(moved, np.sqrt(each), warmth)
 
 

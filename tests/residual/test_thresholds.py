@@ -6,10 +6,10 @@ from pathlib import Path
 
 import pytest
 
-from residual.diagnosis import outcome, score, search, select
-from residual.evidence import thresholds
+from residual.diagnosis import epoch_outcome, epochs, outcome, score, search, select
+from residual.evidence import epoch_design, thresholds
 
-MOST = 30
+MOST, MOST_OF_EPOCHS = 30, 22
 FREE = {0, 1, 2, 0.5}
 # Grids (joined blocks, sizes, a finer shape), rounds of fits, and where a signal ends.
 GRIDS = {
@@ -17,13 +17,22 @@ GRIDS = {
     search: {0.001, 0.2, 3, 6, 7},
     select: {0.001, 3, 4},
     outcome: set(),
+    epoch_design: {0.001, 1e-9},
+    epochs: {1e-5, 0.02, 0.1, 0.2, 1.48, 4, 5, 10, 50, 100, 1000},
+    epoch_outcome: {4},
 }
 
 
-def test_at_most_thirty_numbers_decide():
+@pytest.mark.parametrize(
+    ("heading", "most"), [("decides", MOST), ("two epochs share", MOST_OF_EPOCHS)]
+)
+def test_few_numbers_decide(heading, most):
     text = Path(thresholds.__file__).read_text(encoding="utf-8")
-    decide = text.split("# What decides")[1].split("# How much is tried")[0]
-    assert 20 < len(re.findall(r"^    [a-z_]+: (?:int|float) =", decide, re.M)) <= MOST
+    part = re.split(
+        r"^    # (?:What|How)", text.split(f"# What {heading}")[1], flags=re.M
+    )
+    fields = re.findall(r"^    [a-z_]+: (?:int|float) =", part[0], re.M)
+    assert 15 < len(fields) <= most
 
 
 @pytest.mark.parametrize("module", GRIDS, ids=lambda m: m.__name__.split(".")[-1])
