@@ -55,8 +55,7 @@ def build_change_verdict(
     contradictions = (STILL,) if still else unlikely.doubts
     doubtful = outcome.adequacy.doubted or contradictions
     least = find_detectable_sizes(outcome.selection.search, outcome.fit)
-    factor, deviation = outcome.measure_drift(outcome.fit)
-    moved = abs(factor) > THRESHOLDS.drift_deviations * deviation
+    factor, deviation, moved = outcome.measure_drift(outcome.fit)
     listing = [build_finding(f, i, proof, span) for i, f in enumerate(named, 1)]
     return Verdict(
         robot=outcome.logs.robot.name,

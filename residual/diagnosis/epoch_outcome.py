@@ -151,8 +151,7 @@ class EpochOutcome(Outcome):
         count, terms = len(rough.terms), possible.model.terms
         model = _with_tables(replace(possible.model, terms=terms[:count]), self.nominal)
         model = replace(model, standstill=self.like.standstill)
-        drift, deviation = self.measure_drift(fitted)
-        if abs(drift) > THRESHOLDS.drift_deviations * deviation:
+        if self.measure_drift(fitted)[2]:
             factor = 1.0 + self._friction_factors(fitted, common, torques)
             model = replace(
                 model,
@@ -182,10 +181,15 @@ class EpochOutcome(Outcome):
         large = max(possible.correction.price) > THRESHOLDS.gain_share
         return replace(possible, contradicted=possible.contradicted and large)
 
-    def measure_drift(self, fitted: Fit) -> tuple[float, float]:
-        """Friction of all joints over the first epoch's, less one; its deviation."""
+    def measure_drift(self, fitted: Fit) -> tuple[float, float, bool]:
+        """Friction of all joints over the first epoch's, less one; its deviation.
+
+        And whether that is more than chance, and more than joints differ by anyway.
+        """
         (covariance, _), *_ = self.score.covariances(fitted)
-        return float(fitted.theta[0]), float(np.sqrt(covariance[0, 0]))
+        value, deviation = float(fitted.theta[0]), float(np.sqrt(covariance[0, 0]))
+        sure, usual = THRESHOLDS.drift_deviations, THRESHOLDS.friction_spread
+        return value, deviation, abs(value) > max(sure * deviation, usual)
 
     def _friction_factors(
         self, fitted: Fit, common: Fit, torques: Sequence[Array]
