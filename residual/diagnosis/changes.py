@@ -17,7 +17,7 @@ from residual.diagnosis.epochs import (
     search_epochs,
 )
 from residual.diagnosis.findings import merge_into_findings, residual_clouds
-from residual.diagnosis.held_out import prove
+from residual.diagnosis.held_out import prove, tabulate_held_out_errors
 from residual.diagnosis.outcome import (
     Progress,
 )
@@ -28,7 +28,6 @@ from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import (
     ErrorSums,
     compute_model_errors,
-    find_worse_joints,
     prepare_held_out,
 )
 from residual.model.model import Model
@@ -38,7 +37,6 @@ from residual.model.nominal import (
     prepare_fit_logs,
     start_model,
 )
-from residual.model.rollout import compute_position_errors
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.splitting import (
@@ -48,7 +46,7 @@ from residual.signals.splitting import (
 )
 from residual.signals.track import FilterSettings
 from residual.verdict.edit_test import fit_all_parameters, run_edit_tests
-from residual.verdict.result import PLAIN, STAGES, Diagnosis, tabulate_errors
+from residual.verdict.result import Diagnosis
 
 
 def compare_epochs(
@@ -104,14 +102,7 @@ def compare_epochs(
         augmented,
         remains,
         (before, after),
-        tabulate_errors(
-            {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in logs.tracks),
-            [r.id for r in held_out],
-            same_run,
-            find_worse_joints(models, held),
-            compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
-        ),
+        tabulate_held_out_errors(models, errors, held, held_out, logs, same_run),
         check,
         (*warnings, *(check.sentences if check else ())),
         _unexplained_sentences(errors) if found else (),

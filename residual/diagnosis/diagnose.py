@@ -21,6 +21,7 @@ from residual.diagnosis.held_out import (
     build_three_models,
     fit_least_squares_model,
     prove,
+    tabulate_held_out_errors,
 )
 from residual.diagnosis.open_question import build_open_question
 from residual.diagnosis.outcome import Progress, search_effects
@@ -30,7 +31,6 @@ from residual.diagnosis.verdict import build_verdict, describe_signals
 from residual.errors import InputError
 from residual.model.compare import (
     compute_model_errors,
-    find_worse_joints,
     prepare_held_out,
 )
 from residual.model.model import Model
@@ -44,12 +44,11 @@ from residual.model.nominal import (
     refuse_known_values_with_baseline,
     start_model,
 )
-from residual.model.rollout import compute_position_errors
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joint_count
 from residual.signals.splitting import find_session_start, split_off_last_quarter
 from residual.signals.track import FilterSettings
-from residual.verdict.result import PLAIN, STAGES, Diagnosis, tabulate_errors
+from residual.verdict.result import PLAIN, Diagnosis
 
 
 def diagnose(
@@ -132,14 +131,7 @@ def diagnose(
         question,
         rivals,
         errors,
-        tabulate_errors(
-            {name: errors.get(name) for name in (*STAGES, PLAIN)},
-            min(t.cutoff for t in logs.tracks),
-            [r.id for r in held_out],
-            same_run,
-            find_worse_joints(models, held),
-            compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
-        ),
+        tabulate_held_out_errors(models, errors, held, held_out, logs, same_run),
         check,
         warnings,
     )

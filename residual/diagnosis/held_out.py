@@ -1,6 +1,6 @@
 """The held-out logs, read once, after every choice: errors, and a word on each name."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -20,7 +20,12 @@ from residual.evidence.priors import (
     build_relative_prior,
 )
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import ErrorSums, HeldOutLog, compute_error_rise
+from residual.model.compare import (
+    ErrorSums,
+    HeldOutLog,
+    compute_error_rise,
+    find_worse_joints,
+)
 from residual.model.model import Model
 from residual.model.nominal import (
     DEFAULT_DECLARED,
@@ -28,7 +33,9 @@ from residual.model.nominal import (
     build_free_nominal,
     choose_standstill_behaviour,
 )
-from residual.recording import Array
+from residual.model.rollout import compute_position_errors
+from residual.recording import Array, Recording
+from residual.verdict.result import PLAIN, STAGES, ErrorTables, tabulate_errors
 
 ROUND = 3  # gains are compared to 0.1 %
 
@@ -118,6 +125,31 @@ def build_three_models(outcome: Outcome) -> tuple[dict[str, Model], PossibleMode
         identified = outcome.model(outcome.plain, like=augmented).model
     models = {"nominal": outcome.nominal.model, "identified": identified}
     return models | {"augmented": augmented}, bodies
+
+
+def tabulate_held_out_errors(
+    models: Mapping[str, Model],
+    errors: Mapping[str, ErrorSums],
+    held: Sequence[HeldOutLog],
+    held_out: Sequence[Recording],
+    logs: FitLogs,
+    same_run: bool,
+) -> ErrorTables:
+    """The verdict's tables of errors, of torque and of position.
+
+    Args:
+        errors: Of each model on the held-out logs.
+        held: These logs, prepared.
+        same_run: Whether they are a part of a fit log.
+    """
+    return tabulate_errors(
+        {name: errors.get(name) for name in (*STAGES, PLAIN)},
+        min(t.cutoff for t in logs.tracks),
+        [r.id for r in held_out],
+        same_run,
+        find_worse_joints(models, held),
+        compute_position_errors({k: models[k] for k in STAGES[:3]}, held_out),
+    )
 
 
 def describe_unproven_joints(outcome: Outcome, augmented: ErrorSums) -> list[str]:
