@@ -48,7 +48,7 @@ class AngleNoise:
         self._pulls = [np.zeros(0)] * len(self._pulls)
 
     def surplus(self) -> Array:
-        """What the pulls would take from the model's own squared error, by row. (dof,)."""
+        """What pulls would take from the squared error of the model, by row. (dof,)."""
         rows = sum(np.array([len(x) for x in own]) for own in self._torque.values())
         return sum(self._surplus.values()) / np.maximum(rows, 1)
 
