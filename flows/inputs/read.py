@@ -369,8 +369,7 @@ def apply_known_values(
     Raises:
         InputError: If one cannot be known, or there is a baseline.
     """
-    # The serial number of a plant is in no file that the robot is built from again.
-    robot = replace(add_known_values(robot, known), serial=robot.serial)
+    robot = add_known_values(robot, known)
     list_known_values(robot)
     if baseline:
         refuse_known_values_with_baseline(robot)

@@ -57,7 +57,7 @@ class Design:
         tau: Filtered torque there.
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
-        power, tau_power: Sum of squares of target and torque. Shape (folds, dof).
+        tau_power: Sum of squares of the torque. Shape (folds, dof).
         flat, stacks: Flat priors and stacks of groups, computed once
             (``evidence.priors``).
     """
@@ -183,7 +183,7 @@ class Design:
         every = range(len(self._tracks))
         labels = [self._rows_labels(j, every) for j in range(self.dof)]
         whole = [np.concatenate(own) for own in self._targets]
-        self.power = sum_squares_per_fold(whole, labels, self.folds)
+        self._squares = sum_squares_per_fold(whole, labels, self.folds)
         chunks = [0] if len(self._chunks) == 1 else self._shown
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
@@ -234,12 +234,12 @@ class Design:
             self._noise.extend(i, j, columns - fresh[j][-1])
 
     def _take_noise_torque(self, model: Model) -> None:
-        """Torque that one more helping of the angles' noise moves in a model."""
+        """Torque that one more helping of the angles' noise moves, of model and log."""
         for i, track in self._noise.tracks.items():
             pair = [model.torque_on(t) for t in (track, self._tracks[i])]
-            moved = track.filter(pair[0] - pair[1])
-            own = [moved[use, j] for j, use in enumerate(self._use[i].T)]
-            self._noise.take_torque(i, own)
+            both = track.filter(pair[0] - pair[1]), track.tau - self._tracks[i].tau
+            own = ([x[use, j] for j, use in enumerate(self._use[i].T)] for x in both)
+            self._noise.take_torque(i, *own)
         self._totals = [None] * self.dof
 
     def _filtered(self, i: int, parts) -> Iterator[tuple[int, Array]]:
@@ -370,7 +370,7 @@ class Design:
         out = copy(self)
         out._alone = detached
         out._kept, out.folds = folds, len(folds)
-        out.power, out.tau_power = self.power[folds], self.tau_power[folds]
+        out._squares, out.tau_power = self._squares[folds], self.tau_power[folds]
         out.fold_rows = self.fold_rows[folds]
         out.rows = np.maximum(self.fold_rows[folds].sum(axis=0), 1.0)
         if detached:
@@ -408,6 +408,13 @@ class Design:
     def size(self) -> int:
         """Number of columns."""
         return self._sums.size
+
+    @property
+    def power(self) -> Array:
+        """Sum of squares of the target, with what the angles' noise leaves of them."""
+        if not self._noise.tracks:
+            return self._squares
+        return self._squares + self.fold_rows * self._noise.surplus()
 
     @property
     def place(self) -> list[Array]:

@@ -258,10 +258,15 @@ def set_serial_number(robot: Robot, serial: str | None) -> Robot:
 def add_known_values(robot: Robot, values: Mapping[str, float]) -> Robot:
     """Return a robot of which values are known for sure, beside those of its file.
 
+    Its description and the hash of it stay: it is the same arm.
+
     Args:
         values: By name, such as "payload.mass" or "coulomb.2.level" [SI].
     """
-    return _with_table(robot, "known", values) if values else robot
+    if not values:
+        return robot
+    known = _with_table(robot, "known", values).known_values
+    return replace(robot, known_values=known)
 
 
 def refuse_carried_weight(robot: Robot, target: str) -> None:

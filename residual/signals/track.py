@@ -14,7 +14,7 @@ from typing import Literal
 
 import numpy as np
 
-from residual.recording import Array, Recording
+from residual.recording import Array, Recording, apply_drive
 from residual.signals.filters import filter_low_pass
 from residual.signals.splitting import (
     compute_piece_overlap,
@@ -418,7 +418,7 @@ def add_angle_noise(
     """The logs with one more helping of the noise of their angles.
 
     Args:
-        tracks: The same, prepared: their rows and torque are kept.
+        tracks: The same, prepared: their rows are kept, and a torque that is measured.
     """
     rng, out = np.random.default_rng(SEED), []
     for r, track in zip(recordings, tracks, strict=True):
@@ -431,7 +431,12 @@ def add_angle_noise(
         noise = level / np.sqrt(1 - passed_on) * rng.normal(size=r.q.shape)
         thin = round(rate / track.rate)
         _, _, (q, qd, qdd) = filter_motion(replace(r, q=r.q + noise), filters, thin)
-        out.append(replace(track, q=q, qd=qd, qdd=qdd))
+        moved = replace(track, q=q, qd=qd, qdd=qdd)
+        if r.drive is not None:
+            tau = apply_drive(replace(r, q=r.q + noise), r.drive).tau - r.tau
+            tau, _ = filter_torque(r.t, tau, np.zeros(tau.shape, bool), track)
+            moved = replace(moved, tau=track.tau + tau)
+        out.append(moved)
     return tuple(out)
 
 

@@ -243,6 +243,14 @@ def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
     assert tree(store) == before
 
 
+def test_a_diagnosis_with_a_known_value_is_of_the_same_robot(diagnosed):
+    store, runs, _ = diagnosed
+    known = ("payload.mass=2",)
+    request = Diagnose(tuple(runs), robot="irb140", known=known, store=store)
+    diagnosis, _proof = diagnose_stored_runs(request)
+    assert rerun.rerun(diagnosis, store, verify=True).reproduced
+
+
 def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code):
     store, _runs, (diagnosis, _proof) = diagnosed
     plant["tau"] = 0.5

@@ -11,6 +11,8 @@ from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive, compute_drive_torque, limit_goal
 from residual.effects.base import MotionSpan
 from residual.evidence.design import Design
+from residual.evidence.fit import build_fitted_model, fit_nominal
+from residual.evidence.priors import build_relative_prior
 from residual.identification.identify import identify
 from residual.model.nominal import (
     DEFAULT_DECLARED,
@@ -31,6 +33,7 @@ from tests.residual.arms import arm, plain_logs
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
 
 T = np.arange(0, 2, 0.01)
+ROTOR = 2.0  # kg m^2
 STEP = np.where(T < 0.5, 0.0, 1.0)[:, None]
 
 
@@ -52,6 +55,41 @@ def test_a_drive_gives_its_limit_and_nothing_when_it_is_off():
     tau, at_limit = compute_drive_torque(drive, STEP, 0 * STEP, T, T < 1)
     assert set(tau[T >= 0.5, 0]) == {2.0, 0.0}
     np.testing.assert_array_equal(at_limit[:, 0], (T >= 0.5) & (T < 1))
+
+
+def noisy_logs(robot, gain: float) -> list[Recording]:
+    """Return four logs of an arm with a rotor that its file lacks, and noisy angles."""
+    t, out = np.arange(0, 20, 0.01), []
+    speed, size = 2 * np.pi * np.array([0.2, 0.5, 0.9, 1.4]), [0.5, 0.2, 0.1, 0.05]
+    for seed in range(4):
+        rng = np.random.default_rng(seed)
+        waves = size * np.exp(1j * (np.outer(t, speed) + rng.uniform(0, 6, 4)))
+        turned = (waves * (1j * speed) ** k for k in range(3))
+        q, qd, qdd = (x.sum(axis=1).imag[:, None] for x in turned)
+        tau = compute_inverse_dynamics(robot.model, q, qd, qdd) + ROTOR * qdd
+        read = q + 5e-4 * rng.normal(size=q.shape)
+        log = Recording(f"log {seed}", robot.name, t, read, 0 * q, q_ref=q + tau / gain)
+        out.append(apply_drive(log, Drive(gain=(gain,))))
+    return out
+
+
+def test_what_noise_of_the_angles_leaves_is_noise_whatever_the_file_lacks():
+    robot, gain = pendulum(), 2000.0
+    logs = prepare_fit_logs(robot, noisy_logs(robot, gain), None, FilterSettings())
+    # A drive computes its torque by the angles: it moves with their noise.
+    shaken, track = logs.shaken[0], logs.tracks[0]
+    moved = -gain * track.filter(shaken.q - track.q)
+    np.testing.assert_allclose(shaken.tau - track.tau, moved, atol=0.02 * np.ptp(moved))
+    nominal = build_free_nominal(logs, ("rotor_inertia",))
+    design = Design(logs.tracks, nominal.model, shaken=logs.shaken)
+    prior = build_relative_prior(design, nominal, 0.001)
+    first = build_fitted_model(nominal, fit_nominal(design, prior))
+    design.set_torque_model(first)
+    fitted = fit_nominal(design, prior)
+    left = design.residual(0, fitted.ids, fitted.theta)
+    assert fitted.sse[0] == pytest.approx(left @ left, rel=0.02)
+    sd = np.sqrt(fitted.covariance()[-1, -1])
+    assert fitted.theta[-1] == pytest.approx(ROTOR, abs=3 * sd)
 
 
 def test_next_says_which_logs_separate_what_is_open():
