@@ -118,7 +118,7 @@ class EpochDesign(Design):
         out.unrest = np.ones(out.dof)
         out.target = [out._whitened(j, y) for j, y in enumerate(target)]
         out._targets = [[y] for y in out.target]
-        out.power = sum_squares_per_fold(
+        out._squares = sum_squares_per_fold(
             out.target, [own.block for own in epochs], out.folds
         )
         out.rows = np.ones(out.dof)
