@@ -55,14 +55,14 @@ def build_change_verdict(
     contradictions = (STILL,) if still else unlikely.doubts
     doubtful = outcome.adequacy.doubted or contradictions
     least = find_detectable_sizes(outcome.selection.search, outcome.fit)
-    factor, deviation, moved = outcome.measure_drift(outcome.fit)
+    drift = outcome.epochs.drift
     listing = [build_finding(f, i, proof, span) for i, f in enumerate(named, 1)]
     return Verdict(
         robot=outcome.logs.robot.name,
         declared=tuple(outcome.nominal.names),
         verdict="effects" if named else "unknown" if doubtful else "none",
         effects=tuple(replace_by_model_values(f, augmented) for f in listing),
-        minimum_detectable=(*least, Detectable("drift", (), 2 * deviation, "1")),
+        minimum_detectable=(*least, Detectable("drift", (), 2 * drift.deviation, "1")),
         unexplained=_unexplained(outcome, remains),
         error=tables,
         nominal_scale=None,
@@ -79,7 +79,7 @@ def build_change_verdict(
         ),
         log_check=check,
         contradictions=contradictions,
-        drift=_describe_drift(outcome, factor, deviation) if moved else None,
+        drift=_describe_drift(outcome) if outcome.drift else None,
         bodies=unlikely.correction,
         frames=Frames.of(outcome.logs.robot),
         changes=tuple(_compare_values(*epochs, outcome)),
@@ -107,12 +107,13 @@ def _unexplained(
     )
 
 
-def _describe_drift(outcome: EpochOutcome, factor: float, deviation: float) -> Drift:
-    same = np.nan_to_num(outcome.epochs.drift.moved) * np.sign(factor)
+def _describe_drift(outcome: EpochOutcome) -> Drift:
+    factor, found = outcome.drift, outcome.epochs.drift
+    same = np.nan_to_num(found.moved) * np.sign(factor)
     joints = np.flatnonzero(same > THRESHOLDS.moved_share * abs(factor))
     return Drift(
         factor=convert_to_plain_values(1 + factor),
-        std=convert_to_plain_values(deviation),
+        std=convert_to_plain_values(found.deviation),
         joints=tuple(int(j) + 1 for j in joints),
         clock="order" if outcome.logs.clock is None else "recording time",
     )

@@ -151,7 +151,7 @@ class EpochOutcome(Outcome):
         count, terms = len(rough.terms), possible.model.terms
         model = _with_tables(replace(possible.model, terms=terms[:count]), self.nominal)
         model = replace(model, standstill=self.like.standstill)
-        if self.measure_drift(fitted)[2]:
+        if self.drift:
             factor = 1.0 + self._friction_factors(fitted, common, torques)
             model = replace(
                 model,
@@ -181,15 +181,15 @@ class EpochOutcome(Outcome):
         large = max(possible.correction.price) > THRESHOLDS.gain_share
         return replace(possible, contradicted=possible.contradicted and large)
 
-    def measure_drift(self, fitted: Fit) -> tuple[float, float, bool]:
-        """Friction of all joints over the first epoch's, less one; its deviation.
+    @property
+    def drift(self) -> float:
+        """Friction of all joints over the first epoch's, less one; 0 by chance.
 
-        And whether that is more than chance, and more than joints differ by anyway.
+        Beyond what joints agree on, and what they differ by anyway.
         """
-        (covariance, _), *_ = self.score.covariances(fitted)
-        value, deviation = float(fitted.theta[0]), float(np.sqrt(covariance[0, 0]))
-        sure, usual = THRESHOLDS.drift_deviations, THRESHOLDS.friction_spread
-        return value, deviation, abs(value) > max(sure * deviation, usual)
+        found, sure = self.epochs.drift, THRESHOLDS.drift_deviations
+        least = max(sure * found.deviation, THRESHOLDS.friction_spread)
+        return found.warmth if abs(found.warmth or 0.0) > least else 0.0
 
     def _friction_factors(
         self, fitted: Fit, common: Fit, torques: Sequence[Array]
@@ -202,7 +202,7 @@ class EpochOutcome(Outcome):
         epochs, raw = self.epochs, self.epochs.common.design
         places = epochs.design.epochs
         share = float(np.concatenate([own.second for own in places]).mean())
-        drift = float(fitted.theta[0]) * (1 - share)
+        drift = self.drift * (1 - share)
         out, weight = np.full(raw.dof, drift), fitted.weight(epochs.design.rows)
         for j, own in enumerate(places):
             if not own.compared:

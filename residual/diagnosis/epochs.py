@@ -122,7 +122,10 @@ class FrictionSpread:
     # Of each joint, second epoch over first, less one; NaN where it has none, (dof,).
     moved: Array
     spread: Array  # standard deviation from log to log, (dof,)
-    warmth: float | None  # of all joints together; None of fewer than three
+    # Of all joints together, a median; None of fewer than three. Its deviation, by how
+    # much joints agree.
+    warmth: float | None
+    deviation: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -428,7 +431,7 @@ def _measure_friction(
             values, deviations, _ = np.array(single).T
             beyond = values.var(ddof=1) - (deviations**2).mean()
             within[j] = max(float(beyond), 0.0)
-    rules, clear, warmth = THRESHOLDS, sd < CLEAR, None
+    rules, clear, warmth, deviation = THRESHOLDS, sd < CLEAR, None, 0.0
     spread, usual = rules.friction_spread, rules.usual_joints
     if clear.sum() >= rules.few_logs:
         warmth = float(np.median(moved[clear]))
@@ -436,10 +439,12 @@ def _measure_friction(
         beyond = max(gap**2 - float(np.median(sd[clear])) ** 2, 0.0)
         count = clear.sum()
         square = (usual * spread**2 + count * beyond) / (usual + count)
+        known = (1 / (sd[clear] ** 2 + square)).sum()
+        deviation = 1.25 / float(np.sqrt(known))  # of a median
         spread = max(float(np.sqrt(square)), rules.warmth_spread * abs(warmth))
     logs = first - 1
     each = (usual * spread**2 + logs * within) / (usual + logs)
-    return FrictionSpread(moved, np.sqrt(each), warmth)
+    return FrictionSpread(moved, np.sqrt(each), warmth, deviation)
 
 
 def _measure_unrest(
