@@ -230,17 +230,20 @@ class Search:
         return [] if clock else list_factor_slips(self.robot, shares)
 
     def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
-        """Turned angles in place of turned torques: friction shows both alike."""
+        """Turned angles in place of turned torques: friction shows both alike.
+
+        Or the arm's mirror image.
+        """
         angles, torques, rest = split_signs(reading.slips)
         one = angles ^ torques
-        for joints in (*({j} for j in one), torques - angles, one):
+        for joints in (*({j} for j in one), torques - angles, one, torques):
             if joints:
                 signs = angles ^ joints, torques ^ joints
                 yield self.read([*rest, *build_sign_slips(*signs, self.robot.dof)])
 
     def best(self) -> tuple[Reading, list[Reading]]:
         """Return the best reading, and those that were tried beside it."""
-        reading = self.polish(self.complete(()))
+        reading = self._in_unit(self.polish(self.complete(())))
         others = [self.read(())]
         if not reading.strained:  # what a rough file bends to
             bent = [*self._inclined(reading), *list_removals(self.robot)]
@@ -266,7 +269,7 @@ class Search:
             if not better:
                 break
             reading = max(better, key=_get_value)
-        reading = self._pruned(reading)
+        reading = self._in_unit(self._pruned(reading))
         while True:
             tried = list(self._list_signs_elsewhere(reading))
             others += tried
@@ -289,6 +292,19 @@ class Search:
             if best.value > reading.value and slip in reading.slips:
                 reading = best
         return reading
+
+    def _in_unit(self, reading: Reading) -> Reading:
+        """Read torques by the factor that all joints under load have alike.
+
+        To a rough prior of small masses it is hardly worth a mistake.
+        """
+        if any(slip.kind in _SCALED for slip in reading.slips):
+            return reading
+        shares = fit_nominal_shares(reading.sums, reading.torques.order)
+        shares = replace(shares, ratio=shares.ratio * reading.torques.factor)
+        units = self._list_factors(reading.slips, shares)
+        read = (self.read([*reading.slips, unit]) for unit in units)
+        return max(read, key=_get_value, default=reading)
 
     def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
         kinds = {slip.kind for slip in kept}
@@ -394,7 +410,9 @@ def _decide(
     kind = group[0].kind
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
-    if kind == "out_of_range" or gain < _find_least_gain([kind]):
+    if kind == "out_of_range" or (
+        kind not in _SCALED and gain < _find_least_gain([kind])
+    ):
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     own = {slip.words for slip in group}
@@ -519,6 +537,15 @@ def _doubt_robot(best: Reading) -> Fault:
     return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
 
 
+def _bends_many_bodies(best: Reading) -> bool:
+    """Whether the file is far off, and no single flaw, load or effect makes up for it."""
+    if best.bend - best.share_odds < 2 * CHECK.certain_nats:
+        return False
+    reached = best.rough.nats - CHECK.suspect_nats
+    causes = list_other_causes(best.sums, GIVEN).values()
+    return all(fit_arm(best.sums, best.torques, c).nats < reached for c in causes)
+
+
 def _find_wrong_robot(best: Reading) -> Fault | None:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
@@ -526,9 +553,11 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     """
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
-    # What a log may strain as given, it may with other units and signs of its torques.
-    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(len(_list_arranged(best)), 2)]
-    if nats < least or not nats:
+    # What a log may strain as given, it may with other units and signs of its torques;
+    # beside another arrangement, or a factor of one drive, less of it is left.
+    more = len(_list_arranged(best)) + sum(s.kind == "torque_scale" for s in best.slips)
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
+    if (nats < least or not nats) and not _bends_many_bodies(best):
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (
