@@ -398,7 +398,8 @@ def find_misreadings(
     # What is certain has to leave a clean log.
     arranged = len(_list_arranged(best))
     bent = arranged and best.bend > CHECK.certain_nats
-    if bent or arranged > 1 or best.odds > _STRAY * CHECK.odds_nats:
+    many = arranged > 1 or best.odds > _STRAY * CHECK.odds_nats
+    if bent or (many and best.strained):
         return [_doubt_robot(best)]
     return [replace(fault, certain=False) for fault in faults]
 
@@ -444,7 +445,7 @@ def _decide(
     rivals = [n if n != _name(group) else "another factor of it" for n in names]
     rivals += _list_rivals(best, without, kind)
     if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
-        rivals.append("masses of the robot file that are all off by one factor")
+        rivals.insert(0, "masses of the robot file that are all off by one factor")
     physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
     loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
     certain = (
