@@ -36,6 +36,7 @@ from residual.check.evidence import (
 from residual.check.physics_columns import CheckMotion
 from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
 from residual.check.slips import (
+    SIGNS,
     Slip,
     build_mounting_slip,
     build_order_slip,
@@ -91,12 +92,23 @@ class Reading:
         return self.fit(ROUGH)
 
     @cached_property
+    def shares(self) -> NominalShares:
+        """Shares of the file's torque that the channels have."""
+        return fit_nominal_shares(self.sums, self.torques.order)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the torques that carry the arm have that of the file in them."""
+        part = self.shares.explained[self.shares.loaded()]
+        return bool(np.median(part) > CHECK.explained_least)
+
+    @cached_property
     def share_odds(self) -> float:
         """Log odds against the shares that the loaded joints have of their torques.
 
         A rough file, a load and a gear's losses are factors, too.
         """
-        shares = fit_nominal_shares(self.sums, self.torques.order)
+        shares = self.shares
         ratio = shares.ratio * self.torques.factor
         shows = shares.loaded() & (shares.explained > CHECK.explained_least)
         shows &= (ratio > 0) & (shares.ratio_sd < CHECK.ratio_sd * abs(shares.ratio))
@@ -161,7 +173,7 @@ class Search:
     def complete(self, slips: Sequence[Slip]) -> Reading:
         """Return an arrangement with the signs and factors that its torques show."""
         base = self.read(slips)
-        shares = fit_nominal_shares(base.sums, base.torques.order)
+        shares = base.shares
         signs = np.sign(base.torques.factor)
         turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
         joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
@@ -210,8 +222,7 @@ class Search:
         plain += [
             slip for slip in slips if slip.kind in _SCALED and not slip.of_torques
         ]
-        shares = fit_nominal_shares(reading.sums, reading.torques.order)
-        shares = replace(shares, ratio=np.abs(shares.ratio))
+        shares = replace(reading.shares, ratio=np.abs(reading.shares.ratio))
         for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
@@ -300,8 +311,8 @@ class Search:
         """
         if any(slip.kind in _SCALED for slip in reading.slips):
             return reading
-        shares = fit_nominal_shares(reading.sums, reading.torques.order)
-        shares = replace(shares, ratio=shares.ratio * reading.torques.factor)
+        ratio = reading.shares.ratio * reading.torques.factor
+        shares = replace(reading.shares, ratio=ratio)
         units = self._list_factors(reading.slips, shares)
         read = (self.read([*reading.slips, unit]) for unit in units)
         return max(read, key=_get_value, default=reading)
@@ -454,6 +465,7 @@ def _decide(
         and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
         and (kind in _SCALED or loose > CHECK.suspect_nats)
         and physics
+        and (kind in (*_SCALED, *SIGNS) or best.explains)
         and (kind not in _SCALED or _is_far(repairs))
         and _count_strain(best.strain) < CHECK.certain_nats
         and best.bend < CHECK.certain_nats
@@ -539,7 +551,7 @@ def _doubt_robot(best: Reading) -> Fault:
 
 
 def _bends_many_bodies(best: Reading) -> bool:
-    """Whether the file is far off, and no single flaw, load or effect makes up for it."""
+    """Whether the file is far off, and no single flaw or effect makes up for it."""
     if best.bend - best.share_odds < 2 * CHECK.certain_nats:
         return False
     reached = best.rough.nats - CHECK.suspect_nats
@@ -555,8 +567,10 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
     # What a log may strain as given, it may with other units and signs of its torques;
-    # beside another arrangement, or a factor of one drive, less of it is left.
+    # beside another arrangement, a factor of one drive, or where the torque of the file
+    # is not in them, less of it is left.
     more = len(_list_arranged(best)) + sum(s.kind == "torque_scale" for s in best.slips)
+    more += 0 if best.explains else 2
     least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
     if (nats < least or not nats) and not _bends_many_bodies(best):
         return None
