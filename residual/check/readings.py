@@ -550,15 +550,6 @@ def _doubt_robot(best: Reading) -> Fault:
     return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
 
 
-def _bends_many_bodies(best: Reading) -> bool:
-    """Whether the file is far off, and no single flaw or effect makes up for it."""
-    if best.bend - best.share_odds < 2 * CHECK.certain_nats:
-        return False
-    reached = best.rough.nats - CHECK.suspect_nats
-    causes = list_other_causes(best.sums, GIVEN).values()
-    return all(fit_arm(best.sums, best.torques, c).nats < reached for c in causes)
-
-
 def _find_wrong_robot(best: Reading) -> Fault | None:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
@@ -567,12 +558,10 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     nats = _count_strain(best.strain)
     kinds = sorted({slip.kind for slip in best.slips})
     # What a log may strain as given, it may with other units and signs of its torques;
-    # beside another arrangement, a factor of one drive, or where the torque of the file
-    # is not in them, less of it is left.
-    more = len(_list_arranged(best)) + sum(s.kind == "torque_scale" for s in best.slips)
-    more += 0 if best.explains else 2
+    # beside another arrangement, or where the torque of the file is not in them, less.
+    more = len(_list_arranged(best)) + (0 if best.explains else 2)
     least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
-    if (nats < least or not nats) and not _bends_many_bodies(best):
+    if nats < least or not nats:
         return None
     tried = f" (the best: {', '.join(kinds)})" if kinds else ""
     words = (
