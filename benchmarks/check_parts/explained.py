@@ -1,4 +1,4 @@
-"""Logs that something else explains: balanced arms, zeros, gains, and pairs of faults."""
+"""Logs that something else explains: balanced arms, zeros, gains; pairs of faults."""
 
 from dataclasses import replace
 
@@ -85,7 +85,7 @@ _THEN = (("torque_unit", 0), ("torque_unit", 1), ("angle_unit", 0), ("mounting",
 
 
 def pair(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
-    """A sign of one joint or two exchanged, and a unit or a mounting of all, at once."""
+    """A sign or an order of joints, and a unit or a mounting of all, at once."""
     one = getattr(reports, _FIRST[size])(host, 1 if size == 2 else 0, rng)
     kind, how = _THEN[rng.integers(len(_THEN))]
     if one is None:
