@@ -422,9 +422,8 @@ def _decide(
     kind = group[0].kind
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
-    if kind == "out_of_range" or (
-        kind not in _SCALED and gain < _find_least_gain([kind])
-    ):
+    shown = gain >= _find_least_gain([kind])
+    if kind == "out_of_range" or not (shown or kind in _SCALED):
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     own = {slip.words for slip in group}
@@ -471,7 +470,8 @@ def _decide(
         and best.bend < CHECK.certain_nats
     )
     words = ". ".join(slip.words for slip in group)
-    evidence = f"{words}: better by {gain:.0f} nats."
+    why = f"better by {gain:.0f} nats" if shown else "all joints under load have it"
+    evidence = f"{words}: {why}."
     if any(slip.rough for slip in group):
         repairs, alternatives = (), ()
     return Fault(
