@@ -57,7 +57,6 @@ from residual.errors import format_joint_numbers
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-WRONG = "wrong_robot"
 _DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
@@ -411,7 +410,9 @@ def find_misreadings(
     bent = arranged and best.bend > CHECK.certain_nats
     many = arranged > 1 or best.odds > _STRAY * CHECK.odds_nats
     if bent or (many and best.strained):
-        return [_doubt_robot(best)]
+        words = f"another robot file, or {_name(best.slips)} at once"
+        words = f"No single fault makes this log fit the robot: {words}."
+        return [_suspect_robot(best, words)]
     return [replace(fault, certain=False) for fault in faults]
 
 
@@ -540,41 +541,30 @@ def _list_arranged(reading: Reading) -> set[str]:
     return {slip.kind for slip in reading.slips if not slip.of_torques}
 
 
-def _doubt_robot(best: Reading) -> Fault:
-    """Another arm, where only mistakes that do not go together explain a log."""
-    words = (
-        "No single fault makes this log fit the robot: another robot file, or "
-        f"{_name(best.slips)} at once."
-    )
-    settle = "Compare the joints' names, and the arm's type, with the robot file."
-    return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
-
-
 def _find_wrong_robot(best: Reading) -> Fault | None:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
     Two joints may be odd, or hide an effect; more are another arm.
     """
     nats = _count_strain(best.strain)
-    kinds = sorted({slip.kind for slip in best.slips})
     # What a log may strain as given, it may with other units and signs of its torques;
     # beside another arrangement, or where the torque of the file is not in them, less.
     more = len(_list_arranged(best)) + (0 if best.explains else 2)
     least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
     if nats < least or not nats:
         return None
-    tried = f" (the best: {', '.join(kinds)})" if kinds else ""
-    words = (
+    tried = f" (the best: {_name(best.slips)})" if best.slips else ""
+    little = "" if best.explains else ", whose torque hardly shows in the log's"
+    return _suspect_robot(
+        best,
         "No reordering, sign, unit or zero makes this log fit the robot"
-        f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
-        "without the worst joint)."
+        f"{tried}: several joints would be far from the robot file{little} "
+        f"({nats:.0f} nats without the worst joint).",
     )
-    # What hardly a file of its own still misses of a joint is geometry.
-    missed = []
-    for j in range(best.sums.dof):
-        alone = best.sums.only(j)
-        fit = fit_arm(alone, best.torques, alone.deviations(LOOSE))
-        rest = fit.sigma[j] / max(CHECK.rough_rest * fit.size[j], 1e-300)
-        missed.append(best.sums.rows[j] * max(float(np.log(rest)), 0.0))
-    certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
-    return Fault(WRONG, (), bool(certain), words)
+
+
+def _suspect_robot(best: Reading, words: str) -> Fault:
+    """Another arm is never certain: several effects, or faults, look like one."""
+    rivals = (_name(best.slips),) if best.slips else ()
+    settle = "Compare the joints' names, and the arm's type, with the robot file."
+    return Fault("wrong_robot", (), False, words, rivals=rivals, settle=settle)
