@@ -61,8 +61,6 @@ _DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
 _ALIKE = 3.0  # nats: readings that nobody can tell apart
-_STRAY = 5.5  # odds: more mistakes than a map has at once
-_ODD_NATS = 0.5  # of strain: a torque that may be another joint's
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
@@ -212,8 +210,6 @@ class Search:
         # Of joints whose friction takes power nothing is to be said.
         odd = list_true_joints(reading.rough.braking < _BRAKES)
         yield from (self._turn(reading, {j}) for j in odd)
-        if odd:
-            yield self._turn(reading, set(range(1, self.robot.dof + 1)))
 
     def _list_torques(self, reading: Reading) -> Iterator[Reading]:
         dof, slips = self.robot.dof, list(reading.slips)
@@ -229,8 +225,7 @@ class Search:
             if not any(slip.joints == scale.joints for slip in slips):
                 yield self.read([*slips, scale])
         if not any(slip.kind == "joint_order" for slip in slips):
-            odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
-            for pair in combinations(np.flatnonzero(odd), 2):
+            for pair in combinations(range(dof), 2):
                 order = swap_channels(range(dof), *pair)
                 yield self.read([build_order_slip(order, ("tau",)), *slips])
 
@@ -279,7 +274,7 @@ class Search:
             if not better:
                 break
             reading = max(better, key=_get_value)
-        reading = self._in_unit(self._pruned(reading))
+        reading = self._in_unit(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
             others += tried
@@ -289,19 +284,6 @@ class Search:
             best = max(better, key=_get_value)
             others.append(reading)
             reading = best
-
-    def _pruned(self, reading: Reading) -> Reading:
-        """Leave out what a later slip has made superfluous."""
-        for slip in reading.slips:
-            rest = [other for other in reading.slips if other is not slip]
-            less = [self.read(rest)]
-            if not slip.of_torques:
-                arranged = [other for other in rest if not other.of_torques]
-                less.append(self.polish(self.complete(arranged)))
-            best = max(less, key=_get_value)
-            if best.value > reading.value and slip in reading.slips:
-                reading = best
-        return reading
 
     def _in_unit(self, reading: Reading) -> Reading:
         """Read torques by the factor that all joints under load have alike.
@@ -408,8 +390,7 @@ def find_misreadings(
     # What is certain has to leave a clean log.
     arranged = len(_list_arranged(best))
     bent = arranged and best.bend > CHECK.certain_nats
-    many = arranged > 1 or best.odds > _STRAY * CHECK.odds_nats
-    if bent or (many and best.strained):
+    if bent or (arranged > 1 and best.strained):
         words = f"another robot file, or {_name(best.slips)} at once"
         words = f"No single fault makes this log fit the robot: {words}."
         return [_suspect_robot(best, words)]
