@@ -269,11 +269,13 @@ class Search:
             drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
             others += tried
-            better = [each for each in tried if _beats(each, reading)]
             others.append(reading)
-            if not better:
+            best = reading
+            for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
+                best = each if _beats(each, best) else best
+            if best is reading:
                 break
-            reading = max(better, key=_get_value)
+            reading = best
         reading = self._in_unit(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
