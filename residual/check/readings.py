@@ -138,6 +138,13 @@ class Reading:
         return max(self.rough.nats - self.fit(GIVEN).nats, 0.0) + self.share_odds
 
     @property
+    def bends(self) -> bool:
+        """Whether the file is far from the log: a rough one likelier, or far, too."""
+        gain = self.rough.nats - self.fit(GIVEN).nats
+        far = bool(self.strain.sum() > CHECK.certain_nats)
+        return far or gain > CHECK.suspect_nats
+
+    @property
     def strained(self) -> bool:
         """Whether the bodies of the file have to bend."""
         rough = self.rough.nats > self.fit(GIVEN).nats
@@ -449,7 +456,7 @@ def _decide(
         and (kind in _SCALED or loose > CHECK.suspect_nats)
         and physics
         and (kind in (*_SCALED, *SIGNS) or best.explains)
-        and (kind not in _SCALED or _is_far(repairs))
+        and (kind not in _SCALED or (_is_far(repairs) and without.bends))
         and _count_strain(best.strain) < CHECK.certain_nats
         and best.bend < CHECK.certain_nats
     )
