@@ -179,6 +179,8 @@ class FaultyLogs:
     urdf: str = ""  # text of the robot file that is given
     toml: str = ""  # text of the robot.toml that is given, "" for none
     also: tuple[str, ...] = ()  # other kinds that are as right
+    may: tuple[int, ...] = ()  # joints that may be named, too
+    beside: "FaultyLogs | None" = None  # another fault of the same logs
 
 
 Fault = Callable[[Host, int, np.random.Generator], "FaultyLogs | None"]

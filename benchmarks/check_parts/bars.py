@@ -57,6 +57,7 @@ def figures(rows: Rows, deciding: bool) -> Figures:
         "false_certain": figure(len(certain), 0, len(every), which=which),
         **lines(_OF_EXPLAINED, explained),
         **lines([_FLAWS], flawed),
+        **lines([_MASSES], [row for row in files if row["effect"] == SCALED]),
         **{
             f"log_blamed_for_{name.replace(' ', '_')}": figure(
                 len(rows),
@@ -93,8 +94,13 @@ def _is_exact(mended: Mapping) -> bool:
 
 
 def _is_ambiguous(row: Mapping) -> bool:
-    """Whether the file, a balancer or a drive explains a log as well as a fault."""
-    return row["kind"] != "zero"
+    """Whether a balancer or a drive explains a log as well as a fault."""
+    return row["kind"] in ("balanced", "gain")
+
+
+def _is_far(row: Mapping) -> bool:
+    """Whether masses are off by more than a rough file or a load may be."""
+    return not 0.5 <= row["factor"] <= 2
 
 
 def _is_measured(row: Mapping) -> bool:
@@ -118,9 +124,11 @@ _OF_FAULTS = (
 _OF_EXPLAINED = (
     Line("zeros_named", _hit, 0.95, of=lambda r: r["kind"] == "zero"),
     Line("gains_named", _hit, 0.80, of=lambda r: r["kind"] == "gain"),
+    Line("pairs_named", _hit, 0.90, of=lambda r: r["kind"] == "pair"),
     Line("explained_certain", lambda r: r["certain"], 0.0, of=_is_ambiguous, most=True),
 )
 _FLAWS = Line("file_flaws_named", _hit, 0.90)
+_MASSES = Line("masses_named", _hit, 0.90, of=_is_far)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line(
     "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults

@@ -163,7 +163,8 @@ def _files(task: Task) -> list[dict]:
             rows.append(row | hit | {"joints": list(drawn.links)})
             robot, factor = file_flaws.draw_scaled(arm, rng)
             row = _sound(robot, arm.logs, task, file_flaws.SCALED)
-            rows.append(row | {"factor": factor})
+            hit = any(kind in ("torque_unit", "gear_ratio") for kind, *_ in row["said"])
+            rows.append(row | {"factor": factor, "hit": hit})
     return rows
 
 

@@ -1,66 +1,19 @@
-"""Logs that something else explains: flaws of the file, balanced arms, zeros, gains."""
+"""Logs that something else explains: balanced arms, zeros, gains; pairs of faults."""
 
-import xml.etree.ElementTree as ET
+from dataclasses import replace
 
 import numpy as np
 
+from benchmarks.check_parts import reports
 from benchmarks.check_parts.arms import FaultyLogs, Host, changed, some, tables_of
-from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
-from residual.robot.robot import build_robot
+from residual.robot.dynamics import compute_gravity_torque
 
 Rng = np.random.Generator
-_SHOWS = 0.05  # of the torque of some joint: less of a flaw says nothing
+_CARRIES = (
+    0.1  # of the largest weight of a joint: below, a rough file is any factor off
+)
+_SHOWS = 0.5  # of the logged torque: below, weight does not show in it
 _TRIES = 60
-
-
-def placeholder(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
-    """One to three links have an inertia of 0.1 to 1 kg m^2, or one that cannot be."""
-    for _ in range(_TRIES):
-        links = some(rng, host.robot.dof, size + 1)
-        root = ET.fromstring(host.robot.urdf)
-        moving = [j.find("child").get("link") for j in root if _moves(j)]
-        for link in root.iter("link"):
-            tensor = link.find("inertial/inertia")
-            if tensor is None or link.get("name") not in moving:
-                continue
-            if moving.index(link.get("name")) + 1 in links:
-                value = 10 ** rng.uniform(-1, 0)
-                if rng.random() < 0.5:
-                    tensor.attrib |= dict.fromkeys(("ixx", "iyy", "izz"), str(value))
-                else:
-                    tensor.set("izz", str(value))
-        urdf = ET.tostring(root, encoding="unicode")
-        if _differs(host, urdf):
-            tables = tables_of(host)
-            return FaultyLogs("robot_file", links, tables, tables, urdf=urdf)
-    return None
-
-
-def _moves(element: ET.Element) -> bool:
-    return element.tag == "joint" and element.get("type") != "fixed"
-
-
-def _differs(host: Host, urdf: str) -> bool:
-    """Whether another file moves the torque of some joint."""
-    other = build_robot(host.robot.name, urdf, host.robot.toml)
-    log = host.logs[0]
-    q, t = log.q[::5], log.t[::5]
-    qd = np.gradient(q, t, axis=0)
-    motion = q, qd, np.gradient(qd, t, axis=0)
-    was, now = (compute_inverse_dynamics(r.model, *motion) for r in (host.robot, other))
-    rms = np.sqrt(np.mean((was - now) ** 2, axis=0))
-    return bool(np.any(rms > _SHOWS * np.sqrt(np.mean(was**2, axis=0))))
-
-
-def masses(host: Host, size: int, rng: Rng) -> FaultyLogs:
-    """All masses of the file are 0.24 to 0.45, 0.6 to 1.7, or 2.2 to 4 times right."""
-    factor = rng.uniform(*((0.24, 0.45), (0.6, 1.7), (2.2, 4.0))[size])
-    root = ET.fromstring(host.robot.urdf)
-    for element in (*root.iter("mass"), *root.iter("inertia")):
-        for key, value in element.attrib.items():
-            element.set(key, repr(factor * float(value)))
-    urdf, tables = ET.tostring(root, encoding="unicode"), tables_of(host)
-    return FaultyLogs("torque_unit", (), tables, (), urdf=urdf)
 
 
 def balanced(host: Host, size: int, rng: Rng) -> FaultyLogs:
@@ -99,14 +52,48 @@ def _turns(host: Host, off: np.ndarray) -> bool:
     return bool(np.any(rms > 0.25 * np.std(log.tau[::5], axis=0)))
 
 
-def gain(host: Host, size: int, rng: Rng) -> FaultyLogs:
-    """Torques of one to three joints are 0.25 to 4 times what they are."""
-    joints = some(rng, host.robot.dof, size + 1)
-    factor = np.ones(host.robot.dof)
-    each = np.exp(rng.uniform(np.log(1.8), np.log(4.0), len(joints)))
-    factor[[j - 1 for j in joints]] = each ** rng.choice([-1, 1], len(joints))
-    tables = changed(tables_of(host), ("tau",), lambda tau: tau * factor)
-    return FaultyLogs("torque_scale", joints, tables, tables_of(host))
+def gain(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
+    """Torques of one to three joints are 0.25 to 4 times what they are.
+
+    The weight shows it on one of them at least; on the others it may be named.
+    """
+    dof = host.robot.dof
+    shows = _weight_shows(host)
+    for _ in range(_TRIES):
+        joints = some(rng, dof, size + 1)
+        each = np.exp(rng.uniform(np.log(1.8), np.log(4.0), len(joints)))
+        factor = np.ones(dof)
+        factor[[j - 1 for j in joints]] = each ** rng.choice([-1, 1], len(joints))
+        due = tuple(j for j in joints if shows[j - 1])
+        if due:
+            right = tables_of(host)
+            tables = changed(right, ("tau",), lambda tau: tau * factor)  # noqa: B023
+            return FaultyLogs("torque_scale", due, tables, right, may=joints)
+    return None
 
 
-EXPLAINED = {f.__name__: f for f in (placeholder, masses, balanced, zero, gain)}
+def _weight_shows(host: Host) -> np.ndarray:
+    """Which joints carry the arm, in motion that changes what they carry. (dof,)."""
+    log, model = host.logs[0], host.robot.model
+    weight = compute_gravity_torque(model, log.q[::5], model.gravity.linear).std(axis=0)
+    heavy = weight > _CARRIES * weight.max()
+    return heavy & (weight > _SHOWS * log.tau[::5].std(axis=0))
+
+
+_FIRST = ("torque_sign", "angle_sign", "joint_order")
+_THEN = (("torque_unit", 0), ("torque_unit", 1), ("angle_unit", 0), ("mounting", 2))
+
+
+def pair(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
+    """A sign or an order of joints, and a unit or a mounting of all, at once."""
+    one = getattr(reports, _FIRST[size])(host, 1 if size == 2 else 0, rng)
+    kind, how = _THEN[rng.integers(len(_THEN))]
+    if one is None:
+        return None
+    logs = zip(host.logs, one.tables, strict=True)
+    read = replace(host, logs=tuple(replace(log, **table) for log, table in logs))
+    both = getattr(reports, kind)(read, how, rng)
+    return replace(both, right=one.right, beside=one)
+
+
+EXPLAINED = {f.__name__: f for f in (balanced, zero, gain, pair)}

@@ -54,12 +54,17 @@ def draw_flawed(arm: Host, rng: Rng) -> FlawedFile:
 def draw_scaled(arm: Host, rng: Rng) -> tuple[Robot, float]:
     """Draw a file whose masses and tensors are all 0.24 to 4 times those of the arm."""
     factor = float(np.exp(rng.uniform(np.log(0.24), np.log(4.0))))
-    root = ET.fromstring(arm.robot.urdf)
+    return scale_masses(arm.robot, factor), factor
+
+
+def scale_masses(robot: Robot, factor: float) -> Robot:
+    """Return an arm as a file has it whose masses are all so many times too large."""
+    root = ET.fromstring(robot.urdf)
     for element in (*root.iter("mass"), *root.iter("inertia")):
         for key, value in element.attrib.items():
             element.set(key, repr(factor * float(value)))
     text = ET.tostring(root, encoding="unicode")
-    return build_robot(arm.robot.name, text, arm.robot.toml), factor
+    return build_robot(robot.name, text, robot.toml)
 
 
 def _moving(robot: Robot, root: ET.Element) -> dict[str, ET.Element]:

@@ -33,7 +33,11 @@ def compare(arm: Host, faulty: FaultyLogs) -> dict:
         exact = _exact(repairs, faulty, arm, robot, place)
     return {
         **reported(report),
-        "hit": any(is_it(f, faulty, arm.robot.dof) for f in report.faults),
+        "hit": all(
+            any(is_it(f, each, arm.robot.dof) for f in report.faults)
+            for each in (faulty, faulty.beside)
+            if each is not None
+        ),
         "certain": any(f.certain for f in report.faults),
         "exact": exact,
         "seconds": seconds,
@@ -71,6 +75,8 @@ def reported(report: LogCheck) -> dict:
 def is_it(fault: Fault, faulty: FaultyLogs, dof: int) -> bool:
     every = tuple(range(1, dof + 1))
     where = tuple(sorted(fault.joints)) or every
+    if faulty.joints:
+        where = tuple(j for j in where if j in faulty.joints or j not in faulty.may)
     kinds = (faulty.kind, *faulty.also)
     return fault.kind in kinds and where == (faulty.joints or every)
 

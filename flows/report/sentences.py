@@ -328,10 +328,11 @@ def describe_faults(report: LogCheck) -> list[str]:
     lines = []
     for fault in report.faults:
         sure = "certain" if fault.certain else "suspected"
-        lines += ["", f"{capitalize_first(title_fault(fault))}: {fault.kind}, {sure}."]
+        either = ", or ".join([title_fault(fault), *fault.rivals[:1]])
+        lines += ["", f"{capitalize_first(either)}: {fault.kind}, {sure}."]
         lines += [f"  {line}" for line in fault.evidence.splitlines()]
-        if fault.rivals:
-            lines.append(f"  Or: {'; '.join(fault.rivals)}.")
+        if fault.rivals[1:]:
+            lines.append(f"  Or: {'; '.join(fault.rivals[1:])}.")
         if fault.settle:
             lines.append(f"  To settle it: {fault.settle}")
         for number, repair in enumerate(fault.repair):

@@ -14,8 +14,7 @@ from flows.inputs.repair import (
 from flows.requests import Check, Map
 from residual import one_blas_thread
 from residual.check.check import check_logs, check_robot, confirm_repairs, list_odd_logs
-from residual.check.readings import WRONG
-from residual.check.result import INTERLEAVED, MOUNTING, REMOVED, Fault, LogCheck
+from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot, replace_gravity
@@ -126,16 +125,13 @@ def _faults_of_single_logs(
     an effect of the arm. A repair line is of all logs, so here it stands in the
     evidence.
     """
-    if len(group) < 2 or any(f.kind != WRONG for f in pooled.certain):
+    if len(group) < 2 or pooled.certain:
         return []
     out = []
     for log in list_odd_logs(logs.robot, group):
-        # Of one log alone gravity, or another arm, is no more than a guess.
-        certain = [
-            fault
-            for fault in check_logs(logs.robot, [log]).certain
-            if fault.kind not in (WRONG, MOUNTING, REMOVED)
-        ]
+        # Of one log alone gravity is no more than a guess.
+        found = check_logs(logs.robot, [log]).certain
+        certain = [fault for fault in found if fault.kind != MOUNTING]
         others = [other for other in group if other is not log]
         repairs = [repair for fault in certain for repair in fault.repairs]
         if repairs and not confirm_repairs(logs.robot, log, others, repairs):

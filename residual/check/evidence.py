@@ -9,7 +9,7 @@ The sums of the columns A serve every order, sign and factor of the torques, eve
 of the priors S, and so every cause that explains a log as well as a fault does.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -89,13 +89,6 @@ class ArmSums:
         """Parameters of the body behind joint j (from 0)."""
         first = LOCAL * self.dof + OUTER + PER_LINK * j
         return slice(first, first + PER_LINK)
-
-    def only(self, j: int) -> "ArmSums":
-        """Return the sums of one joint (from 0) alone."""
-        mask = np.arange(self.dof) == j
-        names = ("gram", "model", "channel", "power", "cross", "model_power", "rows")
-        parts = {name: (getattr(self, name).T * mask).T for name in (*names, "brake")}
-        return replace(self, **parts)
 
     def deviations(self, scale: float) -> Array:
         """Deviation of each coefficient where bodies are off by that much. (p,)."""

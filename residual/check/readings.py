@@ -36,6 +36,7 @@ from residual.check.evidence import (
 from residual.check.physics_columns import CheckMotion
 from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
 from residual.check.slips import (
+    SIGNS,
     Slip,
     build_mounting_slip,
     build_order_slip,
@@ -56,13 +57,10 @@ from residual.errors import format_joint_numbers
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-WRONG = "wrong_robot"
 _DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
 _ALIKE = 3.0  # nats: readings that nobody can tell apart
-_STRAY = 5.5  # odds: more mistakes than a map has at once
-_ODD_NATS = 0.5  # of strain: a torque that may be another joint's
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
@@ -91,12 +89,23 @@ class Reading:
         return self.fit(ROUGH)
 
     @cached_property
+    def shares(self) -> NominalShares:
+        """Shares of the file's torque that the channels have."""
+        return fit_nominal_shares(self.sums, self.torques.order)
+
+    @property
+    def explains(self) -> bool:
+        """Whether the torques that carry the arm have that of the file in them."""
+        part = self.shares.explained[self.shares.loaded()]
+        return bool(np.median(part) > CHECK.explained_least)
+
+    @cached_property
     def share_odds(self) -> float:
         """Log odds against the shares that the loaded joints have of their torques.
 
         A rough file, a load and a gear's losses are factors, too.
         """
-        shares = fit_nominal_shares(self.sums, self.torques.order)
+        shares = self.shares
         ratio = shares.ratio * self.torques.factor
         shows = shares.loaded() & (shares.explained > CHECK.explained_least)
         shows &= (ratio > 0) & (shares.ratio_sd < CHECK.ratio_sd * abs(shares.ratio))
@@ -127,6 +136,13 @@ class Reading:
     def bend(self) -> float:
         """By how much a rough file is likelier than the one that is given [nats]."""
         return max(self.rough.nats - self.fit(GIVEN).nats, 0.0) + self.share_odds
+
+    @property
+    def bends(self) -> bool:
+        """Whether the file is far from the log: a rough one likelier, or far, too."""
+        gain = self.rough.nats - self.fit(GIVEN).nats
+        far = bool(self.strain.sum() > CHECK.certain_nats)
+        return far or gain > CHECK.suspect_nats
 
     @property
     def strained(self) -> bool:
@@ -161,7 +177,7 @@ class Search:
     def complete(self, slips: Sequence[Slip]) -> Reading:
         """Return an arrangement with the signs and factors that its torques show."""
         base = self.read(slips)
-        shares = fit_nominal_shares(base.sums, base.torques.order)
+        shares = base.shares
         signs = np.sign(base.torques.factor)
         turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
         joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
@@ -201,8 +217,6 @@ class Search:
         # Of joints whose friction takes power nothing is to be said.
         odd = list_true_joints(reading.rough.braking < _BRAKES)
         yield from (self._turn(reading, {j}) for j in odd)
-        if odd:
-            yield self._turn(reading, set(range(1, self.robot.dof + 1)))
 
     def _list_torques(self, reading: Reading) -> Iterator[Reading]:
         dof, slips = self.robot.dof, list(reading.slips)
@@ -210,8 +224,7 @@ class Search:
         plain += [
             slip for slip in slips if slip.kind in _SCALED and not slip.of_torques
         ]
-        shares = fit_nominal_shares(reading.sums, reading.torques.order)
-        shares = replace(shares, ratio=np.abs(shares.ratio))
+        shares = replace(reading.shares, ratio=np.abs(reading.shares.ratio))
         for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
@@ -219,8 +232,7 @@ class Search:
             if not any(slip.joints == scale.joints for slip in slips):
                 yield self.read([*slips, scale])
         if not any(slip.kind == "joint_order" for slip in slips):
-            odd = (reading.rough.braking < _BRAKES) | (reading.strain > _ODD_NATS)
-            for pair in combinations(np.flatnonzero(odd), 2):
+            for pair in combinations(range(dof), 2):
                 order = swap_channels(range(dof), *pair)
                 yield self.read([build_order_slip(order, ("tau",)), *slips])
 
@@ -230,17 +242,20 @@ class Search:
         return [] if clock else list_factor_slips(self.robot, shares)
 
     def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
-        """Turned angles in place of turned torques: friction shows both alike."""
+        """Turned angles in place of turned torques: friction shows both alike.
+
+        Or the arm's mirror image.
+        """
         angles, torques, rest = split_signs(reading.slips)
         one = angles ^ torques
-        for joints in (*({j} for j in one), torques - angles, one):
+        for joints in (*({j} for j in one), torques - angles, one, torques):
             if joints:
                 signs = angles ^ joints, torques ^ joints
                 yield self.read([*rest, *build_sign_slips(*signs, self.robot.dof)])
 
     def best(self) -> tuple[Reading, list[Reading]]:
         """Return the best reading, and those that were tried beside it."""
-        reading = self.polish(self.complete(()))
+        reading = self._in_unit(self.polish(self.complete(())))
         others = [self.read(())]
         if not reading.strained:  # what a rough file bends to
             bent = [*self._inclined(reading), *list_removals(self.robot)]
@@ -261,12 +276,14 @@ class Search:
             drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
             others += tried
-            better = [each for each in tried if _beats(each, reading)]
             others.append(reading)
-            if not better:
+            best = reading
+            for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
+                best = each if _beats(each, best) else best
+            if best is reading:
                 break
-            reading = max(better, key=_get_value)
-        reading = self._pruned(reading)
+            reading = best
+        reading = self._in_unit(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
             others += tried
@@ -277,18 +294,18 @@ class Search:
             others.append(reading)
             reading = best
 
-    def _pruned(self, reading: Reading) -> Reading:
-        """Leave out what a later slip has made superfluous."""
-        for slip in reading.slips:
-            rest = [other for other in reading.slips if other is not slip]
-            less = [self.read(rest)]
-            if not slip.of_torques:
-                arranged = [other for other in rest if not other.of_torques]
-                less.append(self.polish(self.complete(arranged)))
-            best = max(less, key=_get_value)
-            if best.value > reading.value and slip in reading.slips:
-                reading = best
-        return reading
+    def _in_unit(self, reading: Reading) -> Reading:
+        """Read torques by the factor that all joints under load have alike.
+
+        To a rough prior of small masses it is hardly worth a mistake.
+        """
+        if any(slip.kind in _SCALED for slip in reading.slips):
+            return reading
+        ratio = reading.shares.ratio * reading.torques.factor
+        shares = replace(reading.shares, ratio=ratio)
+        units = self._list_factors(reading.slips, shares)
+        read = (self.read([*reading.slips, unit]) for unit in units)
+        return max(read, key=_get_value, default=reading)
 
     def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
         kinds = {slip.kind for slip in kept}
@@ -382,8 +399,10 @@ def find_misreadings(
     # What is certain has to leave a clean log.
     arranged = len(_list_arranged(best))
     bent = arranged and best.bend > CHECK.certain_nats
-    if bent or arranged > 1 or best.odds > _STRAY * CHECK.odds_nats:
-        return [_doubt_robot(best)]
+    if bent or (arranged > 1 and best.strained):
+        words = f"another robot file, or {_name(best.slips)} at once"
+        words = f"No single fault makes this log fit the robot: {words}."
+        return [_suspect_robot(best, words)]
     return [replace(fault, certain=False) for fault in faults]
 
 
@@ -394,7 +413,8 @@ def _decide(
     kind = group[0].kind
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
-    if kind == "out_of_range" or gain < _find_least_gain([kind]):
+    shown = gain >= _find_least_gain([kind])
+    if kind == "out_of_range" or not (shown or kind in _SCALED):
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     own = {slip.words for slip in group}
@@ -426,7 +446,7 @@ def _decide(
     rivals = [n if n != _name(group) else "another factor of it" for n in names]
     rivals += _list_rivals(best, without, kind)
     if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
-        rivals.append("masses of the robot file that are all off by one factor")
+        rivals.insert(0, "masses of the robot file that are all off by one factor")
     physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
     loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
     certain = (
@@ -435,12 +455,14 @@ def _decide(
         and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
         and (kind in _SCALED or loose > CHECK.suspect_nats)
         and physics
-        and (kind not in _SCALED or _is_far(repairs))
+        and (kind in (*_SCALED, *SIGNS) or best.explains)
+        and (kind not in _SCALED or (_is_far(repairs) and without.bends))
         and _count_strain(best.strain) < CHECK.certain_nats
         and best.bend < CHECK.certain_nats
     )
     words = ". ".join(slip.words for slip in group)
-    evidence = f"{words}: better by {gain:.0f} nats."
+    why = f"better by {gain:.0f} nats" if shown else "all joints under load have it"
+    evidence = f"{words}: {why}."
     if any(slip.rough for slip in group):
         repairs, alternatives = (), ()
     return Fault(
@@ -509,39 +531,30 @@ def _list_arranged(reading: Reading) -> set[str]:
     return {slip.kind for slip in reading.slips if not slip.of_torques}
 
 
-def _doubt_robot(best: Reading) -> Fault:
-    """Another arm, where only mistakes that do not go together explain a log."""
-    words = (
-        "No single fault makes this log fit the robot: another robot file, or "
-        f"{_name(best.slips)} at once."
-    )
-    settle = "Compare the joints' names, and the arm's type, with the robot file."
-    return Fault(WRONG, (), False, words, rivals=(_name(best.slips),), settle=settle)
-
-
 def _find_wrong_robot(best: Reading) -> Fault | None:
     """Another arm, where even the best reading bends the file beyond a rough one.
 
     Two joints may be odd, or hide an effect; more are another arm.
     """
     nats = _count_strain(best.strain)
-    kinds = sorted({slip.kind for slip in best.slips})
-    # What a log may strain as given, it may with other units and signs of its torques.
-    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(len(_list_arranged(best)), 2)]
+    # What a log may strain as given, it may with other units and signs of its torques;
+    # beside another arrangement, or where the torque of the file is not in them, less.
+    more = len(_list_arranged(best)) + (0 if best.explains else 2)
+    least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
     if nats < least or not nats:
         return None
-    tried = f" (the best: {', '.join(kinds)})" if kinds else ""
-    words = (
+    tried = f" (the best: {_name(best.slips)})" if best.slips else ""
+    little = "" if best.explains else ", whose torque hardly shows in the log's"
+    return _suspect_robot(
+        best,
         "No reordering, sign, unit or zero makes this log fit the robot"
-        f"{tried}: several joints would be far from the robot file ({nats:.0f} nats "
-        "without the worst joint)."
+        f"{tried}: several joints would be far from the robot file{little} "
+        f"({nats:.0f} nats without the worst joint).",
     )
-    # What hardly a file of its own still misses of a joint is geometry.
-    missed = []
-    for j in range(best.sums.dof):
-        alone = best.sums.only(j)
-        fit = fit_arm(alone, best.torques, alone.deviations(LOOSE))
-        rest = fit.sigma[j] / max(CHECK.rough_rest * fit.size[j], 1e-300)
-        missed.append(best.sums.rows[j] * max(float(np.log(rest)), 0.0))
-    certain = np.sort(missed)[:-2].sum() > CHECK.suspect_nats
-    return Fault(WRONG, (), bool(certain), words)
+
+
+def _suspect_robot(best: Reading, words: str) -> Fault:
+    """Another arm is never certain: several effects, or faults, look like one."""
+    rivals = (_name(best.slips),) if best.slips else ()
+    settle = "Compare the joints' names, and the arm's type, with the robot file."
+    return Fault("wrong_robot", (), False, words, rivals=rivals, settle=settle)

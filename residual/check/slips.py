@@ -357,6 +357,8 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
         away = np.abs(np.log(np.abs(unit.repairs[0].scale) / each))
         if np.median(away[strong]) < np.log(CHECK.unit_ratio):
             out.append(unit)
+    if any(unit.repairs[0].joints for unit in out):
+        return out  # what the robot file states needs no estimate
     if each[shown].max() < CHECK.factor_spread * each[shown].min():
         told = f"about {float(f'{middle:.2g}'):g}"
     else:

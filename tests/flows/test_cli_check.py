@@ -7,7 +7,13 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.sentences import CLEAN, MEANING, summarize_check, title_fault
+from flows.report.sentences import (
+    CLEAN,
+    MEANING,
+    describe_faults,
+    summarize_check,
+    title_fault,
+)
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
@@ -192,6 +198,14 @@ def test_every_kind_has_its_words():
     only = LogCheck((fault,))
     assert summarize_check(only) == "The logs are usable with care: 1 suspected fault."
     assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
+
+
+def test_two_readings_of_a_log_are_both_in_the_headline_of_its_fault():
+    masses, effect = "masses of the file that are off", "an effect on joint 1"
+    fault = Fault("torque_unit", (), False, "", rivals=(masses, effect))
+    _, head, *rest = describe_faults(LogCheck((fault,)))
+    assert head == f"Torque is in another unit, or {masses}: torque_unit, suspected."
+    assert rest == [f"  Or: {effect}."]
 
 
 @pytest.mark.parametrize("document", [{}, {"schema": 2}, {"schema": 1, "faults": [{}]}])

@@ -7,6 +7,7 @@ import pytest
 
 from benchmarks.check_parts.arms import SEVEN, SIX, host
 from benchmarks.check_parts.explained import EXPLAINED
+from benchmarks.check_parts.file_flaws import draw_flawed, scale_masses
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
 from residual.check.slips import build_order_slip, build_sign_slips, merge_slips
@@ -25,9 +26,14 @@ def check_explained(name, kind, size, seed=1):
 
 
 @pytest.mark.parametrize("name", [SIX, SEVEN])
-@pytest.mark.parametrize("kind", ["placeholder", "masses", "balanced", "gain"])
+@pytest.mark.parametrize("kind", ["bodies", "balanced", "gain"])
 def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
-    faults, _ = check_explained(name, kind, 2)
+    if kind == "bodies":
+        hosted, rng = host(name, 1), create_random_stream(1, f"bodies/{name}")
+        flawed = draw_flawed(hosted, rng)
+        faults = check_logs(flawed.robot, hosted.logs).faults
+    else:
+        faults, _ = check_explained(name, kind, 2)
     assert not [f for f in faults if f.certain]
     assert not [f for f in faults if f.kind == "mounting"]
 
@@ -41,12 +47,20 @@ def test_a_zero_that_is_off_by_quarter_turns_has_its_joint_and_line(name, size):
     assert fault.repairs[0].zero == pytest.approx((off,))
 
 
-def test_masses_of_another_scale_are_one_of_two_readings():
-    faults, _ = check_explained(SIX, "masses", 2)
-    (fault,) = faults
+@pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SIX, 0.35), (SEVEN, 0.4)])
+def test_masses_of_another_scale_are_one_of_two_readings(name, factor):
+    hosted = host(name, 1)
+    (fault,) = check_logs(scale_masses(hosted.robot, factor), hosted.logs).faults
     assert (fault.kind, fault.certain) == ("torque_unit", False)
-    assert any("masses of the robot file" in rival for rival in fault.rivals)
+    assert "masses of the robot file" in fault.rivals[0]
     assert "known mass" in fault.settle
+
+
+def test_a_torque_factor_is_named_where_the_weight_shows_it():
+    faults, case = check_explained(SIX, "gain", 0)
+    (fault,) = [f for f in faults if f.kind == "torque_scale"]
+    assert fault.joints == case.joints
+    assert not fault.certain
 
 
 def test_placeholder_inertias_are_no_clock():
@@ -81,6 +95,15 @@ def test_angles_of_all_joints_that_count_backwards_are_no_turned_torques():
     hosted = host(SEVEN, 1)
     faults = check_logs(hosted.robot, edited(hosted.logs, q=lambda q: -q)).faults
     assert [(f.kind, len(f.joints)) for f in faults] == [("angle_sign", 7)]
+
+
+def test_two_turned_angles_are_not_their_mirror_image():
+    hosted = host(SEVEN, 1)
+    sign = np.array([1, 1, -1, 1, -1, 1, 1])
+    faults = check_logs(hosted.robot, edited(hosted.logs, q=times(sign))).faults
+    assert [(f.kind, f.joints, f.certain) for f in faults] == [
+        ("angle_sign", (3, 5), True)
+    ]
 
 
 def test_three_joints_in_a_ring_are_one_order():

@@ -5,6 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from benchmarks.check_parts.arms import SIX, host, other_arms
 from residual.check import physics_columns
 from residual.check.check import check_logs
 from residual.check.result import Repair
@@ -68,6 +69,22 @@ def test_an_arm_of_another_build_is_the_wrong_robot():
     (fault,) = check_logs(arm(3 * ("0 1 0", "0 0 1")), logs).faults
     assert (fault.kind, fault.joints) == ("wrong_robot", ())
     assert fault.repairs == ()
+
+
+@pytest.mark.parametrize(("seed", "build"), [(3, 1), (6, 0)])
+def test_an_arm_is_the_wrong_one_where_its_torque_is_not_in_the_logs(seed, build):
+    # No joint but one or two would be far from a rough file.
+    logs = host(SIX, seed).logs[:2]
+    faults = check_logs(other_arms(6)[build], logs).faults
+    assert [(f.kind, f.certain) for f in faults] == [("wrong_robot", False)]
+
+
+def test_a_reading_that_leaves_nothing_of_the_file_in_the_torque_is_not_certain():
+    # Angles so small that a constant is all that the file has left.
+    log = host(SIX, 5).logs[0]
+    report = check_logs(other_arms(6)[2], [log])
+    assert report.faults
+    assert not report.certain
 
 
 def test_a_time_twice_as_long_is_found_by_weight_against_inertia():
