@@ -179,7 +179,7 @@ class Weighted:
 def _weigh(
     design: Design, candidates: Candidates, runs: Sequence[SearchRun]
 ) -> Weighted:
-    """Weigh runs by evidence, each name priced as where it joined."""
+    """Weigh runs by evidence, each name priced."""
     power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
     lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
@@ -191,7 +191,9 @@ def _weigh(
         prior, start = run.score.prior, run.fit.variance
         members = run.fit.members
         common = fit_jointly(design, prior, members, counted, start, rounds=4)
-        return Search(run.score, candidates, ()).set_score(common)
+        price = float(np.log(len(candidates.price)))
+        costs = (price if is_curve(g) else candidates.cost(g) for g in members)
+        return common.score - sum(costs)
 
     values = np.array([evidence(r) for r in same])
     order = np.argsort(-values)
