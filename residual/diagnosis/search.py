@@ -346,7 +346,7 @@ class Search:
         return fitted, self.score.left_out(fitted)
 
     def _split_friction(self, fitted: Fit) -> Fit:
-        """The last name as two plain ones of its joint, where they say more.
+        """The last name as one or two plain ones of its joint, where they say more.
 
         More friction is a level and a slope; between the two lies many a curve.
         """
@@ -363,18 +363,14 @@ class Search:
             and not (g.shape or g.parts)
             and self._fits_in(g, (*others,), None)
         ]
-        pair = list(others)
-        for _ in range(2):
-            fits = [self.score.fit_like((*pair, g), fitted) for g in plain]
-            if not fits:
-                return fitted
-            best = fits[int(np.argmax([f.score for f in fits]))]
-            pair, plain = (
-                list(best.members),
-                [g for g in plain if g not in best.members],
-            )
-        split = self.score.fit(pair, fitted)
-        return split if self.leads(split, fitted) else fitted
+        best, members = fitted, tuple(others)
+        for _ in range(min(2, len(plain))):
+            fits = [self.score.fit_like((*members, g), fitted) for g in plain]
+            members = fits[int(np.argmax([f.score for f in fits]))].members
+            plain = [g for g in plain if g not in members]
+            trial = self.score.fit(members, fitted)
+            best = trial if self.leads(trial, best) else best
+        return best
 
     def _drop(self, fitted: Fit) -> Fit:
         """Drop members that no longer carry their price, weakest first."""
