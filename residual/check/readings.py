@@ -232,7 +232,8 @@ class Search:
             if not any(slip.joints == scale.joints for slip in slips):
                 yield self.read([*slips, scale])
         if not any(slip.kind == "joint_order" for slip in slips):
-            for pair in combinations(range(dof), 2):
+            moving = np.flatnonzero(self.motion.moving.any(axis=0))
+            for pair in combinations(moving, 2):
                 order = swap_channels(range(dof), *pair)
                 yield self.read([build_order_slip(order, ("tau",)), *slips])
 

@@ -112,7 +112,11 @@ def list_arrangement_slips(
         speeds_agree: Whether logged speeds are those of the angles on the clock.
     """
     dof = robot.dof
-    yield from _list_orders(robot)
+    # Of joints of which one stands, other rows would be asked: they show no order.
+    stands = ~motion.moving.any(axis=0)
+    for slip in _list_orders(robot):
+        if not stands[[j - 1 for j in slip.joints]].any():
+            yield slip
     for joints in [{j + 1} for j in range(dof)] + [set(range(1, dof + 1))]:
         yield from build_sign_slips(joints, set(), dof)
         yield from build_sign_slips(joints, joints, dof)

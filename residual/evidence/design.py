@@ -521,10 +521,8 @@ class Design:
         out = np.zeros(self.dof)
         for j in range(self.dof):
             place, have = self.present(j, group.ids)
-            if len(place):
-                gram, _ = self.sums(j, place)
-                power = theta[have] @ gram @ theta[have] / self.rows[j]
-                out[j] = np.sqrt(max(power, 0.0)) / self.rms[j]
+            power = theta[have] @ self.sums(j, place)[0] @ theta[have] / self.rows[j]
+            out[j] = np.sqrt(max(power, 0.0)) / self.rms[j]
         return out
 
     def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
