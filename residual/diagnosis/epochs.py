@@ -253,7 +253,7 @@ def _build_epochs(
     width = THRESHOLDS.friction_spread if drift.warmth is None else THRESHOLDS.warmth
     precision = np.array([[width**-2]])
     prior = NominalPrior(precision, float(np.log(precision[0, 0])), LOOSE, {})
-    search = Search(Score(design, prior), candidates, curves, THRESHOLDS.false_change)
+    search = Search(Score(design, prior), candidates, curves)
     return Epochs(logs, first, nominal, common, friction, drift, search)
 
 

@@ -127,13 +127,11 @@ class Search:
     score: Score
     candidates: Candidates
     curves: Sequence[CandidateColumns]
-    # Chance of one false name in the whole diagnosis.
-    chance: float = THRESHOLDS.false_chance
 
     @property
     def least(self) -> float:
         """Evidence that a name must win beyond its price [nats]."""
-        return float(-np.log(self.chance))
+        return float(np.log(1 / THRESHOLDS.false_chance))
 
     def cost(self, group: CandidateColumns) -> float:
         """Price of a group [nats]."""

@@ -113,6 +113,7 @@ class EpochDesign(Design):
         out.raw, out.epochs, out.whiten, out._span = raw, epochs, whiten, span
         out._information, out._acting = {}, {}
         out._columns, out._sums = ColumnCache(False), GramSums(out.dof, out.folds)
+        out._before = ColumnCache(False)
         out._totals, out._leads, out._lines = [None] * out.dof, {}, {}
         out.flat, out.stacks, out._noise = {}, {}, AngleNoise(out.dof, {})
         out.unrest = np.ones(out.dof)
@@ -127,7 +128,8 @@ class EpochDesign(Design):
         (out.nominal,) = out._sums.reserve([(tuple(range(out.dof)), 1)])
         out.inertial = out.nominal[:0]
         for j, (own, torque) in enumerate(zip(epochs, friction, strict=True)):
-            out._store(j, out._whitened(j, torque * own.second)[None])
+            moved = out._whitened(j, torque * own.second)[None]
+            out._store(j, moved, np.zeros_like(moved))
         out._blocks = [out._fold_grams(j) for j in range(out.dof)]
         return out
 
@@ -136,7 +138,8 @@ class EpochDesign(Design):
         whiten = self.whiten.get(j)
         return np.zeros_like(rows) if whiten is None else whiten(rows)
 
-    def _store(self, j: int, columns: Array) -> None:
+    def _store(self, j: int, columns: Array, before: Array) -> None:
+        self._before.write((j, 0), before.astype(np.float32))
         super()._extend(0, j, columns, ())
 
     def _extend(self, c: int, j: int, new: Array, widths: Sequence[int]) -> None:
@@ -149,7 +152,34 @@ class EpochDesign(Design):
             gram = before @ before.T + np.diag(OWN * power[a:b] + 1e-300)
             after[a:b] -= np.linalg.solve(gram, before @ after[a:b].T).T @ before
             self._information[j, start + a] = acting @ acting.T / count / rms**2
-        self._store(j, after)
+        self._store(j, after, every)
+
+    def drop_newest_columns(self, size: int) -> None:
+        """Forget the columns that were added since there were ``size`` of them."""
+        super().drop_newest_columns(size)
+        for j in range(self.dof):
+            self._before.cut((j, 0), self._columns.count((j, 0)))
+
+    def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
+        """Products of columns with what they leave, in every fold. Shape (folds, k).
+
+        What a change leaves has nothing of the same effect in both epochs either: of
+        all blocks that is orthogonal to it, of one it is not.
+        """
+        pulls, rows = super().fold_pulls(j, place, theta), len(self.target[j])
+        before = self._before.pick((j, 0), rows, place).astype(float)
+        columns = self._of_sketch(j, place)
+        gram = before @ before.T
+        gram += np.diag(OWN * np.diag(gram) + 1e-300)
+        left = self.target[j] - theta @ columns
+        again = columns * (np.linalg.solve(gram, before @ left) @ before)
+        out = np.zeros((int(self.epochs[j].block.max()) + 1, len(place)))
+        np.add.at(out, self.epochs[j].block, again.T)
+        folds = np.arange(self.folds) if self._kept is None else self._kept
+        return (
+            pulls
+            - np.pad(out, ((0, max(folds.max() + 1 - len(out), 0)), (0, 0)))[folds]
+        )
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in the second epoch, of torque rms. (k, k)."""

@@ -32,8 +32,6 @@ class EvidenceThresholds:
 
     # chance of one false name in a whole diagnosis
     false_chance: float = 0.001
-    # the same of two epochs, where the logs of the first say what chance is
-    false_change: float = 0.01
     min_share: float = 0.02  # of a joint's left-out error or torque: worth a name
     left_out_slack: float = 2.0  # nats that left-out blocks may lose
     curve_knots: int = 10  # of a free curve
