@@ -65,9 +65,8 @@ class EpochRows:
     @property
     def compared(self) -> bool:
         """Whether both epochs have rows enough."""
-        return bool(
-            min(self.second.sum(), (~self.second).sum()) > THRESHOLDS.min_epoch_rows
-        )
+        fewer = min(self.second.sum(), (~self.second).sum())
+        return bool(fewer > THRESHOLDS.min_epoch_rows)
 
 
 def locate_rows(design: Design, first: int) -> list[EpochRows]:
@@ -173,13 +172,9 @@ class EpochDesign(Design):
         gram += np.diag(OWN * np.diag(gram) + 1e-300)
         left = self.target[j] - theta @ columns
         again = columns * (np.linalg.solve(gram, before @ left) @ before)
-        out = np.zeros((int(self.epochs[j].block.max()) + 1, len(place)))
+        out = np.zeros((self.raw.folds, len(place)))
         np.add.at(out, self.epochs[j].block, again.T)
-        folds = np.arange(self.folds) if self._kept is None else self._kept
-        return (
-            pulls
-            - np.pad(out, ((0, max(folds.max() + 1 - len(out), 0)), (0, 0)))[folds]
-        )
+        return pulls - (out if self._kept is None else out[self._kept])
 
     def unit_information(self, ids: Array, rows: Joints) -> Array:
         """Mean square of the columns in the second epoch, of torque rms. (k, k)."""
