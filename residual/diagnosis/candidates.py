@@ -95,8 +95,7 @@ def collect_candidates(
         merge_groups(parts) for parts in single.values() if len(parts) == dof > 1
     ]
     groups += together
-    variants = Counter(g.key for g in groups)
-    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    price = price_keys(groups)
     # A model that lacks all that every drive has must gain it in one step, since each
     # alone leaves a residual in which the others cannot be seen.
     drive_groups = [g for g in together if g.effect.drive_order]
@@ -107,6 +106,20 @@ def collect_candidates(
             groups.append(merge_groups(parts, label))
             price[groups[-1].key] = sum(price[g.key] for g in some)
     return Candidates(tuple(groups), price)
+
+
+def price_keys(groups: Sequence[CandidateColumns]) -> dict[tuple, float]:
+    """What one of so many keys, and one of so many shapes, costs [nats]."""
+    variants = Counter(g.key for g in groups)
+    return {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+
+
+def list_present_effects(span: MotionSpan, clocked: bool) -> list[Effect]:
+    """Effects of which logs can tell, by their clock and by their drives."""
+    absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
+    if span.one_drive:
+        absent |= EffectTrait.CHAIN
+    return [e for e in load_effects().values() if not e.traits & absent]
 
 
 def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
@@ -143,10 +156,7 @@ def build_candidates(
     Args:
         clocked: Whether the order of the logs in time is known.
     """
-    absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
-    if span.one_drive:
-        absent |= EffectTrait.CHAIN
-    effects = [e for e in load_effects().values() if not e.traits & absent]
+    effects = list_present_effects(span, clocked)
     barred = [
         list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)
     ]

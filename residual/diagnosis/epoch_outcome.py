@@ -1,6 +1,6 @@
 """What two epochs say: the named changes, what has no name, and the models."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -113,8 +113,7 @@ class EpochOutcome(Outcome):
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
         """Squared error of the augmented model on moving rows by second."""
-        model = self._augment(fitted, lambda *args: PossibleModel(args[2], None)).model
-        return compute_moving_error(model, held_out)
+        return compute_moving_error(self._augment(fitted, False).model, held_out)
 
     def assess(self, fitted: Fit) -> Adequacy:
         """What the second epoch leaves beyond the first."""
@@ -130,24 +129,24 @@ class EpochOutcome(Outcome):
 
     def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
         """The arm of both epochs, with what changed: warmth of all joints included."""
-        return self._augment(fitted, self._find_possible)
+        return self._augment(fitted, True)
 
-    def _augment(
-        self, fitted: Fit, correct: Callable[..., PossibleModel]
-    ) -> PossibleModel:
+    def _augment(self, fitted: Fit, corrects: bool) -> PossibleModel:
         """What did not change is fitted to both epochs, the second less what did.
 
         Either epoch alone knows less of it.
 
         Args:
-            correct: Makes the bodies of the fit possible.
+            corrects: Whether its bodies are moved to what can exist.
         """
         groups = fitted.members
         changed = [Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in groups]
         design, common, torques = self.epochs.fit_without(changed)
         rough = build_fitted_model(self.nominal, common)
         full = replace(rough, terms=(*rough.terms, *changed))
-        possible = correct(design, common, full, fitted)
+        possible = PossibleModel(full, None)
+        if corrects:
+            possible = self._find_possible(design, common, full, fitted)
         count, terms = len(rough.terms), possible.model.terms
         model = _with_tables(replace(possible.model, terms=terms[:count]), self.nominal)
         model = replace(model, standstill=self.like.standstill)

@@ -7,14 +7,17 @@ of all joints together, which is warmth. How much they differ beyond that, the l
 the first epoch say, joint by joint.
 """
 
-from collections import Counter
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.special import psi
 
-from residual.diagnosis.candidates import Candidates
+from residual.diagnosis.candidates import (
+    Candidates,
+    list_present_effects,
+    price_keys,
+)
 from residual.diagnosis.score import Score, label_blocks
 from residual.diagnosis.search import Search, SearchRun, add_curves
 from residual.effects import load_effects
@@ -31,10 +34,12 @@ from residual.evidence.epoch_design import (
 from residual.evidence.fit import (
     Fit,
     NominalPrior,
+    add_nominal_values,
     build_fitted_model,
     estimate_autocorrelation_time,
     fit_jointly,
     refit_effective_rows,
+    select_coefficients,
 )
 from residual.evidence.priors import build_relative_prior
 from residual.evidence.thresholds import THRESHOLDS
@@ -58,9 +63,16 @@ class CommonModelFit:
     common: tuple[CandidateColumns, ...]  # its effects beside the nominal model's
     prior: NominalPrior  # of the nominal coefficients
 
-    def refit(self, design: Design, groups: Sequence[CandidateColumns]) -> Fit:
-        """Fit other columns, or another torque, likewise."""
-        return _fit(design, self.prior, groups)
+    def without(self, torques: Sequence[Array]) -> tuple[Design, "CommonModelFit"]:
+        """The same fitted to what these torques [N m] leave: such rows, and the fit.
+
+        Args:
+            torques: On the rows of each joint. Shapes (rows,).
+        """
+        target = [y - x for y, x in zip(self.design.target, torques, strict=True)]
+        remaining = self.design.with_target(target)
+        fitted = _fit(remaining, self.prior, self.common)
+        return remaining, replace(self, fitted=fitted)
 
 
 def fit_common_model(
@@ -155,11 +167,9 @@ class Epochs:
             The rows that are left, the fit, and the torque of the changes on the rows
             of each joint [N m], (rows,).
         """
-        raw = self.common.design
-        torques = _sum_torques(raw, self.design.epochs, changes)
-        target = [y - x for y, x in zip(raw.target, torques, strict=True)]
-        remaining = raw.with_target(target)
-        return remaining, self.common.refit(remaining, self.common.common), torques
+        torques = _sum_torques(self.common.design, self.design.epochs, changes)
+        remaining, common = self.common.without(torques)
+        return remaining, common.fitted, torques
 
 
 def _sum_torques(
@@ -215,21 +225,16 @@ def _build_epochs(
         changes: What is known to have changed.
     """
     raw, rows = common.design, locate_rows(common.design, first)
-    model, fitted, groups = (
-        build_fitted_model(nominal, common.fitted),
-        common.fitted,
-        common.common,
-    )
+    model = build_fitted_model(nominal, common.fitted)
     reported: tuple[Array, ...] = ()
     if changes:
-        groups = _see_changes(logs, first, model, raw, groups, changes)
+        groups = _see_changes(logs, first, model, raw, common.common, changes)
         torques = _sum_torques(raw, rows, changes)
-        target = [y - x for y, x in zip(raw.target, torques, strict=True)]
-        fitted = common.refit(raw.with_target(target), groups)
+        _, common = replace(common, common=groups).without(torques)
         wide = [t for t in changes if t.effect.scope != "local"]
         reported = _sum_torques(raw, rows, wide) if wide else ()
-    common = replace(common, fitted=fitted, common=groups)
-    friction = _friction_torque(raw, fitted, nominal, groups)
+    fitted = common.fitted
+    friction = _friction_torque(raw, fitted, nominal.model)
     residuals = [raw.residual(j, fitted.ids, fitted.theta) for j in range(raw.dof)]
     joints = {
         j: _SharedColumns.of(raw, fitted.ids, own, j)
@@ -241,8 +246,7 @@ def _build_epochs(
         j: joint.whiten(friction[j], drift, j, reported[j] if reported else None)
         for j, joint in joints.items()
     }
-    args = raw, residuals, friction, whiten, rows, logs.span
-    design = EpochDesign.of(*args)
+    design = EpochDesign.of(raw, residuals, friction, whiten, rows, logs.span)
     design.model = model
     candidates = _build_candidates(design, logs, list(joints))
     curves = add_curves(design, logs.tracks)
@@ -287,25 +291,12 @@ def _see_changes(
     )
 
 
-def _friction_torque(
-    raw: Design,
-    fitted: Fit,
-    nominal: NominalModel,
-    groups: Sequence[CandidateColumns],
-) -> tuple[Array, ...]:
+def _friction_torque(raw: Design, fitted: Fit, model: Model) -> tuple[Array, ...]:
     """Friction torque of the joint fit, per joint [N m]. Shapes (rows,)."""
-    values = fitted.theta.copy()
-    size = len(nominal.model.coefficients())
-    values[:size] += nominal.model.coefficients()
-    braking, start = [], len(nominal.model.inertial)
-    for effect, count in [
-        *((t.effect, len(t.theta)) for t in nominal.model.terms),
-        *((g.effect, len(g.ids)) for g in groups),
-    ]:
-        if EffectTrait.FRICTION in effect.traits:
-            braking += range(start, start + count)
-        start += count
-    ids, values = fitted.ids[braking], values[braking]
+    brakes = select_coefficients(
+        model, fitted, lambda effect, on: EffectTrait.FRICTION in effect.traits
+    )
+    ids, values = fitted.ids[brakes], add_nominal_values(model, fitted)[brakes]
     out = []
     for j in range(raw.dof):
         place, have = raw.present(j, ids)
@@ -496,25 +487,17 @@ def _build_candidates(
     design: EpochDesign, logs: FitLogs, live: Sequence[int]
 ) -> Candidates:
     """Every effect that may have changed, on each joint and in each shape."""
-    absent = EffectTrait.NONE if logs.clock is not None else EffectTrait.NEEDS_CLOCK
-    if logs.span.one_drive:
-        absent |= EffectTrait.CHAIN
     wanted = []
-    for effect in load_effects().values():
-        if effect.traits & absent:
-            continue
+    for effect in list_present_effects(logs.span, logs.clock is not None):
         for on in effect.candidates(design.dof, logs.span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= set(live):
                 continue
             shapes = effect.shapes(logs.span, on[0] if on else 0)
             wanted += [PlacedEffect(effect, on, x) for x in _extend(effect, shapes)]
     groups = design.add(wanted)
-    variants = Counter(g.key for g in groups)
-    price = {
-        g.key: float(np.log(len(variants)) + np.log(variants[g.key]))
-        + (THRESHOLDS.link_nats if g.effect.replaces_link else 0.0)
-        for g in groups
-    }
+    price = price_keys(groups)
+    for key in {g.key for g in groups if g.effect.replaces_link}:
+        price[key] += THRESHOLDS.link_nats
     return Candidates(tuple(groups), price)
 
 

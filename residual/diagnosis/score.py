@@ -93,6 +93,12 @@ def compute_scatter(gains: Array) -> float:
     return float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
 
+def is_alike(gains: Array) -> bool:
+    """Whether blocks that gain so much cannot tell the better from the other."""
+    scatter = THRESHOLDS.paired_deviations * compute_scatter(gains)
+    return bool(gains.sum() < max(THRESHOLDS.class_nats, scatter))
+
+
 @dataclass(frozen=True, eq=False, slots=True)
 class Score:
     """A design under a prior, asked about sets of effects."""

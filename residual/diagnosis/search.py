@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.candidates import Candidates
-from residual.diagnosis.score import LeftOut, Score, compute_scatter
+from residual.diagnosis.score import LeftOut, Score, compute_scatter, is_alike
 from residual.effects.base import (
     Effect,
     EffectTrait,
@@ -329,9 +329,7 @@ class Search:
             left = trial.left_out
             if not self.is_borne_out(trial, left, before):
                 continue
-            gain = after.gain_over(replace(left, weight=after.weight))
-            scatter = THRESHOLDS.paired_deviations * compute_scatter(gain)
-            if gain.sum() < max(THRESHOLDS.class_nats, scatter):
+            if is_alike(after.gain_over(left)):
                 return trial
         return best
 

@@ -16,7 +16,13 @@ from residual.diagnosis.candidates import (
     build_candidates,
     recompute_candidates,
 )
-from residual.diagnosis.score import LeftOut, Score, compute_scatter, label_blocks
+from residual.diagnosis.score import (
+    LeftOut,
+    Score,
+    compute_scatter,
+    is_alike,
+    label_blocks,
+)
 from residual.diagnosis.search import (
     Search,
     SearchRun,
@@ -473,10 +479,7 @@ def _judge(
     for trial in look.look(without, group, THRESHOLDS.class_looks):
         if is_curve(trial.group) or trial.nats < nats / 2:
             continue
-        gain = left.gain_over(replace(trial.left_out, weight=left.weight))
-        scatter = THRESHOLDS.paired_deviations * compute_scatter(gain)
-        within = max(THRESHOLDS.class_nats, scatter)
-        if gain.sum() < within:
+        if is_alike(left.gain_over(trial.left_out)):
             near.append(trial.group)
     alike = {group.effect.name, former, *(g.effect.name for g in near)}
     # A constant is free in every run.

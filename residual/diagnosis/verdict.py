@@ -1,6 +1,6 @@
 """The verdict of one set of logs: findings, errors, warnings and notes."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,13 @@ from residual.diagnosis.unexplained import (
 from residual.effects import load_effects
 from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import format_joint_numbers
-from residual.evidence.fit import Fit, PossibleModel, invert_scaled
+from residual.evidence.fit import (
+    Fit,
+    PossibleModel,
+    add_nominal_values,
+    invert_scaled,
+    select_coefficients,
+)
 from residual.evidence.priors import (
     compute_inertial_precision,
     compute_inertial_sd,
@@ -276,9 +282,9 @@ def describe_contradictions(
 def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
     """Joints (from 1) on which the fitted friction drives the motion."""
     design, covariance = outcome.design, fitted.covariance()
-    theta, out = _absolute_coefficients(outcome, fitted), []
-    brakes = _select_slots(
-        outcome, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
+    theta, out = add_nominal_values(outcome.nominal.model, fitted), []
+    brakes = select_coefficients(
+        outcome.nominal.model, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
     )
     speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
     for j, speed in enumerate(speeds):
@@ -299,7 +305,10 @@ def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
 def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose fitted inertia is negative on average."""
     design, covariance = outcome.design, fitted.covariance()
-    theta, model = _absolute_coefficients(outcome, fitted), outcome.logs.robot.model
+    theta, model = (
+        add_nominal_values(outcome.nominal.model, fitted),
+        outcome.logs.robot.model,
+    )
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
     zero, out = np.zeros_like(q), []
@@ -308,8 +317,8 @@ def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
         push = zero.copy()
         push[:, j] = 1.0
         rows = compute_inertial_regressor(model, q, zero, push)[:, j] - resting[:, j]
-        rotors = _select_slots(
-            outcome,
+        rotors = select_coefficients(
+            outcome.nominal.model,
             fitted,
             lambda e, on, j=j: e.carries == "acceleration" and on == (j,),
         )
@@ -319,24 +328,6 @@ def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
         if inertia < -THRESHOLDS.impossible_deviations * sd and inertia < 0:
             out.append(j + 1)
     return out
-
-
-def _absolute_coefficients(outcome: Outcome, fitted: Fit) -> Array:
-    """The fit's coefficients, nominal values added. Shape (m,)."""
-    theta = fitted.theta.copy()
-    base = outcome.nominal.model.coefficients()
-    theta[: len(base)] += base
-    return theta
-
-
-def _select_slots(outcome: Outcome, fitted: Fit, selects: Callable) -> Array:
-    """Mask of the coefficients of the selected effects. Shape (m,)."""
-    model = outcome.nominal.model
-    marks = [np.zeros(len(model.inertial), dtype=bool)]
-    for part in (*model.terms, *fitted.members):
-        count = len(part.theta) if hasattr(part, "theta") else len(part.ids)
-        marks.append(np.full(count, bool(selects(part.effect, part.joints))))
-    return np.concatenate(marks)
 
 
 def collect_warnings(proof: Proof, same_run: bool) -> list[str]:

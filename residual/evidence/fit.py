@@ -18,7 +18,7 @@ chance, the fit says of bodies what is not of bodies: then none is named
 (``PossibleModel.contradicted``).
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -26,7 +26,7 @@ from scipy.linalg import block_diag
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import chdtrc
 
-from residual.effects.base import EffectTrait, JointLimits
+from residual.effects.base import Effect, EffectTrait, JointLimits
 from residual.errors import join_with_commas
 from residual.evidence.design import LAGS, CandidateColumns, Design
 from residual.evidence.thresholds import THRESHOLDS
@@ -384,6 +384,29 @@ def build_fitted_model(nominal: NominalModel, fitted: Fit) -> Model:
     moved = base.with_coefficients(base.coefficients() + fitted.theta[:count])
     new = tuple(Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in fitted.members)
     return replace(moved, terms=(*moved.terms, *new))
+
+
+def add_nominal_values(model: Model, fitted: Fit) -> Array:
+    """The coefficients of a fit, the values of its nominal model added. Shape (m,)."""
+    theta, base = fitted.theta.copy(), model.coefficients()
+    theta[: len(base)] += base
+    return theta
+
+
+def select_coefficients(
+    model: Model, fitted: Fit, selects: Callable[[Effect, tuple[int, ...]], bool]
+) -> Array:
+    """Mask of the coefficients of the selected effects of a fit. Shape (m,).
+
+    Args:
+        model: The nominal model of the fit.
+        selects: Says so of an effect and its joints, from 0.
+    """
+    marks = [np.zeros(len(model.inertial), dtype=bool)]
+    for part in (*model.terms, *fitted.members):
+        count = len(part.theta) if isinstance(part, Term) else len(part.ids)
+        marks.append(np.full(count, bool(selects(part.effect, part.joints))))
+    return np.concatenate(marks)
 
 
 LITTLE = 0.01  # per cent of torque: less is not told

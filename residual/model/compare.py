@@ -36,7 +36,7 @@ PAIRED, FEW = 2, 8  # seconds of a block; blocks
 SMALL = 1e-3  # of a joint's torque: less is within what no model is good for
 
 
-def compute_error_rise(after: Array, before: Array, min_rise: float = WORSE) -> float:
+def compute_error_rise(after: Array, before: Array) -> float:
     """By how much an error is larger, as a share; 0 where by chance.
 
     Args:
@@ -44,7 +44,7 @@ def compute_error_rise(after: Array, before: Array, min_rise: float = WORSE) -> 
         before: The same of the other model. Shape (seconds,).
     """
     ratio = float(np.sqrt(after.sum() / max(before.sum(), 1e-300)))
-    rose = ratio > min_rise and is_error_significant(after, before)
+    rose = ratio > WORSE and is_error_significant(after, before)
     return ratio - 1 if rose else 0.0
 
 
