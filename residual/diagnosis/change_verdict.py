@@ -9,8 +9,13 @@ from residual.diagnosis.detectable import find_detectable_sizes
 from residual.diagnosis.epoch_outcome import EpochFit, EpochOutcome
 from residual.diagnosis.findings import NamedEffect, values_jacobian
 from residual.diagnosis.held_out import Proof
+from residual.diagnosis.rivals import RivalSet
 from residual.diagnosis.unexplained import JointRemainder, list_dependences
-from residual.diagnosis.verdict import build_finding, collect_warnings
+from residual.diagnosis.verdict import (
+    build_finding,
+    collect_warnings,
+    list_alternatives,
+)
 from residual.evidence.fit import PossibleModel
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import pair_coefficient_slices
@@ -34,6 +39,7 @@ def build_change_verdict(
     suspected: Sequence[NamedEffect],
     augmented: PossibleModel,
     remains: Sequence[JointRemainder],
+    rivals: Sequence[RivalSet],
     epochs: tuple[EpochFit, EpochFit],
     tables: ErrorTables,
     check: LogCheck | None,
@@ -45,6 +51,7 @@ def build_change_verdict(
     Args:
         named: The changes, most torque first.
         suspected: What is less sure or refuted, and in no model.
+        rivals: Sets that the logs cannot tell from the one that is named.
         epochs: Fits of both epochs by themselves.
         notes: Warnings on the logs, which come first.
         doubts: Why the named changes do not explain the second epoch.
@@ -83,6 +90,7 @@ def build_change_verdict(
         bodies=unlikely.correction,
         frames=Frames.of(outcome.logs.robot),
         changes=tuple(_compare_values(*epochs, outcome)),
+        alternatives=list_alternatives(rivals),
         suspected=tuple(
             build_finding(f, i, proof, span) for i, f in enumerate(suspected, 1)
         ),

@@ -21,6 +21,7 @@ from residual.diagnosis.held_out import prove, tabulate_held_out_errors
 from residual.diagnosis.outcome import (
     Progress,
 )
+from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_joint_remainders
 from residual.errors import format_joint_numbers
 from residual.evidence.design import Design
@@ -101,6 +102,7 @@ def compare_epochs(
         suspected,
         augmented,
         remains,
+        find_rival_sets(outcome.selection.search, outcome.fit),
         (before, after),
         tabulate_held_out_errors(models, errors, held, held_out, logs, same_run),
         check,

@@ -35,7 +35,7 @@ class DetectionModel:
     def of(cls, search: Search, fitted: Fit) -> "DetectionModel":
         """Solve once what all effects have in common."""
         design = search.score.design
-        weight = fitted.weight(design.rows)
+        weight = fitted.weight
         system = FitEquations.of(design, search.score.prior, fitted.members)
         return cls(search, fitted, weight, project_columns(design, system, weight))
 

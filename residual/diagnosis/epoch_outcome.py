@@ -202,7 +202,7 @@ class EpochOutcome(Outcome):
         places = epochs.design.epochs
         share = float(np.concatenate([own.second for own in places]).mean())
         drift = self.drift * (1 - share)
-        out, weight = np.full(raw.dof, drift), fitted.weight(epochs.design.rows)
+        out, weight = np.full(raw.dof, drift), fitted.weight
         for j, own in enumerate(places):
             if not own.compared:
                 continue

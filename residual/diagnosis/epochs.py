@@ -249,7 +249,7 @@ def _build_epochs(
     design = EpochDesign.of(raw, residuals, friction, whiten, rows, logs.span)
     design.model = model
     candidates = _build_candidates(design, logs, list(joints))
-    curves = add_curves(design, logs.tracks)
+    curves = add_curves(design, logs.tracks, centred=True)
     design.unrest = _measure_unrest(
         design, candidates.groups, joints, whiten, residuals, first
     )

@@ -131,7 +131,7 @@ def _by_instruments(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     """Two-stage least squares under the fit's own prior and noise."""
     design, other, ids = outcome.design, *_design_with(outcome, fitted, tracks)
     system = FitEquations.of(design, outcome.prior, fitted.members)
-    weight = fitted.weight(design.rows)
+    weight = fitted.weight
     precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
@@ -164,7 +164,7 @@ def _by_redrawing(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     else:
         own = fitted.ids
     rows = outcome.design.rows
-    weight = fitted.weight(rows)
+    weight = fitted.weight
     start, size = np.zeros(len(ids)), len(ids)
     start[: len(design.nominal)] = outcome.nominal.model.coefficients()
     noise, share = np.zeros((size, size)), np.zeros(design.dof)

@@ -131,7 +131,7 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
     own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
     standard deviations are made to hold what Student's t holds.
     """
-    weight, label = full.weight(design.rows), design.label_logs()
+    weight, label = full.weight, design.label_logs()
     count = int(label.max()) + 1
     pulls = np.zeros((count, len(full.ids)))
     for j in range(design.dof):

@@ -113,7 +113,7 @@ class SharedColumns:
     @property
     def weight(self) -> Array:
         """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
-        return self.fitted.weight(self.outcome.design.rows)
+        return self.fitted.weight
 
     def rival(
         self,

@@ -174,7 +174,7 @@ def _information(
 ) -> Array:
     """Information on each candidate beyond a set. Shape (g,)."""
     design = score.design
-    weight = fitted.weight(design.rows)
+    weight = fitted.weight
     system = FitEquations.of(design, score.prior, members)
     half = project_columns(design, system, weight)
     out = np.empty(len(candidates))

@@ -122,29 +122,30 @@ class Score:
             system: The normal equations of the set, where they are known.
         """
         design, prior = self.design, self.prior
-        counted = design.rows / 5 if like is None else like.counted
         system = system or FitEquations.of(design, prior, members)
+
+        def settle(start: Fit) -> Fit:
+            rows = count_effective_rows(design, start)
+            args = design, prior, members, rows, start.variance, 3, system
+            return fit_jointly(*args)
+
+        counted = design.rows / 5 if like is None else like.counted
         floor = (THRESHOLDS.noise_floor * design.rms) ** 2
-        starts = [
-            fit_jointly(design, prior, members, counted, start, 4, system)
-            for start in (None, floor)
-        ]
-        if np.allclose(starts[0].variance, starts[1].variance, rtol=SAME_NOISE):
-            starts = starts[:1]
-        fits = []
-        for first in starts:
-            rows = count_effective_rows(design, first, range(design.dof))
-            args = design, prior, members, rows, first.variance, 3, system
-            fits.append(fit_jointly(*args))
-        if len(fits) == 1:
-            return fits[0]
-        # Each is counted by its own residual, both are compared at the larger count.
+        first, second = (
+            fit_jointly(design, prior, members, rows, noise, 4, system)
+            for rows, noise in ((counted, None), (design.rows, floor))
+        )
+        if np.allclose(first.variance, second.variance, rtol=SAME_NOISE):
+            return settle(first)
+        # Each is counted by its own residual, both are compared at the larger count:
+        # there the worse may come to be the better, so it is fitted on from there.
+        fits = settle(first), settle(second)
         rows = np.maximum(fits[0].counted, fits[1].counted)
         common = [
             fit_jointly(design, prior, members, rows, f.variance, 3, system)
             for f in fits
         ]
-        return fits[int(np.argmax([f.score for f in common]))]
+        return settle(max(common, key=lambda fitted: fitted.score))
 
     def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
         """Fit a set with the row counts of another, to be compared with it."""
@@ -156,7 +157,7 @@ class Score:
 
         One for each number of blocks that are joined.
         """
-        design, weight = self.design, fitted.weight(self.design.rows)
+        design, weight = self.design, fitted.weight
         merged = count_merged_blocks(design.folds)
         if design.unrest is not None:  # it says how long errors last
             weight, merged = weight * design.unrest, merged[:1]
@@ -199,7 +200,7 @@ class Score:
         """Errors of blocks that each was fitted without."""
         design = self.design
         system = FitEquations.of(design, self.prior, fitted.members)
-        weight = fitted.weight(design.rows)
+        weight = fitted.weight
         whole = system.precision + np.tensordot(weight, system.gram, 1)
         unit = 1 / np.sqrt(np.diag(whole))
         left = np.repeat(whole[None], design.folds, axis=0)

@@ -33,10 +33,10 @@ Members = tuple[CandidateColumns, ...]
 
 
 def _build_curve(name: str, signal: str) -> Effect:
-    """A free curve over a signal of the joint, without its mean.
+    """A free curve over a signal of the joint.
 
-    Its shape has the two ends and the mean of each hat on the logs: a constant is not a
-    part of it.
+    Its shape has the two ends and what is taken off each hat: its mean on the logs, or
+    nothing.
     """
 
     def hats(state, joint: int, shape: tuple[float, ...]) -> list[Array]:
@@ -68,8 +68,14 @@ def is_curve(group: CandidateColumns) -> bool:
     return group.effect in CURVES.values()
 
 
-def add_curves(design: Design, tracks: Sequence[Track]) -> list[CandidateColumns]:
-    """Append the free curves of each joint that moves."""
+def add_curves(
+    design: Design, tracks: Sequence[Track], centred: bool
+) -> list[CandidateColumns]:
+    """Append the free curves of each joint that moves.
+
+    Args:
+        centred: Whether the mean of a curve is in the model already: a constant.
+    """
     placed = []
     moving = np.concatenate([track.moving for track in tracks])
     for signal, effect in CURVES.items():
@@ -81,7 +87,7 @@ def add_curves(design: Design, tracks: Sequence[Track]) -> list[CandidateColumns
             if design.rows[j] < THRESHOLDS.min_rows or np.ptp(own) == 0:
                 continue
             ends = tuple(np.quantile(own, (ENDS, 1 - ENDS)).tolist())
-            means = tuple(_hats(own, ends).mean(axis=0).tolist())
+            means = tuple((centred * _hats(own, ends).mean(axis=0)).tolist())
             placed.append(PlacedEffect(effect, (j,), (*ends, *means)))
     return design.add(placed)
 

@@ -30,7 +30,7 @@ from residual.diagnosis.search import (
     is_curve,
     refine_last_shape,
 )
-from residual.effects.base import EffectTrait
+from residual.effects.base import Effect, EffectTrait
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
 from residual.evidence.fit import (
@@ -92,7 +92,7 @@ def select_names(
     first = build_relative_prior(design, nominal, THRESHOLDS.rough_scale)
     design.set_torque_model(build_fitted_model(nominal, fit_nominal(design, first)))
     candidates = build_candidates(design, nominal, logs.span, logs.clock is not None)
-    curves = add_curves(design, logs.tracks)
+    curves = add_curves(design, logs.tracks, centred=nominal.constants > 0)
     space = PriorSpace(design, nominal)
 
     def search(prior: NominalPrior) -> Search:
@@ -301,6 +301,8 @@ def _conclude(
     found = weighted.best.fit.members
     named = _drop_curved_constants(look.score, found, constants.groups)
     best, former = _join_constants(look, found, named)
+    best, new = _replace_constants(look, best, named)
+    former |= new
     doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
     members = judge_members(look, best, weighted, doubted, former)
     scores = [constants.score(r.score.prior) for r in runs.values()]
@@ -339,7 +341,7 @@ def _join_constants(
     look: Search,
     found: Sequence[CandidateColumns],
     constants: Sequence[CandidateColumns],
-) -> tuple[SearchRun, dict[CandidateColumns, str]]:
+) -> tuple[SearchRun, dict[CandidateColumns, Effect]]:
     """The names with the constants that carry their price.
 
     A name beside a free constant may be another one without: a balancer and a constant
@@ -360,8 +362,29 @@ def _join_constants(
                 continue
             other = look.settle((*rest, trial.group, *beside))
             if look.leads(other.fit, best.fit):
-                best, former[trial.group] = other, group.effect.name
+                best, former[trial.group] = other, group.effect
     return best, former
+
+
+def _replace_constants(
+    look: Search, best: SearchRun, constants: Sequence[CandidateColumns]
+) -> tuple[SearchRun, dict[CandidateColumns, Effect]]:
+    """Search on for what a free constant hid on joints whose constant is no name.
+
+    A spring at rest in the middle of the motion is a constant and little else: beside
+    a free constant it does not carry its price, and nor may the constant.
+
+    Returns:
+        The set, and of each new name the constant's effect.
+    """
+    fallen = {g.joints: g.effect for g in constants if g not in best.fit.members}
+    groups = tuple(
+        g for g in look.candidates.groups if g.joints in fallen and not g.parts
+    )
+    candidates = replace(look.candidates, groups=groups)
+    found = replace(look, candidates=candidates, curves=()).run(best.fit.members)
+    new = (g for g in found.named if g not in best.fit.members)
+    return found, {g: fallen[g.joints] for g in new}
 
 
 def _find_doubted_joints(
@@ -439,7 +462,7 @@ def judge_members(
     best: SearchRun,
     weighted: Weighted,
     doubted: set[int],
-    former: Mapping[CandidateColumns, str],
+    former: Mapping[CandidateColumns, Effect],
 ) -> tuple[Member, ...]:
     """Every name of a set with its evidence and probability, surest first.
 
@@ -449,7 +472,7 @@ def judge_members(
     """
     parts = _fit_parts(best.score, best.fit)
     members = (
-        _judge(look, best, weighted, g, doubted, parts, former.get(g))
+        _judge(look, best, weighted, g, doubted, parts, former.get(g, g.effect))
         for g in best.named
     )
     return tuple(sorted(members, key=lambda m: -m.probability))
@@ -462,7 +485,7 @@ def _judge(
     group: CandidateColumns,
     doubted: set[int],
     parts: Sequence[_Part],
-    former: str | None,
+    former: Effect,
 ) -> Member:
     """Evidence, equivalents and probability of one name.
 
@@ -481,9 +504,9 @@ def _judge(
             continue
         if is_alike(left.gain_over(trial.left_out)):
             near.append(trial.group)
-    alike = {group.effect.name, former, *(g.effect.name for g in near)}
+    alike = {group.effect.name, former.name, *(g.effect.name for g in near)}
     # A constant is free in every run.
-    constant = EffectTrait.CONSTANT in group.effect.traits
+    constant = EffectTrait.CONSTANT in group.effect.traits | former.traits
     stands = constant or sum(
         share
         for run, share in zip(weighted.runs, weighted.share, strict=True)

@@ -111,14 +111,6 @@ def build_verdict(
     )
     doubtful = len(outcome.adequacy.doubted) or contradicted
     least = _clear_links(outcome, find_detectable_sizes(search, outcome.fit))
-    alternatives = tuple(
-        Alternative(
-            set=tuple(Place(g.effect.name, joint_numbers(g)) for g in rival.members),
-            nats=convert_to_plain_values(rival.nats),
-            separated_by=LOAD if rival.twin else MOTION,
-        )
-        for rival in rivals
-    )
 
     def listing(some: Sequence[NamedEffect]) -> list[Finding]:
         span = outcome.logs.span
@@ -146,12 +138,25 @@ def build_verdict(
         frames=Frames.of(robot),
         changes=compare_nominal_values(outcome, outcome.fit),
         alternatives=mark_inseparable_alternatives(
-            question, list_places(outcome.fit.members), alternatives
+            question, list_places(outcome.fit.members), list_alternatives(rivals)
         ),
         background=tuple(listing(background)),
         bodies=unlikely.correction,
         suspected=tuple(listing(suspected)),
         too_small=tuple(j + 1 for j in outcome.logs.too_small),
+    )
+
+
+def list_alternatives(rivals: Sequence[RivalSet]) -> tuple[Alternative, ...]:
+    """Sets that the logs cannot tell from the one that is named, as plain values."""
+    return tuple(
+        Alternative(
+            set=tuple(Place(g.effect.name, joint_numbers(g)) for g in rival.members),
+            nats=convert_to_plain_values(rival.nats),
+            separated_by=LOAD if rival.twin else MOTION,
+        )
+        for rival in rivals
+        if rival.members  # whether there is a name at all says its probability
     )
 
 

@@ -17,6 +17,7 @@ from cachetools import LRUCache, cached
 from residual.effects.base import State
 from residual.recording import Array
 from residual.robot.dynamics import (
+    PER_LINK,
     build_motion_key,
     compute_weight_torques,
     replace_inertial_parameters,
@@ -41,7 +42,22 @@ def compute_torque_derivatives(state: State) -> Array:
 
     The last axis is the joint that moves, the one before it the row of torque.
     """
-    model = build_loaded_model(state)
+    mass = np.array([]) if state.inertial is None else state.inertial[::PER_LINK]
+    if (np.cumsum(mass[::-1]) > 0).all():
+        return _differentiate(state, build_loaded_model(state))
+    # Pinocchio sums bodies of positive mass only, and a load that went has none. Torque
+    # is linear in the parameters: what is added to every body is taken off again.
+    ballast = np.zeros_like(state.inertial)
+    ballast[::PER_LINK] = 1.0 - mass.min()
+    pair = (
+        replace_inertial_parameters(state.robot.model, parameters)
+        for parameters in (state.inertial + ballast, ballast)
+    )
+    heavy, light = (_differentiate(state, model) for model in pair)
+    return heavy - light
+
+
+def _differentiate(state: State, model: pin.Model) -> Array:
     data = model.createData()
     q, qd, qdd = map(np.ascontiguousarray, (state.q, state.qd, state.qdd))
     out = np.empty((3, len(q), model.nv, model.nv))

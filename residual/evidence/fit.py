@@ -2,15 +2,18 @@
 
 The torque of joint j is y_j = X_j theta + e_j with theta ~ N(mu, P^-1): nominal
 coefficients about their given values, effects under Zellner's g-prior (Zellner 1986).
-With w_j = n_j / (N_j s_j), where N_j rows of variance s_j count as n_j, the posterior
-precision is A = P + sum_j w_j X_j' X_j, and the evidence of a set, up to a constant, is
+With w_j = f / s_j, where N_j rows of variance s_j count as n_j and f is the geometric
+mean of n_j / N_j, the posterior precision is A = P + sum_j w_j X_j' X_j, and the
+evidence of a set, up to a constant, is
 
     ln p = -1/2 sum_j n_j ln s_j - 1/2 (theta - mu)' P (theta - mu)
            - 1/2 ln det A + 1/2 ln det P
 
 (MacKay 1992; s_j = SSE_j / N_j and theta are iterated). Rows are autocorrelated, so
 n_j = N_j / tau_j, with tau_j the integrated autocorrelation time of the residual
-(initial positive pairs, Geyer 1992).
+(initial positive pairs, Geyer 1992). Joints weigh by their noise alone: were one on
+which much is missing to weigh less for its tau_j too, it would be fitted the worse and
+weigh less again, and which joint so loses would be chance.
 
 Bodies that no arm can have are moved to the nearest ones that can exist; what the logs
 do not tell of a body costs no torque. Where they contradict every possible body beyond
@@ -61,6 +64,7 @@ class Fit:
     variance: Array  # noise variance of each joint [N^2 m^2], (dof,)
     sse: Array  # squared error on the rows [N^2 m^2], (dof,)
     counted: Array  # effective number of rows of each joint, (dof,)
+    share: Array  # of the rows that count where coefficients are fitted, (dof,)
     score: float  # log evidence up to a constant [nats]
     bent: float  # prior energy of the nominal coefficients [nats]
 
@@ -82,9 +86,10 @@ class Fit:
         where = {int(column): i for i, column in enumerate(self.ids)}
         return np.array([where[int(column)] for column in group.ids])
 
-    def weight(self, rows: Array) -> Array:
-        """Information of a unit of squared error, of so many rows each. (dof,)."""
-        return self.counted / rows / self.variance
+    @property
+    def weight(self) -> Array:
+        """Information of a unit of squared error [1 / N^2 m^2]. Shape (dof,)."""
+        return self.share / self.variance
 
     def covariance(self) -> Array:
         """Posterior covariance. Shape (m, m)."""
@@ -111,8 +116,9 @@ def fit_jointly(
     system = system or FitEquations.of(design, prior, members)
     floor = (THRESHOLDS.noise_floor * design.rms) ** 2
     sigma = system.power / design.rows + floor if variance is None else variance
+    share = _share_rows(design, counted)
     for _ in range(rounds):
-        theta, lower = system.solve(counted / design.rows / sigma)
+        theta, lower = system.solve(share / sigma)
         sse = system.squared_error(theta)
         sigma = sse / design.rows + floor
     p = len(design.nominal)
@@ -125,8 +131,28 @@ def fit_jointly(
     )
     bent = 0.5 * theta[:p] @ prior.precision @ theta[:p]
     return Fit(
-        tuple(members), system.ids, theta, lower, sigma, sse, counted, score, bent
+        tuple(members),
+        system.ids,
+        theta,
+        lower,
+        sigma,
+        sse,
+        counted,
+        share,
+        score,
+        bent,
     )
+
+
+def _share_rows(design: Design, counted: Array) -> Array:
+    """Share of the rows that count, the same of all joints. Shape (dof,).
+
+    Of two epochs each has its own: logs of a joint differ by more than its noise.
+    """
+    share, moving = counted / design.rows, design.rows >= THRESHOLDS.min_rows
+    if design.unrest is not None or not moving.any():
+        return share
+    return np.full(design.dof, np.exp(np.log(share[moving]).mean()))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -266,13 +292,10 @@ def compute_zero_chance(coefficients: Array, covariance: Array, least: float) ->
     return float(chdtrc(len(coefficients), squares))
 
 
-def count_effective_rows(design: Design, fitted: Fit, joints: Sequence[int]) -> Array:
-    """Rows over the autocorrelation time of the residual. Shape (dof,).
-
-    Only ``joints`` are counted anew; the others keep the fit's own count.
-    """
-    out = fitted.counted.copy()
-    for j in joints:
+def count_effective_rows(design: Design, fitted: Fit) -> Array:
+    """Rows over the autocorrelation time of the residual. Shape (dof,)."""
+    out = np.empty(design.dof)
+    for j in range(design.dof):
         left = design.residual(j, fitted.ids, fitted.theta)
         slow = estimate_autocorrelation_time(design.line(j, left))
         out[j] = min(max(design.rows[j] / slow, THRESHOLDS.min_rows), design.rows[j])
@@ -296,7 +319,7 @@ def estimate_autocorrelation_time(line: Array) -> float:
 
 def refit_effective_rows(design: Design, prior: NominalPrior, fitted: Fit) -> Fit:
     """Count rows anew by the fit's own residual and fit again."""
-    counted = count_effective_rows(design, fitted, range(design.dof))
+    counted = count_effective_rows(design, fitted)
     return fit_jointly(design, prior, fitted.members, counted, fitted.variance)
 
 
@@ -483,7 +506,7 @@ def fit_possible_bodies(
     )
     price = (np.sqrt(after) - np.sqrt(before)) / design.rms
     # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
-    fall = float(fitted.weight(design.rows) @ (design.rows * (after - before)))
+    fall = float(fitted.weight @ (design.rows * (after - before)))
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
     correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
     # No arm has quite the form of its model: what is less than a name does not count.

@@ -259,7 +259,7 @@ def screen_candidates(
     from what is left it is -n/2 log(1 - 2 q / n). Groups of one shape go as one stack.
     """
     counted = np.maximum(0.25 * design.rows, fitted.counted)
-    weight = counted / design.rows / fitted.variance
+    weight = np.maximum(0.25, fitted.share) / fitted.variance
     theta, lower = system.solve(weight)
     shared = weight_column_products(design, system, weight)
     pull = weight_target_products(design, weight) - theta @ shared

@@ -450,11 +450,15 @@ def _standstill_error(
     """Squared error at the best share held, and that share. Shapes (dof,), (dof,)."""
     dof = model.robot.dof
     base, mixed, power = np.zeros(dof), np.zeros(dof), np.zeros(dof)
+    reads = EffectTrait.REPORT | EffectTrait.USES_MODEL
+    plain = not any(t.effect.traits & reads for t in model.terms)
     for track, state in observed:
-        sides = [
-            model.torque_seen(model.replace_standstill(state, (side,) * dof))
+        seen = [
+            model.replace_standstill(state, (side,) * dof)
             for side in (replace(shape, hold=0.0), shape)
         ]
+        # What the effects see of it is all of the torque where none changes that.
+        sides = [s.tau_model if plain else model.torque_seen(s) for s in seen]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.valid], (full - none)[track.valid]
         base += (gap**2).sum(axis=0)

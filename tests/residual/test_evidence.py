@@ -9,7 +9,6 @@ from scipy.stats import multivariate_normal
 from residual.evidence.fit import FitEquations, count_effective_rows, fit_jointly
 from residual.evidence.priors import screen_candidates
 from tests.residual.linear import (
-    DOF,
     GEAR,
     LINE,
     LOAD,
@@ -144,7 +143,7 @@ def test_rows_of_an_autoregression_count_as_theory_says(rng, a):
     """n (1 - a) / (1 + a) for AR(1), n for white noise, within 25 %."""
     problem = Problem.draw(rng, rows=3000, logs=2, colour=a, bend=0.0)
     fitted = every_row_counts(problem, [], rounds=3)
-    counted = count_effective_rows(problem.design, fitted, range(DOF))
+    counted = count_effective_rows(problem.design, fitted)
     expected = problem.design.rows * (1 - a) / (1 + a)
     np.testing.assert_allclose(counted, expected, rtol=0.25)
 
@@ -160,7 +159,7 @@ def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
         )
         members = problem.design.add([(PLANE, (0,), ())])
         white = every_row_counts(problem, members, rounds=3)
-        counted = count_effective_rows(problem.design, white, range(DOF))
+        counted = count_effective_rows(problem.design, white)
         fitted = fit_jointly(
             problem.design, problem.prior, members, counted, white.variance
         )

@@ -124,7 +124,7 @@ def test_friction_that_is_declared_nowhere_is_one_finding_on_all_joints():
 # On the small arm of two parallel axes: joints from 1, size, seed, and how near the
 # first parameter must come. Angles and bodies there are in one class with one another.
 WEAK = {
-    "base_tilt": ((), {"tilt_x": 0.05, "tilt_y": 0.0}, 51, None),
+    "base_tilt": ((), {"tilt_x": 0.05, "tilt_y": 0.0}, 52, None),
     "tool_force": ((), {"x": 4.0, "y": 0.0, "z": -3.0}, 51, 0.1),
     "delay": ((), {"delay": 0.015}, 51, 0.1),
     "encoder_offset": ((1,), {"angle": 0.08}, 51, None),

@@ -33,7 +33,7 @@ def keys(members):
 
 
 def with_curves(problem):
-    curves = add_curves(problem.design, [t for t, _ in problem.logs])
+    curves = add_curves(problem.design, [t for t, _ in problem.logs], centred=True)
     return problem.search(every_group(problem.design), curves)
 
 
