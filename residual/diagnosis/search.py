@@ -9,6 +9,7 @@ where one leaves a quarter less than any name, the joint follows it and has no n
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -111,7 +112,7 @@ class SearchRun:
         return tuple(g for g in self.fit.members if is_curve(g))
 
 
-@dataclass(frozen=True, eq=False, slots=True)
+@dataclass(frozen=True, eq=False)
 class Trial:
     """A candidate beside a set."""
 
@@ -120,9 +121,9 @@ class Trial:
     nats: float  # its evidence less its price
     score: Score
 
-    @property
+    @cached_property
     def left_out(self) -> LeftOut:
-        """Errors of left-out blocks."""
+        """Errors of left-out blocks, computed where they are asked for."""
         return self.score.left_out(self.fit)
 
 
@@ -293,10 +294,9 @@ class Search:
 
         Where a name explains less than three quarters of it the curve stands.
         """
-        curves = {t: t.left_out for t in trials if is_curve(t.group)}
         outdone: Trial | None = None
         for trial in trials:
-            after = curves.get(trial) or trial.left_out
+            after = trial.left_out
             if not self.is_borne_out(trial, after, before):
                 continue
             if is_curve(trial.group):
@@ -307,8 +307,10 @@ class Search:
                 continue
             rivals = [
                 t
-                for t, left in curves.items()
-                if t.group.joints == (joint,) and _outdoes(left, after, before, joint)
+                for t in trials
+                if is_curve(t.group)
+                and t.group.joints == (joint,)
+                and _outdoes(t.left_out, after, before, joint)
             ]
             if not rivals:
                 return self._find_simplest(trial, after, trials, before)
