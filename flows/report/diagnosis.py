@@ -1,6 +1,6 @@
 """A diagnosis in the terminal and on a page: the verdict first, then its grounds.
 
-Each section is a function; its ``brief`` is the terminal's form.
+Each section is a function; page and terminal draw the same document.
 """
 
 from collections.abc import Mapping, Sequence
@@ -49,7 +49,7 @@ from residual.quantity import (
     format_probability,
     is_number,
 )
-from residual.verdict.result import Change, Diagnosis, Verdict
+from residual.verdict.result import Diagnosis, Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
@@ -82,9 +82,7 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     Args:
         console: Where to print; 80 columns and no color are enough.
     """
-    report = build_diagnosis_document(result, drawn=False)
-    first = ("missing", "given", "proof", "left", "sizes")
-    print_document(console, report, first, ("else",))
+    print_document(console, build_diagnosis_document(result, drawn=False))
     print_line(console, "")
 
 
@@ -136,7 +134,7 @@ def build_diagnosis_document(
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
         _demonstration(demonstration),
-        _missing(result, charts.chart_findings(result) if drawn else (), records),
+        _missing(result, charts.chart_findings(result) if drawn else None, records),
         _errors(result, charts.chart_errors(result) if drawn else None),
         _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
         _alternatives(result),
@@ -229,20 +227,14 @@ def _demonstration(demonstration: Demonstration | None) -> Section:
 
 
 def _missing(
-    result: Diagnosis, figures: Sequence[Sequence[Chart]], records: Sequence[str]
+    result: Diagnosis, figures: Sequence[Sequence[Chart]] | None, records: Sequence[str]
 ) -> Section:
     parts: list[Part | None] = []
-    for at, charts_of_finding in enumerate(figures):
-        record = "".join(records[at : at + 1])
-        parts += _finding(result, at, charts_of_finding, record)
-    note = _TEXT["clouds"] if any(figures) else ""
-    brief = [Heading("What is missing")] if result.effects else []
-    for effect in result.effects:
-        brief += tables.describe_finding(effect, result)
-    if result.effects:
-        brief += sentences.describe_alternative_sets(result.verdict)
-    brief += describe_edit_tests(result.verdict)
-    return Section("missing", "What is missing", parts, note, brief=brief)
+    for at in range(len(result.effects)):
+        charts_of_finding = figures[at] if figures else ()
+        parts += _finding(result, at, charts_of_finding, "".join(records[at : at + 1]))
+    note = _TEXT["clouds"] if figures and any(figures) else ""
+    return Section("missing", "What is missing", parts, note)
 
 
 def _finding(
@@ -252,8 +244,11 @@ def _finding(
     effect, verdict = result.effects[at], result.verdict
     sentence = capitalize_first("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
-    text: list[Part | None] = [sentence, tables.describe_impact(result, effect)]
-    text.append(record or None)
+    text: list[Part | None] = [
+        sentence,
+        tables.describe_impact(result, effect),
+        record or None,
+    ]
     if effect.equivalent:
         motion = "another motion may separate them"
         alike = Markup(
@@ -279,23 +274,20 @@ def _finding(
 
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
-    rows = tables.build_error_rows(result)
-    about = "Error on unseen motion, % of the measured torque"
-    table = tables.build_error_table(rows, tables.METRICS, about)
+    metrics = tables.list_metrics(result.errors)
     few = len(result.effects) < _MANY
+    every = tables.build_error_table(result, metrics) if len(metrics) > 1 else None
     parts: list[Part | None] = [
         bars,
-        FoldedParts("The errors of each joint", [table], few) if table else None,
+        tables.build_error_table(result, metrics[:1]),
+        *tables.describe_error_columns(result),
+        FoldedParts("The same by kind of error", [every], few) if every else None,
         tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    brief = [
-        tables.build_brief_error_table(result, rows),
-        *tables.describe_error_columns(rows),
-        tables.build_position_table(result),
-    ]
-    return Section("proof", "Error on unseen motion", parts, note, brief=brief)
+    title = tables.title_errors(result) if metrics else "Error on unseen motion"
+    return Section("proof", title, parts, note)
 
 
 def _curves(
@@ -318,14 +310,14 @@ def _curves(
 
 
 def _alternatives(result: Diagnosis) -> Section:
-    parts: list[Part | None] = [sentences.describe_alternative_sets(result.verdict)]
-    plan, brief = sentences.describe_next_experiment(result.verdict), []
+    sets = sentences.describe_alternative_sets(result.verdict)
+    plan = sentences.describe_next_experiment(result.verdict)
+    parts: list[Part] = [sets]
     if plan:
         none = "No other set of effects explains these logs as well."
-        parts += [none if result.effects and not parts[0] else None]
+        parts += [none] if result.effects and not sets else []
         parts += [Heading("Next experiment"), plan]
-        brief = [Heading("Next experiment"), *(f"  {line}" for line in plan)]
-    return Section("else", "Alternatives and next experiment", parts, brief=brief)
+    return Section("else", "Alternatives and next experiment", parts)
 
 
 def _evidence(result: Diagnosis) -> Section:
@@ -333,55 +325,43 @@ def _evidence(result: Diagnosis) -> Section:
     edits = describe_edit_tests(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
-    few = len(result.effects) < _MANY
-    return Section("evidence", "Evidence", parts, open=few)
+    return Section("evidence", "Evidence", parts)
 
 
 def _nominal_values(verdict: Verdict) -> Section:
     off, most = sentences.list_wrong_values(verdict), sentences.MOST_VALUES
-    heads = ("Value", "Nominal", "Identified", "Difference")
-
-    def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        rows = sentences.build_value_rows(changes, verdict)
-        return build_text_table(heads, rows, title)
-
     title = f"All {len(verdict.changes)} values, nominal and identified"
-    folded = FoldedParts(title, [table(verdict.changes)])
+    folded = FoldedParts(title, [tables.build_value_table(verdict.changes, verdict)])
     if not off:
         parts = [_TEXT["none_off"], folded] if verdict.changes else ()
-        return Section("given", "Nominal values", parts)
-    heading, more = "Nominal values contradicted by the logs", len(off) - most
-    more_values = f"And {more} more: see 'changes' in the JSON." * (more > 0)
+        return Section("given", "Nominal values", parts, open=False)
+    more = f"And {len(off) - most} more: see 'changes' in the JSON."
     parts = [
-        table(off[:most]),
-        Note(more_values, "soft spaced") if more_values else None,
+        tables.build_value_table(off[:most], verdict),
+        Note(more, "soft spaced") if len(off) > most else None,
         folded,
     ]
-    brief = [table(off[:most], heading), more_values]
-    return Section("given", heading, parts, _TEXT["given"], brief=brief)
+    heading = "Nominal values contradicted by the logs"
+    return Section("given", heading, parts, _TEXT["given"])
 
 
 def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
     text = " ".join(sentences.describe_unexplained(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
-    brief = [f"\n{text}" if text else ""]
     parts = [text, about, figures] if text else ()
-    return Section("left", "Unexplained torque", parts, brief=brief)
+    return Section("left", "Unexplained torque", parts)
 
 
 def _detectable(verdict: Verdict) -> Section:
     heads, rows = sentences.build_detectable_rows(verdict)
-    heading, nothing = "Smallest detectable size of each effect", not verdict.effects
+    heading = "Smallest detectable size of each effect"
     if not rows:
         return Section("sizes", heading, ())
     hidden = any(sentences.NEVER in row for row in rows)
     never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
-    never = never if hidden else ""
-    table = ReportTable(heads, rows, heading, look="tight sizes")
-    parts = [table, Note(never, "soft spaced") if never else None]
-    printed = [table, never] if nothing else ()
-    text = _TEXT["sizes"]
-    return Section("sizes", heading, parts, text, open=nothing, brief=printed)
+    table = ReportTable(heads, rows, look="tight sizes")
+    parts = [table, Note(never, "soft spaced") if hidden else None]
+    return Section("sizes", heading, parts, _TEXT["sizes"], open=not verdict.effects)
 
 
 def _origin(verdict: Verdict, origin: Pairs) -> Section:
