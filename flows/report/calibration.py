@@ -192,8 +192,8 @@ def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -
         (
             block.family.replace("_", " "),
             block.block,
-            str(block.pca.real),
-            ", ".join(f"{name} {value:+.2f}" for name, value in block.pca.strongest(0)),
+            str(block.real),
+            ", ".join(f"{name} {value:+.2f}" for name, value in block.strongest(0)),
         )
         for block in result.blocks
     ]

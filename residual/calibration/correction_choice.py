@@ -75,9 +75,8 @@ class TrainingRows:
 
     def rows(self, chosen: Array) -> "TrainingRows":
         """Return some of the rows."""
-        parts = (self.X, self.Y, self.tau, self.second, self.Z)
-        moving = None if self.moving is None else self.moving[chosen]
-        return TrainingRows(*(part[chosen] for part in parts), moving)
+        parts = (self.X, self.Y, self.tau, self.second, self.Z, self.counted)
+        return TrainingRows(*(part[chosen] for part in parts))
 
     @property
     def counted(self) -> Array:
@@ -87,8 +86,7 @@ class TrainingRows:
 
     def squared_errors(self, predicted: Array) -> Array:
         """Squared errors [N^2 m^2], none where a joint stands. Shape (n, j)."""
-        squares = (self.Y - predicted) ** 2
-        return squares if self.moving is None else squares * self.moving
+        return (self.Y - predicted) ** 2 * self.counted
 
     def with_fitted_standstill(self) -> "TrainingRows":
         """Return the same where a joint that stands says what it does in motion.
@@ -191,7 +189,7 @@ def fit_all_corrections(
         compute_gram: Returns Z'Z of the rows, where there is a shorter way to it.
     """
     lines = [
-        fit_linear(rows.X[moves], rows.Y[moves][:, [j]], use_normal_equations=True)
+        fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
         for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
@@ -199,20 +197,15 @@ def fit_all_corrections(
     return CorrectionFits((offset, slope), fit_pls(rows.X, rows.Y), effects)
 
 
-def fit_linear(
-    X: Array, Y: Array, use_normal_equations: bool = False
-) -> tuple[Array, Array]:
+def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
     """Least squares of Y: a constant (j,), and coefficients of X's columns (d, j).
 
-    Args:
-        use_normal_equations: From products of columns: a tenth of the time, half of
-            the digits.
+    From products of columns: a tenth of the time, half of the digits.
     """
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     Z, centred = (X - mean) / scale, Y - Y.mean(axis=0)
-    left, right = (Z.T @ Z, Z.T @ centred) if use_normal_equations else (Z, centred)
-    slope = np.linalg.lstsq(left, right, rcond=None)[0] / scale[:, None]
+    slope = np.linalg.lstsq(Z.T @ Z, Z.T @ centred, rcond=None)[0] / scale[:, None]
     return Y.mean(axis=0) - mean @ slope, slope
 
 
