@@ -53,7 +53,7 @@ from residual.verdict.result import Diagnosis, Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
-_LISTED = 8  # findings, and parents of one role, in a summary
+_LISTED = 8  # parents of one role
 _OPEN = 3  # figures of the first finding that are not
 
 
@@ -86,34 +86,21 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     print_line(console, "")
 
 
-def build_summary_parts(
-    verdict: Verdict, parents: Sequence[Mapping], adoption: str
-) -> list[Part]:
-    """Return a stored diagnosis in at most 40 lines of a wide terminal.
+def describe_parents(parents: Sequence[Mapping]) -> list[str]:
+    """Return a line for each role of the records that a diagnosis is made from.
 
     Args:
-        parents: Records that it is made from, each with `parent` and `role`.
-        adoption: Whether its model is adopted, in words.
+        parents: Each with `parent`, an id, and `role`.
     """
-    result = Diagnosis(verdict)
-    parts: list[Part] = [*sentences.list_headline_sentences(verdict)]
-    parts.append("Next: {}: {}".format(*describe_next_step(verdict)))
-    named = list(result.effects)
-    parts += [Heading("What is missing")] if named else []
-    parts += [tables.summarize_finding(each, verdict) for each in named[:_LISTED]]
-    if len(named) > _LISTED:
-        parts.append(f"   and {len(named) - _LISTED} more")
-    if errors := tables.build_stage_error_table(result):
-        parts.append(errors)
-    if position := tables.build_position_table(result):
-        parts.append(position)
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
-    for role, ids in by_role.items():
-        more = f" and {len(ids) - _LISTED} more" if len(ids) > _LISTED else ""
-        parts.append(f"{role}: {', '.join(ids[:_LISTED])}{more}")
-    return [*parts, adoption]
+    more = {role: len(ids) - _LISTED for role, ids in by_role.items()}
+    return [
+        f"{role}: {', '.join(ids[:_LISTED])}"
+        + (f" and {more[role]} more" if more[role] > 0 else "")
+        for role, ids in by_role.items()
+    ]
 
 
 def build_diagnosis_document(
@@ -286,8 +273,10 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    title = tables.title_errors(result) if metrics else "Error on unseen motion"
-    return Section("proof", title, parts, note)
+    weak = ", end of the fitted run" if result.errors.same_run else ""
+    kinds = "".join(f" ({tables.METRICS[kind]}{weak})" for kind in metrics[:1])
+    heading = f"Error on unseen motion{kinds}, % of the torque"
+    return Section("proof", heading, parts, note)
 
 
 def _curves(

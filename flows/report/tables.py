@@ -103,13 +103,6 @@ def build_error_table(
     )
 
 
-def title_errors(diagnosis: Diagnosis) -> str:
-    """Return the title of the errors of the first kind known."""
-    weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
-    kinds = [METRICS[metric] for metric in list_metrics(diagnosis.errors)[:1]]
-    return f"Error on unseen motion ({', '.join(kinds)}{weak}), % of the torque"
-
-
 def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
     """Return how far each model by itself goes from the held-out motion, per joint."""
     position = diagnosis.errors.position
@@ -145,22 +138,6 @@ def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
     ):
         lines.append("flagged: the residual of this joint is larger than noise.")
     return lines
-
-
-def build_stage_error_table(diagnosis: Diagnosis) -> ReportTable | None:
-    """Return the errors of the first kind known, a row per model."""
-    metrics = list_metrics(diagnosis.errors)[:1]
-    if not metrics:
-        return None
-    errors, dof = list_errors(diagnosis.errors, metrics[0]), diagnosis.verdict.dof
-    first = 0 if dof < _WIDEST else dof  # of an arm too wide only the sum
-    heads = ("model", *[f"J{j}" for j in range(1, dof + 1)][first:], "all")
-    rows = [
-        (stage, *map(format_percent_number, values[first:]))
-        for stage, values in errors.items()
-        if stage != PLAIN
-    ]
-    return ReportTable(heads, rows, title_errors(diagnosis))
 
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:
@@ -208,23 +185,6 @@ def _parameter_texts(
         texts.setdefault(size.name, {})[size.joint] = size.text
     combined = {name: {None: str(p)} for name, p in effect.combinations.items()}
     return texts | combined
-
-
-def _size_lines(effect: Finding, verdict: Verdict) -> list[str]:
-    lines = []
-    for name, by_joint in _parameter_texts(effect, verdict).items():
-        texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
-        lines.append(f"{name} {', '.join(texts)}")
-    return lines
-
-
-def summarize_finding(effect: Finding, verdict: Verdict) -> str:
-    """Return a finding in one line: name, sizes, probability, held-out motion."""
-    sizes = _size_lines(effect, verdict)
-    title = f"{effect.order}. {title_finding(effect, verdict)}"
-    sure = f"probability {format_probability(effect.probability)}"
-    motion = f"held-out motion: {effect.evidence.held_out or 'not tested'}"
-    return f"{title}: {'; '.join([*sizes, sure, motion])}"
 
 
 def build_value_table(changes: Sequence[Change], verdict: Verdict) -> ReportTable:
