@@ -7,7 +7,7 @@ that has not seen it: what a model leaves on runs that it was identified from is
 smaller, and of another shape, than what it leaves on others.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -178,22 +178,14 @@ class CorrectionFits:
         return self.effects.coefficients(option.ridge, option.kind == PAIRS)
 
 
-def fit_all_corrections(
-    rows: TrainingRows,
-    tables: TableColumns,
-    compute_gram: Callable[[], Array] | None = None,
-) -> CorrectionFits:
-    """Fit all forms to rows as taught; a ridge is solved for when it is asked for.
-
-    Args:
-        compute_gram: Returns Z'Z of the rows, where there is a shorter way to it.
-    """
+def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
+    """Fit all forms to rows as taught; a ridge is solved for when it is asked for."""
     lines = [
         fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
         for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    effects = sum_table_rows(tables, rows.Z, rows.Y, compute_gram)
+    effects = sum_table_rows(tables, rows.Z, rows.Y)
     return CorrectionFits((offset, slope), fit_pls(rows.X, rows.Y), effects)
 
 

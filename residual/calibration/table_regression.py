@@ -19,9 +19,8 @@ with Z a column per level and K the number of widths in which two levels are one
 rows are few the wide levels speak, where they are many the narrow ones do.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
@@ -232,17 +231,12 @@ class TableRegression:
     """Normal equations of some rows; coefficients are solved for when asked for."""
 
     tables: TableColumns
-    counts: Callable[[], Array]  # Z'Z, (k, k)
+    gram: Array  # centred Z'Z, (k, k)
     share: Array  # share of the rows in each column, (k,)
     right: Array  # Z'(Y - ybar), (k, j)
     y_mean: Array  # mean of the responses, (j,)
     rows: int
     _solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
-
-    @cached_property
-    def gram(self) -> Array:
-        """Centred Z'Z. Shape (k, k)."""
-        return self.counts() - self.rows * np.outer(self.share, self.share)
 
     def coefficients(self, ridge: float, paired: bool) -> Array:
         """Contribution of each column of Z to each response [N m]. Shape (k, j).
@@ -319,24 +313,9 @@ class TableRegression:
         return axes, out
 
 
-def sum_table_rows(
-    tables: TableColumns,
-    Z: csr_matrix,
-    Y: Array,
-    counts: Callable[[], Array] | None = None,
-) -> TableRegression:
-    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j).
-
-    Args:
-        counts: Returns Z'Z, where there is a shorter way to it.
-    """
+def sum_table_rows(tables: TableColumns, Z: csr_matrix, Y: Array) -> TableRegression:
+    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j)."""
     n, y_mean = Z.shape[0], Y.mean(axis=0)
     share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (Y - y_mean)
-    return TableRegression(
-        tables, counts or partial(count_column_pairs, Z), share, right, y_mean, n
-    )
-
-
-def count_column_pairs(Z: csr_matrix) -> Array:
-    """Return Z'Z: how many rows are in two columns at once. Shape (k, k)."""
-    return (Z.T @ Z).toarray()
+    gram = (Z.T @ Z).toarray() - n * np.outer(share, share)
+    return TableRegression(tables, gram, share, right, y_mean, n)

@@ -11,7 +11,6 @@ Runs and families held out measure what the model knows of motion that it never 
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -27,7 +26,7 @@ from residual.calibration.correction_choice import (
 )
 from residual.calibration.correction_choice import PLSR as LINES
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import TableColumns, count_column_pairs
+from residual.calibration.table_regression import TableColumns
 from residual.errors import InputError
 from residual.quantity import check_count, check_varying
 from residual.recording import Array
@@ -183,13 +182,12 @@ def cross_validate_corrections(
         shown_fold: A fold whose corrections are kept.
     """
     errors, power_fitted, forecasts = [], [], None
-    every = counts = once = None
+    every = once = None
     seconds = np.zeros((len(options), int(rows.second.max()) + 1, len(rows.joints)))
     for fold, (kept, out) in enumerate(scheme.split(rows)):
         Y = compute_residuals(scheme.left_out[fold])
         if every is None or scheme.unseen:
             every = build_training_rows(rows, Y, tables)
-            counts = None if scheme.unseen else count_column_pairs(every.Z)
             # What stands says what all rows in motion say, where rows are held out.
             once = (
                 None
@@ -200,12 +198,7 @@ def cross_validate_corrections(
         training = (
             fit_rows.with_fitted_standstill() if once is None else once.rows(kept)
         )
-        pair_sums = None
-        if counts is not None:  # of few rows less than of many
-            pair_sums = partial(
-                lambda n, Z: n - count_column_pairs(Z), counts, every.Z[out]
-            )
-        fits = fit_all_corrections(training, tables, pair_sums)
+        fits = fit_all_corrections(training, tables)
         predicted = [fits.forecasts(part, options) for part in (fit_rows, new)]
         add_errors_by_second(seconds, new, predicted[1])
         if paper_form is not None:
