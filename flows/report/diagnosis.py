@@ -39,6 +39,7 @@ from flows.report.phrases import (
     count_noun,
     describe_edit_tests,
     format_effect_noun,
+    format_equivalent_phrases,
     is_link_or_load,
     read_page_texts,
 )
@@ -117,10 +118,11 @@ def build_diagnosis_document(
         drawn: Whether it has its figures, which no terminal needs.
     """
     verdict = result.verdict
+    truth = build_truth_parts(demonstration) if demonstration else ()
     first, *lead = sentences.list_headline_sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
-        _demonstration(demonstration),
+        Section("demonstration", "The hidden effect", truth),
         _missing(result, charts.chart_findings(result) if drawn else None, records),
         _errors(result, charts.chart_errors(result) if drawn else None),
         _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
@@ -156,10 +158,11 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
         name, value = tables.format_first_size(f, verdict)
         of = f"of {tables.title_finding(f, verdict)}"
         size = HeadlineFigure(capitalize_first(name), value, of) if name else None
-        alternative = (
-            f" or {tables.format_equivalents(f, result)}" if f.equivalent else ""
-        )
-        note = f"that it is {format_effect_noun(f.name)}{alternative}"
+        either = [
+            format_effect_noun(f.name),
+            *format_equivalent_phrases(f, verdict.dof),
+        ]
+        note = f"that it is {' or '.join(either)}"
         sure = HeadlineFigure("Probability", format_probability(f.probability), note)
     elif named:
         confirmed = sum(f.evidence.held_out == "confirmed" for f in named)
@@ -208,11 +211,6 @@ def print_truth(demonstration: Demonstration, console: Console) -> None:
     print_parts(console, *build_truth_parts(demonstration), wrapped=True)
 
 
-def _demonstration(demonstration: Demonstration | None) -> Section:
-    parts = build_truth_parts(demonstration) if demonstration else []
-    return Section("demonstration", "The hidden effect", parts)
-
-
 def _missing(
     result: Diagnosis, figures: Sequence[Sequence[Chart]] | None, records: Sequence[str]
 ) -> Section:
@@ -243,7 +241,7 @@ def _finding(
             "all of them together; {}."
         ).format(
             format_effect_noun(effect.name),
-            tables.format_equivalents(effect, result, " or from "),
+            " or from ".join(format_equivalent_phrases(effect, verdict.dof)),
             WEIGH_LOAD if is_link_or_load(effect) else motion,
         )
         text.append(Note(alike, "callout"))
@@ -262,13 +260,12 @@ def _finding(
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     metrics = tables.list_metrics(result.errors)
-    few = len(result.effects) < _MANY
     every = tables.build_error_table(result, metrics) if len(metrics) > 1 else None
     parts: list[Part | None] = [
         bars,
         tables.build_error_table(result, metrics[:1]),
         *tables.describe_error_columns(result),
-        FoldedParts("The same by kind of error", [every], few) if every else None,
+        FoldedParts("Filtered and as logged", [every]) if every else None,
         tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]

@@ -131,11 +131,8 @@ def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
     left, lines = diagnosis.unexplained, []
     if any("plsr" in list_errors(diagnosis.errors, metric) for metric in METRICS):
         lines.append("plsr: augmented, and tables fitted to the residual.")
-    if any(
-        is_number(left.per_joint[j - 1])
-        for j in left.joints
-        if j <= len(left.per_joint)
-    ):
+    joints = enumerate(left.per_joint, 1)
+    if any(j in left.joints and is_number(share) for j, share in joints):
         lines.append("flagged: the residual of this joint is larger than noise.")
     return lines
 
@@ -155,16 +152,12 @@ def format_urdf_joint_names(joints: Iterable[int], frames: Frames) -> str:
     )
 
 
-def format_equivalents(
-    effect: Finding, diagnosis: Diagnosis, between: str = " or "
-) -> str:
-    """Return the equivalents of a finding in words."""
-    return between.join(format_equivalent_phrases(effect, diagnosis.verdict.dof))
-
-
 def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
     """Return the sizes of a finding: a row per joint, or per parameter."""
-    texts = _parameter_texts(effect, verdict)
+    texts: dict[str, dict[int | None, str]] = {}  # by name, then by joint
+    for size in list_finding_sizes(effect, verdict):
+        texts.setdefault(size.name, {})[size.joint] = size.text
+    texts |= {name: {None: str(p)} for name, p in effect.combinations.items()}
     joints = dict.fromkeys(j for by_joint in texts.values() for j in by_joint if j)
     if not joints:
         rows = [(name, by_joint[None]) for name, by_joint in texts.items()]
@@ -174,17 +167,6 @@ def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
         for j in joints
     ]
     return ReportTable(("On", *map(capitalize_first, texts)), rows)
-
-
-def _parameter_texts(
-    effect: Finding, verdict: Verdict
-) -> dict[str, dict[int | None, str]]:
-    """Text of each size by name, then by joint; joint None where it has only one."""
-    texts: dict[str, dict[int | None, str]] = {}
-    for size in list_finding_sizes(effect, verdict):
-        texts.setdefault(size.name, {})[size.joint] = size.text
-    combined = {name: {None: str(p)} for name, p in effect.combinations.items()}
-    return texts | combined
 
 
 def build_value_table(changes: Sequence[Change], verdict: Verdict) -> ReportTable:
@@ -208,8 +190,8 @@ def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
     for effect in diagnosis.effects:
         proof, title = effect.evidence, title_finding(effect, diagnosis.verdict)
         name = capitalize_first(title)
-        if effect.equivalent:
-            name += f"\nor {format_equivalents(effect, diagnosis)}"
+        others = format_equivalent_phrases(effect, diagnosis.verdict.dof)
+        name += f"\nor {' or '.join(others)}" if others else ""
         word = proof.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
         row = [name, format_probability(effect.probability), format_number(proof.nats)]

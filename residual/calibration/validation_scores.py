@@ -244,14 +244,10 @@ def fit_paper_forecast(
     model = fit_nominal_pls(rows.X, rows.Y, form, allow_fewer_components=True)
 
     def predict(new: TrainingRows) -> Array:
-        T = model.transform(new.X)
-        out = np.empty((form.components + 1, *new.Y.shape))
-        out[0] = model.y_mean
-        for a in range(form.components):
-            out[a + 1] = out[a]
-            if a < T.shape[1]:
-                out[a + 1] += np.outer(T[:, a], model.Q[a])
-        return out
+        T, steps = model.transform(new.X), np.zeros((form.components + 1, *new.Y.shape))
+        steps[0] = model.y_mean
+        steps[1 : T.shape[1] + 1] = T.T[:, :, None] * model.Q[:, None]
+        return np.cumsum(steps, axis=0)
 
     return predict
 

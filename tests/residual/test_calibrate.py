@@ -283,13 +283,9 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
 
 def test_a_single_log_is_cut_into_parts():
     (log,) = logs(1, noise=0.3, duration=9.0)
-    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), with_figures=False)
-    calibration = calibrate(
-        truth().robot, [CalibrationRun(log)], replace(settings, schemes=(RUN,))
-    )
-    assert calibration.rows.labels[0] == "log0 part 1"
-    assert "cut into parts" in calibration.notes[0]
-    assert model_score(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
+    parts = cut_single_run([CalibrationRun(log)])
+    assert [part.log.id for part in parts] == [f"log0 part {i}" for i in range(1, 6)]
+    np.testing.assert_array_equal(np.vstack([p.log.q for p in parts]), log.q)
     assert len(cut_single_run([CalibrationRun(log)] * 2)) == 2
 
 
