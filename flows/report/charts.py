@@ -280,11 +280,15 @@ def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     return Chart(alt, plot=plot, height=270)
 
 
+def chart_clouds(clouds: Sequence[FindingScatter], diagnosis: Diagnosis) -> list[Chart]:
+    """Return the residual of each cloud over its variable."""
+    usable = [c for c in clouds if len(c.x) > 1]
+    return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
+
+
 def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
     """Return the figures of each finding: residual over the variable of the effect."""
-    usable = [c for c in diagnosis.clouds if len(c.x) > 1]
-    charts = [_cloud_chart(c, len(usable), diagnosis) for c in usable]
-    out = []
+    charts, out = chart_clouds(diagnosis.clouds, diagnosis), []
     for finding in diagnosis.effects:
         drawn = [chart for chart in charts if chart.name == finding.name]
         # Two findings of one effect differ by their joints.
@@ -292,12 +296,6 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
             drawn = [c for c in drawn if c.joint in finding.joints] or drawn
         out.append(drawn)
     return out
-
-
-def chart_unexplained_residual(diagnosis: Diagnosis) -> list[Chart]:
-    """Return the residual of each flagged joint, over what it depends on most."""
-    usable = [c for c in diagnosis.residual_clouds if len(c.x) > 1]
-    return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
 
 
 def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Chart:

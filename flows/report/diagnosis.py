@@ -130,10 +130,13 @@ def build_diagnosis_document(
         _evidence(result),
         _nominal_values(verdict),
         _unexplained(
-            verdict, charts.chart_unexplained_residual(result) if drawn else ()
+            verdict,
+            charts.chart_clouds(result.residual_clouds, result) if drawn else (),
         ),
         _detectable(verdict),
-        Section("notes", "Processing of the logs", [result.notes], open=False),
+        Section(
+            "notes", "Processing of the logs", [result.notes], open=False, printed=False
+        ),
         _origin(verdict, origin),
         _terms(verdict),
     )
@@ -260,11 +263,15 @@ def _finding(
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     metrics = tables.list_metrics(result.errors)
+    few, first = (
+        len(result.effects) < _MANY,
+        tables.build_error_table(result, metrics[:1]),
+    )
+    brief = [first, *tables.describe_error_columns(result)]
     every = tables.build_error_table(result, metrics) if len(metrics) > 1 else None
     parts: list[Part | None] = [
         bars,
-        tables.build_error_table(result, metrics[:1]),
-        *tables.describe_error_columns(result),
+        FoldedParts("The errors of each joint", brief, few, True) if metrics else None,
         FoldedParts("Filtered and as logged", [every]) if every else None,
         tables.build_position_table(result),
     ]
@@ -311,7 +318,7 @@ def _evidence(result: Diagnosis) -> Section:
     edits = describe_edit_tests(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
-    return Section("evidence", "Evidence", parts)
+    return Section("evidence", "Evidence", parts, open=len(result.effects) < _MANY)
 
 
 def _nominal_values(verdict: Verdict) -> Section:
@@ -320,7 +327,7 @@ def _nominal_values(verdict: Verdict) -> Section:
     folded = FoldedParts(title, [tables.build_value_table(verdict.changes, verdict)])
     if not off:
         parts = [_TEXT["none_off"], folded] if verdict.changes else ()
-        return Section("given", "Nominal values", parts, open=False)
+        return Section("given", "Nominal values", parts, printed=False)
     more = f"And {len(off) - most} more: see 'changes' in the JSON."
     parts = [
         tables.build_value_table(off[:most], verdict),
@@ -347,7 +354,8 @@ def _detectable(verdict: Verdict) -> Section:
     never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
     table = ReportTable(heads, rows, look="tight sizes")
     parts = [table, Note(never, "soft spaced") if hidden else None]
-    return Section("sizes", heading, parts, _TEXT["sizes"], open=not verdict.effects)
+    none = not verdict.effects
+    return Section("sizes", heading, parts, _TEXT["sizes"], open=none, printed=none)
 
 
 def _origin(verdict: Verdict, origin: Pairs) -> Section:
@@ -359,7 +367,9 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
         scale = f"{100 * verdict.nominal_scale:.3g} %"
         note += f" Assumed spread of the nominal parameters: {scale}."
     facts = Facts(origin) if origin else None
-    return Section("origin", "Origin of this page", [Note(note), facts], open=False)
+    return Section(
+        "origin", "Origin of this page", [Note(note), facts], open=False, printed=False
+    )
 
 
 def _terms(verdict: Verdict) -> Section:
@@ -371,4 +381,6 @@ def _terms(verdict: Verdict) -> Section:
         for word, text in read_page_texts()["reading"].items()
     }
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
-    return Section("read", "How to read this page", [terms, more], open=False)
+    return Section(
+        "read", "How to read this page", [terms, more], open=False, printed=False
+    )

@@ -120,11 +120,12 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class FoldedParts:
-    """Parts that a page opens at a click."""
+    """Parts that a page opens at a click, and that a terminal may print."""
 
     title: str
     parts: Sequence["Part"]
     open: bool = False
+    printed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,8 +148,8 @@ class Section:
     Attributes:
         id: Fragment of links to it.
         note: Small print below the heading.
-        open: Whether it is unfolded at first; None for what cannot be folded. A
-            terminal shows no figure, and nothing that is folded.
+        open: Whether it is unfolded at first; None for what cannot be folded.
+        printed: Whether a terminal shows it too, without its figures.
     """
 
     id: str
@@ -156,6 +157,7 @@ class Section:
     parts: Sequence[Part | None]
     note: str = ""
     open: bool | None = None
+    printed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,7 +191,7 @@ _NONE = ("", "–")
 
 
 def print_parts(console: Console, *parts: Part | None, wrapped: bool = False) -> None:
-    """Print sentences and tables in order, neither figures nor folded parts.
+    """Print sentences and tables in order, without figures.
 
     Args:
         wrapped: Break sentences at the width of the terminal; without it they stay on
@@ -221,18 +223,20 @@ def _list_printable(
             yield part
         elif isinstance(part, list | tuple):
             yield from _list_printable(part)
+        elif isinstance(part, FoldedParts) and part.printed:
+            yield from _list_printable(part.parts)
         elif isinstance(part, SideBySide):
             yield from chain.from_iterable(map(_list_printable, part.columns))
 
 
 def print_document(console: Console, document: Document) -> None:
-    """Print the headline of a document, its unfolded sections and its warnings."""
+    """Print the headline of a document, its sections and its warnings."""
     print_line(console, "")
     print_line(console, " ".join([document.headline, *document.lead]), "bold")
     if document.next_step:
         print_plain(console, "Next: {}:\n  {}".format(*document.next_step))
     for section in document.sections:
-        parts = [] if section.open is False else [*_list_printable(section.parts)]
+        parts = [*_list_printable(section.parts)] if section.printed else []
         if parts:
             print_parts(console, Heading(section.heading), *parts, wrapped=True)
     for number, words in enumerate(document.warnings):

@@ -18,13 +18,13 @@ from residual.calibration.calibration_rows import FEW, CalibrationRows
 from residual.calibration.correction_choice import (
     LEAST_SQUARES,
     NONE,
+    PLSR,
     CorrectionOption,
     TrainingRows,
     add_errors_by_second,
     choose_joint_options,
     fit_all_corrections,
 )
-from residual.calibration.correction_choice import PLSR as LINES
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.calibration.table_regression import TableColumns
 from residual.errors import InputError
@@ -41,7 +41,7 @@ SCHEMES = {
     SYSTEMATIC: f"systematic {BLOCKS}",
     RANDOM: f"random {BLOCKS}",
 }
-NOTHING, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+NOTHING, LS, PAPER_FORM, DEFAULT = "none", "ls", "paper", "default"
 MODELS = {
     NOTHING: "no compensation",
     LS: "LS",
@@ -312,7 +312,7 @@ def score_models(
     place = {option: i for i, option in enumerate(trial.options)}
     line = place[CorrectionOption(LEAST_SQUARES)]
     # With all components PLSR is least squares.
-    lines = [i for option, i in place.items() if option.kind == LINES] + [line]
+    lines = [i for option, i in place.items() if option.kind == PLSR] + [line]
     paper = [i for option, i in place.items() if option.kind == PAPER_FORM]
     forms = {NOTHING: [place[CorrectionOption(NONE)]], LS: [line], PLSR: lines}
     forms |= {PAPER_FORM: paper} if paper else {}
