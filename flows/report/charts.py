@@ -227,10 +227,10 @@ def _stages(diagnosis: Diagnosis) -> list[str]:
 def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     """Return bars of the held-out error of each joint, while it moves."""
     joints = range(1, diagnosis.verdict.dof + 1)
-    metrics = list_metrics(diagnosis.errors)
-    known = list_errors(diagnosis.errors, metrics[0]) if metrics else {}
+    metrics = list_metrics(diagnosis.verdict)
+    known = list_errors(diagnosis.verdict, metrics[0]) if metrics else {}
     errors = {s: known[s][:-1] for s in _stages(diagnosis) if s in known}
-    if "identified" not in errors:
+    if not any(map(is_number, errors.get("identified", ()))):
         return None
     # A nominal model far off is cut, so that the refits show.
     largest = {s: max(filter(is_number, v), default=0.0) for s, v in errors.items()}
@@ -386,7 +386,7 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
 
     Without findings flagged joints come first, then by their errors.
     """
-    named, errors = diagnosis.effects, list_errors(diagnosis.errors, "filtered")
+    named, errors = diagnosis.effects, list_errors(diagnosis.verdict, "filtered")
 
     def gain(joint: int) -> tuple[bool, float]:
         old, new = (

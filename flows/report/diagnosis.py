@@ -262,7 +262,7 @@ def _finding(
 
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
-    metrics = tables.list_metrics(result.errors)
+    metrics = tables.list_metrics(result.verdict)
     few, first = (
         len(result.effects) < _MANY,
         tables.build_error_table(result, metrics[:1]),

@@ -31,7 +31,6 @@ from residual.verdict.result import (
     STAGES,
     Change,
     Diagnosis,
-    ErrorTables,
     Finding,
     Frames,
     Number,
@@ -47,17 +46,17 @@ _OVERALL = {
 }
 
 
-def list_metrics(errors: ErrorTables) -> list[str]:
+def list_metrics(verdict: Verdict) -> list[str]:
     """Return the kinds of error that are known, the best one first."""
-    return [m for m in METRICS if any(s in STAGES for s in list_errors(errors, m))]
+    return [m for m in METRICS if any(s in STAGES for s in list_errors(verdict, m))]
 
 
-def list_errors(errors: ErrorTables, metric: str) -> dict[str, tuple[Number, ...]]:
+def list_errors(verdict: Verdict, metric: str) -> dict[str, tuple[Number, ...]]:
     """Return by model the held-out errors [%]: of each joint, then of all."""
-    joints, overall = getattr(errors, metric), getattr(errors, _OVERALL[metric])
-    dof = max((len(values) for values in joints.values() if values), default=0)
+    joints = getattr(verdict.error, metric)
+    overall = getattr(verdict.error, _OVERALL[metric])
     every = {
-        stage: (*(joints.get(stage) or [None] * dof), overall.get(stage))
+        stage: (*(joints.get(stage) or [None] * verdict.dof), overall.get(stage))
         for stage in (*STAGES, PLAIN)
     }
     return {stage: row for stage, row in every.items() if any(map(is_number, row))}
@@ -70,7 +69,7 @@ def build_error_table(
     verdict, left = diagnosis.verdict, diagnosis.unexplained
     columns, groups = [], []
     for metric in metrics:
-        errors = list_errors(verdict.error, metric)
+        errors = list_errors(verdict, metric)
         # Least squares, a reference, is shown for the first kind only.
         stages = [s for s in errors if s != PLAIN or metric == next(iter(METRICS))]
         columns += [(stage, errors[stage]) for stage in stages]
@@ -129,7 +128,7 @@ def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
 def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
     """Return a line on each term of an error table that needs one."""
     left, lines = diagnosis.unexplained, []
-    if any("plsr" in list_errors(diagnosis.errors, metric) for metric in METRICS):
+    if any("plsr" in list_errors(diagnosis.verdict, metric) for metric in METRICS):
         lines.append("plsr: augmented, and tables fitted to the residual.")
     joints = enumerate(left.per_joint, 1)
     if any(j in left.joints and is_number(share) for j, share in joints):
