@@ -263,22 +263,20 @@ def _finding(
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     metrics = tables.list_metrics(result.verdict)
-    few, first = (
-        len(result.effects) < _MANY,
-        tables.build_error_table(result, metrics[:1]),
-    )
-    brief = [first, *tables.describe_error_columns(result)]
-    every = tables.build_error_table(result, metrics) if len(metrics) > 1 else None
+    few, first = len(result.effects) < _MANY, metrics[:1]
+    brief = [tables.build_error_table(result, first)]
+    brief += tables.describe_error_columns(result)
+    more = tables.build_error_table(result, metrics[1:])
     parts: list[Part | None] = [
         bars,
         FoldedParts("The errors of each joint", brief, few, True) if metrics else None,
-        FoldedParts("Filtered and as logged", [every]) if every else None,
+        FoldedParts("Filtered and as logged", [more]) if more else None,
         tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
     weak = ", end of the fitted run" if result.errors.same_run else ""
-    kinds = "".join(f" ({tables.METRICS[kind]}{weak})" for kind in metrics[:1])
+    kinds = "".join(f" ({tables.METRICS[kind]}{weak})" for kind in first)
     heading = f"Error on unseen motion{kinds}, % of the torque"
     return Section("proof", heading, parts, note)
 
