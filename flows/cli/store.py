@@ -165,10 +165,11 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 
 
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
-    from flows.report.diagnosis import build_summary_parts
+    from flows.report.diagnosis import describe_parents, print_diagnosis
     from flows.report.document import print_parts, widen_piped_console
     from flows.steps.adopt import describe_diagnosis_adoption
     from flows.storage.diagnosis import parse_verdict
+    from residual.verdict.result import Diagnosis
 
     id, content = record["id"], record["content"]
     try:
@@ -178,7 +179,8 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     console = widen_piped_console(Console(), 1000)
     print_plain(console, f"diagnosis {id} of {verdict.robot}")
     adoption = describe_diagnosis_adoption(store, id)
-    print_parts(console, *build_summary_parts(verdict, record["parents"], adoption))
+    print_diagnosis(Diagnosis(verdict), console)
+    print_parts(console, *describe_parents(record["parents"]), adoption)
     if record["quarantined"]:
         print_plain(console, f"in quarantine: {record['quarantined']}")
     print_plain(console, f"whole record: modelgap show {id[:8]} --format json")

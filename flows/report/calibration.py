@@ -11,7 +11,6 @@ from flows.report.phrases import capitalize_first, count_noun, read_page_texts
 from flows.steps.calibrate import StoredCalibration
 from residual.calibration.calibrate import Calibration
 from residual.calibration.calibration_rows import PAPER
-from residual.calibration.correction_choice import PLSR as LINES
 from residual.calibration.figure_data import INPUT, WHITE
 from residual.calibration.validation_scores import (
     BLOCK,
@@ -158,7 +157,7 @@ def describe_default_forms(result: Calibration) -> str:
     forms = []
     for joint, option in zip(result.rows.joints, result.chosen, strict=True):
         form = option.kind
-        if form == LINES:
+        if form == PLSR:
             count = count_noun(option.count, "component")
             form = f"PLSR, {count}" if option.count else "a constant"
         forms.append(f"J{joint} {form}")
@@ -192,8 +191,8 @@ def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -
         (
             block.family.replace("_", " "),
             block.block,
-            str(block.pca.real),
-            ", ".join(f"{name} {value:+.2f}" for name, value in block.pca.strongest(0)),
+            str(block.real),
+            ", ".join(f"{name} {value:+.2f}" for name, value in block.strongest(0)),
         )
         for block in result.blocks
     ]

@@ -8,7 +8,7 @@ import numpy as np
 
 from flows.report.document import Chart
 from flows.report.phrases import find_effect, format_effect_noun, join_with_and
-from flows.report.tables import METRICS, ErrorRow, build_error_rows, has_error
+from flows.report.tables import METRICS, list_errors, list_metrics
 from residual.model.compare import FindingScatter, LogPrediction
 from residual.quantity import (
     format_fraction,
@@ -226,17 +226,17 @@ def _stages(diagnosis: Diagnosis) -> list[str]:
 
 def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     """Return bars of the held-out error of each joint, while it moves."""
-    rows = [row for row in build_error_rows(diagnosis) if row.joint is not None]
-    metric = next((m for m in METRICS if has_error(rows, m, "identified")), None)
-    if metric is None:
+    joints = range(1, diagnosis.verdict.dof + 1)
+    metrics = list_metrics(diagnosis.verdict)
+    known = list_errors(diagnosis.verdict, metrics[0]) if metrics else {}
+    errors = {s: known[s][:-1] for s in _stages(diagnosis) if s in known}
+    if not any(map(is_number, errors.get("identified", ()))):
         return None
-    stages = [s for s in _stages(diagnosis) if has_error(rows, metric, s)]
-    errors = {s: [row.values[metric].get(s) for row in rows] for s in stages}
     # A nominal model far off is cut, so that the refits show.
     largest = {s: max(filter(is_number, v), default=0.0) for s, v in errors.items()}
     refits = [v for stage, v in largest.items() if stage != "nominal"]
     top = max(min(max(largest.values()), _CLIP * max(refits)), 1e-6)
-    names = [f"J{row.joint}" for row in rows]
+    names = [f"J{joint}" for joint in joints]
     data = [
         {
             "type": "bar",
@@ -270,20 +270,25 @@ def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     more = {"barmode": "group", "bargap": 0.25, "shapes": shapes}
     more["margin"] = {"l": 56, "r": 12, "t": 58, "b": 28}
     more["uniformtext"] = {"minsize": 9, "mode": "hide"}
-    title = f"Error on unseen motion, {METRICS[metric]}"
+    title = f"Error on unseen motion, {METRICS[metrics[0]]}"
+    last = [*errors.values()][-1]
     alt = f"Bars of the {title[0].lower()}{title[1:]}: " + "; ".join(
-        f"joint {row.joint} {format_percent(row.values[metric].get(stages[-1]))}"
-        for row in rows
+        f"joint {joint} {format_percent(error)}"
+        for joint, error in zip(joints, last, strict=True)
     )
     plot = {"data": data, "layout": build_layout(title, x, y, **more)}
     return Chart(alt, plot=plot, height=270)
 
 
+def chart_clouds(clouds: Sequence[FindingScatter], diagnosis: Diagnosis) -> list[Chart]:
+    """Return the residual of each cloud over its variable."""
+    usable = [c for c in clouds if len(c.x) > 1]
+    return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
+
+
 def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
     """Return the figures of each finding: residual over the variable of the effect."""
-    usable = [c for c in diagnosis.clouds if len(c.x) > 1]
-    charts = [_cloud_chart(c, len(usable), diagnosis) for c in usable]
-    out = []
+    charts, out = chart_clouds(diagnosis.clouds, diagnosis), []
     for finding in diagnosis.effects:
         drawn = [chart for chart in charts if chart.name == finding.name]
         # Two findings of one effect differ by their joints.
@@ -291,12 +296,6 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
             drawn = [c for c in drawn if c.joint in finding.joints] or drawn
         out.append(drawn)
     return out
-
-
-def chart_unexplained_residual(diagnosis: Diagnosis) -> list[Chart]:
-    """Return the residual of each flagged joint, over what it depends on most."""
-    usable = [c for c in diagnosis.residual_clouds if len(c.x) > 1]
-    return [_cloud_chart(c, len(usable), diagnosis) for c in usable]
 
 
 def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Chart:
@@ -387,16 +386,18 @@ def _by_gain(diagnosis: Diagnosis) -> list[int]:
 
     Without findings flagged joints come first, then by their errors.
     """
-    named, flagged = diagnosis.effects, diagnosis.unexplained.joints
+    named, errors = diagnosis.effects, list_errors(diagnosis.verdict, "filtered")
 
-    def gain(row: ErrorRow) -> tuple[bool, float]:
-        old, new = map(row.values["filtered"].get, ("identified", "augmented"))
+    def gain(joint: int) -> tuple[bool, float]:
+        old, new = (
+            errors[stage][joint - 1] if stage in errors else None
+            for stage in ("identified", "augmented")
+        )
         value = old - new if named and is_number(old) and is_number(new) else old
-        return not named and row.joint in flagged, value if is_number(value) else 0.0
+        flagged = not named and joint in diagnosis.unexplained.joints
+        return flagged, value if is_number(value) else 0.0
 
-    rows = [row for row in build_error_rows(diagnosis) if row.joint]
-    ordered = [row.joint for row in sorted(rows, key=gain, reverse=True)]
-    return ordered or [*range(1, diagnosis.verdict.dof + 1)]
+    return sorted(range(1, diagnosis.verdict.dof + 1), key=gain, reverse=True)
 
 
 def _curve_chart(

@@ -1,6 +1,6 @@
 """A diagnosis in the terminal and on a page: the verdict first, then its grounds.
 
-Each section is a function; its ``brief`` is the terminal's form.
+Each section is a function; page and terminal draw the same document.
 """
 
 from collections.abc import Mapping, Sequence
@@ -39,6 +39,7 @@ from flows.report.phrases import (
     count_noun,
     describe_edit_tests,
     format_effect_noun,
+    format_equivalent_phrases,
     is_link_or_load,
     read_page_texts,
 )
@@ -49,11 +50,11 @@ from residual.quantity import (
     format_probability,
     is_number,
 )
-from residual.verdict.result import Change, Diagnosis, Verdict
+from residual.verdict.result import Diagnosis, Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
-_LISTED = 8  # findings, and parents of one role, in a summary
+_LISTED = 8  # parents of one role
 _OPEN = 3  # figures of the first finding that are not
 
 
@@ -82,40 +83,25 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     Args:
         console: Where to print; 80 columns and no color are enough.
     """
-    report = build_diagnosis_document(result, drawn=False)
-    first = ("missing", "given", "proof", "left", "sizes")
-    print_document(console, report, first, ("else",))
+    print_document(console, build_diagnosis_document(result, drawn=False))
     print_line(console, "")
 
 
-def build_summary_parts(
-    verdict: Verdict, parents: Sequence[Mapping], adoption: str
-) -> list[Part]:
-    """Return a stored diagnosis in at most 40 lines of a wide terminal.
+def describe_parents(parents: Sequence[Mapping]) -> list[str]:
+    """Return a line for each role of the records that a diagnosis is made from.
 
     Args:
-        parents: Records that it is made from, each with `parent` and `role`.
-        adoption: Whether its model is adopted, in words.
+        parents: Each with `parent`, an id, and `role`.
     """
-    result = Diagnosis(verdict)
-    parts: list[Part] = [*sentences.list_headline_sentences(verdict)]
-    parts.append("Next: {}: {}".format(*describe_next_step(verdict)))
-    named = list(result.effects)
-    parts += [Heading("What is missing")] if named else []
-    parts += [tables.summarize_finding(each, verdict) for each in named[:_LISTED]]
-    if len(named) > _LISTED:
-        parts.append(f"   and {len(named) - _LISTED} more")
-    if errors := tables.build_stage_error_table(result):
-        parts.append(errors)
-    if position := tables.build_position_table(result):
-        parts.append(position)
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
-    for role, ids in by_role.items():
-        more = f" and {len(ids) - _LISTED} more" if len(ids) > _LISTED else ""
-        parts.append(f"{role}: {', '.join(ids[:_LISTED])}{more}")
-    return [*parts, adoption]
+    more = {role: len(ids) - _LISTED for role, ids in by_role.items()}
+    return [
+        f"{role}: {', '.join(ids[:_LISTED])}"
+        + (f" and {more[role]} more" if more[role] > 0 else "")
+        for role, ids in by_role.items()
+    ]
 
 
 def build_diagnosis_document(
@@ -132,21 +118,25 @@ def build_diagnosis_document(
         drawn: Whether it has its figures, which no terminal needs.
     """
     verdict = result.verdict
+    truth = build_truth_parts(demonstration) if demonstration else ()
     first, *lead = sentences.list_headline_sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
     sections = (
-        _demonstration(demonstration),
-        _missing(result, charts.chart_findings(result) if drawn else (), records),
+        Section("demonstration", "The hidden effect", truth),
+        _missing(result, charts.chart_findings(result) if drawn else None, records),
         _errors(result, charts.chart_errors(result) if drawn else None),
         _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
         _alternatives(result),
         _evidence(result),
         _nominal_values(verdict),
         _unexplained(
-            verdict, charts.chart_unexplained_residual(result) if drawn else ()
+            verdict,
+            charts.chart_clouds(result.residual_clouds, result) if drawn else (),
         ),
         _detectable(verdict),
-        Section("notes", "Processing of the logs", [result.notes], open=False),
+        Section(
+            "notes", "Processing of the logs", [result.notes], open=False, printed=False
+        ),
         _origin(verdict, origin),
         _terms(verdict),
     )
@@ -171,10 +161,11 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
         name, value = tables.format_first_size(f, verdict)
         of = f"of {tables.title_finding(f, verdict)}"
         size = HeadlineFigure(capitalize_first(name), value, of) if name else None
-        alternative = (
-            f" or {tables.format_equivalents(f, result)}" if f.equivalent else ""
-        )
-        note = f"that it is {format_effect_noun(f.name)}{alternative}"
+        either = [
+            format_effect_noun(f.name),
+            *format_equivalent_phrases(f, verdict.dof),
+        ]
+        note = f"that it is {' or '.join(either)}"
         sure = HeadlineFigure("Probability", format_probability(f.probability), note)
     elif named:
         confirmed = sum(f.evidence.held_out == "confirmed" for f in named)
@@ -223,26 +214,15 @@ def print_truth(demonstration: Demonstration, console: Console) -> None:
     print_parts(console, *build_truth_parts(demonstration), wrapped=True)
 
 
-def _demonstration(demonstration: Demonstration | None) -> Section:
-    parts = build_truth_parts(demonstration) if demonstration else []
-    return Section("demonstration", "The hidden effect", parts)
-
-
 def _missing(
-    result: Diagnosis, figures: Sequence[Sequence[Chart]], records: Sequence[str]
+    result: Diagnosis, figures: Sequence[Sequence[Chart]] | None, records: Sequence[str]
 ) -> Section:
     parts: list[Part | None] = []
-    for at, charts_of_finding in enumerate(figures):
-        record = "".join(records[at : at + 1])
-        parts += _finding(result, at, charts_of_finding, record)
-    note = _TEXT["clouds"] if any(figures) else ""
-    brief = [Heading("What is missing")] if result.effects else []
-    for effect in result.effects:
-        brief += tables.describe_finding(effect, result)
-    if result.effects:
-        brief += sentences.describe_alternative_sets(result.verdict)
-    brief += describe_edit_tests(result.verdict)
-    return Section("missing", "What is missing", parts, note, brief=brief)
+    for at in range(len(result.effects)):
+        charts_of_finding = figures[at] if figures else ()
+        parts += _finding(result, at, charts_of_finding, "".join(records[at : at + 1]))
+    note = _TEXT["clouds"] if figures and any(figures) else ""
+    return Section("missing", "What is missing", parts, note)
 
 
 def _finding(
@@ -252,8 +232,11 @@ def _finding(
     effect, verdict = result.effects[at], result.verdict
     sentence = capitalize_first("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
-    text: list[Part | None] = [sentence, tables.describe_impact(result, effect)]
-    text.append(record or None)
+    text: list[Part | None] = [
+        sentence,
+        tables.describe_impact(result, effect),
+        record or None,
+    ]
     if effect.equivalent:
         motion = "another motion may separate them"
         alike = Markup(
@@ -261,7 +244,7 @@ def _finding(
             "all of them together; {}."
         ).format(
             format_effect_noun(effect.name),
-            tables.format_equivalents(effect, result, " or from "),
+            " or from ".join(format_equivalent_phrases(effect, verdict.dof)),
             WEIGH_LOAD if is_link_or_load(effect) else motion,
         )
         text.append(Note(alike, "callout"))
@@ -279,23 +262,23 @@ def _finding(
 
 
 def _errors(result: Diagnosis, bars: Chart | None) -> Section:
-    rows = tables.build_error_rows(result)
-    about = "Error on unseen motion, % of the measured torque"
-    table = tables.build_error_table(rows, tables.METRICS, about)
-    few = len(result.effects) < _MANY
+    metrics = tables.list_metrics(result.verdict)
+    few, first = len(result.effects) < _MANY, metrics[:1]
+    brief = [tables.build_error_table(result, first)]
+    brief += tables.describe_error_columns(result)
+    more = tables.build_error_table(result, metrics[1:])
     parts: list[Part | None] = [
         bars,
-        FoldedParts("The errors of each joint", [table], few) if table else None,
+        FoldedParts("The errors of each joint", brief, few, True) if metrics else None,
+        FoldedParts("Filtered and as logged", [more]) if more else None,
         tables.build_position_table(result),
     ]
     after = _TEXT["after" if result.effects else "no_after"]
     note = _TEXT["stages"].format(after) if bars else ""
-    brief = [
-        tables.build_brief_error_table(result, rows),
-        *tables.describe_error_columns(rows),
-        tables.build_position_table(result),
-    ]
-    return Section("proof", "Error on unseen motion", parts, note, brief=brief)
+    weak = ", end of the fitted run" if result.errors.same_run else ""
+    kinds = "".join(f" ({tables.METRICS[kind]}{weak})" for kind in first)
+    heading = f"Error on unseen motion{kinds}, % of the torque"
+    return Section("proof", heading, parts, note)
 
 
 def _curves(
@@ -318,14 +301,14 @@ def _curves(
 
 
 def _alternatives(result: Diagnosis) -> Section:
-    parts: list[Part | None] = [sentences.describe_alternative_sets(result.verdict)]
-    plan, brief = sentences.describe_next_experiment(result.verdict), []
+    sets = sentences.describe_alternative_sets(result.verdict)
+    plan = sentences.describe_next_experiment(result.verdict)
+    parts: list[Part] = [sets]
     if plan:
         none = "No other set of effects explains these logs as well."
-        parts += [none if result.effects and not parts[0] else None]
+        parts += [none] if result.effects and not sets else []
         parts += [Heading("Next experiment"), plan]
-        brief = [Heading("Next experiment"), *(f"  {line}" for line in plan)]
-    return Section("else", "Alternatives and next experiment", parts, brief=brief)
+    return Section("else", "Alternatives and next experiment", parts)
 
 
 def _evidence(result: Diagnosis) -> Section:
@@ -333,55 +316,44 @@ def _evidence(result: Diagnosis) -> Section:
     edits = describe_edit_tests(result.verdict)
     if parts and edits:
         parts += [Heading("The edit test"), Note(_TEXT["edits"]), edits]
-    few = len(result.effects) < _MANY
-    return Section("evidence", "Evidence", parts, open=few)
+    return Section("evidence", "Evidence", parts, open=len(result.effects) < _MANY)
 
 
 def _nominal_values(verdict: Verdict) -> Section:
     off, most = sentences.list_wrong_values(verdict), sentences.MOST_VALUES
-    heads = ("Value", "Nominal", "Identified", "Difference")
-
-    def table(changes: Sequence[Change], title: str = "") -> ReportTable:
-        rows = sentences.build_value_rows(changes, verdict)
-        return build_text_table(heads, rows, title)
-
     title = f"All {len(verdict.changes)} values, nominal and identified"
-    folded = FoldedParts(title, [table(verdict.changes)])
+    folded = FoldedParts(title, [tables.build_value_table(verdict.changes, verdict)])
     if not off:
         parts = [_TEXT["none_off"], folded] if verdict.changes else ()
-        return Section("given", "Nominal values", parts)
-    heading, more = "Nominal values contradicted by the logs", len(off) - most
-    more_values = f"And {more} more: see 'changes' in the JSON." * (more > 0)
+        return Section("given", "Nominal values", parts, printed=False)
+    more = f"And {len(off) - most} more: see 'changes' in the JSON."
     parts = [
-        table(off[:most]),
-        Note(more_values, "soft spaced") if more_values else None,
+        tables.build_value_table(off[:most], verdict),
+        Note(more, "soft spaced") if len(off) > most else None,
         folded,
     ]
-    brief = [table(off[:most], heading), more_values]
-    return Section("given", heading, parts, _TEXT["given"], brief=brief)
+    heading = "Nominal values contradicted by the logs"
+    return Section("given", heading, parts, _TEXT["given"])
 
 
 def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
     text = " ".join(sentences.describe_unexplained(verdict))
     about = Note(_TEXT["left"], "soft spaced") if figures else None
-    brief = [f"\n{text}" if text else ""]
     parts = [text, about, figures] if text else ()
-    return Section("left", "Unexplained torque", parts, brief=brief)
+    return Section("left", "Unexplained torque", parts)
 
 
 def _detectable(verdict: Verdict) -> Section:
     heads, rows = sentences.build_detectable_rows(verdict)
-    heading, nothing = "Smallest detectable size of each effect", not verdict.effects
+    heading = "Smallest detectable size of each effect"
     if not rows:
         return Section("sizes", heading, ())
     hidden = any(sentences.NEVER in row for row in rows)
     never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
-    never = never if hidden else ""
-    table = ReportTable(heads, rows, heading, look="tight sizes")
-    parts = [table, Note(never, "soft spaced") if never else None]
-    printed = [table, never] if nothing else ()
-    text = _TEXT["sizes"]
-    return Section("sizes", heading, parts, text, open=nothing, brief=printed)
+    table = ReportTable(heads, rows, look="tight sizes")
+    parts = [table, Note(never, "soft spaced") if hidden else None]
+    none = not verdict.effects
+    return Section("sizes", heading, parts, _TEXT["sizes"], open=none, printed=none)
 
 
 def _origin(verdict: Verdict, origin: Pairs) -> Section:
@@ -393,7 +365,9 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
         scale = f"{100 * verdict.nominal_scale:.3g} %"
         note += f" Assumed spread of the nominal parameters: {scale}."
     facts = Facts(origin) if origin else None
-    return Section("origin", "Origin of this page", [Note(note), facts], open=False)
+    return Section(
+        "origin", "Origin of this page", [Note(note), facts], open=False, printed=False
+    )
 
 
 def _terms(verdict: Verdict) -> Section:
@@ -405,4 +379,6 @@ def _terms(verdict: Verdict) -> Section:
         for word, text in read_page_texts()["reading"].items()
     }
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
-    return Section("read", "How to read this page", [terms, more], open=False)
+    return Section(
+        "read", "How to read this page", [terms, more], open=False, printed=False
+    )

@@ -1,8 +1,8 @@
 """The parts of reports (sentences, tables, charts), and how a terminal shows them."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import accumulate
+from itertools import accumulate, chain
 from typing import Any, NamedTuple
 
 from markupsafe import Markup
@@ -120,11 +120,12 @@ class Facts:
 
 @dataclass(frozen=True, slots=True)
 class FoldedParts:
-    """Parts that a page opens at a click."""
+    """Parts that a page opens at a click, and that a terminal may print."""
 
     title: str
     parts: Sequence["Part"]
     open: bool = False
+    printed: bool = False
 
 
 @dataclass(frozen=True, slots=True)
@@ -148,7 +149,7 @@ class Section:
         id: Fragment of links to it.
         note: Small print below the heading.
         open: Whether it is unfolded at first; None for what cannot be folded.
-        brief: What the terminal prints of it.
+        printed: Whether a terminal shows it too, without its figures.
     """
 
     id: str
@@ -156,7 +157,7 @@ class Section:
     parts: Sequence[Part | None]
     note: str = ""
     open: bool | None = None
-    brief: Sequence[str | ReportTable | Heading | None] = ()
+    printed: bool = True
 
 
 @dataclass(frozen=True, slots=True)
@@ -189,50 +190,57 @@ _WIDE = 200
 _NONE = ("", "–")
 
 
-def print_parts(
-    console: Console, *parts: str | ReportTable | Note | Heading, wrapped: bool = False
-) -> None:
-    """Print sentences and tables, one after the other.
+def print_parts(console: Console, *parts: Part | None, wrapped: bool = False) -> None:
+    """Print sentences and tables in order, without figures.
 
     Args:
         wrapped: Break sentences at the width of the terminal; without it they stay on
             one line, so that paths and commands can be copied.
     """
-    for part in parts:
-        text = getattr(part, "text", part)
+    for part in _list_printable(parts):
         if isinstance(part, ReportTable):
-            _print_table(console, part)
+            _print_table(console, part, edges=not (wrapped or part.title))
         elif isinstance(part, Heading):
-            print_line(console, f"\n{text}", "bold")
+            print_line(console, f"\n{part.text}", "bold")
         elif wrapped:
-            print_line(console, text, "bold" if isinstance(text, BoldText) else "")
+            print_line(console, part, "bold" if isinstance(part, BoldText) else "")
         else:
-            print_plain(console, text)
+            print_plain(console, part)
 
 
-def print_document(
-    console: Console,
-    document: Document,
-    order: Sequence[str],
-    after_warnings: Sequence[str] = (),
-) -> None:
-    """Print the brief form of a document.
+def _list_printable(
+    parts: Sequence[Part | None],
+) -> Iterator[str | ReportTable | Heading]:
+    """Yield what a terminal shows of parts; sentences without the marks of a page."""
+    for part in parts:
+        if isinstance(part, ReportTable | Heading):
+            yield part
+        elif isinstance(part, Markup):
+            yield part.striptags()
+        elif isinstance(part, Note):
+            yield from _list_printable([part.text])
+        elif isinstance(part, str) and part:
+            yield part
+        elif isinstance(part, list | tuple):
+            yield from _list_printable(part)
+        elif isinstance(part, FoldedParts) and part.printed:
+            yield from _list_printable(part.parts)
+        elif isinstance(part, SideBySide):
+            yield from chain.from_iterable(map(_list_printable, part.columns))
 
-    Args:
-        order: Ids of its sections.
-        after_warnings: Ids of the sections that follow the warnings.
-    """
+
+def print_document(console: Console, document: Document) -> None:
+    """Print the headline of a document, its sections and its warnings."""
     print_line(console, "")
     print_line(console, " ".join([document.headline, *document.lead]), "bold")
     if document.next_step:
         print_plain(console, "Next: {}:\n  {}".format(*document.next_step))
-    sections = {section.id: section for section in document.sections}
-    for id in order:
-        print_parts(console, *filter(None, sections[id].brief), wrapped=True)
+    for section in document.sections:
+        parts = [*_list_printable(section.parts)] if section.printed else []
+        if parts:
+            print_parts(console, Heading(section.heading), *parts, wrapped=True)
     for number, words in enumerate(document.warnings):
         print_line(console, f"{'' if number else chr(10)}Warning: {words}", "yellow")
-    for id in after_warnings:
-        print_parts(console, *filter(None, sections[id].brief), wrapped=True)
 
 
 def print_line(console: Console, text: str, style: str = "") -> None:
@@ -248,8 +256,8 @@ def widen_piped_console(console: Console, width: int = _WIDE) -> Console:
     return console if console.is_terminal else Console(file=console.file, width=width)
 
 
-def _print_table(console: Console, table: ReportTable) -> None:
-    drawn = RichTable(box=SIMPLE_HEAD, show_edge=not table.title, pad_edge=False)
+def _print_table(console: Console, table: ReportTable, edges: bool) -> None:
+    drawn = RichTable(box=SIMPLE_HEAD, show_edge=edges, pad_edge=False)
     for i, head in enumerate(table.heads):
         words = i in table.text_columns
         # Words wrap between words; numbers never.
@@ -273,14 +281,16 @@ def _print_table(console: Console, table: ReportTable) -> None:
         return
     heads = [" ".join(head.split()) for head in table.heads[1:]]
     for first, *cells in table.rows:  # too narrow for columns: a row at a time
-        pairs = zip(heads, cells, strict=True)
-        words = ", ".join(f"{head} {cell}" for head, cell in pairs if cell not in _NONE)
+        pairs = zip(heads, map(_cell, cells), strict=True)
+        shown = [f"{head} {cell}" for head, cell in pairs if cell.plain not in _NONE]
+        words = ", ".join(shown)
         print_parts(console, BoldText(first), f"  {words}", wrapped=True)
 
 
 def _cell(text: str) -> Text:
     # As text, so that nothing in a name is taken for markup.
-    cell = Text(strip_control_characters(text))
+    words = text.striptags() if isinstance(text, Markup) else text
+    cell = Text(strip_control_characters(words))
     if isinstance(text, BoldText):
         cell.stylize("bold", 0, len(text.split("\n")[0]))
     return cell

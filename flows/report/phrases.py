@@ -129,27 +129,23 @@ def is_link_or_load(finding: Finding) -> bool:
 # The hidden effect of a simulated experiment, and the edit test.
 
 
-def describe_edit_test(edit: Edit) -> str:
-    """Return the error of the model without one effect, on logs that never had it."""
-    place = Place(edit.name, edit.joints)
-    parts = {
-        "with it": edit.kept,
-        "least squares": edit.least_squares,
-        "baseline's own model": edit.reference,
-    }
-    listed = "; ".join(
-        f"{k} {format_percent(v)}" for k, v in parts.items() if is_number(v)
-    )
-    return (
-        f"Edit test: without {format_effect_place(place)} the model predicts logs "
-        f"that never had "
-        f"it to {format_percent(edit.error)} of torque{listed and f' ({listed})'}."
-    )
-
-
 def describe_edit_tests(verdict: Verdict) -> list[str]:
-    """Return the edit test of each effect of a verdict on its baseline."""
-    return [describe_edit_test(e) for e in verdict.edit or () if is_number(e.error)]
+    """Return what is left without each effect on logs of the baseline, in sentences."""
+    lines = []
+    for edit in filter(lambda edit: is_number(edit.error), verdict.edit or ()):
+        others = {
+            "with it": edit.kept,
+            "least squares": edit.least_squares,
+            "baseline's own model": edit.reference,
+        }
+        listed = [f"{k} {format_percent(v)}" for k, v in others.items() if is_number(v)]
+        lines.append(
+            f"Edit test: without {format_effect_place(Place(edit.name, edit.joints))} "
+            "the model predicts logs that never had it to "
+            f"{format_percent(edit.error)} of torque"
+            + (f" ({'; '.join(listed)})." if listed else ".")
+        )
+    return lines
 
 
 @dataclass(frozen=True, slots=True)

@@ -396,7 +396,12 @@ def format_claim(verdict: Verdict) -> str:
         return f"The model lacks something on {where} that no known effect explains."
     doubts = [f for f in faults if f.rivals and not f.certain]
     if doubts:
-        return " ".join(["No missing effect found.", *map(_describe_doubt, doubts)])
+        lines = ["No missing effect found."]
+        for fault in doubts:
+            others = ", or ".join(fault.rivals)
+            words = f"Either {title_fault(fault)}, or {others}. {fault.settle}"
+            lines.append(words.strip())
+        return " ".join(lines)
     words = join_with_and([title_fault(f) for f in faults if f.repair])
     if words:
         return (
@@ -412,13 +417,6 @@ def format_claim(verdict: Verdict) -> str:
             "units, signs and joint order (`modelgap check`)."
         )
     return "No missing effect found."
-
-
-def _describe_doubt(fault: Fault) -> str:
-    """Say what may be wrong with a log, and what else explains it."""
-    settle = f" {fault.settle}" if fault.settle else ""
-    either = join_with_and([title_fault(fault)])
-    return f"Either {either}, or {', or '.join(fault.rivals)}.{settle}"
 
 
 def _effects(verdict: Verdict) -> str:

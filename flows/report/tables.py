@@ -1,14 +1,13 @@
 """The rows of every table of a diagnosis, and the sizes of a finding."""
 
 import re
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
 
 import numpy as np
-from markupsafe import Markup
 
-from flows.report.document import BoldText, ReportTable, html_tag
+from flows.report.document import BoldText, ReportTable, build_text_table, html_tag
 from flows.report.phrases import (
     capitalize_first,
     find_effect,
@@ -16,7 +15,7 @@ from flows.report.phrases import (
     format_equivalent_phrases,
     join_with_and,
 )
-from flows.report.sentences import is_wrong_value
+from flows.report.sentences import build_value_rows, is_wrong_value
 from residual.quantity import (
     MISSING,
     format_fraction,
@@ -30,6 +29,7 @@ from residual.quantity import (
 from residual.verdict.result import (
     PLAIN,
     STAGES,
+    Change,
     Diagnosis,
     Finding,
     Frames,
@@ -39,94 +39,66 @@ from residual.verdict.result import (
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
+_OVERALL = {
+    "moving": "overall_moving",
+    "filtered": "overall_filtered",
+    "held_out": "overall",
+}
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorRow:
-    """Held-out error of one joint, or of all, per metric and stage [%]."""
-
-    label: str
-    joint: int | None
-    values: Mapping[str, Mapping[str, float | None]]
-    unexplained: float | None
-    flagged: bool
+def list_metrics(verdict: Verdict) -> list[str]:
+    """Return the kinds of error that are known, the best one first."""
+    return [m for m in METRICS if any(s in STAGES for s in list_errors(verdict, m))]
 
 
-def build_error_rows(diagnosis: Diagnosis) -> list[ErrorRow]:
-    """Return one row per joint and one for all joints together."""
-    unexplained, error = diagnosis.unexplained, diagnosis.errors
-    rows = []
-    for joint, share in enumerate(unexplained.per_joint, start=1):
-        values = {
-            metric: {k: v[joint - 1] for k, v in getattr(error, metric).items() if v}
-            for metric in METRICS
-        }
-        small = ", too small" if joint in diagnosis.verdict.too_small else ""
-        flagged = joint in unexplained.joints
-        rows.append(ErrorRow(f"{joint}{small}", joint, values, share, flagged))
-    overall = {
-        "moving": error.overall_moving,
-        "filtered": error.overall_filtered,
-        "held_out": error.overall,
+def list_errors(verdict: Verdict, metric: str) -> dict[str, tuple[Number, ...]]:
+    """Return by model the held-out errors [%]: of each joint, then of all."""
+    joints = getattr(verdict.error, metric)
+    overall = getattr(verdict.error, _OVERALL[metric])
+    every = {
+        stage: (*(joints.get(stage) or [None] * verdict.dof), overall.get(stage))
+        for stage in (*STAGES, PLAIN)
     }
-    return [*rows, ErrorRow("all", None, overall, unexplained.fraction, False)]
-
-
-def has_error(rows: Sequence[ErrorRow], metric: str, stage: str) -> bool:
-    """Return whether any joint has this error."""
-    return any(is_number(row.values[metric].get(stage)) for row in rows)
+    return {stage: row for stage, row in every.items() if any(map(is_number, row))}
 
 
 def build_error_table(
-    rows: Sequence[ErrorRow], metrics: Collection[str], about: str
+    diagnosis: Diagnosis, metrics: Sequence[str]
 ) -> ReportTable | None:
-    """Return errors by metric, then by model; None where none is known.
-
-    Args:
-        about: Title of the table.
-    """
-    groups = {
-        # Least squares, a reference, is shown for the first metric only.
-        metric: [
-            stage
-            for stage in (*STAGES, *([PLAIN] if metric == next(iter(METRICS)) else []))
-            if has_error(rows, metric, stage)
-        ]
-        for metric in metrics
-    }
-    columns = [(metric, stage) for metric, stages in groups.items() for stage in stages]
+    """Return errors by kind, then by model; None where none is known."""
+    verdict, left = diagnosis.verdict, diagnosis.unexplained
+    columns, groups = [], []
+    for metric in metrics:
+        errors = list_errors(verdict, metric)
+        # Least squares, a reference, is shown for the first kind only.
+        stages = [s for s in errors if s != PLAIN or metric == next(iter(METRICS))]
+        columns += [(stage, errors[stage]) for stage in stages]
+        groups.append((capitalize_first(METRICS[metric]), len(stages)))
     if not columns:
         return None
-    share = any(is_number(row.unexplained) for row in rows)
-    cells = []
-    for row in rows:
-        line = [capitalize_first(row.label)]
-        for metric, stage in columns:
-            kind = BoldText if stage == "augmented" else str
-            line.append(kind(format_percent_number(row.values[metric].get(stage))))
-        if share:
-            flag = "flagged " if row.flagged else ""
-            remaining = row.unexplained
-            line.append(
-                flag
-                + format_percent_number(
-                    100 * remaining if is_number(remaining) else None
-                )
-            )
-        cells.append(line)
-    over = [
-        (capitalize_first(METRICS[m]), len(shown))
-        for m, shown in groups.items()
-        if shown
+    labels = [
+        f"{j}{', too small' if j in verdict.too_small else ''}"
+        for j in range(1, verdict.dof + 1)
     ]
-    heads = [stage.replace("_", " ") for _, stage in columns]
+    cells = []
+    for at, label in enumerate([*labels, "All"]):
+        at = at if label != "All" else -1
+        kinds = (BoldText if stage == "augmented" else str for stage, _ in columns)
+        numbers = (format_percent_number(errors[at]) for _, errors in columns)
+        cells.append(
+            [label, *(kind(n) for kind, n in zip(kinds, numbers, strict=True))]
+        )
+    heads = ["Joint", *(stage.replace("_", " ") for stage, _ in columns)]
+    shares = (*left.per_joint, left.fraction)
+    if any(map(is_number, shares)):
+        heads, groups = [*heads, "unexplained"], [*groups, ("", 1)]
+        for joint, (row, share) in enumerate(zip(cells, shares, strict=True), 1):
+            flag = "flagged " if joint in left.joints else ""
+            percent = 100 * share if is_number(share) else None
+            row.append(flag + format_percent_number(percent))
+    sections, groups = (len(cells) - 1,), [("", 1), *groups]
     return ReportTable(
-        ("Joint", *heads, *(["unexplained"] if share else [])),
-        cells,
-        about,
-        sections=(len(cells) - 1,),
-        groups=[("", 1), *over, *([("", 1)] if share else [])],
-        look="tight errors",
+        heads, cells, sections=sections, groups=groups, look="tight errors"
     )
 
 
@@ -153,44 +125,15 @@ def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
     return ReportTable(heads, rows, about)
 
 
-def describe_error_columns(rows: Sequence[ErrorRow]) -> list[str]:
+def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
     """Return a line on each term of an error table that needs one."""
-    lines = []
-    if any(has_error(rows, metric, "plsr") for metric in METRICS):
+    left, lines = diagnosis.unexplained, []
+    if any("plsr" in list_errors(diagnosis.verdict, metric) for metric in METRICS):
         lines.append("plsr: augmented, and tables fitted to the residual.")
-    if any(row.flagged and is_number(row.unexplained) for row in rows):
+    joints = enumerate(left.per_joint, 1)
+    if any(j in left.joints and is_number(share) for j, share in joints):
         lines.append("flagged: the residual of this joint is larger than noise.")
     return lines
-
-
-def build_brief_error_table(
-    diagnosis: Diagnosis, rows: Sequence[ErrorRow]
-) -> ReportTable | None:
-    """Return the errors of the first metric known; page and JSON have all."""
-    key = next((m for m in METRICS if any(has_error(rows, m, s) for s in STAGES)), None)
-    if key is None:
-        return None
-    weak = ", end of the fitted run" if diagnosis.errors.same_run else ""
-    about = f"Error on unseen motion ({METRICS[key]}{weak}), % of torque"
-    return build_error_table(rows, [key], about)
-
-
-def build_stage_error_table(diagnosis: Diagnosis) -> ReportTable | None:
-    """Return the errors of the first metric known, a row per model."""
-    rows = build_error_rows(diagnosis)
-    brief = build_brief_error_table(diagnosis, rows)
-    if brief is None:
-        return None
-    metric = next(m for m in METRICS if any(has_error(rows, m, s) for s in STAGES))
-    if len(rows) > _WIDEST:
-        rows = rows[-1:]
-    heads = ("model", *(f"J{row.joint}" if row.joint else "all" for row in rows))
-    lines = [
-        (stage, *(format_percent_number(r.values[metric].get(stage)) for r in rows))
-        for stage in STAGES
-        if has_error(rows, metric, stage)
-    ]
-    return ReportTable(heads, lines, brief.title)
 
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:
@@ -208,73 +151,27 @@ def format_urdf_joint_names(joints: Iterable[int], frames: Frames) -> str:
     )
 
 
-def format_equivalents(
-    effect: Finding, diagnosis: Diagnosis, between: str = " or "
-) -> str:
-    """Return the equivalents of a finding in words."""
-    return between.join(format_equivalent_phrases(effect, diagnosis.verdict.dof))
-
-
 def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
     """Return the sizes of a finding: a row per joint, or per parameter."""
-    texts, about = _parameter_texts(effect, verdict), "Size, ± one standard deviation"
+    texts: dict[str, dict[int | None, str]] = {}  # by name, then by joint
+    for size in list_finding_sizes(effect, verdict):
+        texts.setdefault(size.name, {})[size.joint] = size.text
+    texts |= {name: {None: str(p)} for name, p in effect.combinations.items()}
     joints = dict.fromkeys(j for by_joint in texts.values() for j in by_joint if j)
     if not joints:
         rows = [(name, by_joint[None]) for name, by_joint in texts.items()]
-        return ReportTable(("Parameter", "Value"), rows, about)
+        return ReportTable(("Parameter", "Value"), rows)
     rows = [
         (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values()))
         for j in joints
     ]
-    return ReportTable(("On", *map(capitalize_first, texts)), rows, about)
+    return ReportTable(("On", *map(capitalize_first, texts)), rows)
 
 
-def _parameter_texts(
-    effect: Finding, verdict: Verdict
-) -> dict[str, dict[int | None, str]]:
-    """Text of each size by name, then by joint; joint None where it has only one."""
-    texts: dict[str, dict[int | None, str]] = {}
-    for size in list_finding_sizes(effect, verdict):
-        texts.setdefault(size.name, {})[size.joint] = size.text
-    combined = {name: {None: str(p)} for name, p in effect.combinations.items()}
-    return texts | combined
-
-
-def _size_lines(effect: Finding, verdict: Verdict) -> list[str]:
-    lines = []
-    for name, by_joint in _parameter_texts(effect, verdict).items():
-        texts = [f"J{j} {text}" if j else text for j, text in by_joint.items()]
-        lines.append(f"{name} {', '.join(texts)}")
-    return lines
-
-
-def describe_finding(effect: Finding, diagnosis: Diagnosis) -> list[str]:
-    """Return a finding as a terminal has it: name, sizes, evidence, a line each."""
-    verdict, evidence = diagnosis.verdict, effect.evidence
-    lines = [BoldText(f"{effect.order}. {title_finding(effect, verdict)}")]
-    if effect.equivalent:
-        lines.append(f"   or {format_equivalents(effect, diagnosis)}")
-    lines += [f"   {line}" for line in _size_lines(effect, verdict)]
-    frame = describe_frame(effect, verdict.frames)
-    lines += [f"   ({frame})"] if frame else []
-    words = [f"evidence {format_number(evidence.nats)} nats"]
-    words[0] += f" by {evidence.by}" if evidence.by else ""
-    if is_number(effect.probability):
-        scope = " (of any of these)" if effect.equivalent else ""
-        words.append(f"probability {format_probability(effect.probability)}{scope}")
-    words.append(f"held-out motion: {evidence.held_out or 'not tested'}")
-    again = format_split_count(effect)
-    words += [f"found again in {again} splits"] if again else []
-    return [*lines, f"   {', '.join(words)}"]
-
-
-def summarize_finding(effect: Finding, verdict: Verdict) -> str:
-    """Return a finding in one line: name, sizes, probability, held-out motion."""
-    sizes = _size_lines(effect, verdict)
-    title = f"{effect.order}. {title_finding(effect, verdict)}"
-    sure = f"probability {format_probability(effect.probability)}"
-    motion = f"held-out motion: {effect.evidence.held_out or 'not tested'}"
-    return f"{title}: {'; '.join([*sizes, sure, motion])}"
+def build_value_table(changes: Sequence[Change], verdict: Verdict) -> ReportTable:
+    """Return nominal values beside identified ones."""
+    heads = ("Value", "Nominal", "Identified", "Difference")
+    return build_text_table(heads, build_value_rows(changes, verdict))
 
 
 def format_split_count(effect: Finding) -> str:
@@ -286,19 +183,14 @@ def format_split_count(effect: Finding) -> str:
 def build_evidence_table(diagnosis: Diagnosis) -> ReportTable:
     """Return how sure each finding is."""
     again = any(map(format_split_count, diagnosis.effects))
-    heads = ["Effect", "Probability", "Evidence [nats]", "By", "Held-out motion"]
-    heads += ["Gain", *["Found again"] * again]
+    heads = ["Effect", "Probability", "Evidence\n[nats]", "By", "Held-out\nmotion"]
+    heads += ["Gain", *["Found\nagain"] * again]
     rows = []
     for effect in diagnosis.effects:
-        proof, name = (
-            effect.evidence,
-            capitalize_first(title_finding(effect, diagnosis.verdict)),
-        )
-        if effect.equivalent:
-            other = html_tag(
-                "span", f"or {format_equivalents(effect, diagnosis)}", "soft"
-            )
-            name = Markup("{}<br>{}").format(name, other)
+        proof, title = effect.evidence, title_finding(effect, diagnosis.verdict)
+        name = capitalize_first(title)
+        others = format_equivalent_phrases(effect, diagnosis.verdict.dof)
+        name += f"\nor {' or '.join(others)}" if others else ""
         word = proof.held_out
         look = f"tag {word if word in ('confirmed', 'refuted') else 'neutral'}"
         row = [name, format_probability(effect.probability), format_number(proof.nats)]

@@ -69,8 +69,8 @@ def build_calibration_document(
                 "block": block.block,
                 "explained": _numbers(block.explained),
                 "surrogate_limit": _numbers(block.limit),
-                "real": block.pca.real,
-                "first": [[key, round(x, 4)] for key, x in block.pca.strongest(0)],
+                "real": block.real,
+                "first": [[key, round(x, 4)] for key, x in block.strongest(0)],
             }
             for block in calibration.blocks
         ],

@@ -11,6 +11,7 @@ either: declared effects and rigid body under a prior whose width the logs choos
 import re
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
+from functools import cache
 
 import numpy as np
 
@@ -26,7 +27,6 @@ from residual.calibration.calibration_rows import (
     compute_row_times,
     cut_runs_into_blocks,
     cut_single_run,
-    interpolate_track_torque,
     select_row_samples,
 )
 from residual.calibration.correction_choice import (
@@ -38,8 +38,8 @@ from residual.calibration.correction_choice import (
     list_correction_options,
 )
 from residual.calibration.figure_data import (
-    BlockComponents,
     LevelSweep,
+    PrincipalComponents,
     UnseenRun,
     analyze_principal_components,
     build_unseen_run,
@@ -104,7 +104,6 @@ class PreparedRuns:
 
     Attributes:
         logs: Signals and the range of motion.
-        runs: The logs behind them.
         nominal: Where every identification starts.
         blocks: Blocks of the logs, which identifications may leave out.
         places: Place of each log's rows in them.
@@ -112,20 +111,10 @@ class PreparedRuns:
     """
 
     logs: FitLogs
-    runs: tuple[CalibrationRun, ...]
     nominal: NominalModel
     blocks: RunBlocks
     places: tuple[Array, ...]
     design: Design
-
-    def residuals(self, model: Model) -> tuple[Array, ...]:
-        """Measured minus model torque on each log's track [N m]. Shapes (n, dof)."""
-        out = []
-        for run, track in zip(self.runs, self.logs.tracks, strict=True):
-            out.append(
-                interpolate_track_torque(run.log, track) - model.torque_on(track)
-            )
-        return tuple(out)
 
 
 def prepare_runs(
@@ -142,7 +131,7 @@ def prepare_runs(
     numbered = enumerate(map(compute_row_times, logs.tracks))
     places = tuple(blocks.places(run, t) for run, t in numbered)
     design = Design(logs.tracks, nominal.model, labels=list(places))
-    return PreparedRuns(logs, tuple(runs), nominal, blocks, places, design)
+    return PreparedRuns(logs, nominal, blocks, places, design)
 
 
 def identify_without_blocks(
@@ -221,7 +210,7 @@ class Calibration:
     components: int
     nominal: Model | None
     declared: tuple[str, ...]
-    blocks: tuple[BlockComponents, ...] = ()
+    blocks: tuple[PrincipalComponents, ...] = ()
     sweep: LevelSweep | None = None
     unseen: UnseenRun | None = None
     notes: tuple[str, ...] = field(default=())
@@ -230,48 +219,6 @@ class Calibration:
     def lookup(self) -> Lookup:
         """The tables of this mode: the paper's form, or ours."""
         return self.paper if self.rows.mode == PAPER else self.default
-
-
-class CalibrationRowSource:
-    """Rows, and what nominal models leave on them; each is identified once."""
-
-    def __init__(
-        self,
-        robot: Robot,
-        runs: Sequence[CalibrationRun],
-        settings: CalibrationSettings,
-    ) -> None:
-        self._prepared: PreparedRuns | None = None
-        self._known: dict[frozenset[int], Array] = {}
-        self.nominal: Model | None = None
-        self.declared: tuple[str, ...] = tuple(robot.declared)
-        self._thin, self.notes = choose_thinning_factor(runs)
-        if settings.paper:
-            self.rows = build_paper_rows(runs, settings.joints, self._thin)
-            self.notes += (_TWIN,) if settings.declared is not None else ()
-            return
-        self._prepared = prepare_runs(robot, runs, settings.declared)
-        self.declared = self._prepared.nominal.names
-        self.nominal = identify_without_blocks(self._prepared)
-        self._joints = settings.joints
-        self.rows = self._rows(self.nominal)
-        self._known[frozenset()] = self.rows.Y
-
-    def residual(self, left_out: Collection[int]) -> Array:
-        """What a nominal model leaves that has not seen some blocks. Shape (n, j)."""
-        if self._prepared is None:
-            return self.rows.Y
-        key = frozenset(left_out)
-        if key not in self._known:
-            self._known[key] = self._rows(
-                identify_without_blocks(self._prepared, key)
-            ).Y
-        return self._known[key]
-
-    def _rows(self, model: Model) -> CalibrationRows:
-        ready = self._prepared
-        parts = ready.runs, ready.logs.tracks, ready.residuals(model)
-        return build_measured_rows(*parts, self._joints, self._thin)
 
 
 def calibrate(
@@ -297,14 +244,39 @@ def calibrate(
     notes = (_CUT,) if len(runs) == 1 else ()
     runs = cut_single_run(runs)
     tell("nominal model", 0.0)
-    source = CalibrationRowSource(robot, runs, settings)
-    rows = source.rows
+    thin, thinned = choose_thinning_factor(runs)
+    nominal, declared = None, tuple(robot.declared)
+    if settings.paper:
+        rows = build_paper_rows(runs, settings.joints, thin)
+        thinned += (_TWIN,) if settings.declared is not None else ()
+
+        def compute_residuals(left_out: frozenset[int]) -> Array:
+            return rows.Y
+
+    else:
+        prepared = prepare_runs(robot, runs, settings.declared)
+        nominal, declared = identify_without_blocks(prepared), prepared.nominal.names
+
+        def build_rows(model: Model) -> CalibrationRows:
+            tracks = prepared.logs.tracks
+            return build_measured_rows(runs, tracks, model, settings.joints, thin)
+
+        rows = build_rows(nominal)
+
+        @cache
+        def compute_residuals(left_out: frozenset[int]) -> Array:
+            if not left_out:
+                return rows.Y
+            return build_rows(identify_without_blocks(prepared, left_out)).Y
+
     schemes, more = build_validation_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
     tables = choose_table_levels(
         rows.X, rows.tau - rows.Y, rows.velocity_columns, names
     )
-    scores, chosen, a_opt, unseen = _table(schemes, source, tables, settings, tell)
+    scores, chosen, a_opt, unseen = _table(
+        schemes, rows, compute_residuals, tables, settings, tell
+    )
     training = build_training_rows(rows, rows.Y, tables).with_fitted_standstill()
     fitted = fit_nominal_pls(
         training.X, training.Y, settings.form, allow_fewer_components=True
@@ -320,10 +292,10 @@ def calibrate(
         fit_all_corrections(training, tables).lookup(chosen),
         replace(fitted.lookup(components), names=rows.names),
         components,
-        source.nominal,
-        source.declared,
+        nominal,
+        declared,
         unseen=unseen,
-        notes=(*notes, *more, *source.notes),
+        notes=(*notes, *more, *thinned),
     )
     if not settings.with_figures:
         return calibration
@@ -340,7 +312,8 @@ def calibrate(
 
 def _table(
     schemes: Sequence[ValidationScheme],
-    source: CalibrationRowSource,
+    rows: CalibrationRows,
+    compute_residuals: Callable[[frozenset[int]], Array],
     tables: TableColumns,
     settings: CalibrationSettings,
     tell: Progress,
@@ -349,7 +322,7 @@ def _table(
 
     Last comes a run that no model has seen, None where no run was left out.
     """
-    rows, shown = source.rows, find_median_error_run(source.rows)
+    shown = find_median_error_run(rows)
     options = list_correction_options(len(rows.names))
     first = BLOCK if len(rows.labels) < FEW else RUN
 
@@ -359,7 +332,7 @@ def _table(
         tell(SCHEMES[scheme.name], 0.1 + 0.7 * schemes.index(scheme) / len(schemes))
         paper = scheme.unseen or len(rows.names) <= WIDE
         form, fold = settings.form if paper else None, scheme.name == RUN
-        args = (scheme, rows, source.residual, tables, options, form)
+        args = (scheme, rows, compute_residuals, tables, options, form)
         return cross_validate_corrections(*args, shown if fold else None)
 
     lead = tried(next(s for s in schemes if s.name == first), options)
@@ -382,7 +355,7 @@ def _table(
         if settings.schemes is None or scheme.name in settings.schemes:
             scores += cells
         if scheme.name == RUN:
-            residual = source.residual(scheme.left_out[shown])
+            residual = compute_residuals(scheme.left_out[shown])
             unseen = build_unseen_run(rows, trial, shown, residual, fold_choices[shown])
     return tuple(scores), chosen, components, unseen
 

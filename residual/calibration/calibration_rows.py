@@ -18,7 +18,8 @@ from itertools import pairwise
 import numpy as np
 
 from residual.errors import InputError
-from residual.quantity import check_block, make_read_only
+from residual.model.model import Model
+from residual.quantity import make_read_only
 from residual.recording import Array, Recording
 from residual.signals.splitting import slice_recording
 from residual.signals.track import FilterSettings, Track, estimate_sample_rate
@@ -34,15 +35,8 @@ PARTS = 5  # of a single log
 MOST = 900.0  # s of logs in all
 
 
-def stack_state_columns(q: Array, qd: Array, qdd: Array) -> Array:
-    """Return [q, qd, qdd] side by side (paper, eq. 13 and 28). Shape (n, 3 joints)."""
-    return np.hstack(
-        [check_block(part, "a part of the state") for part in (q, qd, qdd)]
-    )
-
-
 def name_state_columns(joints: Sequence[int]) -> tuple[str, ...]:
-    """Names of the columns of `stack_state_columns` for joints counted from 1."""
+    """Names of the columns of X for joints counted from 1 (paper, eq. 13 and 28)."""
     return tuple(f"{kind}{j}" for kind in ("q", "qd", "qdd") for j in joints)
 
 
@@ -147,11 +141,6 @@ class CalibrationRows:
     moving: Array
 
     @property
-    def family(self) -> Array:
-        """Kind of motion of each row. Shape (n,)."""
-        return np.array(self.families)[self.run]
-
-    @property
     def velocity_columns(self) -> tuple[int, ...]:
         """Columns of X that hold velocities."""
         third = len(self.names) // 3
@@ -193,7 +182,7 @@ def build_paper_rows(
         log, rate = run.log, estimate_sample_rate(run.log.t)
         q = log.q_ref[:, columns]
         qd = np.gradient(q, log.t, axis=0)
-        X = stack_state_columns(q, qd, np.gradient(qd, log.t, axis=0))
+        X = np.hstack([q, qd, np.gradient(qd, log.t, axis=0)])
         both = np.hstack([run.twin["e_tau"][:, columns], log.tau[:, columns]])
         step = thinning_factor * _step(rate, PAPER_HZ)
         ahead = np.hsplit(np.ascontiguousarray(both[1:])[::step], 2)
@@ -207,32 +196,28 @@ def build_paper_rows(
 def build_measured_rows(
     runs: Sequence[CalibrationRun],
     tracks: Sequence[Track],
-    residuals: Sequence[Array],
+    model: Model,
     joints: Sequence[int] | None = None,
     thinning_factor: int = 1,
 ) -> CalibrationRows:
     """Return rows on measured motion, of some joints from 1 or of all.
 
     Args:
-        residuals: Measured minus model torque on each track's times [N m]. (n, dof).
+        model: What it leaves of the torque is Y.
         thinning_factor: Take every so manieth row, where there are more than tables
             can use.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
     columns = [j - 1 for j in joints]
     parts, rates = [], []
-    for run, track, residual in zip(runs, tracks, residuals, strict=True):
+    for run, track in zip(runs, tracks, strict=True):
         chosen = select_row_samples(track, thinning_factor)
-        X = stack_state_columns(
-            *(x[:, columns] for x in (track.q, track.qd, track.qdd))
-        )[chosen]
-        Y, tau = (
-            residual[:, columns],
-            interpolate_track_torque(run.log, track)[:, columns],
-        )
         moving = np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
-        moving = moving[chosen][:, columns]
-        parts.append((X, Y[chosen], tau[chosen], moving, track.t[chosen]))
+        torque = interpolate_track_torque(run.log, track)
+        residual = torque - model.torque_on(track)
+        signals = (track.q, track.qd, track.qdd, residual, torque, moving)
+        *states, Y, tau, moves = (signal[chosen][:, columns] for signal in signals)
+        parts.append((np.hstack(states), Y, tau, moves, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thinning_factor)
     return _stacked(MEASURED, joints, parts, runs, rates)
 

@@ -7,7 +7,7 @@ that has not seen it: what a model leaves on runs that it was identified from is
 smaller, and of another shape, than what it leaves on others.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -75,9 +75,8 @@ class TrainingRows:
 
     def rows(self, chosen: Array) -> "TrainingRows":
         """Return some of the rows."""
-        parts = (self.X, self.Y, self.tau, self.second, self.Z)
-        moving = None if self.moving is None else self.moving[chosen]
-        return TrainingRows(*(part[chosen] for part in parts), moving)
+        parts = (self.X, self.Y, self.tau, self.second, self.Z, self.counted)
+        return TrainingRows(*(part[chosen] for part in parts))
 
     @property
     def counted(self) -> Array:
@@ -87,8 +86,7 @@ class TrainingRows:
 
     def squared_errors(self, predicted: Array) -> Array:
         """Squared errors [N^2 m^2], none where a joint stands. Shape (n, j)."""
-        squares = (self.Y - predicted) ** 2
-        return squares if self.moving is None else squares * self.moving
+        return (self.Y - predicted) ** 2 * self.counted
 
     def with_fitted_standstill(self) -> "TrainingRows":
         """Return the same where a joint that stands says what it does in motion.
@@ -180,39 +178,26 @@ class CorrectionFits:
         return self.effects.coefficients(option.ridge, option.kind == PAIRS)
 
 
-def fit_all_corrections(
-    rows: TrainingRows,
-    tables: TableColumns,
-    compute_gram: Callable[[], Array] | None = None,
-) -> CorrectionFits:
-    """Fit all forms to rows as taught; a ridge is solved for when it is asked for.
-
-    Args:
-        compute_gram: Returns Z'Z of the rows, where there is a shorter way to it.
-    """
+def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
+    """Fit all forms to rows as taught; a ridge is solved for when it is asked for."""
     lines = [
-        fit_linear(rows.X[moves], rows.Y[moves][:, [j]], use_normal_equations=True)
+        fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
         for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    effects = sum_table_rows(tables, rows.Z, rows.Y, compute_gram)
+    effects = sum_table_rows(tables, rows.Z, rows.Y)
     return CorrectionFits((offset, slope), fit_pls(rows.X, rows.Y), effects)
 
 
-def fit_linear(
-    X: Array, Y: Array, use_normal_equations: bool = False
-) -> tuple[Array, Array]:
+def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
     """Least squares of Y: a constant (j,), and coefficients of X's columns (d, j).
 
-    Args:
-        use_normal_equations: From products of columns: a tenth of the time, half of
-            the digits.
+    From products of columns: a tenth of the time, half of the digits.
     """
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
     Z, centred = (X - mean) / scale, Y - Y.mean(axis=0)
-    left, right = (Z.T @ Z, Z.T @ centred) if use_normal_equations else (Z, centred)
-    slope = np.linalg.lstsq(left, right, rcond=None)[0] / scale[:, None]
+    slope = np.linalg.lstsq(Z.T @ Z, Z.T @ centred, rcond=None)[0] / scale[:, None]
     return Y.mean(axis=0) - mean @ slope, slope
 
 

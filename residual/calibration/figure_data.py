@@ -1,7 +1,7 @@
 """What the paper's figures show beside the table: components, levels, one run."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from time import process_time
 
@@ -11,7 +11,6 @@ from residual.calibration.calibration_rows import (
     CalibrationRows,
     CalibrationRun,
     name_state_columns,
-    stack_state_columns,
 )
 from residual.calibration.correction_choice import LEAST_SQUARES, CorrectionOption
 from residual.calibration.nominal_pls import NominalPlsForm
@@ -42,13 +41,23 @@ _QUANTILE = 0.95  # of the surrogates, that chance may not exceed
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class PcaModel:
-    """Principal components of centred, scaled columns (paper, eq. 12)."""
+class PrincipalComponents:
+    """Principal components of centred, scaled columns (paper, eq. 12, figures 4 to 6).
+
+    Attributes:
+        names: The columns.
+        loadings: Orthonormal loadings P, by column. Shape (k, k).
+        explained: Share of the variance per component [%]. Shape (k,).
+        limit: What 95 of 100 surrogates with the same spectra do not exceed [%]. (k,).
+        family, block: Kind of motion and block of a calibration.
+    """
 
     names: tuple[str, ...]
-    loadings: Array  # orthonormal loadings P, (k, k)
-    eigenvalues: Array  # variance of each component; they add up to k, (k,)
-    limit: Array  # what 95 of 100 surrogates of the signals do not exceed, (k,)
+    loadings: Array
+    explained: Array
+    limit: Array
+    family: str = ""
+    block: str = ""
 
     @property
     def real(self) -> int:
@@ -57,7 +66,7 @@ class PcaModel:
         In a correlation matrix a first component too large makes the others small, so
         only an unbroken start is a count.
         """
-        return int(np.logical_and.accumulate(self.eigenvalues > self.limit).sum())
+        return int(np.logical_and.accumulate(self.explained > self.limit).sum())
 
     def strongest(self, component: int) -> tuple[tuple[str, float], ...]:
         """The three variables with the largest loadings of a component, with sign."""
@@ -73,7 +82,7 @@ def fit_pca(
     *,
     run_of_row: Array | None = None,
     surrogate_count: int = 100,
-) -> PcaModel:
+) -> PrincipalComponents:
     """Return all principal components of signals as columns, in any units.
 
     The columns are centred and scaled to unit variance first (paper, below eq. 12):
@@ -112,8 +121,9 @@ def fit_pca(
     limit = np.quantile(drawn, _QUANTILE, axis=0)
     # Variances of n rows are over n, as in a correlation matrix, and not over n - 1.
     values = pca.explained_variance_ * (len(X) - 1) / len(X)
-    ordered = pca.components_.T.copy(), values, limit
-    return PcaModel(names, *map(make_read_only, ordered))
+    shares = (100 * v / X.shape[1] for v in (values, limit))
+    ordered = pca.components_.T.copy(), *shares
+    return PrincipalComponents(names, *map(make_read_only, ordered))
 
 
 def _correlation(X: Array) -> Array:
@@ -126,25 +136,6 @@ _COMPONENTS, _FOLDS = 15, 4  # of the sweep; so many folds say what all do
 _DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
 _MOST = 600  # rows of a picture
 _TWIN_STATE = ("e_q", "e_qd", "e_qdd")
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class BlockComponents:
-    """Principal components of one block of one family (paper, figures 4 to 6)."""
-
-    family: str
-    block: str
-    pca: PcaModel
-
-    @property
-    def explained(self) -> Array:
-        """Share of the variance per component [%]. Shape (k,)."""
-        return 100 * self.pca.eigenvalues / len(self.pca.names)
-
-    @property
-    def limit(self) -> Array:
-        """What surrogates with the same spectra reach [%]. Shape (k,)."""
-        return 100 * self.pca.limit / len(self.pca.names)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -200,14 +191,13 @@ def build_unseen_run(
         residual: Of a nominal model that has not seen it, on all rows. (n, j).
         chosen: Option of each joint, chosen without it.
     """
-    by_option, paper = trial.forecasts
-    in_run = rows.run == number
+    in_run, place = rows.run == number, trial.options.index
     step = max(1, int(in_run.sum()) // _MOST)
-    place = [trial.options.index(option) for option in chosen]
+    default = [trial.forecasts[place(o), :, j] for j, o in enumerate(chosen)]
     corrections = {
-        LS: by_option[trial.options.index(CorrectionOption(LEAST_SQUARES))],
-        PAPER_FORM: paper,
-        DEFAULT: np.stack([by_option[i, :, j] for j, i in enumerate(place)], axis=1),
+        LS: trial.forecasts[place(CorrectionOption(LEAST_SQUARES))],
+        PAPER_FORM: trial.forecasts[-1],  # with all components
+        DEFAULT: np.stack(default, axis=1),
     }
     t = np.arange(in_run.sum()) / rows.rates[number]
     thin = {name: values[::step] for name, values in corrections.items()}
@@ -251,7 +241,7 @@ def sweep_level_counts(
 
 def analyze_principal_components(
     rows: CalibrationRows, runs: Sequence[CalibrationRun], rng: np.random.Generator
-) -> tuple[BlockComponents, ...]:
+) -> tuple[PrincipalComponents, ...]:
     """Principal components of input, error and white noise, family by family.
 
     Where the logs do not say their family, all runs are one.
@@ -272,9 +262,8 @@ def analyze_principal_components(
         }
         for name, (values, names) in blocks.items():
             options = {"run_of_row": rows.run[chosen], "surrogate_count": _DRAWS}
-            out.append(
-                BlockComponents(family, name, fit_pca(values, rng, names, **options))
-            )
+            pca = fit_pca(values, rng, names, **options)
+            out.append(replace(pca, family=family, block=name))
     return tuple(out)
 
 
@@ -292,6 +281,6 @@ def _error_block(
     for i, part in taken.items():
         at = np.linspace(0, len(runs[i].log.t) - 1, len(part)).astype(int)
         parts = (runs[i].twin[name][at][:, joints] for name in _TWIN_STATE)
-        errors.append(stack_state_columns(*parts))
+        errors.append(np.hstack([*parts]))
     names = tuple(f"e_{name}" for name in name_state_columns(rows.joints))
     return {TWIN: (np.concatenate(errors), names)}

@@ -14,11 +14,7 @@ from math import prod
 
 import numpy as np
 
-from residual.calibration.table_regression import (
-    LevelCodes,
-    VariableLevels,
-    build_levels,
-)
+from residual.calibration.table_regression import VariableLevels, build_levels
 from residual.model.lookup import LevelAxis, Lookup, LookupTable
 from residual.quantity import (
     check_block_pair,
@@ -141,26 +137,26 @@ class LevelCells:
         return np.stack(columns, axis=1)
 
 
-def merge_equal_rows(codes: LevelCodes) -> LevelCells:
-    """Merge rows that have all levels in common.
+def merge_equal_rows(codes: Array, sizes: Sequence[int]) -> LevelCells:
+    """Merge rows that have all levels in common: levels (n, d), and their numbers.
 
     Neighbours share their first variables, so that tables that are read one after the
     other lie close in memory.
     """
-    if prod(codes.sizes) < 2**63:  # one number per row, else the bytes of the row
-        key = np.zeros(len(codes.values), np.int64)
-        for column, size in zip(codes.values.T, codes.sizes, strict=True):
+    if prod(sizes) < 2**63:  # one number per row, else the bytes of the row
+        key = np.zeros(len(codes), np.int64)
+        for column, size in zip(codes.T, sizes, strict=True):
             key *= size
             key += column
     else:
-        wide = np.ascontiguousarray(codes.values.astype(">u2"))
+        wide = np.ascontiguousarray(codes.astype(">u2"))
         key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
     _, first, of_row, count = np.unique(
         key, return_index=True, return_inverse=True, return_counts=True
     )
     return LevelCells(
-        make_read_only(np.ascontiguousarray(codes.values[first], dtype=np.uint16)),
-        make_read_only(np.array(codes.sizes, dtype=np.int64)),
+        make_read_only(np.ascontiguousarray(codes[first])),
+        make_read_only(np.array(sizes, dtype=np.int64)),
         make_read_only(count.astype(float)),
         make_read_only(of_row.reshape(-1)),
     )
@@ -240,10 +236,9 @@ class NominalPls:
         """X's columns, which nobody forms, times a table. Shapes (m, d), (p, k)."""
         from residual.calibration.kernels import gather_pairs
 
-        codes = self.levels.encode(X)
-        values, sizes = codes.values.astype(np.uint16), np.array(codes.sizes, np.int64)
-        out = np.empty((len(values), table.shape[1]))
-        gather_pairs(values, sizes, np.ascontiguousarray(table), out)
+        codes, sizes = self.levels.encode(X), np.array(self.levels.sizes, np.int64)
+        out = np.empty((len(codes), table.shape[1]))
+        gather_pairs(codes, sizes, np.ascontiguousarray(table), out)
         return out
 
 
@@ -276,7 +271,7 @@ def fit_nominal_pls(
     X, Y = check_block_pair(X, Y)
     form = form or NominalPlsForm()
     levels = build_levels(X, form.levels, equally_wide=True)
-    cells = merge_equal_rows(levels.encode(X))
+    cells = merge_equal_rows(levels.encode(X), levels.sizes)
     # The centred indicators have no more rank than there are cells less one, and than
     # main effects and interactions of the visited levels have dimensions.
     visited = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])

@@ -1,7 +1,7 @@
 """Levels of variables, and our form: tables on them, fitted by one ridge regression.
 
 Section 2.6.1 of the paper makes a column of zeros and ones of each level; the number of
-the level says the same in one byte.
+the level says the same in two bytes.
 
 Our form is a table for each variable, and one of speed and load for each joint.
 Friction is a function of one variable: a table of the velocity holds it on any path,
@@ -19,10 +19,8 @@ with Z a column per level and K the number of widths in which two levels are one
 rows are few the wide levels speak, where they are many the narrow ones do.
 """
 
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property, partial
-from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
@@ -67,24 +65,16 @@ class VariableLevels:
         """Number of levels of each variable."""
         return tuple(len(edges) + 1 for edges in self.edges)
 
-    def encode(self, X: Array) -> "LevelCodes":
-        """Return the level of every value; the outermost reach to infinity. (n, d)."""
+    def encode(self, X: Array) -> Array:
+        """Return the level of every value, from 0; the outermost reach to infinity.
+
+        Shape (n, d), uint16.
+        """
         X = check_rows(X, self.names, "the levels are of")
-        kind = np.uint8 if max(self.sizes) <= 256 else np.uint16
-        codes = np.empty(X.shape, kind)
+        codes = np.empty(X.shape, np.uint16)
         for i, edges in enumerate(self.edges):
             codes[:, i] = np.searchsorted(edges, X[:, i], side="right")
-        return LevelCodes(make_read_only(codes), self.sizes)
-
-
-class LevelCodes(NamedTuple):
-    """Level of each value of rows, from 0, and the number of levels of each variable.
-
-    Levels are uint8, or uint16 beyond 256. Shape (n, d).
-    """
-
-    values: Array
-    sizes: tuple[int, ...]
+        return make_read_only(codes)
 
 
 Count = int | Sequence[int]  # levels of all variables, or of each
@@ -177,9 +167,9 @@ class TableColumns:
     def encode(self, X: Array, loads: Array) -> csr_matrix:
         """Return Z of rows: states (n, d), and loads of the joints [N m] (n, j)."""
         codes = self.load_levels.encode(_by_turns(X[:, self.speed_columns], loads))
-        across = np.array(codes.sizes[1::2])
-        cells = codes.values[:, ::2].astype(np.int64) * across + codes.values[:, 1::2]
-        at = np.hstack([self.states.encode(X).values, cells]) + self.starts[:-1]
+        across = np.array(self.load_levels.sizes[1::2])
+        cells = codes[:, ::2].astype(np.int64) * across + codes[:, 1::2]
+        at = np.hstack([self.states.encode(X), cells]) + self.starts[:-1]
         ends = np.arange(0, at.size + 1, at.shape[1])
         shape = (len(X), int(self.starts[-1]))
         return csr_matrix((np.ones(at.size), at.ravel(), ends), shape=shape)
@@ -241,17 +231,12 @@ class TableRegression:
     """Normal equations of some rows; coefficients are solved for when asked for."""
 
     tables: TableColumns
-    counts: Callable[[], Array]  # Z'Z, (k, k)
+    gram: Array  # centred Z'Z, (k, k)
     share: Array  # share of the rows in each column, (k,)
     right: Array  # Z'(Y - ybar), (k, j)
     y_mean: Array  # mean of the responses, (j,)
     rows: int
     _solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
-
-    @cached_property
-    def gram(self) -> Array:
-        """Centred Z'Z. Shape (k, k)."""
-        return self.counts() - self.rows * np.outer(self.share, self.share)
 
     def coefficients(self, ridge: float, paired: bool) -> Array:
         """Contribution of each column of Z to each response [N m]. Shape (k, j).
@@ -328,24 +313,9 @@ class TableRegression:
         return axes, out
 
 
-def sum_table_rows(
-    tables: TableColumns,
-    Z: csr_matrix,
-    Y: Array,
-    counts: Callable[[], Array] | None = None,
-) -> TableRegression:
-    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j).
-
-    Args:
-        counts: Returns Z'Z, where there is a shorter way to it.
-    """
+def sum_table_rows(tables: TableColumns, Z: csr_matrix, Y: Array) -> TableRegression:
+    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j)."""
     n, y_mean = Z.shape[0], Y.mean(axis=0)
     share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (Y - y_mean)
-    return TableRegression(
-        tables, counts or partial(count_column_pairs, Z), share, right, y_mean, n
-    )
-
-
-def count_column_pairs(Z: csr_matrix) -> Array:
-    """Return Z'Z: how many rows are in two columns at once. Shape (k, k)."""
-    return (Z.T @ Z).toarray()
+    gram = (Z.T @ Z).toarray() - n * np.outer(share, share)
+    return TableRegression(tables, gram, share, right, y_mean, n)

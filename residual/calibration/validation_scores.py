@@ -9,9 +9,8 @@ repetition a period later, stay in the training set: they measure memory of the 
 Runs and families held out measure what the model knows of motion that it never saw.
 """
 
-from collections.abc import Callable, Collection, Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import partial
 
 import numpy as np
 
@@ -19,17 +18,17 @@ from residual.calibration.calibration_rows import FEW, CalibrationRows
 from residual.calibration.correction_choice import (
     LEAST_SQUARES,
     NONE,
+    PLSR,
     CorrectionOption,
     TrainingRows,
     add_errors_by_second,
     choose_joint_options,
     fit_all_corrections,
 )
-from residual.calibration.correction_choice import PLSR as LINES
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import TableColumns, count_column_pairs
+from residual.calibration.table_regression import TableColumns
 from residual.errors import InputError
-from residual.quantity import check_count, check_varying, make_read_only
+from residual.quantity import check_count, check_varying
 from residual.recording import Array
 
 BLOCKS = 20  # paper, section 2.5.2
@@ -42,7 +41,7 @@ SCHEMES = {
     SYSTEMATIC: f"systematic {BLOCKS}",
     RANDOM: f"random {BLOCKS}",
 }
-NOTHING, LS, PLSR, PAPER_FORM, DEFAULT = "none", "ls", "plsr", "paper", "default"
+NOTHING, LS, PAPER_FORM, DEFAULT = "none", "ls", "paper", "default"
 MODELS = {
     NOTHING: "no compensation",
     LS: "LS",
@@ -54,59 +53,11 @@ MODELS = {
 # have four times the pairs of three, and forty folds of rows would take a minute.
 WIDE = 12
 
-# What a model leaves on all rows when it is identified without some blocks. (n, j).
-Response = Callable[[Collection[int]], Array]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Folds:
-    """Which rows are held out together."""
-
-    of_row: Array  # fold of each row, (n,)
-    names: tuple[str, ...]  # name of each fold, such as the run left out
-
-    @property
-    def count(self) -> int:
-        """Number of folds."""
-        return len(self.names)
-
 
 def compute_relative_error(squared_error: Array, power: Array) -> Array:
     """Return 100 ||Y* - Yhat|| / ||Y*|| (paper, eq. 29) [%]; NaN without torque."""
     some = np.where(power > 0, power, np.nan)
     return 100 * np.sqrt(np.maximum(squared_error, 0) / some)
-
-
-def build_label_folds(labels: Array) -> Folds:
-    """Hold out all rows of one label at a time: of one run, or of one family."""
-    names, of_row = np.unique(labels, return_inverse=True)
-    remedy = "Take more logs, or cut a long one into parts with windows."
-    check_count(len(names), 2, len(labels), "number of different runs", remedy)
-    return Folds(make_read_only(of_row.reshape(-1)), tuple(map(str, names)))
-
-
-def build_contiguous_folds(rows: int, blocks: int = BLOCKS) -> Folds:
-    """Hold out one block of consecutive rows at a time (paper, section 2.5.2)."""
-    return _in_blocks(np.arange(rows) * blocks // max(rows, 1), blocks)
-
-
-def draw_random_folds(
-    rows: int, rng: np.random.Generator, blocks: int = BLOCKS
-) -> Folds:
-    """Hold out randomly drawn rows, equally many each time (paper, section 2.5.3)."""
-    return _in_blocks(rng.permutation(rows) % blocks, blocks)
-
-
-def sum_by_fold(values: Array, folds: Folds) -> Array:
-    """Sum of each column over the rows of each fold. Shapes (n, j), (folds, j)."""
-    columns = [np.bincount(folds.of_row, v, folds.count) for v in values.T]
-    return np.stack(columns, axis=1)
-
-
-def _in_blocks(of_row: Array, blocks: int) -> Folds:
-    remedy = f"There are {len(of_row)} rows: take longer logs or fewer blocks."
-    check_count(blocks, 2, len(of_row), "blocks", remedy)
-    return Folds(make_read_only(of_row), tuple(f"block {i + 1}" for i in range(blocks)))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -115,13 +66,13 @@ class ValidationScheme:
 
     Attributes:
         name: Key of `SCHEMES`.
-        folds: Which rows are held out together.
+        fold: Fold of each row; the rows of one are held out together. Shape (n,).
         left_out: Blocks that the nominal model of each fold must not see; none of them
             where rows are held out.
     """
 
     name: str
-    folds: Folds
+    fold: Array
     left_out: tuple[frozenset[int], ...]
 
     @property
@@ -132,7 +83,7 @@ class ValidationScheme:
     def split(self, rows: CalibrationRows) -> Iterator[tuple[Array, Array]]:
         """Yield the rows that each fold fits, and those that it holds out. (n,)."""
         for fold, left_out in enumerate(self.left_out):
-            held_out = self.folds.of_row == fold
+            held_out = self.fold == fold
             # What is close to a block is neither.
             kept = (
                 rows.blocks.mask_kept_rows(rows.place, left_out)
@@ -151,44 +102,39 @@ def build_validation_schemes(
     for number, label in enumerate(rows.labels):
         kept = rows.X[rows.run != number]
         check_varying(kept, rows.names, f"all but run {label},")
-    run_of, notes = rows.blocks.runs, []
-    out = [_unseen(RUN, rows.run, [{i} for i in range(len(rows.labels))], run_of)]
+    run_of, notes, count = rows.blocks.runs, [], len(rows.X)
+    remedy = f"There are {count} rows: take longer logs."
+    check_count(BLOCKS, 2, count, "blocks", remedy)
+
+    def leave_out_runs(name: str, label: Array) -> ValidationScheme:
+        groups = (np.flatnonzero(label[run_of] == k) for k in range(label.max() + 1))
+        left_out = tuple(frozenset(group.tolist()) for group in groups)
+        return ValidationScheme(name, label[rows.run], left_out)
+
+    out = [leave_out_runs(RUN, np.arange(len(rows.labels)))]
     if len(rows.labels) < FEW:
-        alone = [frozenset([i]) for i in range(len(run_of))]
-        out.append(
-            ValidationScheme(BLOCK, build_label_folds(rows.place // 3), tuple(alone))
-        )
+        alone = tuple(frozenset([i]) for i in range(len(run_of)))
+        out.append(ValidationScheme(BLOCK, rows.place // 3, alone))
         notes.append(
             f"{len(rows.labels)} runs are few: blocks within them are left out too, "
             "which asks less, and the choice that is judged on an unseen run is made "
             "on blocks"
         )
-    families = sorted(set(rows.families))
+    families, label = np.unique(rows.families, return_inverse=True)
     if len(families) > 1 and "" not in families:
-        of_run = [families.index(f) for f in rows.families]
-        numbers = range(len(families))
-        runs = [{i for i, f in enumerate(of_run) if f == n} for n in numbers]
-        out.append(_unseen(FAMILY, np.array(of_run)[rows.run], runs, run_of))
+        out.append(leave_out_runs(FAMILY, label))
     else:
         only = len(families) == 1 and families[0]
         unknown = "the kind of motion of the logs is not known"
         notes.append(
             f"no family left out: {'all runs are of one' if only else unknown}"
         )
-    by_rows = (build_contiguous_folds(len(rows.X)), draw_random_folds(len(rows.X), rng))
-    for name, folds in zip((SYSTEMATIC, RANDOM), by_rows, strict=True):
-        # A few dozen parameters from thousands of rows do not know one block of them.
-        out.append(ValidationScheme(name, folds, (frozenset(),) * folds.count))
+    blocks, drawn = np.arange(count) * BLOCKS // count, rng.permutation(count) % BLOCKS
+    # A few dozen parameters from thousands of rows do not know one block of them.
+    nothing = (frozenset(),) * BLOCKS
+    out.append(ValidationScheme(SYSTEMATIC, blocks, nothing))  # paper, section 2.5.2
+    out.append(ValidationScheme(RANDOM, drawn, nothing))  # paper, section 2.5.3
     return tuple(out), tuple(notes)
-
-
-def _unseen(
-    name: str, label: Array, runs: Sequence[set], run_of: Array
-) -> ValidationScheme:
-    left_out = [np.flatnonzero(np.isin(run_of, list(group))).tolist() for group in runs]
-    return ValidationScheme(
-        name, build_label_folds(label), tuple(map(frozenset, left_out))
-    )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -197,32 +143,30 @@ class SchemeErrors:
 
     Attributes:
         scheme: The scheme.
-        options: Options that were tried.
+        options: What a joint may get, then the paper's form with 0 to A components
+            where that was fitted.
         fitted, held_out: On rows fitted and held out, by option. (folds, options, j).
-        paper_fitted_errors, paper_held_out_errors: The same of the paper's form with 0
-            to A components; None where it was not fitted.
         fitted_power, power: Squared torque of the rows. (folds, j).
-        seconds: On rows held out, per second. (options, seconds, j).
-        forecasts: Corrections of the rows of one fold, by option, and by all
-            components of the paper's form; None where no fold was asked for.
+        seconds: On rows held out, per second, of what a joint may get. (options,
+            seconds, j).
+        forecasts: Corrections of the rows of one fold, by option; None where no fold
+            was asked for.
     """
 
     scheme: ValidationScheme
     options: tuple[CorrectionOption, ...]
     fitted: Array
     held_out: Array
-    paper_fitted_errors: Array | None
-    paper_held_out_errors: Array | None
     fitted_power: Array
     power: Array
     seconds: Array
-    forecasts: tuple[Array, Array] | None
+    forecasts: Array | None
 
 
 def cross_validate_corrections(
     scheme: ValidationScheme,
     rows: CalibrationRows,
-    compute_residuals: Response,
+    compute_residuals: Callable[[frozenset[int]], Array],
     tables: TableColumns,
     options: Sequence[CorrectionOption],
     paper_form: NominalPlsForm | None,
@@ -231,20 +175,19 @@ def cross_validate_corrections(
     """Fit all forms without each fold, and judge them on that fold.
 
     Args:
-        compute_residuals: What a nominal model leaves that was identified without some
-            blocks.
+        compute_residuals: What a nominal model leaves on all rows that was identified
+            without some blocks. Shape (n, j).
         options: What a joint may get.
         paper_form: The paper's form; None to leave it out.
         shown_fold: A fold whose corrections are kept.
     """
-    fitted, held_out, power_fitted, paper, forecasts = [], [], [], [], None
-    every = counts = once = None
+    errors, power_fitted, forecasts = [], [], None
+    every = once = None
     seconds = np.zeros((len(options), int(rows.second.max()) + 1, len(rows.joints)))
     for fold, (kept, out) in enumerate(scheme.split(rows)):
         Y = compute_residuals(scheme.left_out[fold])
         if every is None or scheme.unseen:
             every = build_training_rows(rows, Y, tables)
-            counts = None if scheme.unseen else count_column_pairs(every.Z)
             # What stands says what all rows in motion say, where rows are held out.
             once = (
                 None
@@ -255,36 +198,29 @@ def cross_validate_corrections(
         training = (
             fit_rows.with_fitted_standstill() if once is None else once.rows(kept)
         )
-        pair_sums = None
-        if counts is not None:  # of few rows less than of many
-            pair_sums = partial(
-                lambda n, Z: n - count_column_pairs(Z), counts, every.Z[out]
-            )
-        fits = fit_all_corrections(training, tables, pair_sums)
-        predicted = fits.forecasts(new, options)
-        fitted.append(_squares(fit_rows, fits.forecasts(fit_rows, options)))
-        held_out.append(_squares(new, predicted))
+        fits = fit_all_corrections(training, tables)
+        predicted = [fits.forecasts(part, options) for part in (fit_rows, new)]
+        add_errors_by_second(seconds, new, predicted[1])
+        if paper_form is not None:
+            by_count = fit_paper_forecast(training, paper_form)
+            both = zip(predicted, map(by_count, (fit_rows, new)), strict=True)
+            predicted = [np.concatenate(pair) for pair in both]
+        parts = zip((fit_rows, new), predicted, strict=True)
+        errors.append([_squares(part, of_part) for part, of_part in parts])
         power_fitted.append(
             fit_rows.squared_errors(fit_rows.Y - fit_rows.tau).sum(axis=0)
         )
-        add_errors_by_second(seconds, new, predicted)
-        if paper_form is not None:
-            by_count = fit_paper_forecast(training, paper_form)
-            paper.append([_squares(part, by_count(part)) for part in (fit_rows, new)])
-            if fold == shown_fold:
-                forecasts = predicted, by_count(new)[-1]
-    both = (None, None)
-    if paper_form is not None:
-        both = tuple(map(np.array, zip(*paper, strict=True)))
-    torque = rows.tau * rows.moving
+        if fold == shown_fold:
+            forecasts = predicted[1]
+    torque, folds = (rows.tau * rows.moving) ** 2, len(scheme.left_out)
+    power = [np.bincount(scheme.fold, column, folds) for column in torque.T]
+    counts = range(paper_form.components + 1) if paper_form else ()
     return SchemeErrors(
         scheme,
-        tuple(options),
-        np.array(fitted),
-        np.array(held_out),
-        *both,
+        (*options, *(CorrectionOption(PAPER_FORM, count=a) for a in counts)),
+        *map(np.array, zip(*errors, strict=True)),
         np.array(power_fitted),
-        sum_by_fold(torque * torque, scheme.folds),
+        np.stack(power, axis=1),
         seconds,
         forecasts,
     )
@@ -294,9 +230,8 @@ def build_training_rows(
     rows: CalibrationRows, Y: Array, tables: TableColumns
 ) -> TrainingRows:
     """Return all rows with what some nominal model leaves [N m]. Shape (n, j)."""
-    moving = None if rows.moving.all() else rows.moving
     Z = tables.encode(rows.X, rows.tau - Y)
-    return TrainingRows(rows.X, Y, rows.tau, rows.second, Z, moving)
+    return TrainingRows(rows.X, Y, rows.tau, rows.second, Z, rows.moving)
 
 
 def fit_paper_forecast(
@@ -309,14 +244,10 @@ def fit_paper_forecast(
     model = fit_nominal_pls(rows.X, rows.Y, form, allow_fewer_components=True)
 
     def predict(new: TrainingRows) -> Array:
-        T = model.transform(new.X)
-        out = np.empty((form.components + 1, *new.Y.shape))
-        out[0] = model.y_mean
-        for a in range(form.components):
-            out[a + 1] = out[a]
-            if a < T.shape[1]:
-                out[a + 1] += np.outer(T[:, a], model.Q[a])
-        return out
+        T, steps = model.transform(new.X), np.zeros((form.components + 1, *new.Y.shape))
+        steps[0] = model.y_mean
+        steps[1 : T.shape[1] + 1] = T.T[:, :, None] * model.Q[:, None]
+        return np.cumsum(steps, axis=0)
 
     return predict
 
@@ -369,11 +300,8 @@ def choose_fold_options(
         gone = np.isin(rows.place // 3, list(left_out))
         counted = np.ones(deciding_trial.seconds.shape[1])
         counted[rows.second[gone]] = 0
-        out.append(
-            choose_joint_options(
-                deciding_trial.seconds * counted[:, None], deciding_trial.options
-            )
-        )
+        seconds = deciding_trial.seconds * counted[:, None]
+        out.append(choose_joint_options(seconds, deciding_trial.options))
     return out
 
 
@@ -382,24 +310,14 @@ def score_models(
 ) -> list[ModelScore]:
     """Return the cells of the table of one scheme, given each fold's choice."""
     place = {option: i for i, option in enumerate(trial.options)}
-    nothing, line = (
-        place[CorrectionOption(NONE)],
-        place[CorrectionOption(LEAST_SQUARES)],
-    )
+    line = place[CorrectionOption(LEAST_SQUARES)]
     # With all components PLSR is least squares.
-    lines = [i for option, i in place.items() if option.kind == LINES] + [line]
-    both, out = (trial.fitted, trial.held_out), []
-    for name, at in ((NOTHING, [nothing]), (LS, [line]), (PLSR, lines)):
-        out.append(_score(trial, name, *(part[:, at] for part in both)))
-    if trial.paper_held_out_errors is not None:
-        out.append(
-            _score(
-                trial,
-                PAPER_FORM,
-                trial.paper_fitted_errors,
-                trial.paper_held_out_errors,
-            )
-        )
+    lines = [i for option, i in place.items() if option.kind == PLSR] + [line]
+    paper = [i for option, i in place.items() if option.kind == PAPER_FORM]
+    forms = {NOTHING: [place[CorrectionOption(NONE)]], LS: [line], PLSR: lines}
+    forms |= {PAPER_FORM: paper} if paper else {}
+    both = (trial.fitted, trial.held_out)
+    out = [_score(trial, k, *(part[:, at] for part in both)) for k, at in forms.items()]
     numbers = np.array([[[place[o] for o in default]] for default in chosen])
     default = (np.take_along_axis(part, numbers, axis=1) for part in both)
     return [*out, _score(trial, DEFAULT, *default)]

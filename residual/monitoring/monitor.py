@@ -220,17 +220,6 @@ class Monitor:
         Raises:
             InputError: If it is of another robot or rate, or too short.
         """
-        log = self._sight(recording)
-        return _alarms(log, compute_scores(log, self.size), self.limits)
-
-    def scores(self, recording: Recording) -> tuple[Array, Array]:
-        """Return times [s], (m,), and scores, (m, dof); above 1 is an alarm."""
-        log = self._sight(recording)
-        return log.t, (compute_scores(log, self.size) / self.limits[:, None]).max(
-            axis=0
-        )
-
-    def _sight(self, recording: Recording) -> MonitorSignals:
         _check_log(recording, self.model, self.rate)
         if not self.referenced:
             recording = replace(recording, q_ref=None)
@@ -239,7 +228,8 @@ class Monitor:
                 f"{recording.id} has no q_ref, the runs of the calibration have it. "
                 "Log the reference, or calibrate on runs without it."
             )
-        return compute_monitor_signals(self.model, recording)
+        log = compute_monitor_signals(self.model, recording)
+        return _alarms(log, compute_scores(log, self.size), self.limits)
 
     def to_record(self) -> dict:
         """Return it as plain values, with its model; a limit never reached is null."""

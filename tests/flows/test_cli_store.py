@@ -146,11 +146,11 @@ def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
     code, out, _ = run("show", ids["diagnosis"][:10])
     assert code == 0
     lines = out.splitlines()
-    assert len(lines) <= 40
+    assert len(lines) <= 60
     assert lines[0] == f"diagnosis {ids['diagnosis']} of two_link"
-    assert lines[1].startswith("The model lacks a payload at the flange")
-    assert "a payload at the flange: mass 2.90 ± 0.10 kg; probability 97 %" in out
-    assert re.search(r"^augmented +6\.0 +5\.0 +", out, re.MULTILINE)
+    assert lines[2].startswith("The model lacks a payload at the flange")
+    assert re.search(r"^mass +2\.90 ± 0\.10 kg$", out, re.MULTILINE)
+    assert re.search(r"^1 .*6\.0", out, re.MULTILINE)
     assert f"\nfit: {ids['runs'][0][:8]}" in out
     assert f"\nnot adopted: modelgap adopt {ids['diagnosis'][:8]}\n" in out
     assert lines[-1].endswith("--format json")

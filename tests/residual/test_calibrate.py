@@ -6,6 +6,7 @@ from functools import cache
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
+from sklearn.model_selection import LeaveOneGroupOut
 
 from flows.report.calibration import describe_calibration
 from residual.calibration import calibration_rows as cut
@@ -108,11 +109,23 @@ def test_schemes_are_those_that_the_rows_allow(rng):
     families = {s.name: s for s in schemes}[FAMILY]
     four = [set(range(4 * i, 4 * i + 4)) for i in range(4)]
     assert families.left_out == (four[1] | four[3], four[0] | four[2])
+    _, _, systematic, drawn = (scheme.fold for scheme in schemes)
+    assert (np.diff(systematic) >= 0).all()
+    for fold in (systematic, drawn):
+        assert np.ptp(np.bincount(fold, minlength=20)) <= 1
+    splits = LeaveOneGroupOut().split(rows.X, groups=rows.run)
+    for ours, theirs in zip(schemes[0].split(rows), splits, strict=True):
+        for mask, numbers in zip(ours, theirs, strict=True):
+            np.testing.assert_array_equal(np.flatnonzero(mask), numbers)
     unknown = replace(rows, families=("",) * 4)
     names = [s.name for s in build_validation_schemes(unknown, rng)[0]]
     assert names == [RUN, SYSTEMATIC, RANDOM]
     with pytest.raises(InputError, match="two or more"):
         build_validation_schemes(replace(rows, labels=("one",)), rng)
+    part = np.arange(0, len(rows.X), len(rows.X) // 11)
+    few = {name: getattr(rows, name)[part] for name in ("X", "run", "place")}
+    with pytest.raises(InputError, match=r"blocks must be .*There are 12 rows"):
+        build_validation_schemes(replace(rows, **few), rng)
 
 
 def test_a_held_out_run_is_unknown_to_the_nominal_model():
@@ -270,13 +283,9 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
 
 def test_a_single_log_is_cut_into_parts():
     (log,) = logs(1, noise=0.3, duration=9.0)
-    settings = replace(QUICK, declared=("viscous", "rotor_inertia"), with_figures=False)
-    calibration = calibrate(
-        truth().robot, [CalibrationRun(log)], replace(settings, schemes=(RUN,))
-    )
-    assert calibration.rows.labels[0] == "log0 part 1"
-    assert "cut into parts" in calibration.notes[0]
-    assert model_score(calibration.scores, RUN, DEFAULT).miss.shape == (5, 3)
+    parts = cut_single_run([CalibrationRun(log)])
+    assert [part.log.id for part in parts] == [f"log0 part {i}" for i in range(1, 6)]
+    np.testing.assert_array_equal(np.vstack([p.log.q for p in parts]), log.q)
     assert len(cut_single_run([CalibrationRun(log)] * 2)) == 2
 
 

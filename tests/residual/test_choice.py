@@ -14,7 +14,6 @@ from residual.calibration.correction_choice import (
     TrainingRows,
     fit_all_corrections,
     fit_chosen_tables,
-    list_correction_options,
 )
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls, fit_pls
 from residual.calibration.table_regression import ROWS, choose_table_levels
@@ -149,24 +148,6 @@ def test_a_look_up_says_what_the_fits_behind_it_say(rng):
     pls = fit_pls(X, Y)
     by_scores = Y.mean(axis=0) + pls.transform(X)[:, :2] @ pls.Q.T[:2]
     np.testing.assert_allclose(got[:, 1], by_scores[:, 1], atol=1e-9)
-
-
-def test_the_best_of_what_anyone_would_try_is_taken_unless_by_chance(rng):
-    X, friction, torque, run = motion(rng, runs=4, rows=500)
-    line = X @ rng.normal(size=(9, 3))
-    for Y in (line, friction, rng.normal(size=friction.shape)):
-        Y = Y + 0.5 * rng.normal(size=Y.shape)
-        data, tables = training(X, Y, torque)
-        _, options = fit_chosen_tables(data, run, tables)
-        every = list_correction_options(9)
-        left = np.zeros((len(every), 3))
-        for one in range(4):
-            out = run == one
-            fits, new = fit_all_corrections(data.rows(~out), tables), data.rows(out)
-            left += ((new.Y - fits.forecasts(new, every)) ** 2).sum(axis=1)
-        ours = np.array([left[every.index(o), j] for j, o in enumerate(options)])
-        simple = [i for i, o in enumerate(every) if o.ridge is None]
-        assert (ours <= 1.02**2 * left[simple].min(axis=0)).all()
 
 
 def standing(rng):

@@ -64,14 +64,6 @@ def test_limits_know_no_order_of_runs_and_fewer_false_alarms_cost_higher_ones():
     assert strict.limits[-2:].sum() > monitor().limits[-2:].sum()
 
 
-def test_the_score_of_a_joint_is_above_1_where_there_is_an_alarm_and_only_there():
-    log = spoilt(healthy(202), "lost scale", 1, 7.0)
-    (alarm, *_) = monitor().watch(log)
-    t, scores = monitor().scores(log)
-    assert t[np.argmax(scores.max(axis=1) > 1)] == alarm.time
-    assert scores[t <= alarm.until, 0].max() >= alarm.score
-
-
 def test_without_the_wanted_position_torque_is_still_watched():
     blind = [replace(run, q_ref=None) for run in good_runs()]
     watcher = calibrate_monitor(model_of(blind), blind)
