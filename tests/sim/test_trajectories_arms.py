@@ -19,13 +19,15 @@ ROBOT = load_robot("irb140")
 POSES = ("cyclic", "welding")
 
 
-@pytest.mark.parametrize("kind", KINDS)
 @pytest.mark.parametrize(
-    "text",
-    [pytest.param(SEVEN, marks=pytest.mark.long), FLAT],
-    ids=["seven joints", "flat"],
+    ("text", "kind"),
+    [
+        *((FLAT, kind) for kind in KINDS if kind != "fourier"),
+        pytest.param(FLAT, "fourier", marks=pytest.mark.long),
+        *(pytest.param(SEVEN, kind, marks=pytest.mark.long) for kind in KINDS),
+    ],
 )
-def test_families_plan_for_other_arms(kind, text, tmp_path):
+def test_families_plan_for_other_arms(text, kind, tmp_path):
     robot, spec = arm(text, tmp_path), TrajectorySpec(kind, 11.0, 1)
     r, limits = plan_reference_motion(robot, spec, 100.0, False), read_limits(robot)
     assert ((r.q >= limits.lower) & (r.q <= limits.upper)).all()
