@@ -6,8 +6,7 @@ from residual.effects.base import (
     Effect,
     EffectTrait,
     against_position,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     describe_wave,
 )
 
@@ -21,14 +20,11 @@ EFFECT = Effect(
     equation="tau = sin * sin(q) + cos * cos(q)",
     traits=EffectTrait.NEEDS_TURN | EffectTrait.ONE_VARIABLE,
     parameters={"sin": "N m", "cos": "N m"},
-    columns=build_joint_columns(
-        lambda state, j, shape: [np.sin(state.q[:, j]), np.cos(state.q[:, j])]
-    ),
+    **build_local_law("sin(q)", "cos(q)"),
     family="static",
     inexact=0.1,
     variable=against_position,
     # It carries what the drive need not, so it may exceed the drive's own torque.
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
-    portable=build_formula_law("a[0] * sin(q) + a[1] * cos(q)"),
     display=describe_wave(0, 1, "N m"),
 )

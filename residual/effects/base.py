@@ -429,6 +429,44 @@ def build_joint_columns(
     return columns
 
 
+# What a feature may use (`ExportedLaw`), as NumPy and a `State` have it.
+_SIGNALS = {name: name for name in ("q", "qd", "qdd", "sign", "rigid")}
+_SIGNALS["tau"] = "tau_model"
+_FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "fabs")}
+_FUNCTIONS |= {"pow": pow, "fmin": np.minimum, "fmax": np.maximum}
+_FUNCTIONS |= {"sgn": np.sign, "__builtins__": {}}
+
+
+def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[str, Any]:
+    """Columns of a local effect and its formula, from the features that both are of.
+
+    Args:
+        features: An expression of C for each coefficient, as in `ExportedLaw`.
+        joint: What the coefficients are to a simulated joint.
+
+    Returns:
+        The fields ``columns`` and ``portable`` of an `Effect`.
+    """
+    codes = [compile(feature, feature, "eval") for feature in features]
+    signals = {name for code in codes for name in code.co_names} & _SIGNALS.keys()
+
+    def columns(state: State, joints: Joints, shape: Shape) -> Array:
+        (j,) = joints
+        names = {name: getattr(state, _SIGNALS[name])[:, j] for name in signals}
+        names |= {"t": state.t, "s": shape}
+        out = np.empty((len(state.t), 1, len(codes)))
+        for k, code in enumerate(codes):  # of the effects' own files
+            out[:, 0, k] = eval(code, _FUNCTIONS, names)
+        return out
+
+    terms = (
+        f"a[{k}]" + f" * {feature}" * (feature != "1")
+        for k, feature in enumerate(features)
+    )
+    law = build_formula_law(" + ".join(terms), joint=joint)
+    return {"columns": columns, "portable": law}
+
+
 def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
     """Tell a wave over the position by its amplitude, and where it is largest.
 

@@ -3,8 +3,7 @@
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     dissipates,
 )
 
@@ -14,7 +13,7 @@ EFFECT = Effect(
     sentence="dry friction of constant size against the direction of motion",
     equation="tau = level * sgn(qd)",
     parameters={"level": "N m"},
-    columns=build_joint_columns(lambda state, j, shape: [state.sign[:, j]]),
+    **build_local_law("sign", joint=("friction",)),
     traits=EffectTrait.PARAMETER
     | EffectTrait.NOT_NEGATIVE
     | EffectTrait.GROUPABLE
@@ -22,5 +21,4 @@ EFFECT = Effect(
     drive_order=2,
     possible=dissipates,
     in_any_arm=lambda span, j: ((),),
-    portable=build_formula_law("a[0] * sign", joint=("friction",)),
 )

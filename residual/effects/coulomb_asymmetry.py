@@ -1,12 +1,9 @@
 """Coulomb friction that differs between the two directions of motion."""
 
-import numpy as np
-
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     stays_within_torque,
 )
 
@@ -18,10 +15,9 @@ EFFECT = Effect(
         "tau = level * |sgn(qd)|: the same in both directions of motion, zero at rest"
     ),
     parameters={"level": "N m"},
-    columns=build_joint_columns(lambda state, j, shape: [np.abs(state.sign[:, j])]),
+    **build_local_law("fabs(sign)"),
     far_fetched=0.5,
     family="static",
     traits=EffectTrait.GROUPABLE | EffectTrait.FRICTION,
     possible=stays_within_torque,
-    portable=build_formula_law("a[0] * fabs(sign)"),
 )

@@ -1,12 +1,9 @@
 """Friction that grows with the square of speed (churning oil)."""
 
-import numpy as np
-
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     dissipates_with_speed,
 )
 
@@ -16,13 +13,10 @@ EFFECT = Effect(
     sentence="resistance that grows with the square of speed (churning grease)",
     equation="tau = coefficient * qd * |qd|",
     parameters={"coefficient": "N m s^2/rad^2"},
-    columns=build_joint_columns(
-        lambda state, j, shape: [state.qd[:, j] * np.abs(state.qd[:, j])]
-    ),
+    **build_local_law("qd * fabs(qd)", joint=("quadratic_damping",)),
     traits=EffectTrait.GROUPABLE | EffectTrait.FRICTION,
     possible=lambda theta, shape, limits: dissipates_with_speed(
         theta * limits.speed, shape, limits
     ),
     in_any_arm=lambda span, j: ((),),
-    portable=build_formula_law("a[0] * qd * fabs(qd)", joint=("quadratic_damping",)),
 )

@@ -7,8 +7,7 @@ from residual.effects.base import (
     EffectTrait,
     ShapeRefinement,
     against_position,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     stays_within_torque,
 )
 
@@ -40,9 +39,7 @@ EFFECT = Effect(
     equation="tau = amplitude * cos(order * q + phase)",
     parameters={"amplitude": "N m", "order": "1", "phase": "rad"},
     sliding={"order": "rad/m", "phase": "rad"},
-    columns=build_joint_columns(
-        lambda s, j, shape: [wave(shape[0] * s.q[:, j]) for wave in (np.cos, np.sin)]
-    ),
+    **build_local_law("cos(s[0] * q)", "sin(s[0] * q)"),
     values=lambda theta, shape, robot: np.array(
         [np.hypot(*theta), shape[0], np.arctan2(-theta[1], theta[0])]
     ),
@@ -53,5 +50,4 @@ EFFECT = Effect(
     variable=against_position,
     possible=stays_within_torque,
     in_any_arm=lambda span, j: ((1.0,), (2.0,), (3.0,)),
-    portable=build_formula_law("a[0] * cos(s[0] * q) + a[1] * sin(s[0] * q)"),
 )

@@ -3,8 +3,7 @@
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     plot_over_signal,
     stays_positive,
 )
@@ -15,11 +14,10 @@ EFFECT = Effect(
     sentence="inertia of the motor's rotor, multiplied by the gear ratio squared",
     equation="tau = inertia * qdd",
     parameters={"inertia": "kg m^2"},
-    columns=build_joint_columns(lambda state, j, shape: [state.qdd[:, j]]),
+    **build_local_law("qdd", joint=("armature",)),
     traits=EffectTrait.PARAMETER | EffectTrait.NOT_NEGATIVE | EffectTrait.GROUPABLE,
     drive_order=3,
     carries="acceleration",
     variable=plot_over_signal("qdd", "qdd{} [rad/s^2]"),
     possible=stays_positive,
-    portable=build_formula_law("a[0] * qdd", joint=("armature",)),
 )

@@ -7,8 +7,7 @@ from residual.effects.base import (
     EffectTrait,
     ShapeRefinement,
     against_torque,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
 )
 
 # The coefficient is one where the clip is right; a model that is not yet may need more.
@@ -27,11 +26,7 @@ EFFECT = Effect(
     sentence="a report of torque that ends at a certain size",
     equation="d tau = clip(tau, -level, level) - tau",
     parameters={"level": "N m"},
-    columns=build_joint_columns(
-        lambda s, j, shape: [
-            np.clip(s.tau_model[:, j], -shape[0], shape[0]) - s.tau_model[:, j]
-        ]
-    ),
+    **build_local_law("(fmin(fmax(tau, -s[0]), s[0]) - tau)"),
     values=lambda theta, shape, robot: np.array([shape[0]]),
     from_values=lambda values, robot: (np.ones(1), (float(values[0]),)),
     shapes=_shapes,
@@ -40,5 +35,4 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([1.0]),
     possible=lambda theta, shape, limits: bool(LEAST < theta[0] < MOST),
     variable=against_torque,
-    portable=build_formula_law("a[0] * (fmin(fmax(tau, -s[0]), s[0]) - tau)"),
 )

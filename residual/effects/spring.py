@@ -6,8 +6,7 @@ from residual.effects.base import (
     Effect,
     EffectTrait,
     against_position,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
 )
 
 MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
@@ -44,9 +43,7 @@ EFFECT = Effect(
     sentence="a torque proportional to position, as from a spring or hose package",
     equation="tau = stiffness * (q - rest)",
     parameters={"stiffness": "N m/rad", "rest": "rad"},
-    columns=build_joint_columns(
-        lambda state, j, shape: [state.q[:, j], np.ones(len(state.t))]
-    ),
+    **build_local_law("q", "1", joint=("stiffness", "constant")),
     values=_values,
     from_values=lambda values, robot: (values[0] * np.array([1.0, -values[1]]), ()),
     unit_directions=_unit_directions,
@@ -54,5 +51,4 @@ EFFECT = Effect(
     traits=EffectTrait.ONE_VARIABLE,
     variable=against_position,
     possible=_possible,
-    portable=build_formula_law("a[0] * q + a[1]", joint=("stiffness", "constant")),
 )

@@ -10,16 +10,9 @@ from residual.effects.base import (
     EffectTrait,
     ShapeRefinement,
     append_shape,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     dissipates,
 )
-
-
-def _feature(state, j, shape):
-    velocity, exponent = shape
-    fade = np.exp(-(np.abs(state.qd[:, j] / velocity) ** exponent))
-    return [state.sign[:, j] * fade]
 
 
 def _shapes(span, j, velocities=(0.03, 0.06, 0.12, 0.24), exponents=(1.0, 2.0)):
@@ -33,7 +26,7 @@ EFFECT = Effect(
     sentence="extra friction at low speed that fades as the joint speeds up",
     equation="tau = level * exp(-|qd / velocity|^exponent) * sgn(qd)",
     parameters={"level": "N m", "velocity": "rad/s", "exponent": "1"},
-    columns=build_joint_columns(_feature),
+    **build_local_law("sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
     from_values=append_shape,
     shapes=_shapes,
     refine=ShapeRefinement("ratio", 0.6),
@@ -41,5 +34,4 @@ EFFECT = Effect(
     possible=dissipates,
     in_any_arm=lambda span, j: _shapes(span, j, (0.03, 0.06, 0.12), (1.0,)),
     least_seen=tuple((velocity, 1.0) for velocity in (0.06, 0.12)),  # rad/s
-    portable=build_formula_law("a[0] * sign * exp(-pow(fabs(qd / s[0]), s[1]))"),
 )

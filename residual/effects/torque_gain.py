@@ -6,8 +6,7 @@ from residual.effects.base import (
     Effect,
     EffectTrait,
     against_torque,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
 )
 
 MOST = 10.0  # beyond it the unit is another one
@@ -19,7 +18,7 @@ EFFECT = Effect(
     sentence="measured torque scaled by a wrong torque constant",
     equation="d tau = gain * tau",
     parameters={"gain": "1"},
-    columns=build_joint_columns(lambda state, j, shape: [state.tau_model[:, j]]),
+    **build_local_law("tau"),
     traits=EffectTrait.USES_MODEL
     | EffectTrait.REPORT
     | EffectTrait.ONE_VARIABLE
@@ -29,5 +28,4 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([0.1]),
     variable=against_torque,
     possible=lambda theta, shape, limits: bool(-1 < theta[0] < MOST),
-    portable=build_formula_law("a[0] * tau"),
 )

@@ -3,8 +3,7 @@
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     dissipates_with_speed,
 )
 
@@ -14,7 +13,7 @@ EFFECT = Effect(
     sentence="resistance proportional to the joint's speed (grease, seals)",
     equation="tau = coefficient * qd",
     parameters={"coefficient": "N m s/rad"},
-    columns=build_joint_columns(lambda state, j, shape: [state.qd[:, j]]),
+    **build_local_law("qd", joint=("damping",)),
     traits=EffectTrait.PARAMETER
     | EffectTrait.NOT_NEGATIVE
     | EffectTrait.GROUPABLE
@@ -24,5 +23,4 @@ EFFECT = Effect(
     carries="speed",
     possible=dissipates_with_speed,
     in_any_arm=lambda span, j: ((),),
-    portable=build_formula_law("a[0] * qd", joint=("damping",)),
 )

@@ -1,14 +1,11 @@
 """Friction that falls while the grease warms up."""
 
-import numpy as np
-
 from residual.effects.base import (
     Effect,
     EffectTrait,
     ShapeRefinement,
     append_shape,
-    build_formula_law,
-    build_joint_columns,
+    build_local_law,
     dissipates,
 )
 
@@ -24,9 +21,7 @@ EFFECT = Effect(
     sentence="friction that falls with the time since the session began",
     equation="tau = level * exp(-t / time_constant) * sgn(qd)",
     parameters={"level": "N m", "time_constant": "s"},
-    columns=build_joint_columns(
-        lambda s, j, shape: [s.sign[:, j] * np.exp(-s.t / shape[0])]
-    ),
+    **build_local_law("sign * exp(-t / s[0])"),
     from_values=append_shape,
     shapes=_shapes,
     refine=ShapeRefinement("ratio", 0.6),
@@ -35,5 +30,4 @@ EFFECT = Effect(
     inexact=0.15,
     variable=lambda state, j: (state.t, "session time [s]"),
     possible=dissipates,
-    portable=build_formula_law("a[0] * sign * exp(-t / s[0])"),
 )

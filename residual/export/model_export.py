@@ -65,10 +65,8 @@ def build_reference_motion(
 
 def fill_joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
     """Return range and speed of each joint, defaults where it has none. (dof,) each."""
-    lower = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
-    upper = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    limited = np.isfinite(robot.velocity_limit)
-    return lower, upper, np.where(limited, robot.velocity_limit, DEFAULT_SPEED)
+    speed = robot.velocity_limit
+    return *robot.ends, np.where(np.isfinite(speed), speed, DEFAULT_SPEED)
 
 
 @dataclass(frozen=True, slots=True)

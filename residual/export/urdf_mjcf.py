@@ -38,6 +38,7 @@ from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import build_kinematic_chain
 from residual.robot.robot import refuse_carried_weight, write_urdf_with_inertias
+from residual.robot.urdf import format_numbers
 
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
 URDF_CAN = ("damping", "friction")
@@ -109,7 +110,7 @@ def to_urdf(source: AnyModel) -> ModelExport:
     )
     joints = {j.get("name"): j for j in root.findall("joint")}
     values = sum_joint_properties(model)
-    for number, name in enumerate(list(model.robot.model.names)[1:]):
+    for number, name in enumerate(model.robot.joints):
         joint = joints[name]
         for old in joint.findall("dynamics"):
             joint.remove(old)
@@ -146,7 +147,7 @@ def to_mjcf(
     for term in model.terms:
         if add := term.effect.portable.gravity:
             gravity = gravity + add(term.theta, model.robot)
-    options = {"timestep": repr(STEP), "gravity": _words(gravity)}
+    options = {"timestep": repr(STEP), "gravity": format_numbers(gravity)}
     ET.SubElement(root, "option", options | {"integrator": "implicitfast"})
     default = ET.SubElement(root, "default")
     ET.SubElement(default, "joint", FRICTION)
@@ -154,11 +155,10 @@ def to_mjcf(
     ET.SubElement(default, "geom", {"type": "capsule", **seen})
     _bodies(ET.SubElement(root, "worldbody"), model)
     motors = ET.SubElement(root, "actuator")
-    names = list(model.robot.model.names)[1:]
-    for name, most in zip(names, model.robot.torque_limit, strict=True):
+    for name, most in zip(model.robot.joints, model.robot.torque_limit, strict=True):
         motor = {"name": f"motor_{name}", "joint": name}
         if np.isfinite(most):
-            motor |= {"ctrllimited": "true", "ctrlrange": _words([-most, most])}
+            motor |= {"ctrllimited": "true", "ctrlrange": format_numbers([-most, most])}
         ET.SubElement(motors, "motor", motor)
     ET.indent(root)
     text = ET.tostring(root, encoding="unicode") + "\n"
@@ -171,28 +171,35 @@ def _bodies(parent: ET.Element, model: Model) -> None:
         sum_joint_properties(model),
     )
     bodies = add_effect_bodies(model).reshape(-1, 10)
-    names = list(model.robot.model.names)[1:]
-    for i, name in enumerate(names):
+    for i, name in enumerate(model.robot.joints):
         if i:
             _line(parent, chain.place[i])
-        place = {"pos": _words(chain.place[i]), "quat": _quaternion(chain.rotation[i])}
+        place = {
+            "pos": format_numbers(chain.place[i]),
+            "quat": _quaternion(chain.rotation[i]),
+        }
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **place})
         ET.SubElement(parent, "inertial", _inertial(bodies[i], i + 1))
         kind = "slide" if chain.slides[i] else "hinge"
-        joint = {"name": name, "type": kind, "axis": _words(chain.axis[i])}
+        joint = {"name": name, "type": kind, "axis": format_numbers(chain.axis[i])}
         joint |= {
             "armature": repr(float(values["armature"][i])),
             "frictionloss": repr(float(values["friction"][i])),
-            "damping": _words([values["damping"][i], values["quadratic_damping"][i]]),
+            "damping": format_numbers(
+                [values["damping"][i], values["quadratic_damping"][i]]
+            ),
         }
         if stiffness := float(values["stiffness"][i]):
             rest = -float(values["constant"][i]) / stiffness
             joint |= {"stiffness": repr(stiffness), "springref": repr(rest)}
         lower, upper = model.robot.lower[i], model.robot.upper[i]
         if np.isfinite(lower):
-            joint |= {"limited": "true", "range": _words([lower, upper])}
+            joint |= {"limited": "true", "range": format_numbers([lower, upper])}
         ET.SubElement(parent, "joint", joint)
-    place = {"pos": _words(chain.flange), "quat": _quaternion(chain.flange_rotation)}
+    place = {
+        "pos": format_numbers(chain.flange),
+        "quat": _quaternion(chain.flange_rotation),
+    }
     _line(parent, chain.flange)
     ET.SubElement(parent, "site", {"name": "flange", **place})
 
@@ -209,25 +216,24 @@ def _inertial(body: Array, number: int) -> dict[str, str]:
             "it. Identify it with --consistent, or export it to c99."
         )
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
-    full = _words([tensor[at] for at in places])
-    return {"pos": _words(centre), "mass": repr(float(mass)), "fullinertia": full}
+    full = format_numbers([tensor[at] for at in places])
+    return {
+        "pos": format_numbers(centre),
+        "mass": repr(float(mass)),
+        "fullinertia": full,
+    }
 
 
 def _line(parent: ET.Element, end: Array) -> None:
     """A massless line to the next joint, so that the arm is visible."""
     if np.linalg.norm(end) > THICK:
-        ends = _words([0, 0, 0, *end])
+        ends = format_numbers([0, 0, 0, *end])
         ET.SubElement(parent, "geom", {"fromto": ends, "size": repr(THICK)})
 
 
 def _quaternion(rotation: Array) -> str:
     x, y, z, w = pin.Quaternion(rotation).coeffs()
-    return _words([w, x, y, z])
-
-
-def _words(values) -> str:
-    """Numbers with all digits that a double has."""
-    return " ".join(repr(float(v)) for v in values)
+    return format_numbers([w, x, y, z])
 
 
 SOURCE = "passive.py.txt"

@@ -291,8 +291,7 @@ def _remedies(
 def _motions(model: Model):
     """Motions to try, the simplest first: words, and q, qd, qdd of random states."""
     robot, rng = model.robot, np.random.default_rng(0)
-    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
-    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
+    low, high = robot.ends
     speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2 * _FAST)
     hard = robot.acceleration_limit
     hard = np.full(robot.dof, 2 * _HARD) if hard is None else hard

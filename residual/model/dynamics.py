@@ -188,9 +188,7 @@ def find_least_mass_eigenvalue(model: Model, poses: int = POSES) -> float:
     only in all likelihood; for consistent links it is proved.
     """
     robot, rng = model.robot, np.random.default_rng(0)
-    low = np.where(np.isfinite(robot.lower), robot.lower, -np.pi)
-    high = np.where(np.isfinite(robot.upper), robot.upper, np.pi)
-    q = rng.uniform(low, high, (poses, robot.dof))
+    q = rng.uniform(*robot.ends, (poses, robot.dof))
     return float(np.linalg.eigvalsh(compute_model_mass_matrix(model, q))[:, 0].min())
 
 

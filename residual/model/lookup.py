@@ -8,7 +8,6 @@ import io
 import json
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from importlib import resources
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -16,6 +15,7 @@ from typing import NamedTuple
 import numpy as np
 
 from residual.effects.base import State
+from residual.model import evaluate
 from residual.model.model import Model
 from residual.quantity import check_rows, convert_to_plain_values
 from residual.recording import Array, Recording
@@ -64,18 +64,23 @@ class Lookup:
     def predict(self, X: Array) -> Array:
         """Return the correction of rows, in units of the responses. Shape (m, j)."""
         X = check_rows(X, self.names, "the tables are of")
-        levels = [
-            np.searchsorted(a.edges, X[:, a.variable], "right") for a in self.axes
-        ]
-        out = self.offset + X @ self.slope
-        for table in self.tables:
-            out += table.values[tuple(levels[a] for a in table.axes)]
-        return out
+        return evaluate.predict(self.arrays, X)
 
     def outside(self, X: Array) -> Array:
         """Values outside the calibrated range, which take the nearest level. (m, d)."""
         X = check_rows(X, self.names, "the tables are of")
-        return np.less(X, self.low) | np.greater(X, self.high)
+        return evaluate.flag_outside_range(self.arrays, X)
+
+    @property
+    def arrays(self) -> dict[str, Array]:
+        """All of it as the arrays of `model.npz`."""
+        named = ("names", "joints", "offset", "slope", "low", "high")
+        arrays = {name: np.array(getattr(self, name)) for name in named}
+        places = [(*t.axes, -1)[:2] for t in self.tables]
+        arrays["axis_variable"] = np.array([a.variable for a in self.axes], np.int64)
+        arrays["table_axes"] = np.array(places, np.int64).reshape(-1, 2)
+        arrays |= {f"edges_{i}": a.edges for i, a in enumerate(self.axes)}
+        return arrays | {f"values_{i}": t.values for i, t in enumerate(self.tables)}
 
     def to_record(self) -> dict:
         """The tables as plain values."""
@@ -114,26 +119,14 @@ def build_lookup_files(lookup: Lookup) -> dict[str, bytes]:
     `model.npz` holds everything, `tables.csv` the same cells to read, `model.json` what
     the tables are, `evaluate.py` evaluates the NPZ with numpy alone.
     """
-    evaluator = resources.files(__package__).joinpath("evaluate.py")
+    buffer = io.BytesIO()
+    np.savez_compressed(buffer, **lookup.arrays)
     return {
-        "model.npz": _npz(lookup),
+        "model.npz": buffer.getvalue(),
         "tables.csv": _csv(lookup),
         "model.json": _json(lookup),
-        "evaluate.py": evaluator.read_bytes(),
+        "evaluate.py": Path(evaluate.__file__).read_bytes(),
     }
-
-
-def _npz(lookup: Lookup) -> bytes:
-    named = ("names", "joints", "offset", "slope", "low", "high")
-    arrays = {name: np.array(getattr(lookup, name)) for name in named}
-    places = [(*t.axes, -1)[:2] for t in lookup.tables]
-    arrays["axis_variable"] = np.array([a.variable for a in lookup.axes], np.int64)
-    arrays["table_axes"] = np.array(places, np.int64).reshape(-1, 2)
-    arrays |= {f"edges_{i}": a.edges for i, a in enumerate(lookup.axes)}
-    arrays |= {f"values_{i}": t.values for i, t in enumerate(lookup.tables)}
-    buffer = io.BytesIO()
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
 
 
 def _csv(lookup: Lookup) -> bytes:

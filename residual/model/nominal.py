@@ -148,8 +148,7 @@ def _read(word: str, value: float, robot: Robot) -> KnownValue:
 
 
 def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:
-    names = list(robot.model.names)[1:]
-    text = ".".join(middle)
+    names, text = robot.joints, ".".join(middle)
     if text in names:
         return (names.index(text),)
     if not text.isdigit() or not 1 <= int(text) <= robot.dof:

@@ -32,7 +32,13 @@ from residual.errors import (
     shorten_value,
 )
 from residual.recording import Array
-from residual.robot.urdf import GRAVCOMP, ArmChoice, abbreviate_list
+from residual.robot.urdf import (
+    GRAVCOMP,
+    ArmChoice,
+    abbreviate_list,
+    format_numbers,
+    write_origin,
+)
 
 
 def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
@@ -435,7 +441,7 @@ class _Writer:
             kind = "continuous"
         node = ET.SubElement(self.root, "joint", {"name": name, "type": kind})
         _ends(node, parent, link, place)
-        ET.SubElement(node, "axis", {"xyz": _numbers_text(m.jnt_axis[j])})
+        ET.SubElement(node, "axis", {"xyz": format_numbers(m.jnt_axis[j])})
         low, high = m.jnt_range[j] if m.jnt_limited[j] else (0.0, 0.0)
         limit = {"lower": repr(float(low)), "upper": repr(float(high))}
         limit |= {"effort": repr(self._effort(j)), "velocity": "0"}
@@ -467,7 +473,7 @@ class _Writer:
         if mass > 0:
             place = inside * _placed(self.m.body_ipos[b], self.m.body_iquat[b])
             node = ET.SubElement(link, "inertial")
-            ET.SubElement(node, "origin", _origin(place))
+            ET.SubElement(node, "origin", write_origin(place))
             ET.SubElement(node, "mass", {"value": repr(mass)})
             moments = zip(("ixx", "iyy", "izz"), self.m.body_inertia[b], strict=True)
             tensor = {key: repr(float(value)) for key, value in moments}
@@ -530,13 +536,4 @@ def _placed(position: Array, quaternion: Array) -> pin.SE3:
 def _ends(node: ET.Element, parent: str, child: str, place: pin.SE3) -> None:
     ET.SubElement(node, "parent", {"link": parent})
     ET.SubElement(node, "child", {"link": child})
-    ET.SubElement(node, "origin", _origin(place))
-
-
-def _origin(place: pin.SE3) -> dict[str, str]:
-    turned = pin.rpy.matrixToRpy(place.rotation)
-    return {"xyz": _numbers_text(place.translation), "rpy": _numbers_text(turned)}
-
-
-def _numbers_text(values: Array) -> str:
-    return " ".join(repr(float(v)) for v in values)
+    ET.SubElement(node, "origin", write_origin(place))

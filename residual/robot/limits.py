@@ -28,11 +28,7 @@ def find_limit_flaws(robot: Robot) -> list[tuple[int, str]]:
         if np.isfinite(speed) and speed > SWIFT[unit]:
             words = f"The speed limit is {speed:.4g} {unit}"
             out.append((j + 1, f"{words}, expected at most {SWIFT[unit]:g} {unit}."))
-    lower, upper = (
-        np.where(np.isfinite(end), end, sign * np.pi)
-        for end, sign in ((robot.lower, -1), (robot.upper, 1))
-    )
-    q = np.random.default_rng(0).uniform(lower, upper, (POSTURES, robot.dof))
+    q = np.random.default_rng(0).uniform(*robot.ends, (POSTURES, robot.dof))
     weight = compute_gravity_torque(robot.model, q, robot.model.gravity.linear)
     most, limit = np.abs(weight).max(axis=0), robot.torque_limit
     for j in np.flatnonzero((limit < LIMP * most) & (robot.carried is None)):

@@ -46,7 +46,7 @@ from residual.robot.plausibility import (
     read_link_bodies,
     repair_impossible_bodies,
 )
-from residual.robot.urdf import UrdfArm, read_joint_link, read_urdf
+from residual.robot.urdf import UrdfArm, format_numbers, read_joint_link, read_urdf
 
 # Effects, by the property of a joint that MJCF gives, with the parameter that it is.
 Properties = Mapping[str, tuple[str, str]]
@@ -122,6 +122,12 @@ class Robot:
     def joints(self) -> tuple[str, ...]:
         """Names of the joints in the file, joint 1 first."""
         return tuple(self.model.names)[1:]
+
+    @property
+    def ends(self) -> tuple[Array, Array]:
+        """Lower and upper ends of each range, of a joint without any one turn [rad]."""
+        lower = np.where(np.isfinite(self.lower), self.lower, -np.pi)
+        return lower, np.where(np.isfinite(self.upper), self.upper, np.pi)
 
     @property
     def prismatic(self) -> tuple[bool, ...]:
@@ -424,9 +430,8 @@ def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
     root = ET.fromstring(robot.urdf)
     joints = {j.get("name", ""): j for j in root.findall("joint")}
     links = {link.get("name", ""): link for link in root.findall("link")}
-    names = list(robot.model.names)[1:]
-    bodies = np.reshape(parameters, (-1, 10))
-    for number, (name, body) in enumerate(zip(names, bodies, strict=True), start=1):
+    bodies = zip(robot.joints, np.reshape(parameters, (-1, 10)), strict=True)
+    for number, (name, body) in enumerate(bodies, start=1):
         if not body[0] > 0:
             raise InputError(
                 f"Link {number} was identified with mass {body[0]:.3g} kg, and a URDF "
@@ -457,8 +462,7 @@ def _inertial(body: Array) -> ET.Element:
     """Mass, centre and the tensor about the centre, in the link's own axes."""
     inertia = pin.Inertia.FromDynamicParameters(body)
     node = ET.Element("inertial")
-    # With all digits that a double has.
-    xyz = " ".join(repr(float(c)) for c in inertia.lever)
+    xyz = format_numbers(inertia.lever)
     ET.SubElement(node, "origin", {"xyz": xyz, "rpy": "0 0 0"})
     ET.SubElement(node, "mass", {"value": repr(float(inertia.mass))})
     places = {"xx": (0, 0), "xy": (0, 1), "xz": (0, 2), "yy": (1, 1), "yz": (1, 2)}

@@ -442,9 +442,7 @@ def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
         else:
             pose = place * pin.SE3(pin.exp3(value * axis), np.zeros(3))
         node = ET.SubElement(joint, "origin") if node is None else node
-        node.set("xyz", " ".join(repr(float(x)) for x in pose.translation))
-        turned = pin.rpy.matrixToRpy(pose.rotation)
-        node.set("rpy", " ".join(repr(float(x)) for x in turned))
+        node.attrib.update(write_origin(pose))
     _fix(joint)
 
 
@@ -581,6 +579,17 @@ def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
         node.attrib.update(mended)
     effort, speed = (abs(x) or np.inf for x in rates.values())
     return [lower, upper, speed, effort], bool(mended)
+
+
+def write_origin(place: pin.SE3) -> dict[str, str]:
+    """Attributes of an <origin>."""
+    turned = pin.rpy.matrixToRpy(place.rotation)
+    return {"xyz": format_numbers(place.translation), "rpy": format_numbers(turned)}
+
+
+def format_numbers(values: Iterable) -> str:
+    """Numbers with all digits that a double has, as URDF and MJCF list them."""
+    return " ".join(repr(float(value)) for value in values)
 
 
 def read_joint_link(joint: ET.Element, side: str) -> str:

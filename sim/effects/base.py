@@ -1,5 +1,6 @@
 """What the simulated world knows of an effect: data, and how the arm has it."""
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Enum, auto
@@ -216,6 +217,18 @@ TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 CENTRE = ("com_x", "com_y", "com_z")
 
 
+# What every body that is added to an arm is told by, as fields of an `Effect`.
+BODY = {
+    "parameters": {"mass": "kg"}
+    | dict.fromkeys(CENTRE, "m")
+    | dict.fromkeys(TENSOR, "kg m^2"),
+    "defaults": dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
+    "above": {"mass": 0.0},
+    "together": TENSOR,
+    "amount": ("mass",),
+}
+
+
 def build_body_inertia(p: Values) -> pin.Inertia:
     """Return a body by its values, in the frame that they are stated in.
 
@@ -244,13 +257,10 @@ def add_body(model: pin.Model, link: int, body: pin.Inertia, name: str) -> pin.M
     """
     loaded = pin.Model(model)
     loaded.inertias[link] += body
-    if _least(loaded.inertias[link]) < 0:
+    pseudo = pin.PseudoInertia.FromInertia(loaded.inertias[link]).toMatrix()
+    if np.linalg.eigvalsh(pseudo)[0] < 0:
         raise InputError(
             f"{name}: no body has these moments of inertia at that mass; give them "
             "about the centre of mass, each at most the sum of the other two."
         )
     return loaded
-
-
-def _least(body: pin.Inertia) -> float:
-    return np.linalg.eigvalsh(pin.PseudoInertia.FromInertia(body).toMatrix())[0]

@@ -18,6 +18,8 @@ def _spikes(tau, t, onset, p):
     return tau + p["size"] * way[:, None]
 
 
+_SENSOR = {"traits": frozenset({PlantEffectTrait.SENSOR}), "where": draw_any_joint}
+
 EFFECTS = (
     Effect(
         name="x_fault_frozen",
@@ -29,8 +31,7 @@ EFFECTS = (
     Effect(
         name="x_fault_drift",
         parameters={"rate": "rad/s"},
-        traits=frozenset({PlantEffectTrait.SENSOR}),
-        where=draw_any_joint,
+        **_SENSOR,
         draw=lambda rng, sizes: {
             "rate": draw_sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
         },
@@ -39,8 +40,7 @@ EFFECTS = (
     Effect(
         name="x_fault_torque_bias",
         parameters={"torque": "N m"},
-        traits=frozenset({PlantEffectTrait.SENSOR}),
-        where=draw_any_joint,
+        **_SENSOR,
         draw=lambda rng, sizes: {
             "torque": draw_sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque
         },
@@ -50,8 +50,7 @@ EFFECTS = (
         name="x_fault_torque_gain",
         parameters={"gain": "1"},
         above={"gain": -1.0},
-        traits=frozenset({PlantEffectTrait.SENSOR}),
-        where=draw_any_joint,
+        **_SENSOR,
         draw=lambda rng, sizes: {"gain": -rng.uniform(0.2, 0.4)},
         report=lambda tau, t, onset, p: tau * (1.0 + p["gain"]),
     ),
@@ -61,8 +60,7 @@ EFFECTS = (
         # A spike is one sample of 250 Hz.
         defaults={"interval": 0.5, "width": 0.004},
         above={"interval": 0.0, "width": 0.0},
-        traits=frozenset({PlantEffectTrait.SENSOR}),
-        where=draw_any_joint,
+        **_SENSOR,
         draw=lambda rng, sizes: {
             "size": draw_sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque
         },

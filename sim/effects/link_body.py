@@ -1,12 +1,10 @@
 """A body bolted to a link: a steel ball by its joint, unless its tensor is given."""
 
-import math
-
 import numpy as np
 
 from sim.effects.base import (
+    BODY,
     CENTRE,
-    TENSOR,
     Effect,
     PlantEffectTrait,
     Rng,
@@ -33,13 +31,7 @@ def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
 
 EFFECT = Effect(
     name="link_body",
-    parameters={"mass": "kg"}
-    | dict.fromkeys(CENTRE, "m")
-    | dict.fromkeys(TENSOR, "kg m^2"),
-    defaults=dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
-    above={"mass": 0.0},
-    together=TENSOR,
-    amount=("mass",),
+    **BODY,
     traits=frozenset({PlantEffectTrait.RARE}),
     # The first turns about one axis alone, and on the wrist it is a load.
     where=lambda rng, dof, sizes: int(rng.integers(2, max(3, dof - 1))),

@@ -1,13 +1,11 @@
 """A load fixed to the flange: a steel ball, unless its tensor is given."""
 
-import math
-
 import pinocchio as pin
 
 from residual.robot.dynamics import find_flange_axis, find_flange_placement
 from sim.effects.base import (
+    BODY,
     CENTRE,
-    TENSOR,
     Effect,
     Rng,
     TypicalJointSizes,
@@ -44,14 +42,8 @@ def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
 
 EFFECT = Effect(
     name="payload",
-    parameters={"mass": "kg"}
-    | dict.fromkeys(CENTRE, "m")
-    | dict.fromkeys(TENSOR, "kg m^2"),
-    defaults=dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
+    **BODY,
     scope="flange",
-    above={"mass": 0.0},
-    together=TENSOR,
-    amount=("mass",),
     draw=_draw,
     body=lambda model, joints, p: add_payload(model, p),
 )

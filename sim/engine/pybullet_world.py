@@ -20,6 +20,7 @@ from residual.errors import build_missing_package_error
 from residual.recording import Array
 from residual.robot.dynamics import find_joint_axis
 from residual.robot.files import find_prismatic_joints
+from residual.robot.urdf import format_numbers
 
 _FREE = 1e3  # rad and rad/s: limits that nothing reaches
 
@@ -58,18 +59,14 @@ def _joint(model: pin.Model, i: int) -> str:
     return (
         f'<joint name="joint{i}" type="{kind}"><parent link="link{i - 1}"/>'
         f'<child link="link{i}"/>{_origin(place.rotation, place.translation)}'
-        f'<axis xyz="{_numbers(find_joint_axis(model, i))}"/>'
+        f'<axis xyz="{format_numbers(find_joint_axis(model, i))}"/>'
         '<limit lower="-1000" upper="1000" effort="0" velocity="1000"/></joint>'
     )
 
 
 def _origin(rotation: Array, translation: Array) -> str:
     rpy = pin.rpy.matrixToRpy(rotation)
-    return f'<origin xyz="{_numbers(translation)}" rpy="{_numbers(rpy)}"/>'
-
-
-def _numbers(values: Array) -> str:
-    return " ".join(repr(float(value)) for value in values)
+    return f'<origin xyz="{format_numbers(translation)}" rpy="{format_numbers(rpy)}"/>'
 
 
 @contextmanager

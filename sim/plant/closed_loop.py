@@ -10,7 +10,6 @@ The paper prints the inverse of M in eq. 8; it must be M.
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 import pinocchio as pin
@@ -203,17 +202,14 @@ def simulate_closed_loop(
     channels = arm.channels
     rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
     series = build_torque_series(arm.effects, start + t, seed, label)
-    parts, state = (
-        split_into_phases(arm, len(t), dt, series),
-        build_initial_state(arm, start),
-    )
-    run = _Run(controller, reference.q, rows, channels, state)
+    parts = split_into_phases(arm, len(t), dt, series)
+    state = build_initial_state(arm, start)
     q, qd = _start(parts[0], reference, state)
     for i, phase in enumerate(parts):
         if i > 0:
             _join_springs(phase, parts[i - 1], state, (q, qd))
         try:
-            q, qd = _run(phase, run, q, qd)
+            q, qd = _run(phase, controller, reference.q, rows, channels, state, q, qd)
         except SimulationDivergedError as trip:
             if phase.faults is None:
                 raise
@@ -227,42 +223,37 @@ def simulate_closed_loop(
     return SimulationTrace(t, rows, np.diff(speeds, axis=0) / dt, arm, tuple(parts))
 
 
-class _Run(NamedTuple):
-    """What stays the same from phase to phase of one simulation."""
-
-    controller: Controller
-    goal: Array
-    rows: Array
-    channels: tuple[str, ...]
-    state: PlantState
-
-
-def _run(phase: ArmPhase, run: _Run, q: Array, qd: Array) -> tuple[Array, Array]:
+def _run(
+    phase: ArmPhase,
+    controller: Controller,
+    goal: Array,
+    rows: Array,
+    channels: tuple[str, ...],
+    state: PlantState,
+    q: Array,
+    qd: Array,
+) -> tuple[Array, Array]:
     """Run one phase; return position and velocity after its last step."""
-    model, data, arm = (
-        phase.model,
-        phase.model.createData(),
-        pack_constants(phase.constants),
-    )
-    rows, state, dof, still = run.rows, run.state, model.nv, np.zeros(model.nv)
+    model, arm = phase.model, pack_constants(phase.constants)
+    data, dof, still = model.createData(), model.nv, np.zeros(model.nv)
     body, outside = np.empty((dof + 1, dof)), still
     with BulletWorld(model, arm.dt) as world:
         world.reset(q, qd)
         for k in range(phase.first, phase.end_step):
             now = rows[k]
             now[at.Q], now[at.QD] = q, qd
-            astray = read_encoders(k, arm.joints, state.motors, run.goal[k], rows)
+            astray = read_encoders(k, arm.joints, state.motors, goal[k], rows)
             if astray:
                 raise SimulationDivergedError(k * arm.dt, q, qd, astray)
             if phase.faults is not None:
                 phase.faults.read(k, arm.dt, rows)
-            now[at.DRIVE] = run.controller(k, now[at.READING], now[at.READING_RATE])
+            now[at.DRIVE] = controller(k, now[at.READING], now[at.READING_RATE])
             body[:dof] = pin.crba(model, data, q)
             body[dof] = pin.rnea(model, data, q, qd, still)
             if phase.pushes:
                 torques = compute_external_torques(phase, MovingArm(model, data, q, qd))
                 for name, torque in torques.items():
-                    now[at.CHANNELS + run.channels.index(name)] = -torque
+                    now[at.CHANNELS + channels.index(name)] = -torque
                 outside = np.sum(list(torques.values()), axis=0)
             world.step(step_drive_train(k, body, outside, arm, state, rows))
             q, qd = world.state()

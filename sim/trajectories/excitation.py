@@ -21,8 +21,9 @@ give the slope by every coefficient; they are taken by differences, since Pinocc
 none of the regressor.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 
 import numpy as np
 import pinocchio as pin
@@ -46,6 +47,7 @@ from sim.trajectories.motion_curves import (
     differentiate_series,
 )
 from sim.trajectories.planning_limits import (
+    MotionPlan,
     MotionWorkspace,
     bound_nominal_torque,
     bound_overshoot_between_samples,
@@ -196,11 +198,24 @@ def export_series_coefficients(series: FourierSeries) -> tuple[tuple[float, ...]
     return tuple(tuple(row) for row in rows.tolist())
 
 
-def build_coefficient_series(
-    rows: Sequence[Sequence[float]], dof: int, period: float
-) -> FourierSeries:
-    """Return the series of such coefficients."""
-    shapes = {len(row) for row in rows}
+def draw_excitation(
+    robot: Robot,
+    duration: float,
+    periods: int,
+    rng: np.random.Generator,
+    optimised: bool = True,
+) -> Iterator[Iterable[MotionPlan]]:
+    """Search for the most exciting motion, or draw one."""
+    space = build_workspace(robot, duration / periods)
+    find = optimize_excitation if optimised else draw_feasible_series
+    yield [_plan_of(find(space, rng), duration)]
+
+
+def build_given_series(
+    robot: Robot, duration: float, periods: int, rows: Sequence[Sequence[float]]
+) -> MotionPlan:
+    """Return the motion of coefficients that `export_series_coefficients` gives."""
+    shapes, dof = {len(row) for row in rows}, robot.dof
     if len(rows) != 1 + FREE or shapes != {dof}:
         raise InputError(
             f"coefficients: expected {1 + FREE} rows of {dof} numbers, got "
@@ -209,7 +224,13 @@ def build_coefficient_series(
     values = np.array(rows, dtype=float)
     if not np.isfinite(values).all():
         raise InputError("coefficients: expected finite numbers.")
-    return FourierSeries(values[0], *expand_free_coefficients(values[1:]), period)
+    free, period = expand_free_coefficients(values[1:]), duration / periods
+    return _plan_of(FourierSeries(values[0], *free, period), duration)
+
+
+def _plan_of(series: FourierSeries, duration: float) -> MotionPlan:
+    curve, period = partial(sample_series, series), series.period
+    return MotionPlan("fourier", curve, duration, period, period)
 
 
 def draw_slow_coefficients(

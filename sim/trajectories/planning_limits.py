@@ -4,7 +4,6 @@ Planned motions keep a part of what the arm has, so that a controller can still 
 and a heavier or stiffer arm than the nominal one can still follow.
 """
 
-from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -167,24 +166,6 @@ def check_plan(robot: Robot, plan: MotionPlan) -> None:
     check_motion_clearance(
         build_arm_capsules(robot.model), plan.kind, t[::every], motion[0][::every]
     )
-
-
-def choose_first_feasible_plan(
-    robot: Robot, plans: Iterable[MotionPlan]
-) -> MotionPlan | MotionLimitError | None:
-    """Return the first of some plans that keeps all limits; else what the last broke.
-
-    Args:
-        plans: Of fewer and fewer moves, so that the first is the best.
-    """
-    problem = None
-    for plan in plans:
-        try:
-            check_plan(robot, plan)
-            return plan
-        except MotionLimitError as error:
-            problem = error
-    return problem
 
 
 def check_motion_limits(robot: Robot, kind: str, t: Array, motion: Motion) -> None:

@@ -1,7 +1,7 @@
 """From a specification to the motion that a controller is given."""
 
-from collections.abc import Callable
-from functools import partial
+from collections.abc import Callable, Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,35 +13,54 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.trajectories.excitation import (
-    build_coefficient_series,
-    draw_feasible_series,
-    optimize_excitation,
-    sample_series,
-)
+from sim.trajectories.excitation import build_given_series, draw_excitation
 from sim.trajectories.motion_curves import RAMP
 from sim.trajectories.planning_limits import (
+    MotionLimitError,
     MotionPlan,
-    build_workspace,
     check_plan,
     space_times_evenly,
 )
 from sim.trajectories.work_motions import (
-    plan_cyclic,
+    draw_paintings,
+    draw_place_routes,
+    draw_weldings,
     plan_given_places,
-    plan_move_stop_move,
-    plan_welding,
 )
 
-KINDS = ("fourier", "cyclic", "welding", "move_stop_move")
-_GIVEN = ("fourier", "move_stop_move")  # what may be given by its numbers
 _SHORTEST = 0.5  # s, of a period
 _RATES = (10.0, 20_000.0)  # Hz
-_PLANNERS: dict[str, Callable[..., MotionPlan]] = {
-    "cyclic": plan_cyclic,
-    "welding": plan_welding,
-    "move_stop_move": plan_move_stop_move,
+
+
+class MotionFamily(NamedTuple):
+    """How motions of one kind are found."""
+
+    # (robot, duration, periods, random stream) -> attempts, each of them plans of fewer
+    # and fewer moves, so that the first that is feasible is the best.
+    draw: Callable[..., Iterator[Iterable[MotionPlan]]]
+    absent: str  # what was not found, where no attempt has a plan
+    # (robot, duration, periods, coefficients) -> the motion that has these numbers;
+    # None where something is in its way.
+    build: Callable[..., MotionPlan | None] | None = None
+    patience: int = 1  # attempts that are too fast even with the fewest moves
+
+
+_PIECE = (
+    "place for a work piece that {} reaches within its ranges, clear of the floor and "
+    "itself and away from singular postures"
+)
+FAMILIES = {
+    "fourier": MotionFamily(draw_excitation, "motion of {}", build_given_series),
+    "cyclic": MotionFamily(draw_paintings, _PIECE, patience=4),
+    "welding": MotionFamily(draw_weldings, _PIECE, patience=3),
+    "move_stop_move": MotionFamily(
+        draw_place_routes,
+        "places that {} can move between within its limits and clear of the floor and "
+        "itself",
+        plan_given_places,
+    ),
 }
+KINDS = tuple(FAMILIES)
 
 
 def plan_reference_motion(
@@ -76,17 +95,34 @@ def plan_motion(
 ) -> MotionPlan:
     """Plan a motion and check it, as `plan_reference_motion` before it is sampled."""
     _check_spec(spec)
-    rng = create_random_stream(spec.seed, f"trajectory/{spec.kind}")
+    family, errors = FAMILIES[spec.kind], []
+    about = (robot, spec.duration, spec.periods)
     # One thread: sums in another order would end the search elsewhere.
-    if spec.kind == "fourier":
-        plan = _fourier(robot, spec, rng, optimised)
-    elif spec.coefficients:
-        rows = spec.coefficients
-        plan = plan_given_places(robot, spec.duration, spec.periods, rows)
+    rng = create_random_stream(spec.seed, f"trajectory/{spec.kind}")
+    if spec.coefficients:
+        plan = family.build(*about, spec.coefficients)
+        attempts = [[plan]] if plan else []
+    elif spec.kind == "fourier":
+        attempts = family.draw(*about, rng, optimised)
     else:
-        return _PLANNERS[spec.kind](robot, spec.duration, spec.periods, rng)
-    check_plan(robot, plan)
-    return plan
+        attempts = family.draw(*about, rng)
+    for plans in attempts:
+        problem = None
+        for plan in plans:
+            try:
+                check_plan(robot, plan)
+                return plan
+            except MotionLimitError as error:
+                problem = error
+        errors += [problem] if problem else []
+        if len(errors) == family.patience:
+            break
+    if errors:
+        raise errors[0]
+    raise InputError(
+        f"{spec.kind}: found no {family.absent.format(robot.name)}. "
+        "Try another seed, or fourier."
+    )
 
 
 @one_blas_thread
@@ -97,34 +133,17 @@ def sample_plan(plan: MotionPlan, rate: float) -> ReferenceMotion:
     return ReferenceMotion(plan.kind, t, q, qd, qdd, plan.period)
 
 
-def _fourier(
-    robot: Robot, spec: TrajectorySpec, rng: np.random.Generator, optimised: bool
-) -> MotionPlan:
-    period = spec.duration / spec.periods
-    place = build_workspace(robot, period)
-    if spec.coefficients:
-        series = build_coefficient_series(spec.coefficients, robot.dof, period)
-    else:
-        series = (
-            optimize_excitation(place, rng)
-            if optimised
-            else draw_feasible_series(place, rng)
-        )
-    return MotionPlan(
-        "fourier", partial(sample_series, series), spec.duration, period, period
-    )
-
-
 def _check_spec(spec: TrajectorySpec) -> None:
     check_name(spec.kind, KINDS, "trajectory kind")
     if not (np.isfinite(spec.duration) and spec.duration > 0):
         raise InputError(f"duration must be above 0 s, got {spec.duration:g}.")
     if spec.periods < 1:
         raise InputError(f"periods must be 1 or more, got {spec.periods}.")
-    if spec.coefficients and spec.kind not in _GIVEN:
+    given = [kind for kind, family in FAMILIES.items() if family.build]
+    if spec.coefficients and spec.kind not in given:
         raise InputError(
             f"{spec.kind} has no coefficients; leave them out, or use kind "
-            f"{' or '.join(_GIVEN)}."
+            f"{' or '.join(given)}."
         )
     if spec.seed < 0:
         raise InputError(f"seed must be 0 or more, got {spec.seed}.")

@@ -12,7 +12,7 @@ still where a seam begins and ends. Seams and air moves are paths of poses; the 
 angles along each are a polynomial through its nodes, exact to rounding.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from functools import partial
 
@@ -52,13 +52,11 @@ from sim.trajectories.motion_curves import (
     repeat_stages,
 )
 from sim.trajectories.planning_limits import (
-    MotionLimitError,
     MotionPlan,
     MotionWorkspace,
     PlanningLimits,
     bound_nominal_torque,
     build_workspace,
-    choose_first_feasible_plan,
     read_planning_limits,
 )
 
@@ -87,31 +85,27 @@ class _Waypoints:
         return sum(self.times) + sum(self.dwells)
 
 
-def plan_move_stop_move(
+def draw_place_routes(
     robot: Robot, duration: float, periods: int, rng: np.random.Generator
-) -> MotionPlan:
-    """Draw places and visit as many per period as the limits allow.
-
-    Raises:
-        LimitError: If even two places per period are too fast.
-    """
+) -> Iterator[Iterable[MotionPlan]]:
+    """Draw places once; plans visit fewer and fewer of them per period."""
     space = build_workspace(robot, duration / periods)
-    route = _draw_waypoints(space, rng)
-    counts = range(len(route.places), _LEAST_PLACES - 1, -1)
-    plans = (_closed_route(space, route, count, duration) for count in counts)
-    found = choose_first_feasible_plan(robot, (plan for plan in plans if plan))
-    if isinstance(found, MotionPlan):
-        return found
-    raise found or _nowhere(robot)
+    if route := _draw_waypoints(space, rng):
+        counts = range(len(route.places), _LEAST_PLACES - 1, -1)
+        plans = (_closed_route(space, route, count, duration) for count in counts)
+        yield filter(None, plans)
 
 
 def plan_given_places(
     robot: Robot, duration: float, rounds: int, postures: Sequence[Sequence[float]]
-) -> MotionPlan:
+) -> MotionPlan | None:
     """Return the motion round given places, after a stand that fills the duration.
 
     Args:
         duration: Length, the stand at the first place included [s].
+
+    Returns:
+        The plan; None where something is in the way of a move.
     """
     shapes = {len(row) for row in postures}
     if len(postures) < _LEAST_PLACES or shapes != {robot.dof}:
@@ -126,7 +120,7 @@ def plan_given_places(
     for start, end in zip(places, np.roll(places, -1, axis=0), strict=True):
         time = _move_time(space, start, end)
         if time is None:
-            raise _nowhere(robot)
+            return None
         times.append(_SLOWER[0] * time)
     stand = duration - rounds * sum(times)
     if stand < 0:
@@ -146,8 +140,10 @@ def plan_given_places(
     return MotionPlan("move_stop_move", curve, duration, sum(times), once)
 
 
-def _draw_waypoints(space: MotionWorkspace, rng: np.random.Generator) -> _Waypoints:
-    """Draw more places than fit into a period, but two at least."""
+def _draw_waypoints(
+    space: MotionWorkspace, rng: np.random.Generator
+) -> _Waypoints | None:
+    """Draw more places than fit into a period, but two at least; None for fewer."""
     space_used = compute_usual_motion_range(space.robot)
     for number in range(_CENTRES):
         centre = draw_motion_centre(space_used, rng)
@@ -157,7 +153,7 @@ def _draw_waypoints(space: MotionWorkspace, rng: np.random.Generator) -> _Waypoi
         route = _around(space, centre, space_used.amplitude, rng)
         if len(route.places) >= _LEAST_PLACES:
             return route
-    raise _nowhere(space.robot)
+    return None
 
 
 def _around(
@@ -223,13 +219,6 @@ def _closed_route(
     return MotionPlan("move_stop_move", repeat_stages(stages), duration, period, period)
 
 
-def _nowhere(robot: Robot) -> InputError:
-    return InputError(
-        f"move_stop_move: found no places that {robot.name} can move between within "
-        "its limits and clear of the floor and itself. Try another seed, or fourier."
-    )
-
-
 _PIECES = 150  # work pieces drawn at most
 _GUESSES = 6  # postures that the arm is tried in
 # Ranges that a work piece is drawn from; lengths as shares of the stretched arm.
@@ -254,8 +243,6 @@ _AIR, _SEAM = 0.4, 0.8  # s, least times
 _LEAN = 0.3  # rad by which a torch leans at most
 _LIFT = 0.06  # of the stretched arm, above the piece between seams
 _LENGTH = 0.7  # least length of a seam, in half widths of the piece
-
-Attempt = Callable[["WorkPiece"], MotionPlan | MotionLimitError | None]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -316,73 +303,31 @@ class WorkPiece:
 # rounding.
 
 
-def plan_cyclic(
+def draw_paintings(
     robot: Robot, duration: float, periods: int, rng: np.random.Generator
-) -> MotionPlan:
-    """Draw a panel and paint it with as many strokes as the limits allow.
-
-    Raises:
-        LimitError: If even one stroke per period is too fast.
-    """
+) -> Iterator[Iterable[MotionPlan]]:
+    """Draw panels; plans paint each with fewer and fewer strokes."""
     space = build_tool_workspace(robot, "cyclic", (duration - RAMP) / periods)
-
-    def painted(piece: WorkPiece) -> MotionPlan | MotionLimitError | None:
-        return choose_first_feasible_plan(robot, _paintings(space, piece, duration))
-
-    return _on_a_piece("cyclic", space, rng, painted, too_fast=4)
+    for piece in _draw_pieces(space, rng):
+        yield _paintings(space, piece, duration)
 
 
-def plan_welding(
+def draw_weldings(
     robot: Robot, duration: float, periods: int, rng: np.random.Generator
-) -> MotionPlan:
-    """Draw a work piece and weld as many seams per period as the limits allow.
-
-    Raises:
-        LimitError: If even two seams per period are too fast.
-    """
+) -> Iterator[Iterable[MotionPlan]]:
+    """Draw work pieces; plans weld fewer and fewer seams of each per period."""
     space = build_tool_workspace(robot, "welding", duration / periods)
-
-    def welded(piece: WorkPiece) -> MotionPlan | MotionLimitError | None:
+    for piece in _draw_pieces(space, rng):
         seams = [_draw_seam(piece, rng) for _ in range(_MOST)]
-        if _routes(space, piece, seams) is None:
-            return None
-        return choose_first_feasible_plan(
-            robot, _weldings(space, piece, seams, duration)
-        )
-
-    return _on_a_piece("welding", space, rng, welded, too_fast=3)
+        if _routes(space, piece, seams) is not None:
+            yield _weldings(space, piece, seams, duration)
 
 
-def _on_a_piece(
-    family: str,
-    space: ToolWorkspace,
-    rng: np.random.Generator,
-    attempt: Attempt,
-    too_fast: int,
-) -> MotionPlan:
-    """Draw work pieces until there is a plan.
-
-    Args:
-        attempt: From a piece to a plan, to what is too fast even about the least work,
-            or to None where the arm cannot work there.
-        too_fast: Pieces on which it was too fast, before giving up.
-    """
-    errors: list[MotionLimitError] = []
-    for _ in range(_PIECES):
-        piece = draw_work_piece(space, rng)
-        found = None if piece is None else attempt(piece)
-        if isinstance(found, MotionPlan):
-            return found
-        errors += [found] if found else []
-        if len(errors) == too_fast:
-            break
-    if errors:
-        raise errors[0]
-    raise InputError(
-        f"{family}: found no place for a work piece that {space.robot.name} reaches "
-        "within its ranges, clear of the floor and itself and away from singular "
-        "postures. Try another seed, or fourier."
-    )
+def _draw_pieces(
+    space: ToolWorkspace, rng: np.random.Generator
+) -> Iterator["WorkPiece"]:
+    drawn = (draw_work_piece(space, rng) for _ in range(_PIECES))
+    return filter(None, drawn)
 
 
 def _paintings(

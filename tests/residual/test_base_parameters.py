@@ -2,8 +2,6 @@
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
 
 from residual.robot import dynamics
 from residual.robot.dynamics import (
@@ -23,6 +21,8 @@ ARMS = {"irb140": MODEL, "two": arm(TWO).model, "seven": arm(SEVEN).model}
 def test_base_regressor_times_base_parameters_is_rnea_on_a_thousand_states(name):
     model = ARMS[name]
     base = compute_base_parameters(model)
+    assert base.gap > 1e6  # the rank is certain
+    assert len(base) == len(find_independent_columns(model))
     states = np.random.default_rng(4).uniform(-2, 2, (3, 1000, model.nv))
     theta = base.mapping @ dynamics.read_inertial_parameters(model)
     torque = (
@@ -31,28 +31,6 @@ def test_base_regressor_times_base_parameters_is_rnea_on_a_thousand_states(name)
     np.testing.assert_allclose(
         torque, dynamics.compute_inverse_dynamics(model, *states), rtol=0, atol=1e-9
     )
-
-
-@pytest.mark.parametrize("name", ARMS)
-def test_the_rank_is_certain_and_that_of_the_old_count(name):
-    base = compute_base_parameters(ARMS[name])
-    assert base.gap > 1e6
-    assert len(base) == len(find_independent_columns(ARMS[name]))
-    np.testing.assert_allclose(base.mapping[:, base.columns], np.eye(len(base)))
-
-
-@settings(max_examples=10)
-@given(st.integers(0, 2**31))
-def test_what_the_mapping_does_not_see_moves_no_torque(seed):
-    base = compute_base_parameters(MODEL)
-    rng = np.random.default_rng(seed)
-    free = rng.normal(size=60)
-    hidden = free - np.linalg.pinv(base.mapping) @ (base.mapping @ free)
-    torque = (
-        dynamics.compute_inertial_regressor(MODEL, *rng.uniform(-2, 2, (3, 5, 6)))
-        @ hidden
-    )
-    np.testing.assert_allclose(torque, 0.0, atol=1e-9)
 
 
 def test_rounded_right_angles_do_not_make_new_parameters():

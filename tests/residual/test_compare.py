@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from residual.model.compare import ErrorSums, compute_moving_error, prepare_held_out
 from residual.model.compare import compute_model_errors as model_errors
+from residual.model.compare import compute_moving_error, prepare_held_out
 from residual.model.model import Model
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.signals.splitting import find_session_start, split_off_last_quarter
@@ -19,13 +19,6 @@ def log(start, end, label="log", rate=100):
     t = start + np.arange(round((end - start) * rate) + 1) / rate
     q = 0.3 * np.sin(np.outer(t - start, (1.0, 1.3)))
     return recording(t, q, 0 * q, label)
-
-
-def test_errors_are_relative_norms_per_joint_and_over_all():
-    miss = {"raw": np.array([9.0, 16.0])}
-    errors = ErrorSums(miss, {"raw": np.array([100.0, 400.0])})
-    assert_allclose(errors.per_joint("raw"), [30.0, 20.0])
-    assert errors.overall("raw") == pytest.approx(100 * np.sqrt(25 / 500))
 
 
 @pytest.fixture

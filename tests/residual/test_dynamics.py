@@ -59,17 +59,6 @@ def test_torque_power_is_the_rate_of_kinetic_energy_plus_gravity_power(seed):
     np.testing.assert_allclose(power, rate, rtol=1e-5, atol=1e-4)
 
 
-@settings(max_examples=20, deadline=None)
-@given(seeds)
-def test_torque_is_mass_times_acceleration_plus_what_is_left_without(seed):
-    q, qd, qdd = states(seed)
-    rest = dynamics.compute_inverse_dynamics(MODEL, q, qd, 0 * qdd)
-    inertial = np.einsum("nij,nj->ni", dynamics.compute_mass_matrix(MODEL, q), qdd)
-    np.testing.assert_allclose(
-        dynamics.compute_inverse_dynamics(MODEL, q, qd, qdd), inertial + rest, atol=1e-9
-    )
-
-
 def test_gravity_torque_is_linear_in_its_direction_and_leaves_the_model_alone():
     q = states(2)[0]
     before = np.array(MODEL.gravity.linear)

@@ -131,17 +131,9 @@ def test_the_user_decides_what_is_declared_then_robot_then_usual(toml, names, ex
 
 
 def test_a_declared_effect_without_values_is_free_in_every_shape():
-    nominal_model = nominal(arm(), DEFAULT_DECLARED)
-    assert len(nominal_model.model.terms) == 6
-    assert not any(t.theta.any() for t in nominal_model.model.terms)
-    assert nominal_model.sd == (None,) * 6
-    assert nominal_model.names == DEFAULT_DECLARED
-    nominal_model = nominal(arm(), ("power_viscous",))
-    shapes = [t.shape for t in nominal_model.model.terms]
-    assert shapes == 2 * [(0.25,), (0.5,), (0.75,)]
-    assert nominal_model.names == ("power_viscous",)
-    (term,) = nominal(arm(), ("payload",)).model.terms
-    assert (term.joints, term.theta.shape) == ((1,), (10,))
+    terms = nominal(arm(), ("power_viscous",)).model.terms
+    assert [t.shape for t in terms] == 2 * [(0.25,), (0.5,), (0.75,)]
+    assert not any(t.theta.any() for t in terms)
 
 
 def test_declared_values_become_coefficients_of_their_joint():

@@ -95,12 +95,6 @@ def test_continuous_becomes_revolute_and_fixed_merges(folder):
     assert robot.model.inertias[2].mass == pytest.approx(4)
 
 
-def test_joints_are_in_kinematic_order_whatever_the_file_or_the_names_say(folder):
-    text = urdf(joint(2), joint(1)).replace('"joint1"', '"z"')
-    (folder / "arm.urdf").write_text(text)
-    assert list(load_robot(folder).model.names)[1:] == ["z", "joint2"]
-
-
 def test_content_hash_follows_the_urdf_and_the_meaning_of_the_toml(folder):
     bare = load_robot(folder).content_hash
     (folder / "robot.toml").write_text('# note\n[robot]\nname = "a"\n')

@@ -1,7 +1,5 @@
 """Files that hold more than an arm: which chain it is, and what all the rest weighs."""
 
-import json
-
 import numpy as np
 import pinocchio as pin
 import pytest
@@ -280,8 +278,3 @@ def test_runs_of_a_chain_bring_it_along_and_a_model_stays_with_its_own(tmp_path)
     runs = [p.name[7:] for p in (store / "samples/robot=made").iterdir()]
     assert load_run_robot(str(file), runs, store).content_hash == arm.content_hash
     assert load_arm(find_robot_by_hash(store, arm.content_hash)).joints == arm.joints
-    out = ["diagnose", *runs, "--robot", str(file), "--store", str(store)]
-    assert main([*out, "--json", str(tmp_path / "out.json")]) == 0
-    verdict = json.loads((tmp_path / "out.json").read_text())
-    assert verdict["robot"] == "made"
-    assert len(verdict["unexplained"]["per_joint"]) == 4

@@ -48,15 +48,6 @@ def test_an_arm_that_worked_before_is_warm_and_rubs_less(used):
     assert np.all((less > 0.03) & (less < 0.22))
 
 
-def test_its_torque_is_logged_in_steps_and_its_bits_repeat(used):
-    counts = used.log.tau / used.truth["background_step"][0]
-    np.testing.assert_allclose(counts, np.round(counts), atol=1e-6)
-    again = run(background="workshop")
-    assert np.array_equal(again.log.tau, used.log.tau)
-    assert np.array_equal(again.log.q, used.log.q)
-
-
 def test_a_clean_arm_has_no_trace_of_it():
-    clean, plain = run(background="clean", worked_before=500.0), run()
-    assert np.array_equal(clean.log.tau, plain.log.tau)
+    clean = run(background="clean", worked_before=500.0)
     assert not [name for name in clean.truth if "background" in name]

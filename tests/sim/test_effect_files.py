@@ -7,12 +7,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.effects import load_effects as sought
 from residual.effects.base import EffectTrait
 from residual.errors import InputError
 from sim import effects
-from sim.effect_draws import draw_effect, draw_plant_effect, list_drawable_effects
+from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.effects import load_effects
 from sim.engine.plant_records import PlantSpec, SensorNoise, create_random_stream
 from sim.experiment import run_experiment
@@ -72,10 +71,3 @@ def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
     assert np.abs(torque).max() > 0.1
     rest = sum(run.truth[f"tau_{name}"] for name in ("rigid", "rotor", "friction"))
     np.testing.assert_allclose(run.log.tau - rest, torque, atol=1e-9)
-
-
-def test_what_only_the_engine_has_is_refused_by_the_synthetic_arm():
-    moved = motion(duration=4.0, rate=125.0)
-    hidden = draw_effect(ROBOT, "x_wall", create_random_stream(1, "hidden"))
-    with pytest.raises(InputError, match="x_wall"):
-        true_torque(Plant(ROBOT, (hidden,), 1), moved, "log")

@@ -4,15 +4,16 @@ import pytest
 
 from residual.robot.robot import load_robot
 from sim.engine.geometry import (
+    build_arm_capsules,
     build_tool_kinematics,
+    compute_clearances,
     measure_singularity_distance,
     solve_inverse_kinematics,
     solve_pose_path,
 )
+from sim.engine.geometry import compute_capsule_ends as capsule_ends
 from sim.engine.geometry import compute_flange_pose as pose
-from sim.engine.plant_records import TrajectorySpec
-from sim.trajectories import plan_reference_motion
-from tests.sim.arms import SEVEN, arm
+from tests.sim.arms import SEVEN, TWO, arm
 
 ROBOT = load_robot("irb140")
 IRB = build_tool_kinematics(ROBOT, "test")
@@ -52,26 +53,30 @@ def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
     assert np.abs(q[10] - q[0]).max() > 0.02
 
 
-def test_painting_stays_in_the_plane_of_the_panel():
-    r = plan_reference_motion(ROBOT, TrajectorySpec("cyclic", seed=3), 50.0)
-    points = np.array([pose(IRB, q).translation for q in r.q])
-    flat = points - points.mean(axis=0)
-    values = np.linalg.svd(flat, compute_uv=False) / np.sqrt(len(flat))
-    assert values[2] < 1e-6
-    assert values[1] > 0.02
+def test_capsules_run_between_the_frames_and_room_is_the_height_less_the_radius():
+    irb = build_arm_capsules(ROBOT.model)
+    ends = capsule_ends(irb, np.zeros((1, 6)))[0]
+    expected = [(0, 0, 0), (0.07, 0, 0.352), (0.07, 0, 0.712), (0.45, 0, 0.712)]
+    np.testing.assert_allclose(ends, [*expected, (0.515, 0, 0.712)], atol=1e-6)
+    assert 0.07 < irb.radius < 0.09
+    room = compute_clearances(irb, np.zeros((1, 6)))[0]
+    heights = dict(zip(irb.names, room, strict=True))
+    assert abs(heights["the flange above the floor"] - (0.712 - irb.radius)) < 1e-6
 
 
-def test_seams_are_straight_and_even():
-    r = plan_reference_motion(ROBOT, TrajectorySpec("welding", seed=3), 250.0)
-    points = np.array([pose(IRB, q).translation for q in r.q])
-    speed = np.linalg.norm(np.diff(points, axis=0), axis=1) * 250.0
-    still = np.flatnonzero((r.qd == 0).all(axis=1))
-    # From the end of the first dwell to the beginning of the second: the first seam.
-    first = still[np.flatnonzero(np.diff(still) > 1)[0]]
-    last = still[np.flatnonzero(np.diff(still) > 1)[0] + 1]
-    seam = points[first : last + 1]
-    way = (seam[-1] - seam[0]) / np.linalg.norm(seam[-1] - seam[0])
-    off = (seam - seam[0]) - np.outer((seam - seam[0]) @ way, way)
-    assert np.abs(off).max() < 1e-6
-    middle = speed[first + (last - first) // 3 : last - (last - first) // 3]
-    assert np.ptp(middle) < 1e-3 * middle.mean()
+def test_distances_of_capsules_are_those_of_their_axes():
+    irb = build_arm_capsules(ROBOT.model)
+    q = np.random.default_rng(2).uniform(-2, 2, (10, 6))
+    room, ends = compute_clearances(irb, q), capsule_ends(irb, q)
+    x = np.linspace(0, 1, 300)[:, None, None]
+    for check, (i, j) in enumerate(irb.pairs, start=len(irb.low)):
+        a = ends[:, i] + x * (ends[:, i + 1] - ends[:, i])
+        b = ends[:, j] + x * (ends[:, j + 1] - ends[:, j])
+        apart = np.linalg.norm(a[:, None] - b[None], axis=-1).min(axis=(0, 1))
+        np.testing.assert_allclose(room[:, check] + 2 * irb.radius, apart, atol=3e-3)
+
+
+def test_no_floor_is_known_where_the_first_axis_is_level(tmp_path):
+    two = build_arm_capsules(arm(TWO, tmp_path).model)
+    assert two.low == ()
+    assert compute_clearances(two, np.zeros((4, 2))).shape == (4, len(two.pairs))

@@ -8,7 +8,7 @@ from residual.robot.dynamics import find_flange_placement
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from sim.effect_draws import draw_plant_effect as draw_effect
 from sim.engine.plant_records import PlantSpec, create_random_stream
-from sim.engine.pybullet_world import BulletWorld, write_model_urdf
+from sim.engine.pybullet_world import BulletWorld
 from sim.plant import step_tables as at
 from sim.plant.effect_catalogue import apply_body_effects as with_bodies
 from sim.plant.effect_catalogue import list_plant_effects, resolve_effects
@@ -71,12 +71,6 @@ def test_one_step_of_bullet_is_inverse_dynamics():
             after = world.state()
             np.testing.assert_allclose((after[1] - qd) / 1e-3, qdd, atol=1e-6)
             np.testing.assert_allclose(after[0], q + 1e-3 * after[1], atol=1e-15)
-
-
-def test_the_written_urdf_is_the_same_body():
-    model = build_plant_arm(ROBOT, PlantSpec(seed=4)).model
-    again = pin.buildModelFromXML(write_model_urdf(model))
-    np.testing.assert_allclose(read_inertias(again), read_inertias(model), atol=1e-12)
 
 
 def test_a_payload_with_a_tensor_has_it_about_its_centre():

@@ -11,7 +11,6 @@ from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream as make_rng
-from sim.plant.sensors import draw_torque_noise, simulate_encoder
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(
@@ -38,15 +37,6 @@ def test_an_effect_does_not_change_noise_or_motion():
         np.testing.assert_array_equal(a.q, b.q)
 
 
-def test_another_log_in_the_plan_does_not_change_the_rest():
-    plant = Plant(ROBOT, (), 5)
-    extra = LogPlan("extra", "fit", "cyclic", duration=3.0)
-    longer = make(plant, (extra, *SHORT), 5)[1:]
-    for a, b in zip(make(plant, SHORT, 5), longer, strict=True):
-        np.testing.assert_array_equal(a.q, b.q)
-        np.testing.assert_array_equal(a.tau, b.tau)
-
-
 def test_the_session_clock_runs_on_through_pauses():
     case = standard_case(None, 3, baseline=True)
     recordings = [*case.baseline, *case.fit, *case.held_out]
@@ -64,16 +54,6 @@ def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
     np.testing.assert_array_equal(with_it[0].tau, without[0].tau)
     change = np.abs(with_it[1].tau - without[1].tau).max()
     assert change == pytest.approx(hidden.parameters["level"], rel=0.1)
-
-
-def test_sensor_noise_has_its_size():
-    seen = simulate_encoder(np.zeros((20000, 2)), make_rng(1, "encoder"))
-    assert np.isin(np.round(seen / 1e-4, 6) % 1, (0, 1)).all()
-    noise = draw_torque_noise(
-        50000, np.array([100.0, 1.0]), 250.0, make_rng(1, "torque")
-    )
-    expected = np.hypot(0.015, 0.005) * np.array([100.0, 1.0])
-    np.testing.assert_allclose(noise.std(axis=0), expected, rtol=0.05)
 
 
 def test_the_shipped_example_is_the_demo(tmp_path):

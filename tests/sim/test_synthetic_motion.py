@@ -31,13 +31,3 @@ def test_limits_hold_between_samples_and_derivatives_are_those_of_position(famil
         np.testing.assert_allclose(m.qd[end], 0, atol=1e-3)
         np.testing.assert_allclose(m.qdd[end], 0, atol=0.2)
     np.testing.assert_allclose(m.q[::20], motion(family).q, atol=1e-12)
-
-
-def test_families_are_what_they_are_called():
-    still = (motion("move_stop_move").qd == 0).all(axis=1)
-    assert 0.1 < still.mean() < 0.6
-    assert (np.diff(still.astype(int)) == 1).sum() >= 4
-    slow, fast = (np.abs(motion(f).qd).max(0) for f in ("slow_cyclic", "cyclic"))
-    assert (slow < 0.5 * fast).all()
-    with pytest.raises(ValueError, match="fourier"):
-        motion("zigzag")

@@ -22,16 +22,6 @@ def motion(family="fourier"):
     return plant_cases.motion(family, 8.0, rate=250.0)
 
 
-def dahl(x, displacement):
-    """Dahl's equation by many small Euler steps, for one contact."""
-    z, out = 0.0, [0.0]
-    for step in np.diff(x):
-        for _ in range(400):
-            z += step / 400 / displacement * (1 - z * np.sign(step))
-        out.append(z)
-    return np.array(out)
-
-
 def test_without_hidden_effects_torque_is_rnea_plus_friction():
     plant, m = Plant(ROBOT, (), 4), motion()
     model, friction = true_model(plant), true_friction(plant)
@@ -44,13 +34,6 @@ def test_without_hidden_effects_torque_is_rnea_plus_friction():
     expected += friction.rotor * m.qdd
     tau = torque(plant, m, "log").tau
     np.testing.assert_allclose(tau, expected, rtol=0, atol=1e-9)
-
-
-def test_bristles_follow_dahls_equation():
-    x = motion("move_stop_move").q[:200, 0]
-    x = 3e-4 * (x - x[0]) / np.ptp(x)
-    z = compute_bristle_states(x[:, None], np.array([2e-4]))[:, 0]
-    np.testing.assert_allclose(z, dahl(x, 2e-4), atol=2e-3)
 
 
 @pytest.fixture(scope="module")
