@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 from flows.inputs.read import load_command_robot
-from flows.requests import Adopt
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
 from flows.storage.diagnosis import (
@@ -116,26 +115,32 @@ def _of_verdict(verdict: Verdict) -> list[str]:
     return out
 
 
-def adopt(request: Adopt) -> tuple[str, Judgment]:
+def adopt(
+    word: str, note: str = "", force: bool = False, store: str | Path | None = None
+) -> tuple[str, Judgment]:
     """Let a model be the nominal one of its robot in this store from now on.
+
+    Args:
+        word: Id of a diagnosis, of the model that it ended with, or of an adoption.
+        force: Against the gate; that needs a note.
 
     Returns:
         The number of the adoption, and what the gate saw.
     """
-    store = resolve_store_folder(request.store)
-    judgment = judge_adoption(store, request.model)
+    place = resolve_store_folder(store)
+    judgment = judge_adoption(place, word)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
         raise InputError(
             f"{robot.name} has that model already, by adoption {int(parent[0])}."
         )
-    if judgment.doubts and not request.force:
+    if judgment.doubts and not force:
         raise InputError(
             f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
             "it has. Diagnose with more motion, or give --force and a --note with the "
             "reason."
         )
-    if request.force and not request.note:
+    if force and not note:
         raise InputError("--force needs a --note: give the reason for the adoption.")
     adoption = ModelAdoption(
         robot=robot.name,
@@ -145,12 +150,12 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
         diagnosis_id=judgment.diagnosis,
         parent=parent[0] if parent else None,
         who=_user(),
-        note=request.note,
+        note=note,
         before=judgment.check.before if judgment.check else None,
         after=judgment.check.after if judgment.check else None,
         evidence=judgment.as_record(),
     )
-    return commit_adoption(store, adoption), judgment
+    return commit_adoption(place, adoption), judgment
 
 
 def roll_back(

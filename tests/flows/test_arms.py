@@ -8,7 +8,7 @@ from flows.pipelines import nightly
 from flows.requests import Monitor
 from flows.specs import parse_spec
 from flows.steps import experiment, monitor
-from flows.steps.adopt import Adopt, adopt, judge_adoption
+from flows.steps.adopt import adopt, judge_adoption
 from flows.steps.diagnose import build_diagnose_request, read_logs
 from flows.steps.model_choice import choose_model, resolve_adopted_model
 from flows.steps.monitor import find_latest_diagnosis, group_runs_by_arm
@@ -154,7 +154,7 @@ def test_an_adopted_model_is_of_one_plant_alone(arm_nights, other):
     assert judge_adoption(store, arm_nights.id).serial == serial
     # Of the second night by the model of the first, which has no number with it.
     assert read_record(store, arm_nights.again)["serial"] == serial
-    adopt(Adopt(arm_nights.id, note="try", force=True, store=store))
+    adopt(arm_nights.id, note="try", force=True, store=store)
     assert find_last_adoption(store, "irb140", serial)
     assert find_last_adoption(store, "irb140") is None
     same = resolve_adopted_model(arm_nights.second[0], store)

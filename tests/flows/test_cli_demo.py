@@ -9,7 +9,6 @@ import pytest
 from flows.cli import main
 from flows.report.diagnosis import print_truth
 from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
-from flows.requests import Demo
 from flows.steps import demo as steps
 from flows.steps import experiment
 from flows.workers import InlineExecutor
@@ -47,7 +46,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
 
 
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    experiments = [spec for _, spec in steps.build_demo_specs(Demo(3))]
+    experiments = [spec for _, spec in steps.build_demo_specs(3)]
     assert len({spec.plant_spec() for spec in experiments}) == 1
     assert len({spec.reference().seed for spec in experiments}) == 8
     ends = [spec.start + spec.trajectory.duration for spec in experiments]
@@ -59,8 +58,7 @@ def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own()
 
 def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     drawn, asked, nothing = (
-        steps.build_demo_specs(Demo(3, effect))[0][1]
-        for effect in (None, "spring", "none")
+        steps.build_demo_specs(3, effect)[0][1] for effect in (None, "spring", "none")
     )
     assert len(drawn.plant_spec().effects) == 1
     assert asked.plant_spec().effects[0].name == "spring"
