@@ -11,12 +11,12 @@ from flows.inputs.read import load_run_robot
 from flows.steps import rerun as reruns
 from flows.steps.adopt import (
     adopt,
-    describe_diagnosis_adoption,
     list_adoptions,
     roll_back,
 )
 from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
+from flows.storage.adoptions import describe_diagnosis_adoption
 from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
@@ -167,26 +167,6 @@ def test_a_wrong_correction_is_refused_on_another_night(night_store, how, part):
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
     assert (not seen.doubts) == (how == "right")
-
-
-def test_the_model_is_whole_and_records_of_before_are_read(night_store, monkeypatch):
-    store, *_, id = night_store
-    known = read_adoptable_model(store, id)
-    augmented = read_models(store, id)["augmented"]
-    assert np.array_equal(known.coefficients(), augmented.coefficients())
-    record = read_record(store, read_record(store, id)["model_id"])
-    same = {"model": record["models"]["models"]["augmented"]}
-    for own in ({**same, "covariance": [1.0], "unexplained": [], "usual": None}, None):
-        old = {k: v for k, v in record.items() if k != "known"}
-        old |= {"known": own} if own else {}
-        diagnosis_record = {"model_id": "m"} | read_record(store, id)
-        monkeypatch.setattr(
-            keep,
-            "read_record",
-            lambda _, i, o=old, t=diagnosis_record: t if i == id else o,
-        )
-        again = read_adoptable_model(store, id)
-        assert np.array_equal(again.coefficients(), known.coefficients())
 
 
 def test_what_changed_since_needs_the_runs_behind_the_model(night_store, monkeypatch):

@@ -7,8 +7,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.report.diagnosis import print_truth
-from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
+from flows.report.phrases import HiddenEffect, compare_with_truth
 from flows.steps import demo as steps
 from flows.steps import experiment
 from flows.workers import InlineExecutor
@@ -99,15 +98,3 @@ def finding(name: str, joints: list, **same) -> dict:
 )
 def test_truth_and_verdict_are_compared(hidden, effects, judged):
     assert compare_with_truth(hidden, typed({"effects": effects})) == judged
-
-
-def test_the_truth_stands_beside_the_verdict(capsys):
-    from rich.console import Console
-
-    verdict = typed({"effects": [finding("spring", [2])]})
-    print_truth(Demonstration((SPRING,), verdict), Console(width=80))
-    shown = capsys.readouterr().out
-    rows = [" ".join(line.split()) for line in shown.splitlines()]
-    assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
-    assert "rest 0.1 rad –" in rows
-    assert "The first name is the hidden effect." in shown
