@@ -483,14 +483,6 @@ def run_campaign_experiments(
     return CampaignSummary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def is_outside_failure(error: BaseException | None) -> bool:
-    """Return whether what failed may be well in a minute: a process, disk, network.
-
-    All else fails again, since a spec and its code decide it.
-    """
-    return isinstance(error, OSError)
-
-
 def advise_on_failures(summary: CampaignSummary) -> str:
     """Return what to do about the failures of a campaign, in two sentences."""
     return (
