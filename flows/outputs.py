@@ -10,8 +10,6 @@ from pathlib import Path
 from time import monotonic
 
 from rich.console import Console
-from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
-from rich.progress import Progress as Bar
 
 from residual.errors import InputError, strip_control_characters
 
@@ -189,6 +187,9 @@ def show_progress_bar() -> Iterator[Progress]:
             lambda line: print(line, file=sys.stderr, flush=True)
         )
         return
+    from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
+    from rich.progress import Progress as Bar
+
     bar = Bar(
         BarColumn(bar_width=24),
         TimeElapsedColumn(),

@@ -289,20 +289,6 @@ class Check(RobotRequest):
 
 
 @dataclass(frozen=True, slots=True)
-class Map(RobotRequest):
-    """Draft the column map of a log.
-
-    Attributes:
-        format: Format of the log, where it is not recognized: ur-rtde, franka,
-            kuka-fri, robotstudio, mujoco, plotjuggler, lerobot or ros.
-    """
-
-    log: GivenWord = ""
-    _: KW_ONLY
-    format: Name = None
-
-
-@dataclass(frozen=True, slots=True)
 class Diagnose(RobotRequest):
     """Diagnose logs.
 
@@ -475,97 +461,6 @@ class Next(RobotRequest):
     seed: Number = 0
     columns: Columns = None
     store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class Campaign(Request):
-    """Run the experiments of a campaign file.
-
-    Attributes:
-        path: The campaign file.
-        held_out: Kind of motion of the held-out runs; "" for none.
-        seed: Seed instead of that of the file; None for none.
-    """
-
-    path: GivenWord = ""
-    held_out: GivenWord = ""
-    seed: Annotated[int | None, Parameter(parse=False)] = None
-    store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class Export(Request):
-    """Export a model.
-
-    Attributes:
-        to: The target: urdf, mjcf, mujoco, c99, table, rrd or json.
-        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), for
-            its torque and its residual.
-        columns: Column map of that log (COLUMNS.toml).
-    """
-
-    model: GivenWord = ""
-    _: KW_ONLY
-    to: Annotated[str, Parameter(metavar="NAME")]
-    which: Which = None
-    log: Annotated[str | None, Parameter(metavar="LOG")] = None
-    columns: Annotated[File, Parameter(name="--map")] = None
-    store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class Predict(Request):
-    """Predict the torque of logs with a model.
-
-    Attributes:
-        without: Effects to remove, as NAME or NAME@JOINT; without a joint all of that
-            name.
-    """
-
-    logs: GivenWords = ()
-    _: KW_ONLY
-    model: ModelWord
-    which: Which = None
-    without: Annotated[Words, Parameter(metavar="EFFECT...")] = ()
-    columns: Columns = None
-    store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class Adopt(Request):
-    """Which model a robot is to get.
-
-    Attributes:
-        model: Id of a diagnosis, of the model that it ended with, or of an adoption.
-        note: A note that is stored with the adoption.
-        force: Adopt it against the gate; that needs a --note.
-    """
-
-    model: GivenWord = ""
-    note: Text = ""
-    force: Flag = False
-    store: Store = None
-
-
-@dataclass(frozen=True, slots=True)
-class Demo(Request):
-    """Which demonstration.
-
-    Attributes:
-        seed: Seed of the arm, the motions, the noise, and of what is hidden.
-        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
-            It is as large as the motions of the arm can show.
-        background: What all joints have beside it: nothing, that of an arm in use, or
-            twice as much.
-    """
-
-    seed: Number = 7
-    effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None
-    store: Store = None
-    # As sim.engine.plant_records.BACKGROUNDS, which loads numerics.
-    background: Annotated[
-        Literal["clean", "workshop", "worn"], Parameter(metavar="NAME")
-    ] = "clean"
 
 
 def check_tags(tags: Sequence[str]) -> list[str]:

@@ -4,6 +4,7 @@ import errno
 import os
 import socket
 import tomllib
+from getpass import getuser
 from pathlib import Path
 
 from residual.errors import InputError
@@ -59,6 +60,14 @@ def _of_project() -> str:
     except (OSError, ValueError, RecursionError):
         named = None
     return named if isinstance(named, str) and named else "store"
+
+
+def read_user_name() -> str:
+    """Return the name of the user, for records."""
+    try:
+        return getuser()
+    except (KeyError, OSError):  # a container may have no name for its user
+        return "unknown"
 
 
 def count_cores() -> int:

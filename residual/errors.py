@@ -2,7 +2,6 @@
 
 import re
 from collections.abc import Iterable, Sequence
-from difflib import get_close_matches
 from typing import TypeVar
 
 
@@ -64,6 +63,8 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     valid = sorted(valid)
     if name in valid:
         return name
+    from difflib import get_close_matches  # for `modelgap --help` a slow import
+
     shown = shorten_value(name)
     near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""

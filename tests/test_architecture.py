@@ -209,6 +209,17 @@ def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
+def test_the_help_page_loads_nothing_that_it_does_not_show():
+    late = {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl"}
+    late |= {"numpy", "tomllib"}
+    code = "import sys; from flows.cli import main; main(['--help']); "
+    code += f"print({late!r} & set(sys.modules), file=sys.stderr)"
+    done = subprocess.run(
+        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
+    )
+    assert ("First steps" in done.stdout, done.stderr) == (True, "set()\n")
+
+
 def test_steps_load_no_engine_or_scheduler_that_they_do_not_use():
     code = (
         "import sys, flows.steps.calibrate, flows.report.models\n"

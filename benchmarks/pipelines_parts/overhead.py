@@ -16,7 +16,6 @@ from unittest.mock import patch
 
 from benchmarks.harness.figures import FULL, Figures, figure, missing
 from benchmarks.harness.origin import ROOT
-from flows.requests import Campaign
 from flows.settings import build_prefect_environment, prefect_home
 from flows.steps import experiment as steps
 from flows.steps.experiment import PlannedExperiment
@@ -50,7 +49,7 @@ def main(folder: Path) -> None:
     from flows.pipelines.nightly import campaign as flow
 
     bare, store = folder / "bare", str(folder / "flow")
-    planned = steps.plan_campaign(Campaign(str(campaign), store=bare))
+    planned = steps.plan_campaign(str(campaign), bare, None)
     with patch.object(steps, "run_planned_experiment", nap):
         flow(str(first), store=store)  # starts Prefect's server
         times = {

@@ -4,18 +4,15 @@ A command is loaded when it runs, so that `modelgap --help` loads no numerics.
 """
 
 import errno
+import json
 import os
 import re
 import sys
-import tomllib
 import traceback
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 from cyclopts import App, CycloptsError, Group, MissingArgumentError
-from cyclopts.completion.detect import detect_shell
-from cyclopts.completion.install import create_install_completion_command
 from cyclopts.exceptions import UnknownOptionError
 from rich.console import Console
 
@@ -49,8 +46,11 @@ Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
 input; 130 interrupted.
 """
 
-# By heading: `commands` by name, each (MODULE:FUNCTION of flows.cli, usage, about).
-GROUPS = tomllib.loads(Path(__file__).with_name("commands.toml").read_text("utf-8"))
+# By heading, in the order of the help: `commands` by name, each with MODULE:FUNCTION of
+# flows.cli, the usage behind the name ("": that of Cyclopts) and the first sentence of
+# the help. Those of a group with a `word` are listed below that word, and also run by
+# their name alone.
+GROUPS = json.loads(Path(__file__).with_name("commands.json").read_text("utf-8"))
 _SHORTER = {"models": "list"}  # modelgap model list
 
 
@@ -69,22 +69,13 @@ app = App(
 )
 
 
-def _install_completion(*, shell: str | None = None, **places: Any) -> Path:
-    """Install the completion of a shell where Cyclopts installs its own."""
-    from flows.cli.completion import format_completion
-
-    shell = shell or detect_shell()
-    path = app.install_completion(shell=shell, **places)
-    path.write_text(format_completion(app, shell), encoding="utf-8")
-    return path
-
-
 app.command(
-    create_install_completion_command(_install_completion, add_to_startup=True),
+    "flows.cli.completion:install_completion",
     name="--install-completion",
+    group="Options",
     help="Complete commands, options, files and stored ids in bash, zsh or fish.",
 )
-for flag in ("--help", "--version", "--install-completion"):
+for flag in ("--help", "--version"):
     app[flag].group = "Options"
 
 

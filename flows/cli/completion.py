@@ -6,8 +6,13 @@ that its help does not list. These ask one function of the POSIX shell for all t
 
 from collections.abc import Iterable, Iterator
 from pathlib import Path
+from typing import Any
 
 from cyclopts import App
+from cyclopts.completion.detect import detect_shell
+from cyclopts.completion.install import create_install_completion_command
+
+from flows.cli.app import app
 
 # Which ids of a store stand for an argument: of commands, then of options.
 _ALL = "run model diagnosis validation report"
@@ -97,3 +102,14 @@ def _choices(case: str, option: str, words: Iterable[str]) -> list[str]:
     offered, ids = " ".join(words), _OPTION_IDS.get(option, "")
     line = f"  '{case}') names='{offered}' ids='{ids}' ;;"
     return [line] if offered or ids else []
+
+
+def _install(*, shell: str | None = None, **places: Any) -> Path:
+    """Install the completion of a shell where Cyclopts installs its own."""
+    shell = shell or detect_shell()
+    path = app.install_completion(shell=shell, **places)
+    path.write_text(format_completion(app, shell), encoding="utf-8")
+    return path
+
+
+install_completion = create_install_completion_command(_install, add_to_startup=True)

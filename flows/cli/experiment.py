@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Literal
 
 from cyclopts import Parameter
 from rich.console import Console
@@ -17,8 +17,6 @@ from flows.cli.app import (
 )
 from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.requests import (
-    Campaign,
-    Demo,
     File,
     Flag,
     Hertz,
@@ -46,7 +44,7 @@ DryRun = Annotated[
         "and what breaks a limit of the arm."
     ),
 ]
-_VALIDATE, _CAMPAIGN = Validate(), Campaign()
+_VALIDATE = Validate()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -82,7 +80,7 @@ def campaign(
     spec: str,
     /,
     *,
-    request: Campaign = _CAMPAIGN,
+    store: Store = None,
     dry_run: DryRun = False,
     json: Json = None,
 ) -> None:
@@ -105,7 +103,7 @@ def campaign(
     from warehouse.remote_store import format_store_name
 
     out = Outputs({"--json": json}, [Path(spec)])
-    place, console = resolve_store_folder(request.store), out.console
+    place, console = resolve_store_folder(store), out.console
     entries = load_campaign(spec)
     planned = steps.plan_experiments(entries, place, Path(spec).stem)
     if sealed := [axis for axis in entries[0].sealed if axis != "seed"]:
@@ -277,10 +275,16 @@ def trajectory(
     outputs.finish()
 
 
-_DEMO = Demo()
-
-
-def demo(*, request: Demo = _DEMO) -> None:
+def demo(
+    *,
+    seed: Number = 7,
+    effect: Annotated[str | None, Parameter(metavar="EFFECT")] = None,
+    store: Store = None,
+    # As sim.engine.plant_records.BACKGROUNDS, which loads numerics.
+    background: Annotated[
+        Literal["clean", "workshop", "worn"], Parameter(metavar="NAME")
+    ] = "clean",
+) -> None:
     """Find the hidden effect of a simulated arm.
 
     Runs six experiments of three motion families in a physics engine, and two held-out
@@ -291,6 +295,13 @@ def demo(*, request: Demo = _DEMO) -> None:
     modelgap demo
     modelgap demo --effect spring --seed 3
     ```
+
+    Args:
+        seed: Seed of the arm, the motions, the noise, and of what is hidden.
+        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
+            It is as large as the motions of the arm can show.
+        background: What all joints have beside it: nothing, that of an arm in use, or
+            twice as much.
     """
     from flows.report.diagnosis import print_diagnosis, print_truth
     from flows.report.phrases import Demonstration
@@ -300,17 +311,16 @@ def demo(*, request: Demo = _DEMO) -> None:
     from flows.storage.diagnosis import read_outcome
     from warehouse.remote_store import format_store_name
 
-    place, console = resolve_store_folder(request.store), Console()
-    check_option_range("--seed", request.seed, 0, SEEDS)
-    request = replace(request, store=place)
+    place, console = resolve_store_folder(store), Console()
+    check_option_range("--seed", seed, 0, SEEDS)
     # Before anything is started, so that a wrong word is answered at once.
-    count = len(demonstration.build_demo_specs(request))
-    arm = f"the simulated {demonstration.ROBOT}, background {request.background}"
+    specs = demonstration.build_demo_specs(seed, effect, background)
+    arm = f"the simulated {demonstration.ROBOT}, background {background}"
     print_plain(
-        console, f"{count} experiments on {arm}, into {format_store_name(place)}"
+        console, f"{len(specs)} experiments on {arm}, into {format_store_name(place)}"
     )
     with show_progress_bar() as progress:
-        runs = demonstration.run_experiments(request, progress)
+        runs = demonstration.run_experiments(specs, place, progress)
         ids = diagnose_stored_runs(build_diagnose_request(runs, place), progress)
         hidden = demonstration.read_hidden_effects(runs, place)
         page = store_demo_page(ids, hidden, place)

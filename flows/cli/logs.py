@@ -7,7 +7,16 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import list_input_files, print_plain
-from flows.requests import Check, File, Flag, Import, Json, Log, Map
+from flows.requests import (
+    Check,
+    File,
+    Flag,
+    Import,
+    Json,
+    Log,
+    Name,
+    RobotRequest,
+)
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
 
@@ -55,7 +64,9 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     return out.finish()
 
 
-def map_(log: Log, /, *, request: Map, out: File = None) -> None:
+def map_(
+    log: Log, /, *, request: RobotRequest, format: Name = None, out: File = None
+) -> None:
     """Draft the column map of a log.
 
     Uses the column names, the stated units, the joint names of the URDF and the
@@ -72,13 +83,15 @@ def map_(log: Log, /, *, request: Map, out: File = None) -> None:
 
     Args:
         log: CSV, Parquet, ROS bag or MCAP file.
+        format: Format of the log, where it is not recognized: ur-rtde, franka,
+            kuka-fri, robotstudio, mujoco, plotjuggler, lerobot or ros.
         out: File for the map; default: print it.
     """
     from flows.steps import check as checking
 
     files = list_input_files((log, request.robot))
     outputs = Outputs({"--out": out}, files)
-    text = checking.draft_map(replace(request, log=log))
+    text = checking.draft_map(log, request.robot, format)
     if out is None:
         print(text, end="")
         return

@@ -1,6 +1,5 @@
 """modelgap models, adopt, rollback, export and predict."""
 
-from dataclasses import replace
 from pathlib import Path
 from typing import Annotated
 
@@ -9,10 +8,19 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
-from flows.requests import Adopt, Export, File, Log, Predict, RobotName, Store, Text
+from flows.requests import (
+    Columns,
+    File,
+    Flag,
+    Log,
+    ModelWord,
+    RobotName,
+    Store,
+    Text,
+    Which,
+    Words,
+)
 from flows.settings import resolve_store_folder
-
-_DEFAULT = Adopt()
 
 
 def models(*, robot: RobotName = None, store: Store = None) -> None:
@@ -46,7 +54,9 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     print_parts(console, build_adoption_table(listed), ADOPTED_KEY)
 
 
-def adopt(id: str, /, *, request: Adopt = _DEFAULT) -> None:
+def adopt(
+    id: str, /, *, note: Text = "", force: Flag = False, store: Store = None
+) -> None:
     """Make the augmented model of a diagnosis the current model of its robot.
 
     ```
@@ -60,14 +70,16 @@ def adopt(id: str, /, *, request: Adopt = _DEFAULT) -> None:
 
     Args:
         id: Id of a diagnosis, or of its model.
+        note: A note that is stored with the adoption.
+        force: Adopt it against the gate; that needs a --note.
     """
     from flows.cli.service import settle_proposals
     from flows.report.models import describe_adoption
     from flows.steps import adopt as steps
 
-    number, judgment = steps.adopt(replace(request, model=id))
+    number, judgment = steps.adopt(id, note, force, store)
     print_plain(Console(), *describe_adoption(number, judgment))
-    settle_proposals(resolve_store_folder(request.store))
+    settle_proposals(resolve_store_folder(store))
 
 
 def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -> None:
@@ -97,7 +109,11 @@ def export(
     model: str,
     /,
     *,
-    request: Export,
+    to: Annotated[str, Parameter(metavar="NAME")],
+    which: Which = None,
+    log: Annotated[str | None, Parameter(metavar="LOG")] = None,
+    columns: Annotated[File, Parameter(name="--map")] = None,
+    store: Store = None,
     out: Annotated[str, Parameter(metavar="FOLDER")],
     json: File = None,
 ) -> None:
@@ -120,16 +136,19 @@ def export(
 
     Args:
         model: Id of a stored diagnosis or model, or a saved model file.
+        to: The target: urdf, mjcf, mujoco, c99, table, rrd or json.
+        log: With rrd: a log of the robot (FILE, FILE@0:16.5, or the id of a run), for
+            its torque and its residual.
+        columns: Column map of that log (COLUMNS.toml).
         out: New folder for the files.
         json: File for the list of what is not exported; "-" prints it alone.
     """
     from flows.steps import export as exporting
 
-    check_outside("--out", out, resolve_store_folder(request.store))
+    check_outside("--out", out, resolve_store_folder(store))
     check_new_folder("--out", Path(out))
-    inputs = list_input_files((model, request.log or ""), request.columns)
-    outputs = Outputs({"--json": json}, inputs)
-    exported = exporting.export(replace(request, model=model))
+    outputs = Outputs({"--json": json}, list_input_files((model, log or ""), columns))
+    exported = exporting.export(model, to, which, log, columns, store)
     Path(out).mkdir(exist_ok=True)
     outputs.write(
         document=lambda: exporting.build_omissions_document(exported),
@@ -139,7 +158,16 @@ def export(
     outputs.finish()
 
 
-def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -> None:
+def predict(
+    *logs: Log,
+    model: ModelWord,
+    which: Which = None,
+    without: Annotated[Words, Parameter(metavar="EFFECT...")] = (),
+    columns: Columns = None,
+    store: Store = None,
+    out: File = None,
+    json: File = None,
+) -> None:
     """Predict the torque of logs with a model, with or without its effects.
 
     --without refits nothing: it removes added effects, and gives those of the nominal
@@ -153,6 +181,8 @@ def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -
 
     Args:
         logs: Logs: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored runs.
+        without: Effects to remove, as NAME or NAME@JOINT; without a joint all of that
+            name.
         out: File for the samples, *.csv or *.parquet: log, t, tau1..., tau_model1...,
             and tau_edited1... with --without.
         json: File for the errors as JSON; "-" prints it alone.
@@ -161,21 +191,20 @@ def predict(*logs: Log, request: Predict, out: File = None, json: File = None) -
     from flows.report.models import build_prediction_table
     from flows.steps import predict as predicting
 
-    check_outside("--out", out, resolve_store_folder(request.store))
-    request = replace(request, logs=logs)
-    inputs = list_input_files((*logs, request.model), request.columns)
+    check_outside("--out", out, resolve_store_folder(store))
+    inputs = list_input_files((*logs, model), columns)
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if "--out" in outputs.files:
         predicting.check_file_format(outputs.files["--out"])
-    model, read = predicting.read_model_and_logs(request)
-    outputs.say(f"model: {model!r}", *read.lines[1:])
-    made = predicting.predict(request, model, read)
-    edited = predicting.describe_edited_model(made, request.without)
+    source, read = predicting.read_model_and_logs(model, logs, which, columns, store)
+    outputs.say(f"model: {source!r}", *read.lines[1:])
+    made = predicting.predict(source, read, without)
+    edited = predicting.describe_edited_model(made, without)
     outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
     errors = predicting.build_error_tables(made)
-    print_parts(outputs.console, build_prediction_table(errors, request.without))
+    print_parts(outputs.console, build_prediction_table(errors, without))
     outputs.write(
         {"--out": lambda: predicting.encode_samples(made, outputs.files["--out"])},
-        lambda: predicting.build_prediction_document(made, request),
+        lambda: predicting.build_prediction_document(made, without),
     )
     outputs.finish()

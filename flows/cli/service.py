@@ -203,15 +203,7 @@ def _print_status(status: Mapping, store: Path) -> None:
         rows = [(d["name"], _due(d)) for d in status["deployments"]]
         print_parts(console, build_text_table(("deployment", "due next (UTC)"), rows))
     if status["runs"]:
-        rows = [
-            (
-                r["name"],
-                r["state"],
-                _second(r["start_time"]),
-                f"{r['total_run_time']:.1f}",
-            )
-            for r in status["runs"]
-        ]
+        rows = [_run(run) for run in status["runs"]]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 

@@ -167,7 +167,7 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.diagnosis import describe_parents, print_diagnosis
     from flows.report.document import print_parts, widen_piped_console
-    from flows.steps.adopt import describe_diagnosis_adoption
+    from flows.storage.adoptions import describe_diagnosis_adoption
     from flows.storage.diagnosis import parse_verdict
     from residual.verdict.result import Diagnosis
 

@@ -24,7 +24,6 @@ from flows.report.page import read_record_origin
 from flows.report.store_index import write_index
 from flows.settings import resolve_store_folder
 from flows.steps.adopt import (
-    Adopt,
     Proposal,
     find_same_proposal,
     judge_adoption,
@@ -97,7 +96,7 @@ def adopt(diagnosis: str, store: str, note: str) -> str | None:
 
 
 def _adopt(diagnosis: str, store: Path, note: str) -> str:
-    number, judgment = give(Adopt(diagnosis, note, store=store))
+    number, judgment = give(diagnosis, note, store=store)
     lines = describe_adoption(number, judgment)
     for line in lines:
         get_run_logger().info(line)

@@ -13,7 +13,6 @@ from prefect.runtime import flow_run
 
 from flows.pipelines import adoption_flow, tasks
 from flows.pipelines import project as projects
-from flows.requests import Campaign
 from flows.settings import HEALTHY, count_cores, resolve_store_folder
 from flows.steps import diff as verification
 from flows.steps import experiment as campaigns
@@ -61,8 +60,8 @@ def nightly(
     if seed is None:
         seed = int(f"{flow_run.scheduled_start_time:%Y%m%d%H%M%S}")
     get_run_logger().info(f"to repeat this night: seed {seed}")
-    request = Campaign(campaign_file, held_out, seed, store=place)
-    runs = campaigns.group_runs_by_role(request, run_campaign(request))
+    summary = run_campaign(campaign_file, place, seed)
+    runs = campaigns.group_runs_by_role(campaign_file, held_out, summary)
     fit, proof = runs["fit"], runs["held_out"]
     beside = [
         _identify.submit(fit, proof, place),
@@ -86,20 +85,19 @@ def campaign(
     Raises:
         RunError: If some failed; the others are stored.
     """
-    place = str(resolve_store_folder(store))
-    summary = run_campaign(Campaign(campaign_file, "", seed, store=place))
+    summary = run_campaign(campaign_file, str(resolve_store_folder(store)), seed)
     if summary.failed:
         raise RunError(campaigns.advise_on_failures(summary))
     return list(summary.stored)
 
 
-def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
+def run_campaign(path: str, place: str, seed: int | None) -> campaigns.CampaignSummary:
     """Submit the missing experiments; a failure stops no other."""
-    log, place = get_run_logger(), str(resolve_store_folder(request.store))
-    planned = campaigns.plan_campaign(request)
+    log, store = get_run_logger(), resolve_store_folder(place)
+    planned = campaigns.plan_campaign(path, store, seed)
     missing = [each for each in planned if not each.stored]
     log.info(f"{len(missing)} to run, {len(planned) - len(missing)} in {place}")
-    campaigns.store_campaign(planned, request.path, resolve_store_folder(place))
+    campaigns.store_campaign(planned, path, store)
     size = -(-len(missing) // _MOST) or 1
     batches = [missing[k : k + size] for k in range(0, len(missing), size)]
     failed: dict[str, str] = {}
@@ -120,9 +118,7 @@ def run_campaign(request: Campaign) -> campaigns.CampaignSummary:
         for batch, future in zip(batches, futures, strict=True):
             outcome = future.result(raise_on_failure=False)
             if isinstance(outcome, BaseException):
-                failed |= campaigns.explain_failures(
-                    batch, outcome, resolve_store_folder(place)
-                )
+                failed |= campaigns.explain_failures(batch, outcome, store)
     for why in failed.values():
         log.warning(why)
     summary = campaigns.CampaignSummary(tuple(planned), failed)

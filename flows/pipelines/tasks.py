@@ -159,8 +159,11 @@ def choose_task_runner() -> TaskRunner:
 
 
 def is_temporary_failure(_task: object, _run: object, state) -> bool:
-    """Whether a task failed for a temporary reason."""
-    return campaigns.is_outside_failure(state.result(raise_on_failure=False))
+    """Whether a task may be well in a minute: a process, disk or network failed.
+
+    All else fails again, since a spec and its code decide it.
+    """
+    return isinstance(state.result(raise_on_failure=False), OSError)
 
 
 # What is in the store is not run twice.

@@ -8,7 +8,8 @@ from flows.report.document import Document, ReportTable, Section, build_text_tab
 from flows.report.page import Pairs, render_html
 from flows.report.phrases import read_page_texts
 from flows.report.sentences import list_headline_sentences
-from flows.steps.adopt import AdoptionEntry, Judgment, Proposal
+from flows.steps.adopt import Judgment, Proposal
+from flows.storage.adoptions import AdoptionEntry
 from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE

@@ -62,12 +62,13 @@ def _read_notify(project: Project | None) -> tuple[NotifyTable, str] | None:
 
 def deploy(client: SyncPrefectClient, project: Project | None, key: str) -> None:
     """Create or replace all deployments and automations; remove other ones of ours."""
+    notify = _build_notify_rule(client, project, key)  # may be refused
     kept = {_deploy(client, each) for each in build_deployments(project)["deployments"]}
     for each in client.read_deployments():
         if POOL in (each.tags or ()) and each.id not in kept:
             client.delete_deployment(each.id)
     _replace_rule(client, _STALE, _build_stale_run_rule())
-    _replace_rule(client, _NOTIFY, _build_notify_rule(client, project, key))
+    _replace_rule(client, _NOTIFY, notify)
 
 
 def _deploy(client: SyncPrefectClient, each: dict) -> UUID:

@@ -1,14 +1,12 @@
 """Adopt a model for a robot, roll it back, propose it; no record is ever deleted."""
 
 from dataclasses import asdict, dataclass
-from getpass import getuser
 from pathlib import Path
-from typing import NamedTuple
 
 from flows.inputs.read import load_command_robot
-from flows.requests import Adopt
-from flows.settings import resolve_store_folder
+from flows.settings import read_user_name, resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
+from flows.storage.adoptions import AdoptionEntry, read_adoptions
 from flows.storage.diagnosis import (
     read_adoptable_model,
     read_models,
@@ -22,20 +20,15 @@ from residual.model.model import Model
 from residual.verdict.result import Verdict
 from warehouse.record_commit import (
     ADOPTED,
-    ADOPTIONS,
     FORCED,
     ROLLED_BACK,
     ModelAdoption,
     commit_adoption,
     find_last_adoption,
-    read_adoption,
 )
-from warehouse.record_ids import build_record_path
 from warehouse.remote_store import format_store_name
 from warehouse.runs import read_run
 from warehouse.store_catalogue import list_record_folders, read_record
-from warehouse.store_files import read_parquet
-from warehouse.view_schema import KINDS
 
 # Times the error of the baseline's own model: what a model may leave of its logs once
 # what was found is taken out again.
@@ -116,26 +109,32 @@ def _of_verdict(verdict: Verdict) -> list[str]:
     return out
 
 
-def adopt(request: Adopt) -> tuple[str, Judgment]:
+def adopt(
+    word: str, note: str = "", force: bool = False, store: str | Path | None = None
+) -> tuple[str, Judgment]:
     """Let a model be the nominal one of its robot in this store from now on.
+
+    Args:
+        word: Id of a diagnosis, of the model that it ended with, or of an adoption.
+        force: Against the gate; that needs a note.
 
     Returns:
         The number of the adoption, and what the gate saw.
     """
-    store = resolve_store_folder(request.store)
-    judgment = judge_adoption(store, request.model)
+    place = resolve_store_folder(store)
+    judgment = judge_adoption(place, word)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
         raise InputError(
             f"{robot.name} has that model already, by adoption {int(parent[0])}."
         )
-    if judgment.doubts and not request.force:
+    if judgment.doubts and not force:
         raise InputError(
             f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
             "it has. Diagnose with more motion, or give --force and a --note with the "
             "reason."
         )
-    if request.force and not request.note:
+    if force and not note:
         raise InputError("--force needs a --note: give the reason for the adoption.")
     adoption = ModelAdoption(
         robot=robot.name,
@@ -144,13 +143,13 @@ def adopt(request: Adopt) -> tuple[str, Judgment]:
         model_id=judgment.model_id,
         diagnosis_id=judgment.diagnosis,
         parent=parent[0] if parent else None,
-        who=_user(),
-        note=request.note,
+        who=read_user_name(),
+        note=note,
         before=judgment.check.before if judgment.check else None,
         after=judgment.check.after if judgment.check else None,
         evidence=judgment.as_record(),
     )
-    return commit_adoption(store, adoption), judgment
+    return commit_adoption(place, adoption), judgment
 
 
 def roll_back(
@@ -169,7 +168,7 @@ def roll_back(
         raise InputError(f"{robot} has its nominal model: nothing to roll back.")
     # The version under the one in force: what was rolled back is off the pile.
     pile: list[ModelAdoption | None] = [None]
-    for _, each, _ in list_adoptions(place):
+    for _, each, _ in read_adoptions(place):
         if (each.robot, each.serial) != (robot, serial):
             continue
         if each.action == ROLLED_BACK:
@@ -184,7 +183,7 @@ def roll_back(
         model_id=before and before.model_id,
         diagnosis_id=before and before.diagnosis_id,
         parent=last[0],
-        who=_user(),
+        who=read_user_name(),
         note=note,
         before=last[1].after,
         after=last[1].before,
@@ -192,40 +191,16 @@ def roll_back(
     return commit_adoption(place, adoption), adoption
 
 
-class AdoptionEntry(NamedTuple):
-    """An adoption of a store, with its number and when it was made, in words."""
-
-    number: str
-    adoption: ModelAdoption
-    since: str
-
-
 def list_adoptions(
     store: str | Path | None = None, word: str | None = None
 ) -> list[AdoptionEntry]:
-    """Return all adoptions, the first one first."""
+    """Return all adoptions, or those of a robot, the first one first."""
     place = resolve_store_folder(store)
-    keys = None if word is None else _robots(place, word)
-    out = []
-    for id in list_record_folders(place, ADOPTIONS):
-        adoption = read_adoption(place, id)
-        if keys is None or (adoption.robot, adoption.serial) in keys:
-            path = build_record_path(place, ADOPTIONS, id) / KINDS[ADOPTIONS].row
-            created = read_parquet(path, ["created"]).column("created")[0].as_py()
-            out.append(AdoptionEntry(id, adoption, f"{created:%Y-%m-%d %H:%M}"))
-    return out
-
-
-def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
-    """Return whether the model of a diagnosis is adopted, in one line."""
-    entries = list_adoptions(store)
-    last = {(record.robot, record.serial): id for id, record, _ in entries}
-    for id, record, since in reversed(entries):
-        if record.diagnosis_id == diagnosis:
-            current = last[record.robot, record.serial] == id
-            now = "the current model" if current else "replaced since"
-            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
-    return f"not adopted: modelgap adopt {diagnosis[:8]}"
+    entries = read_adoptions(place)
+    if word is None:
+        return entries
+    keys = _robots(place, word)
+    return [e for e in entries if (e.adoption.robot, e.adoption.serial) in keys]
 
 
 def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
@@ -233,9 +208,7 @@ def _robots(store: Path, word: str | None) -> set[tuple[str, str | None]]:
 
     Of None: of all robots with an adoption.
     """
-    keys = {
-        (adoption.robot, adoption.serial) for _, adoption, _ in list_adoptions(store)
-    }
+    keys = {(each.robot, each.serial) for _, each, _ in read_adoptions(store)}
     if word is None:
         return keys
     by_name = {key for key in keys if word in (key[0], " ".join(filter(None, key)))}
@@ -260,13 +233,6 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         f"Several robots have adopted models: {names}. Choose one: --robot 'NAME "
         "SERIAL'."
     )
-
-
-def _user() -> str:
-    try:
-        return getuser()
-    except (KeyError, OSError):  # a container may have no name for its user
-        return "unknown"
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -11,7 +11,7 @@ from flows.inputs.repair import (
     format_gravity_line,
     format_repair_lines,
 )
-from flows.requests import Check, Map
+from flows.requests import Check
 from residual import one_blas_thread
 from residual.check.check import check_logs, check_robot, confirm_repairs, list_odd_logs
 from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
@@ -24,13 +24,16 @@ from warehouse.logs.map_draft import draft_column_map
 _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 
-def draft_map(request: Map) -> str:
-    """Return the text of a map for a log, drafted from its header and numbers."""
-    path, _ = split_log_spec(request.log)
-    robot = load_command_robot(request.robot, logs=[request.log])
-    return format_drafted_map(
-        draft_column_map(path, robot, request.format), request.log, robot
-    )
+def draft_map(log: str, word: str, format: str | None) -> str:
+    """Return the text of a map for a log, drafted from its header and numbers.
+
+    Args:
+        word: The robot.
+        format: Format of the log; None where it is to be recognized.
+    """
+    robot = load_command_robot(word, logs=[log])
+    draft = draft_column_map(split_log_spec(log)[0], robot, format)
+    return format_drafted_map(draft, log, robot)
 
 
 def check_robot_file(request: Check) -> tuple[Robot, LogCheck]:

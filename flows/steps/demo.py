@@ -6,15 +6,13 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 """
 
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from functools import cache
 from pathlib import Path
 
 from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
-from flows.requests import Demo
-from flows.settings import resolve_store_folder
 from flows.specs import ExperimentSpec, derive_seed
 from flows.steps.experiment import (
     parse_sealed_plant,
@@ -26,6 +24,7 @@ from residual.errors import InputError, RunError, check_name
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     BACKGROUNDS,
+    CLEAN,
     HIDDEN,
     create_random_stream,
 )
@@ -44,25 +43,31 @@ CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
 Runs = dict[str, list[str]]
 
 
-def build_demo_specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
+def build_demo_specs(
+    seed: int, effect: str | None = None, background: str = CLEAN
+) -> list[tuple[str, ExperimentSpec]]:
     """Return the experiments: those to fit, then those held out.
 
     All are on one arm and in one session, one after the other with pauses.
+
+    Args:
+        seed: Of the arm, the motions, the noise, and of what is hidden.
+        effect: What is hidden; None to draw it, "none" for nothing.
     """
-    if not 0 <= request.seed < 2**63:
-        raise InputError(f"--seed is {request.seed}, expected 0 or more.")
-    check_name(request.background, BACKGROUNDS, "background")
+    if not 0 <= seed < 2**63:
+        raise InputError(f"--seed is {seed}, expected 0 or more.")
+    check_name(background, BACKGROUNDS, "background")
     plant = {
-        "effect": _hidden_effect(request),
-        "background": request.background,
-        "seed": derive_seed(request.seed, "plant"),
-        "salt": f"{derive_seed(request.seed, 'salt'):08x}",
+        "effect": _hidden_effect(seed, effect),
+        "background": background,
+        "seed": derive_seed(seed, "plant"),
+        "salt": f"{derive_seed(seed, 'salt'):08x}",
     }
     experiments = []
-    for kind, start, motion in generate_motion_tables(request.seed, (*FIT, *HELD_OUT)):
+    for kind, start, motion in generate_motion_tables(seed, (*FIT, *HELD_OUT)):
         content = {
             "robot": ROBOT,
-            "seed": request.seed,
+            "seed": seed,
             "start": start,
             "trajectory": motion,
             "plant": plant,
@@ -74,13 +79,14 @@ def build_demo_specs(request: Demo) -> list[tuple[str, ExperimentSpec]]:
 
 
 def run_experiments(
-    request: Demo, progress: Progress | None = None, executor: Executor | None = None
+    specs: Sequence[tuple[str, ExperimentSpec]],
+    store: Path,
+    progress: Progress | None = None,
+    executor: Executor | None = None,
 ) -> Runs:
     """Run the experiments that are not in the store."""
-    store = resolve_store_folder(request.store)
-    summary = run_campaign_experiments(
-        plan_experiments(build_demo_specs(request), store), store, progress, executor
-    )
+    planned = plan_experiments(specs, store)
+    summary = run_campaign_experiments(planned, store, progress, executor)
     for why in summary.failed.values():
         raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]
@@ -117,13 +123,12 @@ def generate_motion_tables(
         yield kind, i * (DURATION + PAUSE), motion
 
 
-def _hidden_effect(request: Demo) -> list[dict]:
+def _hidden_effect(seed: int, name: str | None) -> list[dict]:
     """Draw what shows on the motions that are fitted.
 
     Of usual size, or where that would not show, as large as it must be. Behind the last
     seed of the table they begin again, unless the effect shows at every one.
     """
-    seed, name = request.seed, request.effect
     if name == NOTHING:
         return []
     if name is not None:

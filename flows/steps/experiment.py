@@ -19,7 +19,6 @@ from pydantic import TypeAdapter
 
 from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
-from flows.requests import Campaign
 from flows.settings import count_cores, resolve_store_folder
 from flows.specs import (
     NOMINAL,
@@ -484,14 +483,6 @@ def run_campaign_experiments(
     return CampaignSummary(tuple(planned), failed, round(perf_counter() - begun, 2))
 
 
-def is_outside_failure(error: BaseException | None) -> bool:
-    """Return whether what failed may be well in a minute: a process, disk, network.
-
-    All else fails again, since a spec and its code decide it.
-    """
-    return isinstance(error, OSError)
-
-
 def advise_on_failures(summary: CampaignSummary) -> str:
     """Return what to do about the failures of a campaign, in two sentences."""
     return (
@@ -532,23 +523,28 @@ def build_campaign_document(summary: CampaignSummary, done: bool = True) -> dict
     }
 
 
-def plan_campaign(request: Campaign) -> list[PlannedExperiment]:
+def plan_campaign(path: str, store: Path, seed: int | None) -> list[PlannedExperiment]:
     """Return the experiments of a campaign, and which of them are stored.
+
+    Args:
+        seed: Seed instead of that of the file; None for none.
 
     Raises:
         InputError: If the campaign is not usable, or of several robots.
     """
-    entries = load_campaign(request.path, request.seed)
+    entries = load_campaign(path, seed)
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
-        raise InputError(f"{request.path} has {len(robots)} robots; expected one.")
-    return plan_experiments(
-        entries, resolve_store_folder(request.store), Path(request.path).stem
-    )
+        raise InputError(f"{path} has {len(robots)} robots; expected one.")
+    return plan_experiments(entries, store, Path(path).stem)
 
 
-def group_runs_by_role(request: Campaign, summary: CampaignSummary) -> Runs:
+def group_runs_by_role(path: str, proof: str, summary: CampaignSummary) -> Runs:
     """Return the stored runs of a campaign by role: fit and held_out.
+
+    Args:
+        path: The campaign file.
+        proof: Kind of motion of the held-out runs; "" for none.
 
     Raises:
         RunError: If none is left to fit.
@@ -557,12 +553,12 @@ def group_runs_by_role(request: Campaign, summary: CampaignSummary) -> Runs:
     for each in summary.planned:
         if each.run_id in summary.stored:
             kind = each.spec.trajectory.kind
-            role = "held_out" if kind == request.held_out else "fit"
+            role = "held_out" if kind == proof else "fit"
             runs[role].append(each.run_id)
     if not runs["fit"]:
-        all_out = f"all motions are '{request.held_out}', held out"
+        all_out = f"all motions are '{proof}', held out"
         why = next(iter(summary.failed.values()), all_out)
-        raise RunError(f"{request.path} has no run to fit: {why}.")
+        raise RunError(f"{path} has no run to fit: {why}.")
     return runs
 
 

@@ -9,7 +9,6 @@ import numpy as np
 import pinocchio as pin
 
 from flows.inputs.read import read_log_sets
-from flows.requests import Export
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import read_model
 from residual.errors import InputError, check_name
@@ -141,21 +140,33 @@ def _check_target(word: str) -> str:
     return check_name("c99" if word == "c" else word, list_export_targets(), "target")
 
 
-def export(request: Export) -> ModelExport:
+def export(
+    word: str,
+    to: str,
+    which: str | None = None,
+    log: str | None = None,
+    columns: str | None = None,
+    store: str | Path | None = None,
+) -> ModelExport:
     """Read a model and write it in the form of another program.
+
+    Args:
+        word: File of a model, or the id of a record.
+        which: Which of the models of a diagnosis.
+        log: With rrd: a log of the robot, read with a column map.
 
     Raises:
         InputError: If there is no such model or target, the target cannot take the
             model, or a package that it needs is not installed.
     """
-    _check_target(request.to)
-    store = resolve_store_folder(request.store)
-    model = read_model(store, request.model, request.which)
-    if request.log is None:
-        return export_model(model, request.to)
-    sets, robot = ((request.log,), (), ()), remove_tables(model).robot
-    (log,) = read_log_sets(sets, robot, request.columns, store).fit
-    return export_model(model, request.to, log)
+    _check_target(to)
+    place = resolve_store_folder(store)
+    model = read_model(place, word, which)
+    if log is None:
+        return export_model(model, to)
+    robot = remove_tables(model).robot
+    (read,) = read_log_sets(((log,), (), ()), robot, columns, place).fit
+    return export_model(model, to, read)
 
 
 def export_model(model: AnyModel, to: str, log: Recording | None = None) -> ModelExport:

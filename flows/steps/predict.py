@@ -11,7 +11,6 @@ import pyarrow.csv as pc
 import pyarrow.parquet as pq
 
 from flows.inputs.read import LogSets, read_log_sets, require_logs
-from flows.requests import Predict
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import read_model
 from residual import one_blas_thread
@@ -26,21 +25,25 @@ _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")
 
 
-def read_model_and_logs(request: Predict) -> tuple[AnyModel, LogSets]:
+def read_model_and_logs(
+    word: str,
+    logs: Sequence[str],
+    which: str | None = None,
+    columns: str | None = None,
+    store: str | Path | None = None,
+) -> tuple[AnyModel, LogSets]:
     """Read the model and every log once."""
-    require_logs(request.logs, "to predict", "predict")
-    store = resolve_store_folder(request.store)
-    model = read_model(store, request.model, request.which)
-    sets = (request.logs, (), ())
-    return model, read_log_sets(
-        sets, remove_tables(model).robot, request.columns, store
-    )
+    require_logs(logs, "to predict", "predict")
+    place = resolve_store_folder(store)
+    model = read_model(place, word, which)
+    robot = remove_tables(model).robot
+    return model, read_log_sets((logs, (), ()), robot, columns, place)
 
 
 @one_blas_thread
-def predict(request: Predict, model: AnyModel, logs: LogSets) -> Prediction:
+def predict(model: AnyModel, logs: LogSets, without: Sequence[str]) -> Prediction:
     """Compute the torque of the model on the logs."""
-    return core_predict(model, logs.fit, parse_edits(request.without))
+    return core_predict(model, logs.fit, parse_edits(without))
 
 
 def parse_edits(words: Sequence[str]) -> Edits:
@@ -81,12 +84,12 @@ def build_error_tables(prediction: Prediction) -> ErrorTables:
     return tabulate_errors(dict(prediction.errors), prediction.cutoff, ids)
 
 
-def build_prediction_document(prediction: Prediction, request: Predict) -> dict:
+def build_prediction_document(prediction: Prediction, without: Sequence[str]) -> dict:
     """Return errors as plain values, in the form that a verdict has them."""
     return {
         "schema": 1,
         "model": repr(prediction.models[WHOLE]),
-        "without": list(request.without),
+        "without": list(without),
         "error": convert_to_plain_values(asdict(build_error_tables(prediction))),
     }
 

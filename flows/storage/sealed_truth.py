@@ -4,11 +4,11 @@ What diagnoses cannot import this module (import-linter, pyproject.toml).
 """
 
 from collections.abc import Iterator, Mapping
-from getpass import getuser
 from pathlib import Path
 
 import pyarrow as pa
 
+from flows.settings import read_user_name
 from residual.effects import list_effect_parameters
 from residual.errors import InputError
 from warehouse.query.store import Store
@@ -41,7 +41,7 @@ def show_truth(opened: Store) -> None:
     ]
     for run in runs:
         if not run["opened"]:
-            mark_run(opened.path, OPENED, run["run_id"], {"by": _user()})
+            mark_run(opened.path, OPENED, run["run_id"], {"by": read_user_name()})
     rows = [row for run in runs for row in _truth_rows(opened.path, run)]
     schema = build_arrow_schema(TRUTH)
     opened.show_table("truth", pa.Table.from_pylist(rows, schema=schema))
@@ -65,10 +65,3 @@ def _truth_rows(store: Path, run: Mapping) -> Iterator[dict]:
             f"The seal of run {id} has another form than expected: effects with name, "
             "joints, parameters and onset."
         ) from error
-
-
-def _user() -> str:
-    try:
-        return getuser()
-    except (KeyError, OSError):  # a container may have no name for its user
-        return "unknown"

@@ -10,7 +10,6 @@ from benchmarks.synthetic.visible import (
     draw_visible,
     share,
 )
-from flows.requests import Demo
 from flows.steps import demo
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.plant_records import HIDDEN, TrajectorySpec
@@ -45,7 +44,7 @@ TABLE = demo.list_visible_sizes()
 
 def test_what_is_hidden_is_that_of_the_table_or_a_usual_draw_and_begins_again():
     def hidden(seed, name=None):
-        (drawn,) = demo.build_demo_specs(Demo(seed, name))[0][1].plant_spec().effects
+        (drawn,) = demo.build_demo_specs(seed, name)[0][1].plant_spec().effects
         return [drawn.name, list(drawn.joints), dict(drawn.parameters)]
 
     assert hidden(1) == TABLE[""]["larger"]["1"]

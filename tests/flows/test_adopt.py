@@ -10,14 +10,13 @@ from flows.cli import main
 from flows.inputs.read import load_run_robot
 from flows.steps import rerun as reruns
 from flows.steps.adopt import (
-    Adopt,
     adopt,
-    describe_diagnosis_adoption,
     list_adoptions,
     roll_back,
 )
 from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
+from flows.storage.adoptions import describe_diagnosis_adoption
 from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
@@ -47,7 +46,7 @@ def fresh(night_store):
 def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
     store, *_, id = fresh
     assert [e.name for e in read_verdict(store, id).effects] == ["spring"]
-    number, judgment = adopt(Adopt(id, "seen twice", store=store))
+    number, judgment = adopt(id, "seen twice", store=store)
     assert judgment.check.after < 0.2 * judgment.check.before
     again = arm_nights.again
     assert read_verdict(store, again).effects == ()
@@ -63,7 +62,7 @@ def test_after_adoption_the_next_diagnosis_finds_nothing(fresh, arm_nights):
 
 def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     store, first, _, id = fresh
-    adopt(Adopt(id, store=store))
+    adopt(id, store=store)
     runs = first[0]
     robot = load_run_robot(ROBOT, runs, store)
     on_runs = choose_model(robot, store=store, logs=runs)
@@ -89,7 +88,7 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
 @pytest.mark.long
 def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
     store, *_, id = fresh
-    adopt(Adopt(id, store=store))
+    adopt(id, store=store)
     roll_back(ROBOT, store=store)
     outcome = reruns.rerun(arm_nights.again, store, True)
     assert (list(outcome.differences), outcome.cause) == ([], None)
@@ -97,7 +96,7 @@ def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
 
 def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     store, _, (fit, held_out), id = fresh
-    adopt(Adopt(id, store=store))
+    adopt(id, store=store)
     words = ["identify", fit[0], "--robot", ROBOT, "--holdout", *held_out]
     with unchecked():
         assert main([*words, "--store", str(store)]) == 0
@@ -114,7 +113,7 @@ def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
 def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     store, (fit, _), _, id = fresh
     before = list_adoptions(store)
-    number, _ = adopt(Adopt(id, store=store))
+    number, _ = adopt(id, store=store)
     assert describe_diagnosis_adoption(store, id).endswith("the current model")
     back, now = roll_back(None, "too many alarms", store)
     assert describe_diagnosis_adoption(store, id).endswith("replaced since")
@@ -132,14 +131,14 @@ def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh, arm_ni
     store, *_, id = fresh
     nothing = arm_nights.again
     with pytest.raises(InputError, match="names no missing effect"):
-        adopt(Adopt(nothing, store=store))
+        adopt(nothing, store=store)
     with pytest.raises(InputError, match="needs a --note"):
-        adopt(Adopt(nothing, force=True, store=store))
-    adopt(Adopt(nothing, "asked for by the line", True, store))
+        adopt(nothing, force=True, store=store)
+    adopt(nothing, "asked for by the line", True, store)
     assert find_last_adoption(store, ROBOT, SERIAL)[1].action == "forced"
-    adopt(Adopt(id, "over it", True, store))
+    adopt(id, "over it", True, store)
     with pytest.raises(InputError, match="has that model already"):
-        adopt(Adopt(id, store=store))
+        adopt(id, store=store)
     _, back = roll_back(ROBOT, store=store)
     assert back.diagnosis_id == nothing
 
@@ -168,26 +167,6 @@ def test_a_wrong_correction_is_refused_on_another_night(night_store, how, part):
     (spring,) = seen.effects
     assert spring.part == pytest.approx(part, abs=0.15)
     assert (not seen.doubts) == (how == "right")
-
-
-def test_the_model_is_whole_and_records_of_before_are_read(night_store, monkeypatch):
-    store, *_, id = night_store
-    known = read_adoptable_model(store, id)
-    augmented = read_models(store, id)["augmented"]
-    assert np.array_equal(known.coefficients(), augmented.coefficients())
-    record = read_record(store, read_record(store, id)["model_id"])
-    same = {"model": record["models"]["models"]["augmented"]}
-    for own in ({**same, "covariance": [1.0], "unexplained": [], "usual": None}, None):
-        old = {k: v for k, v in record.items() if k != "known"}
-        old |= {"known": own} if own else {}
-        diagnosis_record = {"model_id": "m"} | read_record(store, id)
-        monkeypatch.setattr(
-            keep,
-            "read_record",
-            lambda _, i, o=old, t=diagnosis_record: t if i == id else o,
-        )
-        again = read_adoptable_model(store, id)
-        assert np.array_equal(again.coefficients(), known.coefficients())
 
 
 def test_what_changed_since_needs_the_runs_behind_the_model(night_store, monkeypatch):

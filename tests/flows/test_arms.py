@@ -2,22 +2,18 @@
 
 import pytest
 
-from flows.cli import main
 from flows.inputs.read import load_run_robot
-from flows.pipelines import nightly
 from flows.requests import Monitor
 from flows.specs import parse_spec
 from flows.steps import experiment, monitor
-from flows.steps.adopt import Adopt, adopt, judge_adoption
+from flows.steps.adopt import adopt, judge_adoption
 from flows.steps.diagnose import build_diagnose_request, read_logs
 from flows.steps.model_choice import choose_model, resolve_adopted_model
 from flows.steps.monitor import find_latest_diagnosis, group_runs_by_arm
 from flows.steps.rerun import rerun_experiment
-from flows.workers import InlineExecutor
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.flows import adopted_arm
-from warehouse.query.store import query_store_rows
 from warehouse.record_commit import find_last_adoption
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import read_record
@@ -79,11 +75,6 @@ def test_tags_and_serial_are_in_the_manifest_and_move_no_id(tmp_path, plant):
     assert "serial" not in again.manifest
 
 
-def test_tags_of_a_spec_are_checked_as_those_of_an_import():
-    with pytest.raises(InputError, match="set one key twice"):
-        spec(tags=["cell=1", "cell=2"])
-
-
 def test_runs_of_two_plants_are_not_fitted_together(tmp_path, plant):
     one, more = run(tmp_path, 1), run(tmp_path, 2)
     other = run(tmp_path, 3, {"seed": 2})
@@ -114,22 +105,6 @@ plant.effect.level = {low = 1.0, high = 8.0}
 """
 
 
-def test_a_random_campaign_is_identified_by_a_condition_as_ever(
-    tmp_path, compiled_plant, monkeypatch, capsys
-):
-    monkeypatch.setattr(experiment, "ProcessExecutor", lambda _: InlineExecutor())
-    (tmp_path / "R.toml").write_text(RANDOM)
-    words = ["--store", str(tmp_path / "store")]
-    assert main(["campaign", str(tmp_path / "R.toml"), *words]) == 0
-    where = ["--where", "campaign = 'R'", "--robot", "irb140"]
-    with adopted_arm.unchecked():
-        assert main(["identify", *where, *words]) == 0
-    assert "stored as a model" in capsys.readouterr().out
-    steps = query_store_rows(tmp_path / "store", "SELECT step FROM timings")
-    assert [row["step"] for row in steps].count("plant") == 2
-    assert {"step": "identify"} in steps
-
-
 def test_a_baseline_of_another_plant_or_of_none_gets_a_warning(tmp_path, plant):
     one, two = run(tmp_path, 1), run(tmp_path, 2, {"seed": 2})
     none, same = run(tmp_path, 3, {}), run(tmp_path, 4)
@@ -154,7 +129,7 @@ def test_an_adopted_model_is_of_one_plant_alone(arm_nights, other):
     assert judge_adoption(store, arm_nights.id).serial == serial
     # Of the second night by the model of the first, which has no number with it.
     assert read_record(store, arm_nights.again)["serial"] == serial
-    adopt(Adopt(arm_nights.id, note="try", force=True, store=store))
+    adopt(arm_nights.id, note="try", force=True, store=store)
     assert find_last_adoption(store, "irb140", serial)
     assert find_last_adoption(store, "irb140") is None
     same = resolve_adopted_model(arm_nights.second[0], store)
@@ -177,14 +152,3 @@ def test_an_unrelated_campaign_raises_no_alarm(arm_nights, other):
     robot = load_run_robot("irb140", [other], store)
     with pytest.raises(InputError, match="Give a model of this arm"):
         choose_model(robot, arm_nights.id, store, [other])
-
-
-def test_the_flow_monitor_watches_each_arm_by_itself(arm_nights, other, monkeypatch):
-    seen = []
-    monkeypatch.setattr(nightly.tasks, "watch", lambda ids, *_: seen.append(ids) or ids)
-    mine = arm_nights.first[0][0]
-    assert nightly.monitor.fn([mine, other], store=str(arm_nights.store)) == [
-        mine,
-        other,
-    ]
-    assert seen == [[mine], [other]]

@@ -21,8 +21,9 @@ def write_german(path, log):
     path.write_text("\n".join([";".join(names), *lines, ""]), encoding="utf-8")
 
 
-@pytest.mark.long
-@pytest.mark.parametrize("name", ["german", *FORMATS])
+@pytest.mark.parametrize(
+    "name", ["german", *(pytest.param(f, marks=pytest.mark.long) for f in FORMATS)]
+)
 def test_three_commands_lead_from_a_log_as_it_is_to_the_right_verdict(name, own_folder):
     form, tmp_path = FORMATS.get(name), own_folder
     dof = form.dof if form else 6

@@ -8,9 +8,7 @@ import pytest
 
 from flows.cli import main
 from flows.report.sentences import (
-    CLEAN,
     MEANING,
-    describe_faults,
     summarize_check,
     title_fault,
 )
@@ -64,28 +62,6 @@ SIGN = Fault(
     (Repair("tau", (2,), sign=(-1,)),),
 )
 LATE = Fault("delay", (), False, "Torque is late by 8 ms.", (), "A")
-
-
-def test_a_clean_log_is_said_to_be_clean_in_one_line(log, fake_check, capsys):
-    log()
-    assert run("check A.csv --robot irb140") == 0
-    lines = capsys.readouterr().out.strip().splitlines()
-    assert lines[0].startswith("A: 1500 samples")
-    assert lines[1:] == ["", CLEAN]
-
-
-def test_faults_are_told_with_evidence_and_the_line_that_mends(log, fake_check, capsys):
-    log()
-    fake_check(LATE, SIGN)
-    assert run("check A.csv --robot irb140") == 0
-    output = capsys.readouterr().out
-    assert "unusable: 1 certain and 1 suspected faults" in output
-    assert "Torque has the opposite sign (joint 2): torque_sign, certain." in output
-    assert "Fix (--map):" in output
-    assert (
-        'tau = {columns = ["tau1", "tau2", "tau3", "tau4", "tau5", "tau6"], ' in output
-    )
-    assert output.index("joint 2") < output.index("A: Torque is late by 8 ms.")
 
 
 def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys):
@@ -198,14 +174,6 @@ def test_every_kind_has_its_words():
     only = LogCheck((fault,))
     assert summarize_check(only) == "The logs are usable with care: 1 suspected fault."
     assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
-
-
-def test_two_readings_of_a_log_are_both_in_the_headline_of_its_fault():
-    masses, effect = "masses of the file that are off", "an effect on joint 1"
-    fault = Fault("torque_unit", (), False, "", rivals=(masses, effect))
-    _, head, *rest = describe_faults(LogCheck((fault,)))
-    assert head == f"Torque is in another unit, or {masses}: torque_unit, suspected."
-    assert rest == [f"  Or: {effect}."]
 
 
 @pytest.mark.parametrize("document", [{}, {"schema": 2}, {"schema": 1, "faults": [{}]}])

@@ -7,9 +7,7 @@ from pathlib import Path
 import pytest
 
 from flows.cli import main
-from flows.report.diagnosis import print_truth
-from flows.report.phrases import Demonstration, HiddenEffect, compare_with_truth
-from flows.requests import Demo
+from flows.report.phrases import HiddenEffect, compare_with_truth
 from flows.steps import demo as steps
 from flows.steps import experiment
 from flows.workers import InlineExecutor
@@ -47,7 +45,7 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
 
 
 def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    experiments = [spec for _, spec in steps.build_demo_specs(Demo(3))]
+    experiments = [spec for _, spec in steps.build_demo_specs(3)]
     assert len({spec.plant_spec() for spec in experiments}) == 1
     assert len({spec.reference().seed for spec in experiments}) == 8
     ends = [spec.start + spec.trajectory.duration for spec in experiments]
@@ -59,8 +57,7 @@ def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own()
 
 def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
     drawn, asked, nothing = (
-        steps.build_demo_specs(Demo(3, effect))[0][1]
-        for effect in (None, "spring", "none")
+        steps.build_demo_specs(3, effect)[0][1] for effect in (None, "spring", "none")
     )
     assert len(drawn.plant_spec().effects) == 1
     assert asked.plant_spec().effects[0].name == "spring"
@@ -101,15 +98,3 @@ def finding(name: str, joints: list, **same) -> dict:
 )
 def test_truth_and_verdict_are_compared(hidden, effects, judged):
     assert compare_with_truth(hidden, typed({"effects": effects})) == judged
-
-
-def test_the_truth_stands_beside_the_verdict(capsys):
-    from rich.console import Console
-
-    verdict = typed({"effects": [finding("spring", [2])]})
-    print_truth(Demonstration((SPRING,), verdict), Console(width=80))
-    shown = capsys.readouterr().out
-    rows = [" ".join(line.split()) for line in shown.splitlines()]
-    assert "stiffness 4 N m/rad 4.12 ± 0.21 N m/rad" in rows
-    assert "rest 0.1 rad –" in rows
-    assert "The first name is the hidden effect." in shown

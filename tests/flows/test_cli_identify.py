@@ -55,16 +55,6 @@ def test_parameters_and_errors_are_shown_and_written(place, capsys):
     assert "wrote new" in shown
 
 
-def test_json_alone_on_standard_output(place, capsys):
-    words = "identify A.csv --robot arm.urdf --method irls --json -"
-    assert run(words) == 0
-    shown = capsys.readouterr()
-    document = json.loads(shown.out)
-    assert (document["method"], document["same_run"]) == ("irls", True)
-    assert "no --holdout given" in document["warnings"][0]
-    assert "fit: A | baseline" in shown.err
-
-
 def test_consistent_parameters_stand_beside_the_free_ones(place, capsys):
     words = "identify A.csv --robot arm.urdf --holdout C.csv --consistent --json o.json"
     assert run(f"{words} --prior 0.5") == 0

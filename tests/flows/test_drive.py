@@ -8,7 +8,6 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scipy.ndimage import maximum_filter1d
 
-from flows.cli import main
 from flows.requests import Validate
 from flows.specs import parse_spec
 from flows.steps import experiment
@@ -90,15 +89,6 @@ def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, ma
 def test_a_wrong_correction_makes_it_worse(reference, joint, stiffness):
     wrong = missed(reference, corrected(joint, stiffness))
     assert np.linalg.norm(wrong) > 1.3 * np.linalg.norm(missed(reference, nominal()))
-
-
-def test_computed_torque_on_the_reference_is_the_feed_forward(reference):
-    t, motion = parts(reference)
-    law = computed_torque_law(corrected(), t, motion)
-    along = compute_feed_forward(corrected(), t, motion)
-    for k in (0, 1234, 2499):
-        q, qd, qdd = (x[k] for x in motion)
-        np.testing.assert_allclose(law(k, q, qd, qdd), along[k], atol=1e-9)
 
 
 def friction_along(qd, turning, t):
@@ -257,17 +247,6 @@ def test_a_right_model_is_better_both_ways_and_the_arm_tracks_better(runs, valid
     assert kin == {(run, "run"), (model, "model")}
     with again(store, find_record(store, id)) as (_, other):
         assert list(compare_records(find_record(store, id), other)) == []
-
-
-def test_a_command_prints_before_and_after_by_joint(runs, validated, tmp_path, capsys):
-    store, model, run, _ = runs
-    page = tmp_path / "page.html"
-    words = ["validate", run[:8], "--model", model[:8], "--store", str(store)]
-    assert main([*words, "--report", str(page)]) == 0
-    output = capsys.readouterr().out
-    for text in (output, page.read_text()):
-        for each in validated[1].models.values():
-            assert f"{1e3 * each.tracking[1]:.2f}" in text
 
 
 def test_a_model_of_another_robot_is_refused(runs):

@@ -94,32 +94,6 @@ def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
     assert len(ask("FROM runs")) == 2
 
 
-def test_imported_runs_are_identified_and_the_model_is_stored(run, place):
-    run("import A.csv B.csv --robot arm.urdf")
-    one, two = (row["run_id"] for row in ask("FROM runs ORDER BY run_id"))
-    words = f"identify {one} --holdout {two[:9]} --robot arm.urdf --json o.json"
-    code, out, _ = run(words)
-    assert code == 0
-    (model,) = ask("FROM models")
-    assert f"modelgap show {model['model_id']}" in out
-    assert model["stage"] == "identified"
-    doc = json.loads(Path("o.json").read_text())
-    wanted = {(p["name"], p["value"], p["sd"], p["unit"]) for p in doc["parameters"]}
-    rows = ask("SELECT name, value, std, unit FROM parameters")
-    assert {tuple(row.values()) for row in rows} == wanted
-    errors = ask(
-        "SELECT stage, value FROM errors WHERE metric = 'filtered' AND joint IS NULL "
-        f"AND run_id = '{two}' AND source_id = '{model['model_id']}'"
-    )
-    overall = {k: e["overall"] for k, e in doc["error"]["filtered"].items()}
-    assert {row["stage"]: row["value"] for row in errors} == overall
-    lineage = {(r["parent"], r["role"]) for r in ask("FROM lineage")}
-    assert lineage == {(one, "fit"), (two, "held_out")}
-    assert read_record(Path("store"), model["model_id"])["request"]["logs"] == [one]
-    run(words)
-    assert len(ask("FROM models")) == 1
-
-
 def test_of_files_a_model_is_stored_only_where_a_store_is_named(run, place):
     assert run("identify A.csv --holdout B.csv --robot arm.urdf")[0] == 0
     assert not Path("store").exists()

@@ -103,17 +103,6 @@ def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(
     assert warning in Path("o.html").read_text(encoding="utf-8")
 
 
-def test_a_doubt_is_a_warning_and_the_names_stand(place, fake_check, named):
-    fake_check["faults"] = [DOUBT]
-    assert run("diagnose A.csv --robot arm.urdf --json o.json") == 0
-    verdict = json.loads(Path("o.json").read_text())
-    assert verdict["verdict"] == "effects"
-    assert verdict["log_check"]["verdict"] == "suspect"
-    assert verdict["warnings"] == [
-        "fault of the logs (filtered, suspected): No noise near 50 Hz."
-    ]
-
-
 def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0

@@ -3,12 +3,8 @@
 import numpy as np
 import pytest
 
-from flows.report.experiments import describe_best_motion
-from flows.steps.next import Ranking, rank_motions
-from residual.planning.next_experiment import SURE, predict_best_motion
-from residual.planning.next_experiment import (
-    find_inseparable_pairs as inseparable_pairs,
-)
+from flows.steps.next import rank_motions
+from residual.planning.next_experiment import SURE
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import load_robot
 from sim.engine.geometry import MARGIN, compute_clearances
@@ -59,17 +55,6 @@ def test_the_document_gives_the_same_motion_again(robot_and_ranking):
     )
     again, first = (plan_motion(robot, s, 100.0) for s in (spec, ranking.best.spec))
     np.testing.assert_array_equal(again.q, first.q)
-
-
-def test_twins_are_told_as_such(robot_and_ranking):
-    _, found = robot_and_ranking
-    _, question = robot_and_question("coulomb_asymmetry", 4)
-    assert predict_best_motion(question) is None  # nothing but the twins is open
-    ranking = Ranking(question, inseparable_pairs(question), found.ranked)
-    assert any(
-        "are the same torque on every motion" in line
-        for line in describe_best_motion(ranking)
-    )
 
 
 @pytest.mark.parametrize(

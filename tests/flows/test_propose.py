@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from flows.report.models import render_proposal_markdown, render_proposal_page
 from flows.service.state import (
     KEY,
     RunningService,
@@ -15,8 +14,7 @@ from flows.service.state import (
     write_running,
 )
 from flows.settings import prefect_home
-from flows.steps.adopt import Proposal, judge_adoption, list_adoptions, roll_back
-from flows.storage.diagnosis import read_verdict
+from flows.steps.adopt import judge_adoption, list_adoptions, roll_back
 from tests.flows.adopted_arm import ROBOT, SERIAL
 from warehouse.record_commit import (
     ADOPTED,
@@ -147,13 +145,3 @@ def test_an_answer_that_comes_too_late_is_told_and_is_no_failure(nights):
     assert find_last_adoption(store, ROBOT, SERIAL)[0] == number
     assert find_last_adoption(store, ROBOT, SERIAL)[1].note == "looked at it"
     assert in_a_flow(tasks.adopt, id, str(store), "once more") is None
-
-
-def test_both_models_stand_side_by_side_on_the_page_and_in_the_question(night_store):
-    store, _, id = night_store
-    proposal = Proposal(judge_adoption(store, id), read_verdict(store, id))
-    for text in (render_proposal_page(proposal), render_proposal_markdown(proposal)):
-        assert "nominal model" in text
-        assert "spring on joint 2: stiffness" in text
-        assert "confirmed at 1.0" in text or "confirmed at 0.9" in text
-    assert f"modelgap adopt {id}" in render_proposal_page(proposal)

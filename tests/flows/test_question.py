@@ -45,18 +45,13 @@ def answered(run, **answer):
     resume_flow_run(run, run_input=answer)
 
 
-def test_nothing_is_adopted_and_nothing_runs_until_somebody_answers(flow_run):
-    _, go, given = flow_run
+@pytest.mark.parametrize(("yes", "note"), [(True, "looked at it"), (False, "")])
+def test_yes_adopts_with_the_note_of_who_answered_and_no_ends_it(flow_run, yes, note):
+    run, go, given = flow_run
     state = go()
     assert (state.type.value, state.name) == ("PAUSED", "Suspended")
     assert state.state_details.run_input_keyset
     assert given == []
-
-
-@pytest.mark.parametrize(("yes", "note"), [(True, "looked at it"), (False, "")])
-def test_yes_adopts_with_the_note_of_who_answered_and_no_ends_it(flow_run, yes, note):
-    run, go, given = flow_run
-    go()
     answered(run, adopt=yes, note=note)
     assert go().type.value == "COMPLETED"
     assert [(diagnosis, said) for diagnosis, _, said in given] == (

@@ -29,7 +29,7 @@ def specs(tmp_path):
     for name, text in texts.items():
         (tmp_path / f"{name}.toml").write_text(text)
     out = {"spec": load_spec(tmp_path / "spec.toml")}
-    shown = demo.build_demo_specs(demo.Demo(seed=7))
+    shown = demo.build_demo_specs(7)
     out |= {f"demo {i}": shown[i][1] for i in (0, 3, 7)}
     paths = [tmp_path / f"{name}.toml" for name in ("guide", *axes)]
     for path in (*paths, *sorted((ROOT / "examples").glob("*.toml"))):

@@ -64,24 +64,7 @@ def project(folder, robots=(ARM,), **notify) -> Project:
     return Project(folder, ProjectTable(1, robot=robots, notify=table))
 
 
-def test_deployments_that_are_not_wanted_any_more_go(up, tmp_path):
-    both = project(tmp_path, (ARM, replace(ARM, name="trial", nightly="")))
-    with up(both) as client:
-        first = {each.name: each for each in client.read_deployments()}
-    assert {"cell", "trial", "monitor"} <= set(first)
-    cell = first["cell"]
-    assert [s.schedule.cron for s in cell.schedules] == ["0 2 * * *"]
-    assert cell.parameter_openapi_schema["properties"]["seed"]["title"] == "seed"
-    assert cell.concurrency_options.collision_strategy.value == "CANCEL_NEW"
-    with up(project(tmp_path)) as client:
-        second = {each.name: each for each in client.read_deployments()}
-        rules = [rule.name for rule in client.read_automations()]
-    assert set(first) - set(second) == {"trial"}
-    assert second["cell"].id == cell.id  # so its history stays
-    assert len(set(rules)) == len(rules)  # nothing starts twice
-
-
-def test_people_are_notified_by_webhook_and_by_a_block(up, chat, tmp_path):
+def test_people_are_notified_and_what_is_not_wanted_any_more_goes(up, chat, tmp_path):
     from prefect.blocks.notifications import CustomWebhookNotificationBlock
 
     from flows.pipelines.tasks import send_notice
@@ -93,7 +76,9 @@ def test_people_are_notified_by_webhook_and_by_a_block(up, chat, tmp_path):
     block.save("lab", overwrite=True)
     kinds = ("alarm", "refused")
     asked = {"block": "custom-webhook/lab", "webhook": WEBHOOK, "kinds": kinds}
-    with up(project(tmp_path, **asked)):
+    both = project(tmp_path, (ARM, replace(ARM, name="trial", nightly="")), **asked)
+    with up(both) as client:
+        first = {each.name: each for each in client.read_deployments()}
         send_notice("finding", "irb140", "was not asked for")
         send_notice("alarm", "irb140", 'a "spike" on joint 2', "by 5 N m", ["ab"], "p")
         until(lambda: len(heard) == 2, "both have it")
@@ -107,8 +92,18 @@ def test_people_are_notified_by_webhook_and_by_a_block(up, chat, tmp_path):
         "page": "p",
     }
     assert message["/block"] == {"title": 'a "spike" on joint 2', "text": "by 5 N m\np"}
+    cell = first["cell"]
+    assert {"cell", "trial", "monitor"} <= set(first)
+    assert [s.schedule.cron for s in cell.schedules] == ["0 2 * * *"]
+    assert cell.parameter_openapi_schema["properties"]["seed"]["title"] == "seed"
+    assert cell.concurrency_options.collision_strategy.value == "CANCEL_NEW"
     with up(project(tmp_path)) as client:
-        assert not [r for r in client.read_automations() if r.name.startswith("notify")]
+        second = {each.name: each for each in client.read_deployments()}
+        rules = [rule.name for rule in client.read_automations()]
+    assert set(first) - set(second) == {"trial"}
+    assert second["cell"].id == cell.id  # so its history stays
+    assert len(set(rules)) == len(rules)  # nothing starts twice
+    assert not [name for name in rules if name.startswith("notify")]
 
 
 @pytest.mark.parametrize(

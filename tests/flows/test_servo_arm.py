@@ -3,18 +3,12 @@
 import numpy as np
 import pytest
 
-from flows.report.diagnosis import build_diagnosis_document
-from flows.report.sentences import format_headline
-from flows.report.tables import build_position_table
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError
-from residual.verdict.document import to_json
-from residual.verdict.result import Diagnosis
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
 from sim.plant.servo import build_servo_law, follow_goal
-from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_run
 
 GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]
@@ -85,36 +79,3 @@ def test_firmware_and_bus_stand_between_a_goal_and_its_torque():
 def test_a_spec_that_no_such_arm_has_is_refused(changes, words):
     with pytest.raises(InputError, match=words):
         experiment.load_spec_robot(spec(**changes))
-
-
-POSITION = {
-    "rms": {"nominal": None, "identified": [0.03, 0.2], "augmented": [0.01, 0.02]},
-    "overall": {"nominal": None, "identified": 0.14, "augmented": 0.0158},
-    "diverged": {"nominal": ["C at 1.20 s"], "identified": [], "augmented": []},
-    "left_out": ["backlash"],
-}
-
-
-def test_position_stands_beside_torque_in_sentence_table_and_document():
-    effect = {"name": "payload", "joints": [2], "probability": 0.99}
-    document = {"effects": [effect], "error": {"position": POSITION}}
-    result = Diagnosis(typed(document, 2))
-    assert to_json(result.verdict)["error"]["position"] == POSITION
-    assert format_headline(result.verdict).endswith(
-        "Position by itself under the logged goal, rms: diverged in C at 1.20 s "
-        "(nominal) → 0.0158 rad (with payload)."
-    )
-    table = build_position_table(result)
-    assert "without gear backlash" in table.title
-    assert table.rows[0] == ("nominal", "–", "–", "–")
-    assert table.rows[2] == ("augmented", "0.01", "0.02", "0.0158")
-    page = build_diagnosis_document(result, drawn=False)
-    (proof,) = (section for section in page.sections if section.id == "proof")
-    assert table.title in [getattr(part, "title", "") for part in proof.parts]
-
-
-def test_position_is_unknown_where_torque_was_measured():
-    result = Diagnosis(typed({}, 2))
-    assert to_json(result.verdict)["error"]["position"] is None
-    assert build_position_table(result) is None
-    assert "Position" not in format_headline(result.verdict)
