@@ -1,5 +1,6 @@
 """Cases: an arm in two epochs and what changes between them, drawn from a seed."""
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.changes_parts.sizes import shares, size_of, solved
+from benchmarks.harness.cases import named, seed_range
 from benchmarks.synthetic.amounts import scale_effect_parameters
 from residual.errors import ModelgapError
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -57,6 +59,11 @@ class Slot:
     def name(self) -> str:
         """Key of its result."""
         return f"{self.group} {self.seed}/{self.index} {self.target:g}"
+
+
+def jobs(args: argparse.Namespace) -> dict[str, Slot]:
+    seeds = seed_range(args.seeds)
+    return named(s for group in args.groups for s in slots(group, seeds, args.quick))
 
 
 def slots(group: str, seeds: Sequence[int], quick: bool) -> list[Slot]:

@@ -1,20 +1,19 @@
 """Figures of each program."""
 
-from collections.abc import Mapping
+import argparse
 
 import numpy as np
 
-from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure
 from benchmarks.harness.rates import Rows, at_least, share
 from benchmarks.hidden.score import NOTHING, UNKNOWN
 from benchmarks.peers_parts.judge import LEVELS
 
 
-def all_figures(rows: Mapping[str, Rows]) -> Figures:
+def all_figures(rows: Rows, args: argparse.Namespace | None = None) -> Figures:
     out: Figures = {}
-    for program, of_program in rows.items():
-        good = [row for row in of_program if "kind" in row]
+    for program, good in by_group(row for row in rows if "kind" in row).items():
         for level in LEVELS:
             out[f"{program}_exact_{level}"] = _rate(good, f"exact_{level}")
         out[f"{program}_named_on_nothing"] = _rate(_of(good, NOTHING), "named")

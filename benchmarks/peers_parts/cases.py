@@ -5,28 +5,31 @@ without one of its effects. All cases of a seed have one robot file and the same
 motions. Ours is `modelgap diagnose` of the fit logs, with the default held-out part.
 """
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import lru_cache
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from itertools import product
 from time import perf_counter
 
 import numpy as np
 
 import modelgap as mg
-from benchmarks.harness.cases import guarded
+from benchmarks.harness.cases import guarded, named, seed_range
 from benchmarks.harness.logs import CONTROL, PAUSE, RATE
-from benchmarks.hidden.draw import MULTIPLES, OF_A_PAIR, draw_sized, vocabulary
+from benchmarks.hidden.draw import vocabulary
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
+from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
 from benchmarks.synthetic.light_arm import draw_light_arm
+from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
-from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects, number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from residual.verdict.result import Detectable
+from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -44,7 +47,6 @@ _FAMILIES, _EXPERIMENTS = ("fourier", "cyclic"), (3, 4, 5, 6)
 _HELD_OUT = ("move_stop_move", "fourier")  # one of a family that is never fitted
 _AFTER = ("fourier", "cyclic")
 _TORQUE, _ENCODER = (0.005, 0.015, 0.03), (5e-5, 1e-4, 2e-4)  # share of range; rad
-BENCH = -1  # the arm with nothing hidden, which states the detectable sizes
 
 
 def answer(case: Case) -> Answer:
@@ -73,10 +75,9 @@ class Task:
     """One case for some programs."""
 
     seed: int
-    number: int  # of the case, or BENCH
+    number: int  # of the case
     seconds: float  # length of a log
-    programs: tuple[str, ...] = ()
-    minimum: tuple[Mapping, ...] = ()  # detectable sizes, as a bench has them
+    programs: tuple[str, ...]
 
     @property
     def name(self) -> str:
@@ -85,23 +86,21 @@ class Task:
         return " ".join(map(str, parts))
 
 
+def jobs(args: argparse.Namespace) -> dict[str, Task]:
+    """Return ten cases a seed; two with short logs in a quick run."""
+    count, seconds = (2, 8.0) if args.quick else (len(_KINDS), 20.0)
+    each = product(seed_range(args.seeds), range(count))
+    return named(Task(*one, seconds, tuple(args.groups)) for one in each)
+
+
 def run(task: Task) -> dict:
     """Let the programs answer one case; a row for each, or the crash."""
-    return guarded({}, lambda: _bench(task) if task.number == BENCH else _rows(task))
-
-
-def _bench(task: Task) -> dict:
-    """Return the smallest sizes that logs of the same motions would show."""
-    logs, _ = _logs(task, "null/0", (), {})
-    fit = [log for name, log in logs.items() if name[0] == "f"]
-    held = [log for name, log in logs.items() if name[0] == "h"]
-    verdict = diagnose(_arm(task.seed), fit, (), held).verdict
-    return {"minimum": [asdict(d) for d in verdict.minimum_detectable]}
+    return guarded({}, lambda: _rows(task))
 
 
 def _rows(task: Task) -> dict:
     robot, number = _arm(task.seed), task.number
-    kind, effects = _hidden(task.seed, number, [Detectable(**d) for d in task.minimum])
+    kind, effects = _hidden(task)
     there = [
         Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, robot.dof))))
         for e in effects
@@ -119,10 +118,11 @@ def _rows(task: Task) -> dict:
         for name, number in gone.items() if effects else ():
             left = model.without(there[number].effect, there[number].joints or None)
             truth.torque[name] = logs[name], left.predict(logs[name]), number
-    return {
-        program: guarded({}, lambda program=program: _answered(program, case, truth))
-        for program in task.programs
-    }
+    asked = (
+        (program, partial(_answered, program, case, truth)) for program in PROGRAMS
+    )
+    rows = [guarded({"group": k}, ask) for k, ask in asked if k in task.programs]
+    return {"rows": rows}
 
 
 def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
@@ -130,6 +130,7 @@ def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
     found = PROGRAMS[program](case)
     seconds = round(perf_counter() - start, 2)
     return {
+        "group": program,
         "seconds": seconds,
         **judge.compare(truth, found),
         "hidden": list(map(str, truth.effects)),
@@ -138,10 +139,8 @@ def _answered(program: str, case: Case, truth: judge.Truth) -> dict:
 
 
 def summary(row: Mapping) -> str:
-    if "minimum" in row:
-        return "done"
-    hidden = next((r["hidden"] for r in row.values() if "hidden" in r), ["?"])
-    said = [f"{k} {[n[0] for n in r.get('said', ())]}" for k, r in row.items()]
+    hidden = next((r["hidden"] for r in row["rows"] if "hidden" in r), ["?"])
+    said = [f"{r['group']} {[n[0] for n in r.get('said', ())]}" for r in row["rows"]]
     return f"{'; '.join(hidden) or 'nothing'}: {', '.join(said)}"
 
 
@@ -210,21 +209,30 @@ def _logs(
     return out, Case(robot, *parts.values())
 
 
-def _hidden(
-    seed: int, number: int, minimum: Sequence[Detectable]
-) -> tuple[str, tuple[PlantEffect, ...]]:
+@lru_cache(maxsize=4)
+def _stages(seed: int, seconds: float) -> list[Stage]:
+    """Return the motions to fit, on which sizes are shares of a joint's torque."""
+    robot, each = _arm(seed), _motions(Task(seed, 0, seconds, ())).items()
+    fit = [motion for name, motion in each if name[0] == "f"]
+    return [
+        Stage.of(robot, plan_reference_motion(robot, spec, RATE), t) for spec, t in fit
+    ]
+
+
+def _hidden(task: Task) -> tuple[str, tuple[PlantEffect, ...]]:
     """Draw what a case hides: its kind, and effects with joints and sizes."""
-    robot, rng = _arm(seed), create_random_stream(seed, f"hidden/{number}")
-    kind, (known, unknown) = _KINDS[number], vocabulary(robot)
+    robot = _arm(task.seed)
+    rng = create_random_stream(task.seed, f"hidden/{task.number}")
+    kind, (known, unknown) = _KINDS[task.number], vocabulary(robot)
     if kind == UNKNOWN:
-        return kind, (draw_sized(robot, rng, str(rng.choice(unknown)), None, minimum),)
-    multiples = OF_A_PAIR if kind == PAIR else MULTIPLES
-    made: list[PlantEffect] = []
+        return kind, (draw_plant_effect(robot, rng, str(rng.choice(unknown))),)
+    stages, made = _stages(task.seed, task.seconds), []
     while len(made) < {NOTHING: 0, SINGLE: 1, PAIR: 2}[kind]:
-        name, multiple = str(rng.choice(known)), float(rng.choice(multiples))
-        one = draw_sized(robot, rng, name, multiple, minimum)
-        if not any(_same_thing(one, other) for other in made):
-            made.append(one)
+        name = str(rng.choice(known))
+        sizes = rng.permutation(CLEAR if kind == PAIR else SHARES).tolist()
+        one = draw_of_share(robot, rng, name, sizes, stages)
+        if one and not any(_same_thing(one[0], other) for other in made):
+            made.append(one[0])
     return kind, tuple(made)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 import warehouse
-from benchmarks.harness.figures import Figures, all_partial, figure
+from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked
@@ -80,8 +80,7 @@ def many_figures(quick: bool) -> Figures:
         first = wall(lambda: warehouse.open(place).close())
         figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
-    why = f"with {count} runs instead of {FULL}" if quick else ""
-    return all_partial(figures, why)
+    return figures
 
 
 def _figures(place: Path, rounds: int) -> Figures:

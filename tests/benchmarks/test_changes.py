@@ -1,5 +1,6 @@
 """Cases, sizes, peer and bars of the benchmark of what changed."""
 
+from argparse import Namespace
 from dataclasses import replace
 
 import pytest
@@ -43,19 +44,23 @@ RIGHT = Answer((Claim(TRUTH[0], (), {"torque": (4.1, 0.1)}),), (), 3.0)
 SILENT = Answer((), (), 3.0)
 
 
+DECIDING = Namespace(deciding=True)
+
+
 def _row(answer, **other):
     return {**ROW, **compare(TRUTH, answer), **other}
 
 
 def test_silence_is_a_miss_and_a_crash_is_counted():
     rows = [_row(RIGHT), _row(SILENT), {"error": "ValueError: no"}]
-    figures = bars.all_figures(rows, deciding=True)
+    figures = bars.all_figures(rows, DECIDING)
     entry = figures["change_10_right_first"]
     assert (entry["value"], entry["n"], entry["ok"]) == (0.5, 2, False)
     assert figures["change_10_nothing_else"]["n"] == 1
     assert figures["crashes"]["ok"] is False
     assert figures["change_within_two_deviations"]["value"] == 1.0
-    assert bars.all_figures(rows, deciding=False)["change_10_right_first"]["ok"] is None
+    few = bars.all_figures(rows, Namespace(deciding=False))
+    assert few["change_10_right_first"]["ok"] is None
 
 
 OTHER = Name("coulomb_asymmetry", (2,))
@@ -78,6 +83,6 @@ def test_another_name_is_right_only_where_the_answer_states_it(claims, right, ex
 def test_the_peer_is_compared_on_the_same_cases():
     mine = [_row(RIGHT if i < 6 else SILENT) for i in range(8)]
     its = [_row(RIGHT if i in (0, 7) else SILENT, method="peer") for i in range(8)]
-    figures = bars.all_figures([*mine, *its], deciding=True)["change_10_over_peer"]
+    figures = bars.all_figures([*mine, *its], DECIDING)["change_10_over_peer"]
     assert (figures["value"], figures["ok"]) == (0.5, True)
     assert figures["p"] == pytest.approx(2 * 7 / 64, abs=1e-4)

@@ -100,8 +100,9 @@ def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
 
 def test_figures_are_described_and_crashes_are_counted():
     row = judge.compare(TRUTHS["none"], Answer((), False)) | {"seconds": 1.0}
-    rows = {program: [row, {"error": "x"}] for program in ("ours", "squares", "sparse")}
-    figures = bars.all_figures(rows)
-    assert set(page.figures("peers", {"figures": figures})) == set(figures)
+    rows = [{"group": program, **row} for program in ("ours", "squares", "sparse")]
+    figures = bars.all_figures([*rows, *3 * [{"error": "x"}]])
+    described = page.list_rows("peers", figures)
+    assert {key for _, _, keys in described for key in keys} >= set(figures)
     assert figures["ours_exact_name"]["value"] == 1.0
     assert figures["crashes"]["value"] == 3
