@@ -1,10 +1,7 @@
 """Size of a change in a log.
 
-A size is RMS of the change's torque over RMS of the joint's
-torque, both low-pass filtered, on rows where the joint moves. A change of angles counts
-by the torque of the rigid body at the angles read:
-
-    effect = (tau - RNEA(q)) with it  -  (tau - RNEA(q)) without it
+A size is RMS of the change's torque over RMS of the joint's torque, both low-pass
+filtered, on rows where the joint moves.
 """
 
 from collections.abc import Callable, Sequence
@@ -16,14 +13,10 @@ from scipy.signal import butter, sosfiltfilt
 from residual.recording import Recording
 
 Array = np.ndarray
-# From motion to the torque of the rigid body. Shapes (n, dof).
-RigidBody = Callable[[Array, Array, Array], Array]
-
 CUTOFF = 8.0  # Hz
 _ORDER = 4
 _EDGE = 0.6  # s at each end of a log, where the filter is not itself
 _SLOW = 0.03  # of the speed that 95 % of a log's samples stay below
-_ROWS = 50.0  # Hz, of what is compared
 _SEEN = 0.05  # of the rows: a joint that moves on fewer has no torque to compare with
 _CLOSE, _TRIES = 0.01, 6  # of the size asked for; simulations
 _STEEP = (0.3, 3.0)  # by what power a size may follow the parameter
@@ -68,18 +61,6 @@ def moving(log: Smooth) -> Array:
     speed = np.abs(log.qd)
     inside = (log.t > log.t[0] + _EDGE) & (log.t < log.t[-1] - _EDGE)
     return (speed > _SLOW * np.quantile(speed, 0.95, axis=0)) & inside[:, None]
-
-
-def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
-    """Return what a change does in one log, beside the same motion without it."""
-    one, other = smooth(with_), smooth(without)
-    every = max(1, round(1 / (_ROWS * (other.t[1] - other.t[0]))))
-    rows = slice(None, min(len(one.t), len(other.t)), every)
-    rest = [
-        log.tau[rows] - rigid(log.q[rows], log.qd[rows], log.qdd[rows])
-        for log in (one, other)
-    ]
-    return Shares(rest[0] - rest[1], other.tau[rows], moving(other)[rows])
 
 
 def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:

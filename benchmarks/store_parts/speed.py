@@ -31,7 +31,7 @@ def commit_figures(quick: bool) -> Figures:
     spec = TrajectorySpec("fourier", ROWS / 250, 2, 9)
     plant = PlantSpec((), noise=SensorNoise(), seed=9)
     robot = load_robot("irb140")
-    made = run_experiment(robot, reference(spec), plant, SampleRates(), 0.0)
+    made = run_experiment(robot, reference(robot, spec), plant, SampleRates(), 0.0)
     log, twin = made.log, dict(made.twin)
     arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
     table = arrays_to_table(arrays, {})
