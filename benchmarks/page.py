@@ -56,7 +56,13 @@ def value_of(entry: Mapping, unit: str) -> str:
     if unit == "count":
         return f"{_number(hits)} of {_number(n)}"
     if unit == "share":
-        return f"{hits} of {n} ({_number(100 * hits / n)} %)"
+        ends = "–".join(_number(100 * x) for x in entry.get("interval", ()))
+        percent = f"{_number(100 * hits / n)} %"
+        return (
+            f"{hits} of {n} ({percent}, {ends})"
+            if ends
+            else f"{hits} of {n} ({percent})"
+        )
     repeats = f" (n = {_number(n)})" if n > 1 else ""
     return f"{_number(value)} {unit}".strip() + repeats
 
@@ -90,13 +96,11 @@ def page() -> str:
 
 def _section(name: str, content: Mapping) -> str:
     text, figures = describe(name), content["figures"]
-    rows = [("what", *text["columns"].values(), "bar", "95 %")]
+    rows = [("what", *text["columns"].values(), "bar")]
     for about, unit, keys in list_rows(name, figures):
         cells = [value_of(figures[k], unit) if k in figures else "" for k in keys]
         first = next(figures[k] for k in keys if k in figures)
-        ends = first.get("interval") if unit == "share" else None
-        interval = "{}–{} %".format(*(_number(100 * x) for x in ends)) if ends else ""
-        rows.append((about, *cells, bar_of(first, unit), interval))
+        rows.append((about, *cells, bar_of(first, unit)))
     facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]
     return "\n\n".join(filter(None, parts)) + "\n"

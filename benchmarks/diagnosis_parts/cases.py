@@ -210,8 +210,15 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
     return [
         _task(group, hides, first, seed, share)
         for hides, seed in cases[group]
-        for share in (SHARES if group == "singles" and has_sizes(hides) else (None,))
+        for share in _sizes(group, hides, seed == first)
     ]
+
+
+def _sizes(group: str, hides: str, every: bool) -> tuple[float | None, ...]:
+    """Return the shares to draw; the small ones, which have no bar, of one seed."""
+    if group != "singles" or not has_sizes(hides):
+        return (None,)
+    return SHARES if every else CLEAR
 
 
 @lru_cache(maxsize=4)
