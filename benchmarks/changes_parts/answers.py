@@ -13,6 +13,7 @@ import numpy as np
 from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Name, matched, members
+from benchmarks.measured_parts import arms as measured
 from benchmarks.synthetic.amounts import find_main_parameter
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
@@ -78,7 +79,7 @@ class Logs:
 def record(slot: draw.Slot) -> tuple[arms.Case, Logs]:
     case = draw.draw(slot)
     if slot.group in (draw.REAL_UNCHANGED, draw.LOAD):
-        robot = real.robot_of(case.arm)
+        robot = measured.robot_of(case.arm)
         first, second = (
             tuple(real.read(case.arm, part) for part in parts)
             for parts in (case.first, case.second)
