@@ -36,14 +36,15 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One name that a verdict says, at one place."""
+    """One name that an answer says, at one place."""
 
     name: Name  # effect and joints
-    alike: tuple[Name, ...]  # what the verdict says could be there instead
-    finding: Finding = field(compare=False, hash=False)  # the finding that it is from
-    # Its number among the joints of a finding on several; None where the finding is one
-    # thing.
-    place: int | None = None
+    alike: tuple[Name, ...] = ()  # what the answer says could be there instead
+    # Value and standard deviation by parameter; None where not stated
+    values: Mapping[str, tuple[float | None, float | None]] = field(
+        default_factory=dict
+    )
+    finding: int = 0  # number of the finding that it is from
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     flagged = set(verdict.unexplained.joints)
     hits, classes, free = matched(truths if drawn != UNKNOWN else (), claims)
     # One finding may be on several joints, and their order says nothing.
-    first = [s for s in claims if s.finding is claims[0].finding]
+    first = [s for s in claims if s.finding == 0]
     right = [s for s in first if all(s is not f for f in free)]
     count = sum(h is not None for h in (*hits, *classes))
     state = (count == len(hits), any(c is not None for c in classes))
@@ -103,16 +104,19 @@ def members(verdict: Verdict) -> list[Claim]:
     joints that share gearing is one.
     """
     out = []
-    for finding in verdict.effects:
+    for number, finding in enumerate(verdict.effects):
         alike = [Name.of(e) for e in finding.equivalent]
+        pairs = {key: p.pairs for key, p in finding.parameters.items()}
         # With a value per joint it is one thing on each.
         one_each = any(isinstance(p.value, tuple) for p in finding.parameters.values())
         if len(finding.joints) < 2 or not one_each:
-            out.append(Claim(Name.of(finding), tuple(alike), finding))
+            values = {key: each[0] for key, each in pairs.items()}
+            out.append(Claim(Name.of(finding), tuple(alike), values, number))
             continue
         for place, joint in enumerate(finding.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
-            out.append(Claim(Name(finding.name, (joint,)), near, finding, place))
+            own = {k: each[place if len(each) > 1 else 0] for k, each in pairs.items()}
+            out.append(Claim(Name(finding.name, (joint,)), near, own, number))
     return out
 
 
@@ -226,6 +230,5 @@ def case_row(
 def deviation(claim: Claim | None, true: Mapping[str, float]) -> float | None:
     """Return by how many standard deviations the main parameter of a name is off."""
     key = find_main_parameter(claim.name.effect, true) if claim else None
-    known = claim.finding.parameters.get(key) if claim else None
-    value, std = (None, None) if known is None else known.pairs[claim.place or 0]
+    value, std = claim.values.get(str(key), (None, None)) if claim else (None, None)
     return (value - float(true[key])) / std if value is not None and std else None
