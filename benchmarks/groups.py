@@ -3,6 +3,7 @@
     python benchmarks/groups.py monitoring --quick         a part, under 50 s
     python benchmarks/groups.py identification
     python benchmarks/groups.py servo --groups chain
+    python benchmarks/groups.py servo_developed     the half to work on, not to report
     python benchmarks/groups.py pipelines --full-json OUT
 
 The last line is one JSON object; exit code 1 for a missed bar.
@@ -27,6 +28,9 @@ GROUPS = {
         "changes": "servo_parts.pendulum:change_figures",
         "position": "servo_parts.position:position_figures",
         "six_joints": "servo_parts.six_joints:six_joint_figures",
+    },
+    "servo_developed": {
+        "changes": "servo_parts.pendulum:developed_change_figures",
     },
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }
