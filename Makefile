@@ -11,7 +11,7 @@ help:
 	@echo "make docs    the pages as a site in site/, offline, links checked"
 	@echo "make test    the checks of every change (ARGS='-k signals -x' for some)"
 	@echo "make test-all  these and the slow ones: more cases, pages, browser, installation"
-	@echo "make bench   measure every figure of README and docs on one commit; up to three"
+	@echo "make bench   measure every figure of README and docs on one commit; up to two"
 	@echo "             hours (QUICK=1: ten minutes); an interrupted run continues"
 	@echo "make fuzz    changed files for every reader, MINUTES=10 for each of them"
 	@echo "make audit   known vulnerabilities of the locked packages; needs pip-audit, network"

@@ -16,26 +16,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.attribution_parts import bars, cases
-from benchmarks.harness import cases as harness
-from benchmarks.harness.figures import finish
-
-_SEEDS = "154201:154208"
-
-
-def main() -> int:
-    args = harness.read_options(__doc__, _SEEDS, cases.GROUPS)
-    seeds = harness.seed_range(args.seeds)
-    tasks = {group: cases.tasks(group, seeds, args.quick) for group in args.groups}
-    path = harness.kept_file("attribution", "benchmarks/attribution_parts")
-    jobs = {task.name: task for group in tasks.values() for task in group}
-    done = harness.run_kept(
-        path, cases.summary, cases.run, jobs, processes=args.processes
-    )
-    rows = {group: [done[t.name] for t in tasks[group]] for group in args.groups}
-    figures = bars.case_figures(rows, args.deciding)
-    harness.save_rows(args, figures, cases=rows)
-    return finish(figures)
-
+from benchmarks.harness.cases import run_cases
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = run_cases(
+        __doc__,
+        "154201:154208",
+        cases.GROUPS,
+        ["benchmarks/attribution_parts"],
+        cases.jobs,
+        cases.run,
+        cases.summary,
+        bars.all_figures,
+    )
+    sys.exit(code)

@@ -1,6 +1,6 @@
 """Run every benchmark on one commit.
 
-    make bench                all benchmarks: at most three hours on two cores
+    make bench                all benchmarks: at most two hours on two cores
     make bench QUICK=1        a part of each, about ten minutes; decides nothing
     python benchmarks/bench.py --only measured diagnosis
 
@@ -19,7 +19,6 @@ import argparse
 import json
 import subprocess
 import sys
-from collections.abc import Mapping
 from pathlib import Path
 from time import monotonic
 
@@ -27,20 +26,15 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
-PLAN: Mapping[str, tuple[str, ...]] = {
-    **{
-        name: (f"benchmarks/{name}.py",)
-        for name in (
-            *("measured", "diagnosis", "attribution", "changes", "check"),
-            *("loop", "peers", "plsr", "store"),
-        )
-    },
-    **{
-        name: ("benchmarks/groups.py", name)
-        for name in ("identification", "monitoring", "pipelines", "servo")
-    },
-}
+_FILES = (
+    *("measured", "diagnosis", "attribution", "changes", "check"),
+    *("loop", "peers", "plsr", "store"),
+)
+_GROUPS = ("identification", "monitoring", "pipelines", "servo")
+PLAN = {name: [f"benchmarks/{name}.py"] for name in _FILES}
+PLAN |= {name: ["benchmarks/groups.py", name] for name in _GROUPS}
 FAILED = 2
+_ENDS = {0: "no bar is missed", 1: "a bar is missed"}
 _EVERY = 20.0  # s between two lines of progress
 
 
@@ -49,12 +43,11 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a part of each")
-    parser.add_argument("--only", nargs="+", choices=PLAN, default=tuple(PLAN))
+    parser.add_argument("--only", nargs="+", choices=PLAN, default=list(PLAN))
     args = parser.parse_args()
     codes, start = [], monotonic()
-    names = [name for name in PLAN if name in args.only]
-    for number, name in enumerate(names, start=1):
-        label = f"[{number}/{len(names)}] {name}"
+    for number, name in enumerate(args.only, start=1):
+        label = f"[{number}/{len(args.only)}] {name}"
         if not args.quick and is_finished(name):
             print(f"{label}: finished before with the present code", flush=True)
         else:
@@ -62,12 +55,14 @@ def main() -> int:
     print(f"\n{(monotonic() - start) / 60:.1f} min", flush=True)
     if args.quick:
         return max(codes, default=0)
-    for name in names:
-        oks = [entry["ok"] for entry in read(name).get("figures", {}).values()]
-        met = f"{oks.count(True)} bars met, {oks.count(False)} missed"
-        print(f"{name:15} {met}: {', '.join(missed(name))}")
+    for name in args.only:
+        oks = {k: entry["ok"] for k, entry in read(name).get("figures", {}).items()}
+        missed = [key for key, ok in oks.items() if ok is False]
+        codes.append(int(bool(missed)))
+        met = list(oks.values()).count(True)
+        print(f"{name:15} {met} bars met, {len(missed)} missed: {', '.join(missed)}")
     subprocess.run([sys.executable, "benchmarks/page.py"], cwd=ROOT, check=True)
-    return max([*codes, int(any(missed(name) for name in names))], default=0)
+    return max(codes, default=0)
 
 
 def read(name: str) -> dict:
@@ -82,28 +77,18 @@ def is_finished(name: str) -> bool:
     return whole and is_current(name, content)
 
 
-def missed(name: str) -> list[str]:
-    figures = read(name).get("figures", {})
-    return [key for key, entry in figures.items() if entry["ok"] is False]
-
-
 def _run(name: str, label: str, quick: bool) -> int:
     """Run one benchmark and return its exit code; write its output to a log."""
     command = [sys.executable, *PLAN[name]]
     command += ["--quick"] if quick else ["--full-json", str(RESULTS / f"{name}.json")]
-    log, start = ROOT / "store" / "benchmarks" / f"{name}.log", monotonic()
+    log = ROOT / "store" / "benchmarks" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
-    last = start
+    start = last = monotonic()
     print(f"{label} ...", flush=True)
+    both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with (
         log.open("w", encoding="utf-8") as file,
-        subprocess.Popen(
-            command,
-            cwd=ROOT,
-            stdout=subprocess.PIPE,
-            stderr=subprocess.STDOUT,
-            text=True,
-        ) as child,
+        subprocess.Popen(command, cwd=ROOT, **both) as child,
     ):
         for line in child.stdout:
             file.write(line)
@@ -113,11 +98,10 @@ def _run(name: str, label: str, quick: bool) -> int:
                 minutes = (last - start) / 60
                 print(f"{label} {minutes:5.1f} min  {line.strip()[:100]}", flush=True)
     code = child.returncode
-    results = {0: "no bar is missed", 1: "a bar is missed"}
-    end = f"failed (code {code}): see {log.relative_to(ROOT)}"
+    failed = f"failed (code {code}): see {log.relative_to(ROOT)}"
     minutes = (monotonic() - start) / 60
-    print(f"{label}: {minutes:.1f} min, {results.get(code, end)}", flush=True)
-    return code if code in results else FAILED
+    print(f"{label}: {minutes:.1f} min, {_ENDS.get(code, failed)}", flush=True)
+    return code if code in _ENDS else FAILED
 
 
 if __name__ == "__main__":

@@ -16,30 +16,17 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.changes_parts import answers, bars, draw
-from benchmarks.harness import cases as harness
-from benchmarks.harness.figures import finish
-
-_SEEDS = "154301:154303"
-
-
-def main() -> int:
-    args = harness.read_options(__doc__, _SEEDS, draw.GROUPS)
-    seeds = harness.seed_range(args.seeds)
-    jobs = {
-        slot.name: slot
-        for group in args.groups
-        for slot in draw.slots(group, seeds, args.quick)
-    }
-    parts = ("benchmarks/changes_parts", "benchmarks/check_parts")
-    path = harness.kept_file("changes", *parts)
-    done = harness.run_kept(
-        path, answers.summary, answers.run, jobs, processes=args.processes
-    )
-    rows = [r for result in done.values() for r in result.get("rows", [result])]
-    figures = bars.all_figures(rows, args.deciding)
-    harness.save_rows(args, figures, cases=rows)
-    return finish(figures)
-
+from benchmarks.harness.cases import run_cases
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = run_cases(
+        __doc__,
+        "154301:154303",
+        draw.GROUPS,
+        ["benchmarks/changes_parts", "benchmarks/check_parts"],
+        draw.jobs,
+        answers.run,
+        answers.summary,
+        bars.all_figures,
+    )
+    sys.exit(code)

@@ -10,34 +10,32 @@ Sound logs include arms with every effect, and logs in which a joint is held. Se
 154401:154401 decide and are used for nothing else; 1 to 99 are for development.
 """
 
+import argparse
 import sys
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.check_parts import bars, cases
-from benchmarks.harness import cases as harness
-from benchmarks.harness.figures import finish
+from benchmarks.harness.cases import named, run_cases, seed_range
 
-_SEEDS = "154401:154401"
 _GROUPS = ("faults", "clean", "explained", "effects", "large_effects", "files")
 
 
-def main() -> int:
-    args = harness.read_options(__doc__, _SEEDS, _GROUPS)
-    tasks = cases.tasks(harness.seed_range(args.seeds), args.quick)
-    jobs = {task.name: task for task in tasks if task.group in args.groups}
-    parts = ("benchmarks/check_parts", "flows/inputs", "flows/steps")
-    path = harness.kept_file("check", *parts)
-    done = harness.run_kept(
-        path, cases.summary, cases.run, jobs, processes=args.processes
-    )
-    rows = [row for result in done.values() for row in result.get("rows", ())]
-    lost = [{"error": r["error"], "group": n} for n, r in done.items() if "error" in r]
-    figures = bars.figures([*rows, *lost], args.whole)
-    harness.save_rows(args, figures, cases=rows)
-    return finish(figures)
+def _jobs(args: argparse.Namespace) -> dict[str, cases.Task]:
+    tasks = cases.tasks(seed_range(args.seeds), args.quick)
+    return named(task for task in tasks if task.group in args.groups)
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = run_cases(
+        __doc__,
+        "154401:154401",
+        _GROUPS,
+        ["benchmarks/check_parts", "flows/inputs", "flows/steps"],
+        _jobs,
+        cases.run,
+        cases.summary,
+        lambda rows, args: bars.figures(rows, args.whole),
+    )
+    sys.exit(code)

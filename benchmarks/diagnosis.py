@@ -14,7 +14,6 @@ import argparse
 import sys
 import tempfile
 from collections.abc import Mapping, Sequence
-from functools import partial
 from pathlib import Path
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
@@ -22,53 +21,26 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 import numpy as np
 
 from benchmarks.diagnosis_parts import bars, cases
-from benchmarks.harness.cases import kept_file, run_kept, save_rows, seed_range
-from benchmarks.harness.cases import read_options as options
-from benchmarks.harness.figures import (
-    FULL,
-    Figures,
-    all_missing,
-    figure,
-    finish,
-    missing,
-)
+from benchmarks.harness.cases import by_group, named, run_cases, seed_range
+from benchmarks.harness.figures import FULL, Figures, all_missing, figure, missing
 from benchmarks.harness.logs import write_csv
 from benchmarks.harness.shell import run_command
 from benchmarks.synthetic.logs import standard_case
 from residual.robot.robot import load_robot
 
-_SEEDS = "155101:155103"
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
 
 
-def main() -> int:
-    args = options(__doc__, _SEEDS, (*_CASES, "cost"))
-    figures: Figures = _cost(args.quick) if "cost" in args.groups else {}
-    groups = [group for group in _CASES if group in args.groups]
-    rows = _run_cases(args, groups)
-    figures |= bars.case_figures(rows, args.deciding) if groups else {}
-    save_rows(args, figures, cases=rows)
-    return finish(figures)
-
-
-def _run_cases(args: argparse.Namespace, groups: Sequence[str]) -> Mapping[str, list]:
-    """Run the cases of all groups after those that state detectable sizes."""
-    path = kept_file("diagnosis", "benchmarks/diagnosis_parts")
-    run_all = partial(
-        run_kept, path, cases.summary, cases.run, processes=args.processes
-    )
+def _jobs(args: argparse.Namespace) -> dict[str, cases.Task]:
     seeds = seed_range(args.seeds)
-    tasks = {group: cases.tasks(group, seeds, args.quick) for group in groups}
-    every = [task for of_group in tasks.values() for task in of_group]
-    benches, sizes = cases.benches(every), {}
-    rows = run_all({task.name: (task, ()) for task in benches})
-    for task in benches:
-        if "error" in rows[task.name]:
-            raise SystemExit(f"{task.name} failed: {rows[task.name]['error']}")
-        sizes[task.data, task.motion] = rows[task.name]["minimum"]
-    rows = run_all({t.name: (t, sizes.get((t.data, t.motion), ())) for t in every})
-    return {group: [rows[t.name] for t in some] for group, some in tasks.items()}
+    some = [group for group in _CASES if group in args.groups]
+    return named(t for group in some for t in cases.tasks(group, seeds, args.quick))
+
+
+def _figures(rows: Sequence[Mapping], args: argparse.Namespace) -> Figures:
+    figures = _cost(args.quick) if "cost" in args.groups else {}
+    return figures | (bars.case_figures(by_group(rows), args.deciding) if rows else {})
 
 
 def _cost(quick: bool) -> Figures:
@@ -106,4 +78,14 @@ def _write_logs(folder: Path) -> list[str]:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    code = run_cases(
+        __doc__,
+        "155101:155103",
+        (*_CASES, "cost"),
+        ["benchmarks/diagnosis_parts"],
+        _jobs,
+        cases.run,
+        cases.summary,
+        _figures,
+    )
+    sys.exit(code)

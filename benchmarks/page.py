@@ -9,8 +9,7 @@ import math
 import statistics
 import sys
 import tomllib
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Iterable, Mapping
 from functools import cache
 from pathlib import Path
 
@@ -24,74 +23,11 @@ PUBLIC = ROOT / "docs" / "guide" / "public_logs.md"
 FENCES = "<!-- results -->\n", "<!-- end of results -->\n"
 
 
-@dataclass(frozen=True)
-class Figure:
-    """One entry of a results file, and the unit that it is shown in."""
-
-    entry: Mapping
-    unit: str  # "share" and "count" of n cases, or a unit
-
-    @property
-    def value(self) -> float | None:
-        """The measured value."""
-        return self.entry["value"]
-
-    @property
-    def n(self) -> int:
-        """Number of cases or repetitions."""
-        return self.entry["n"]
-
-    @property
-    def hits(self) -> int:
-        """Number of cases, from their number or their share."""
-        value = self.value or 0
-        return round(value * self.n) if isinstance(value, float) else value
-
-    def __str__(self) -> str:
-        if self.value is None:
-            return "not measured"
-        if self.unit == "count":
-            return f"{_number(self.hits)} of {_number(self.n)}"
-        if self.unit == "share":
-            return f"{self.hits} of {self.n} ({_number(100 * self.hits / self.n)} %)"
-        repeats = f" (n = {_number(self.n)})" if self.n > 1 else ""
-        return f"{_number(self.value)} {self.unit}".strip() + repeats
-
-    @property
-    def bar(self) -> str:
-        """The bar, and whether it is missed."""
-        bar, entry = self.entry["bar"], self.entry
-        if bar is None:
-            return "–"
-        percent = self.unit == "share" and isinstance(self.value, float)
-        low, high = (
-            f"{_number(100 * x)} %" if percent else _number(x)
-            for x in (entry.get("low", bar), bar)
-        )
-        sign = "≥ " if entry.get("at_least") else "≤ "
-        if self.value is None:  # the direction of the bar is not recorded
-            sign = ""
-        text = f"{low} to {high}" if "low" in entry else sign + high
-        return text + {False: " **missed**", None: " *undecided*"}.get(entry["ok"], "")
-
-    @property
-    def interval(self) -> str:
-        """The 95 % Wilson interval of a share, else empty."""
-        if self.unit != "share" or "interval" not in self.entry:
-            return ""
-        return "{}–{} %".format(*(_number(100 * x) for x in self.entry["interval"]))
-
-
 @cache
-def descriptions() -> dict[str, dict]:
-    texts = {
-        path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
-        for path in (ROOT / "benchmarks" / "words").glob("*.toml")
-    }
-    for text in texts.values():
-        # The value of each program on one case: a pattern of the key, and a title.
-        text.setdefault("columns", {"{}": "value"})
-    return texts
+def describe(name: str) -> dict:
+    text = (ROOT / "benchmarks" / "words" / f"{name}.toml").read_text(encoding="utf-8")
+    # The value of each program on one case: a pattern of the key, and a title.
+    return {"columns": {"{}": "value"}} | tomllib.loads(text)
 
 
 @cache
@@ -100,20 +36,52 @@ def results() -> dict[str, dict]:
     return {name: content for name in PLAN if (content := read(name))}
 
 
-def figures(name: str, content: Mapping) -> dict[str, tuple[str, Figure]]:
-    """Return all figures of a results file with their descriptions."""
-    text = descriptions()[name]
-    return {
-        full: (entry["is"], Figure(content["figures"][full], entry["unit"]))
-        for key, entry in text["figures"].items()
-        for full in dict.fromkeys([*_keys(text, key), key])
-        if full in content["figures"]
-    }
+def list_rows(name: str, figures: Mapping) -> Iterable[tuple[str, str, list[str]]]:
+    """Yield what each figure of a file is, its unit, and its key for each program."""
+    text = describe(name)
+    for key, about in text["figures"].items():
+        each = [pattern.format(key) for pattern in text["columns"]]
+        if key in figures and key not in each:  # of no program
+            each[0] = key
+        if any(k in figures for k in each):
+            yield about["is"], about["unit"], each
 
 
-def _keys(text: Mapping, key: str) -> list[str]:
-    """Return the names of one figure of each program."""
-    return [pattern.format(key) for pattern in text["columns"]]
+def value_of(entry: Mapping, unit: str) -> str:
+    """Return a figure in words: "share" and "count" of n cases, or with its unit."""
+    value, n = entry["value"], entry["n"]
+    if value is None:
+        return "not measured"
+    hits = round(value * n) if isinstance(value, float) else value
+    if unit == "count":
+        return f"{_number(hits)} of {_number(n)}"
+    if unit == "share":
+        ends = "–".join(_number(100 * x) for x in entry.get("interval", ()))
+        percent = f"{_number(100 * hits / n)} %"
+        return (
+            f"{hits} of {n} ({percent}, {ends})"
+            if ends
+            else f"{hits} of {n} ({percent})"
+        )
+    repeats = f" (n = {_number(n)})" if n > 1 else ""
+    return f"{_number(value)} {unit}".strip() + repeats
+
+
+def bar_of(entry: Mapping, unit: str) -> str:
+    """Return the bar of a figure, and whether it is missed."""
+    bar, value = entry["bar"], entry["value"]
+    if bar is None:
+        return "–"
+    percent = unit == "share" and isinstance(value, float)
+    low, high = (
+        f"{_number(100 * x)} %" if percent else _number(x)
+        for x in (entry.get("low", bar), bar)
+    )
+    sign = "≥ " if entry.get("at_least") else "≤ "
+    if value is None:  # the direction of the bar is not recorded
+        sign = ""
+    text = f"{low} to {high}" if "low" in entry else sign + high
+    return text + {False: " **missed**", None: " *undecided*"}.get(entry["ok"], "")
 
 
 def page() -> str:
@@ -122,58 +90,42 @@ def page() -> str:
         f"{content['cores']} cores ({content['machine']}), Python {content['python']}"
         for content in results().values()
     )
-    head = descriptions()["page"]["head"].format(machines="; ".join(machines))
-    return "\n".join(
-        [head.lstrip(), *sections, descriptions()["page"]["worse"].lstrip()]
-    )
-
-
-def readme_table() -> str:
-    """Return the table of results of the README, between its two comments."""
-    every = {name: figures(name, content) for name, content in results().items()}
-    shared, used = descriptions()["page"], {}
-    rows = [("tested on", "counted", "result", "bar"), ("---",) * 4]
-    for row in shared["readme"]:
-        file, key = row["figure"].split(".")
-        used[file] = results()[file]
-        shown = every[file][key][1]
-        rows.append((row["on"], row["counted"], str(shown), shown.bar))
-    origin = "; ".join(f"{k} ({_origin(k, v)})" for k, v in used.items())
-    oks = [f.entry["ok"] for file in every.values() for _, f in file.values()]
-    missed, met = oks.count(False), oks.count(True)
-    below = shared["below"].format(missed=missed, all=missed + met, origin=origin)
-    return FENCES[0] + _table(rows) + below + FENCES[1]
-
-
-def main() -> int:
-    PAGE.write_text(page(), encoding="utf-8")
-    PUBLIC.write_text(public_page(), encoding="utf-8")
-    before, _, after = README.read_text(encoding="utf-8").partition(FENCES[0])
-    README.write_text(before + readme_table() + after.partition(FENCES[1])[2], "utf-8")
-    return 0
+    head = describe("page")["head"].format(machines="; ".join(machines))
+    return "\n".join([head.lstrip(), *sections, describe("page")["worse"].lstrip()])
 
 
 def _section(name: str, content: Mapping) -> str:
-    text, entries = descriptions()[name], figures(name, content)
-    titles = tuple(text["columns"].values())
-    rows = [("what", *titles, "bar", "95 %"), ("---",) * (len(titles) + 3)]
-    for key, entry in text["figures"].items():
-        keys = _keys(text, key)
-        shown = [k for k in (*keys, key) if k in entries]
-        if shown:
-            cells = [str(entries[k][1]) if k in entries else "" for k in keys]
-            figure = entries[shown[0]][1]
-            if shown == [key]:  # of no program
-                cells[0] = str(figure)
-            rows.append((entry["is"], *cells, figure.bar, figure.interval))
+    text, figures = describe(name), content["figures"]
+    rows = [("what", *text["columns"].values(), "bar")]
+    for about, unit, keys in list_rows(name, figures):
+        cells = [value_of(figures[k], unit) if k in figures else "" for k in keys]
+        first = next(figures[k] for k in keys if k in figures)
+        rows.append((about, *cells, bar_of(first, unit)))
     facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]
     return "\n\n".join(filter(None, parts)) + "\n"
 
 
+def readme_table() -> str:
+    """Return the table of results of the README, between its two comments."""
+    shared, used = describe("page"), {}
+    rows = [("tested on", "counted", "result", "bar")]
+    for row in shared["readme"]:
+        file, key = row["figure"].split(".")
+        if entry := results()[file]["figures"].get(key):
+            used[file], unit = results()[file], describe(file)["figures"][key]["unit"]
+            shown = value_of(entry, unit), bar_of(entry, unit)
+            rows.append((row["on"], row["counted"], *shown))
+    origin = "; ".join(f"{k} ({_origin(k, v)})" for k, v in used.items())
+    oks = [e["ok"] for file in results().values() for e in file["figures"].values()]
+    missed, met = oks.count(False), oks.count(True)
+    below = shared["below"].format(missed=missed, all=missed + met, origin=origin)
+    return FENCES[0] + _table(rows) + below + FENCES[1]
+
+
 def public_page() -> str:
     """Return the page of what public logs lacked: a paragraph per arm."""
-    text, content = descriptions()["public_logs"], results()["measured"]
+    text, content = describe("public_logs"), results()["measured"]
     parts = [text["head"].strip().format(origin=_origin("measured", content))]
     masses = [m for split in content["splits"] for m in split["mass"]]
     for arm in text["arm"]:
@@ -214,6 +166,7 @@ def _origin(name: str, content: Mapping) -> str:
 
 
 def _table(rows: list[tuple[str, ...]]) -> str:
+    rows = [rows[0], ("---",) * len(rows[0]), *rows[1:]]
     return "".join(f"| {' | '.join(row)} |\n" for row in rows)
 
 
@@ -226,4 +179,7 @@ def _number(value: float) -> str:
 
 
 if __name__ == "__main__":
-    sys.exit(main())
+    PAGE.write_text(page(), encoding="utf-8")
+    PUBLIC.write_text(public_page(), encoding="utf-8")
+    before, _, after = README.read_text(encoding="utf-8").partition(FENCES[0])
+    README.write_text(before + readme_table() + after.partition(FENCES[1])[2], "utf-8")

@@ -15,6 +15,14 @@ FOREIGN = re.compile(r"f(abs|min|max)|sgn|x_\.\.\.|plant\.effect\.2\.level|mg\.\
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
 
 
+# Where a node of each kind has a name.
+FIELDS = {
+    **dict.fromkeys((ast.FunctionDef, ast.ClassDef, ast.alias), "name"),
+    **dict.fromkeys((ast.arg, ast.keyword), "arg"),
+    **{ast.Name: "id", ast.Attribute: "attr", ast.ImportFrom: "module"},
+}
+
+
 @cache
 def _nodes() -> dict[Path, tuple[ast.AST, ...]]:
     files = sorted(p for room in ROOMS for p in (ROOT / room).rglob("*.py"))
@@ -29,9 +37,8 @@ def _names() -> set[str]:
         for node in nodes:
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 names.add(node.value[:60])
-            for field in ("name", "id", "attr", "arg", "module"):
-                if isinstance(word := getattr(node, field, None), str):
-                    names |= set(word.split("."))
+            if (field := FIELDS.get(type(node))) and (word := getattr(node, field)):
+                names.update(word.split("."))
     return names
 
 

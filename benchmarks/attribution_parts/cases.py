@@ -1,11 +1,13 @@
 """Cases of each group: drawn, diagnosed, and compared with the truth."""
 
+import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import product
 from time import perf_counter
 
 from benchmarks.attribution_parts import arms
-from benchmarks.harness.cases import guarded
+from benchmarks.harness.cases import guarded, named, seed_range
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
@@ -83,13 +85,13 @@ class Task:
         return arms.Arm(self.arm, self.off / 100, seed, noise, self.quick)
 
 
-def tasks(group: str, seeds: Sequence[int], quick: bool) -> list[Task]:
-    """Return the cases of a group; a quick run has one arm, in few and short logs."""
-    if quick:
-        return [Task(group, arms.SEVEN, 0, seeds[0], True)]
-    every = [round(100 * off) for off in arms.OFF]
-    kinds = [(arm, off) for arm in arms.KINDS for off in every]
-    return [Task(group, arm, off, seed) for seed in seeds for arm, off in kinds]
+def jobs(args: argparse.Namespace) -> dict[str, Task]:
+    """Return the cases; a quick run has one arm a group, in few and short logs."""
+    seeds = seed_range(args.seeds)
+    if args.quick:
+        return named(Task(g, arms.SEVEN, 0, seeds[0], True) for g in args.groups)
+    each = product(args.groups, seeds, arms.KINDS, arms.OFF)
+    return named(Task(g, arm, round(100 * off), seed) for g, seed, arm, off in each)
 
 
 def run(task: Task) -> dict:

@@ -5,14 +5,15 @@ or if the answer itself says that the logs cannot tell the two apart.
 """
 
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass
 from time import process_time
 
 import numpy as np
 
 from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.score import Name, matched, members
+from benchmarks.hidden.score import Claim, Name, matched, members
+from benchmarks.measured_parts import arms as measured
 from benchmarks.synthetic.amounts import find_main_parameter
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
@@ -37,18 +38,6 @@ _IN_TORQUE = {
     "coupled_friction": ("level", "coefficient"),
 }
 PROGRAM, PEER = "program", "peer"
-
-
-@dataclass(frozen=True, slots=True)
-class Claim:
-    """One effect that an answer names, on one joint."""
-
-    name: Name
-    alike: tuple[Name, ...] = ()  # what the answer says it could be instead
-    # Value and standard deviation by parameter; None where not stated
-    values: Mapping[str, tuple[float | None, float | None]] = field(
-        default_factory=dict
-    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,7 +67,7 @@ class Logs:
 def record(slot: draw.Slot) -> tuple[arms.Case, Logs]:
     case = draw.draw(slot)
     if slot.group in (draw.REAL_UNCHANGED, draw.LOAD):
-        robot = real.robot_of(case.arm)
+        robot = measured.robot_of(case.arm)
         first, second = (
             tuple(real.read(case.arm, part) for part in parts)
             for parts in (case.first, case.second)
@@ -132,17 +121,9 @@ def ask_program(logs: Logs) -> Answer:
     start = process_time()
     verdict = diagnose(logs.robot, logs.second, logs.first, logs.held_out).verdict
     seconds, drift = process_time() - start, verdict.drift
-    claims = []
-    for member in members(verdict):
-        place = member.place or 0
-        values = {
-            key: p.pairs[place if len(p.pairs) > 1 else 0]
-            for key, p in member.finding.parameters.items()
-        }
-        claims.append(Claim(member.name, member.alike, values))
     factor = None if drift is None else (float(drift.factor), float(drift.std))
     flagged = tuple(verdict.unexplained.joints)
-    return Answer(tuple(claims), flagged, seconds, factor)
+    return Answer(tuple(members(verdict)), flagged, seconds, factor)
 
 
 def ask_peer(logs: Logs) -> Answer:

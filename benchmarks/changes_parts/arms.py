@@ -4,12 +4,11 @@ One seed makes the arm and its background; every motion and the noise have seeds
 their own, so that a motion can be repeated in another session.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
-import pinocchio as pin
 
 from benchmarks.check_parts.arms import other_arms, seven
 from benchmarks.harness.logs import PAUSE, RATE, sensed
@@ -17,7 +16,12 @@ from benchmarks.synthetic import quasi_static
 from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import PlantEffect, SyntheticEffect, create_random_stream
+from sim.engine.plant_records import (
+    PlantEffect,
+    ReferenceMotion,
+    SyntheticEffect,
+    create_random_stream,
+)
 from sim.plant.joint_background import simulate_torque_logging
 from sim.plant.typical_sizes import compute_usual_motion_range
 
@@ -66,16 +70,25 @@ def robot_of(arm: str) -> Robot:
     return other_arms(7 if kind == "seven" else 6)[int(number)]
 
 
-def true_model(case: Case) -> pin.Model:
-    return quasi_static.true_model(_plant(case))
-
-
 def reported(case: Case) -> Array:
     """Return reported torque over real torque of each joint. Shape (dof,)."""
     background = quasi_static.background_of(_plant(case))
     return 1.0 + (0.0 if background is None else background.gain) * np.ones(
         robot_of(case.arm).dof
     )
+
+
+def list_motions(
+    robot: Robot, parts: Sequence[Part]
+) -> list[tuple[ReferenceMotion, float]]:
+    """Return the motion and start [s] of each log of an epoch."""
+    space, out, start = compute_usual_motion_range(robot), [], 0.0
+    for part in parts:
+        rng = create_random_stream(part.seed, "motion")
+        motion = make_motion(part.source, space, part.duration, RATE, rng)
+        out.append((motion, start))
+        start += part.duration + PAUSE
+    return out
 
 
 def record(case: Case, epoch: str, exact: bool = False) -> tuple[Recording, ...]:
@@ -106,15 +119,10 @@ def _records(
     """Yield every log, with friction over cold friction where it moves, by joint."""
     second = epoch == SECOND
     plant, robot = _plant(case, second), robot_of(case.arm)
-    background, start = quasi_static.background_of(plant), 0.0
-    for place, part in enumerate(
-        (*case.second, *case.held_out) if second else case.first
-    ):
-        label = f"{epoch}_{place}_{part.source}"
-        rng = create_random_stream(part.seed, "motion")
-        motion = make_motion(
-            part.source, compute_usual_motion_range(robot), part.duration, RATE, rng
-        )
+    background = quasi_static.background_of(plant)
+    parts = (*case.second, *case.held_out) if second else case.first
+    for place, (motion, start) in enumerate(list_motions(robot, parts)):
+        label = f"{epoch}_{place}_{parts[place].source}"
         worked = case.worked[second] + start
         torque = quasi_static.true_torque(plant, motion, label, start, True, worked)
         q, tau = torque.reading, torque.tau
@@ -128,4 +136,3 @@ def _records(
             factor = (torque.background.factor * weight).sum(axis=0)
             factor = factor / weight.sum(axis=0)
         yield Recording(label, robot.name, t, q, tau), factor
-        start += part.duration + PAUSE

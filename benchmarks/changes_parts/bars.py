@@ -3,7 +3,8 @@
 A row is one case by one method (`answers.run`). A refused case has no name.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+import argparse
+from collections.abc import Callable, Mapping
 from statistics import median
 
 from scipy.stats import binomtest
@@ -16,7 +17,6 @@ from benchmarks.harness.rates import (
     Line,
     Rows,
     between,
-    counted,
     lines,
     per,
     within_two_deviations,
@@ -24,14 +24,14 @@ from benchmarks.harness.rates import (
 from benchmarks.measured_parts.arms import UR10E
 
 _RIGHT = {0.10: 0.95, 0.05: 0.85, 0.025: 0.50}
-_NOTHING_ELSE, _WITHIN = 0.90, (0.90, 0.99)
+_WITHIN = 0.90, 0.99
 _LOAD_ERROR, _LOAD = 0.05, (2.7, 3.1)  # share; kg
 _LOADS = ("load_feb19", "load_feb12_feb19")  # in the order of `real.epochs`
 _SECONDS = {6: ("seconds_six", 5.0), 7: ("seconds_seven", 8.0)}
 _DRIFTED = 0.03  # a smaller change of friction need not be found
 
 
-def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
+def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
     good = [row for row in rows if "error" not in row]
     ours, peers = (
         {
@@ -51,8 +51,8 @@ def all_figures(rows: Sequence[Mapping], deciding: bool) -> Figures:
         if peers[group]:
             figures |= lines([Line(f"peer_{group}_named", _names)], peers[group])
     figures |= _against_peer(ours[draw.CHANGE], peers[draw.CHANGE])
-    figures |= crash_figures({"all": rows})
-    return figures if deciding else undecided(figures)
+    figures |= crash_figures(rows)
+    return figures if args.deciding else undecided(figures)
 
 
 def token(size: float) -> str:
@@ -72,10 +72,6 @@ def _flagged(row: Mapping) -> bool:
     return row["flagged_right"]
 
 
-def _list_names(rows: Rows) -> dict:
-    return {"names": counted(name for r in rows for name, _ in r["names"])}
-
-
 def _same_direction(row: Mapping) -> bool:
     factor = row["factor"]
     return factor is not None and (factor[0] - 1) * (row["true_factor"] - 1) > 0
@@ -87,11 +83,11 @@ def _near(row: Mapping) -> bool:
 
 _TABLES: Mapping[str, tuple[Line, ...]] = {
     draw.UNCHANGED: (
-        Line("unchanged_named", _names, 0.02, most=True, beside=_list_names),
+        Line("unchanged_named", _names, 0.02, most=True),
         Line("unchanged_flagged", lambda r: bool(r["flagged"])),
     ),
     draw.DRIFT: (
-        Line("drift_named", _names, 0.02, most=True, beside=_list_names),
+        Line("drift_named", _names, 0.02, most=True),
         Line(
             "drift_told",
             _same_direction,
@@ -100,13 +96,13 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("drift_within_two_deviations", _near, of=lambda r: r["factor"]),
     ),
     draw.UNNAMED: (
-        Line("unnamed_flagged", _flagged, 0.90, beside=per(_flagged)),
-        Line("unnamed_named", _names, 0.02, most=True, beside=_list_names),
+        Line("unnamed_flagged", _flagged, 0.90),
+        Line("unnamed_named", _names, 0.02, most=True),
     ),
     draw.REAL_UNCHANGED: (
         Line("measured_ur10e_named", _names, of=lambda r: r["arm"] == UR10E),
         Line("measured_others_named", _names, of=lambda r: r["arm"] != UR10E),
-        Line("measured_refused", lambda r: bool(r["refused"]), count=True),
+        Line("measured_refused", lambda r: bool(r["refused"])),
     ),
 }
 
@@ -117,18 +113,11 @@ def _change(rows: Rows) -> Figures:
         name = f"change_{token(size)}"
         table = (
             Line(f"{name}_right_first", _right, bar, beside=per(_right)),
-            Line(
-                f"{name}_nothing_else",
-                lambda r: not r["extra"],
-                _NOTHING_ELSE,
-                _names,
-                beside=lambda rows: {
-                    "names": counted(e for r in rows for e in r["extra"])
-                },
-            ),
+            Line(f"{name}_nothing_else", lambda r: not r["extra"], 0.90, _names),
         )
         out |= lines(table, _of_size(rows, size))
-    within = within_two_deviations(rows, "arm", *_WITHIN)
+    sized = [row for row in rows if row.get("z") is not None]
+    within = within_two_deviations(sized, *_WITHIN)
     return out | {"change_within_two_deviations": within}
 
 

@@ -1,15 +1,16 @@
 """Cases: an arm in two epochs and what changes between them, drawn from a seed."""
 
+import argparse
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from benchmarks.changes_parts import arms, real
-from benchmarks.changes_parts.sizes import shares, size_of, solved
+from benchmarks.changes_parts.sizes import solved
+from benchmarks.harness.cases import named, seed_range
 from benchmarks.synthetic.amounts import scale_effect_parameters
-from residual.errors import ModelgapError
-from residual.robot.dynamics import compute_inverse_dynamics
+from benchmarks.synthetic.visible import Stage, share
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
 
@@ -57,6 +58,11 @@ class Slot:
     def name(self) -> str:
         """Key of its result."""
         return f"{self.group} {self.seed}/{self.index} {self.target:g}"
+
+
+def jobs(args: argparse.Namespace) -> dict[str, Slot]:
+    seeds = seed_range(args.seeds)
+    return named(s for group in args.groups for s in slots(group, seeds, args.quick))
 
 
 def slots(group: str, seeds: Sequence[int], quick: bool) -> list[Slot]:
@@ -138,10 +144,9 @@ def _changed(
     case: arms.Case, name: str, rng: np.random.Generator, target: float
 ) -> arms.Case | None:
     """Return the case with a change of a size, None where the arm cannot have it."""
-    robot, model = arms.robot_of(case.arm), arms.true_model(case)
+    robot = arms.robot_of(case.arm)
     usual = draw_plant_effect(robot, rng, name)
-    bare = replace(case, held_out=())
-    plain = arms.record(bare, arms.SECOND, exact=True)
+    stages = [Stage.of(robot, *one) for one in arms.list_motions(robot, case.second)]
 
     def times(factor: float) -> PlantEffect:
         values = dict(usual.parameters)
@@ -152,19 +157,7 @@ def _changed(
         return PlantEffect(name, usual.joints, tuple(sorted(values.items())))
 
     def size_at(factor: float) -> float | None:
-        if factor > _MOST:
-            return None
-        try:
-            changed = replace(bare, effect=times(factor))
-            logs = arms.record(changed, arms.SECOND, exact=True)
-        except ModelgapError:
-            return None  # an arm that cannot move
-
-        def rigid(*motion):
-            return compute_inverse_dynamics(model, *motion)
-
-        pairs = zip(logs, plain, strict=True)
-        return size_of([shares(rigid, *pair) for pair in pairs], usual.joints)
+        return None if factor > _MOST else share(robot, times(factor), stages)
 
     found = solved(size_at, target)
     if found is None:

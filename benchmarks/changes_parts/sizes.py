@@ -1,33 +1,22 @@
-"""Size of a change in a log, and known effects that are added to measured logs.
+"""Size of a change in a log.
 
-No formula here is one of the program or of its simulated arms; signs and keys are those
-of the program's effects. A size is RMS of the change's torque over RMS of the joint's
-torque, both low-pass filtered, on rows where the joint moves. A change of angles counts
-by the torque of the rigid body at the angles read:
-
-    effect = (tau - RNEA(q)) with it  -  (tau - RNEA(q)) without it
+A size is RMS of the change's torque over RMS of the joint's torque, both low-pass
+filtered, on rows where the joint moves.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 from scipy.signal import butter, sosfiltfilt
 
 from residual.recording import Recording
-from residual.robot.dynamics import compute_inertial_regressor
-from residual.robot.robot import Robot
 
 Array = np.ndarray
-# From motion to the torque of the rigid body. Shapes (n, dof).
-RigidBody = Callable[[Array, Array, Array], Array]
-
 CUTOFF = 8.0  # Hz
 _ORDER = 4
 _EDGE = 0.6  # s at each end of a log, where the filter is not itself
 _SLOW = 0.03  # of the speed that 95 % of a log's samples stay below
-_ROWS = 50.0  # Hz, of what is compared
 _SEEN = 0.05  # of the rows: a joint that moves on fewer has no torque to compare with
 _CLOSE, _TRIES = 0.01, 6  # of the size asked for; simulations
 _STEEP = (0.3, 3.0)  # by what power a size may follow the parameter
@@ -74,18 +63,6 @@ def moving(log: Smooth) -> Array:
     return (speed > _SLOW * np.quantile(speed, 0.95, axis=0)) & inside[:, None]
 
 
-def shares(rigid: RigidBody, with_: Recording, without: Recording) -> Shares:
-    """Return what a change does in one log, beside the same motion without it."""
-    one, other = smooth(with_), smooth(without)
-    every = max(1, round(1 / (_ROWS * (other.t[1] - other.t[0]))))
-    rows = slice(None, min(len(one.t), len(other.t)), every)
-    rest = [
-        log.tau[rows] - rigid(log.q[rows], log.qd[rows], log.qdd[rows])
-        for log in (one, other)
-    ]
-    return Shares(rest[0] - rest[1], other.tau[rows], moving(other)[rows])
-
-
 def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
     """Return the size of a change; of several joints or none where it is largest."""
     effect, torque, moves = (np.concatenate(each) for each in zip(*found, strict=True))
@@ -122,78 +99,3 @@ def solved(
 
 def _rms(values: Array) -> float:
     return float(np.sqrt((values**2).mean()))
-
-
-Values = Mapping[str, float]
-
-_TURN = 0.012  # rad/s: over which dry friction turns round
-_FLOOR = 0.15  # of a joint's torque, below which teeth are never pressed
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Body:
-    """What one arm's own logs say of it: a plain least-squares fit."""
-
-    robot: Robot
-    theta: Array  # inertial parameters, ten a link. Shape (10 dof,).
-    coulomb: Array  # dry friction [N m]. Shape (dof,).
-    viscous: Array  # viscous friction [N m s/rad]. Shape (dof,).
-    torque: Array  # RMS of the torque [N m]. Shape (dof,).
-
-    def rigid(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Return the torque of its rigid body [N m]. Shape (n, dof)."""
-        return compute_inertial_regressor(self.robot.model, q, qd, qdd) @ self.theta
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class State:
-    """One log at its own samples, what is differentiated low-pass filtered."""
-
-    log: Recording
-    q: Array  # angles [rad], as all others of shape (n, dof)
-    qd: Array  # speeds [rad/s]
-    qdd: Array  # accelerations [rad/s^2]
-    tau: Array  # torque [N m]
-    load: Array  # torque of the rigid body [N m]
-    body: Body
-
-
-def state(log: Recording, body: Body) -> State:
-    even = smooth(log)
-
-    def back(values: Array) -> Array:
-        return np.column_stack([np.interp(log.t, even.t, x) for x in values.T])
-
-    motion = [back(each) for each in (even.q, even.qd, even.qdd)]
-    return State(log, *motion, back(even.tau), body.rigid(*motion), body)
-
-
-def _way(at: State, j: int) -> Array:
-    """Return the direction of motion, -1 to 1. Shape (n,)."""
-    return at.qd[:, j] / np.hypot(at.qd[:, j], _TURN)
-
-
-def _load_friction(at: State, j: int, p: Values) -> Array:
-    pressed = np.hypot(at.load[:, j], _FLOOR * at.body.torque[j])
-    return p["coefficient"] * pressed * _way(at, j)
-
-
-def _ripple(at: State, j: int, p: Values) -> Array:
-    return p["amplitude"] * np.sin(p["order"] * at.q[:, j] + p["phase"])
-
-
-def _stribeck(at: State, j: int, p: Values) -> Array:
-    fading = np.exp(-((at.qd[:, j] / p["velocity"]) ** 2))
-    return p["level"] * fading * _way(at, j)
-
-
-TORQUE: Mapping[str, Callable[[State, int, Values], Array]] = {
-    "offset": lambda at, j, p: np.full(len(at.q), p["torque"]),
-    "spring": lambda at, j, p: p["stiffness"] * (at.q[:, j] - p["rest"]),
-    "load_friction": _load_friction,
-    "ripple": _ripple,
-    "stribeck": _stribeck,
-    "quadratic_viscous": lambda at, j, p: (
-        p["coefficient"] * at.qd[:, j] * np.abs(at.qd[:, j])
-    ),
-}

@@ -19,7 +19,7 @@ from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.draw import draw_sized, vocabulary
+from benchmarks.hidden.draw import vocabulary
 from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.other_forms import FORMS
@@ -27,6 +27,7 @@ from flows.inputs.read import LogSets
 from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_plant_effects
 
@@ -138,7 +139,7 @@ def _effects(task: Task) -> list[dict]:
     robot, rng = the_arm(), create_random_stream(task.seed, f"check/{task.host}")
     form = task.host in FORMS
     name = FORMS[task.host][0] if form else task.host
-    effect = draw_sized(robot, rng, name, None, ())
+    effect = draw_plant_effect(robot, rng, name)
     if task.group == "large_effects":
         values = scale_effect_parameters(name, dict(effect.parameters), _LARGE)
         effect = replace(effect, parameters=tuple(sorted(values.items())))

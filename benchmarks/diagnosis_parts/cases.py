@@ -15,14 +15,9 @@ import numpy as np
 
 from benchmarks.harness.cases import guarded
 from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
-from benchmarks.hidden.draw import (
-    draw_sized,
-    measured,
-    true_parameters,
-    vocabulary,
-)
+from benchmarks.hidden.draw import draw_detectable, true_parameters, vocabulary
 from benchmarks.hidden.oracle import oracle
-from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, case_row
+from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, case_row
 from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share, has_sizes
 from benchmarks.synthetic.amounts import list_unnamed_effects
 from benchmarks.synthetic.laws import supports_synthetic_arm
@@ -32,6 +27,7 @@ from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
 from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
+from residual.effects import number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
@@ -46,7 +42,12 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant.effect_catalogue import list_plant_effects
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.plant_arm import build_plant_arm
+from sim.plant.typical_sizes import (
+    compute_usual_motion_range,
+    estimate_typical_sizes,
+    read_nominal_drives,
+)
 from sim.trajectories import plan_reference_motion
 
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
@@ -112,7 +113,8 @@ def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: i
         torque = true_torque(plant, made, name, start)
         signals = sensed(robot, torque, name, arm)
         logs.append(Recording(name, robot.name, start + made.t, *signals))
-    return logs, [_with_scatter(plant, e) for e in effects]
+    drives = true_friction(plant), estimate_typical_sizes(robot)
+    return logs, [true_parameters(e, *drives) for e in effects]
 
 
 def _motion(plan: Plan, seed: int, place: int) -> tuple[str, ReferenceMotion, float]:
@@ -149,22 +151,12 @@ def _specs(plan: Plan, seed: int) -> list[tuple[TrajectorySpec, float]]:
     ]
 
 
-def _with_scatter(plant: Plant, effect: PlantEffect) -> dict:
-    """Return the parameters relative to the declared values, as a verdict has them."""
-    values, known = dict(effect.parameters), list_plant_effects().get(effect.name)
-    if known is not None and known.of_drive:
-        key, field = known.amount[0], known.of_drive
-        joint = effect.joints[0] - 1
-        true, told = true_friction(plant), estimate_typical_sizes(plant.robot)
-        values[key] += float(getattr(true, field)[joint] - getattr(told, field)[joint])
-    return values
-
-
 def _pybullet(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     plant, logs = PlantSpec(effects, noise=SensorNoise(), seed=arm), []
     for spec, start in _specs(plan, motion):
         logs.append(in_engine(the_arm(), plant, spec, start))
-    return logs, true_parameters(the_arm(), plant)
+    drives = build_plant_arm(the_arm(), plant).base, read_nominal_drives(the_arm())
+    return logs, [true_parameters(e, *drives) for e in effects]
 
 
 def as_form(effect: PlantEffect, form: str) -> PlantEffect:
@@ -186,7 +178,7 @@ _WITH_ORACLE = ("singles", "pairs")  # clear effects of the diagnosis' own forms
 class Task:
     """One case to do."""
 
-    group: str  # "bench" or a group of the benchmark
+    group: str  # of the benchmark
     hides: str  # effect or form; "" if drawn or nothing
     data: str  # "synthetic", "pybullet" or "quick"
     motion: int  # seed of the motions
@@ -218,34 +210,36 @@ def tasks(group: str, seeds: range, quick: bool) -> list[Task]:
     return [
         _task(group, hides, first, seed, share)
         for hides, seed in cases[group]
-        for share in (SHARES if group == "singles" and has_sizes(hides) else (None,))
+        for share in _sizes(group, hides, seed == first)
     ]
 
 
-def benches(tasks: Sequence[Task]) -> list[Task]:
-    """Return the null cases that say the minimum detectable sizes of their motions."""
-    unique = {(t.data, t.motion) for t in tasks if t.group == "detection"}
-    return [
-        # An arm and noise of its own, not those of a case.
-        Task("bench", "", data, motion, derive_seed(motion, "bench"))
-        for data, motion in sorted(unique)
-    ]
+def _sizes(group: str, hides: str, every: bool) -> tuple[float | None, ...]:
+    """Return the shares to draw; the small ones, which have no bar, of one seed."""
+    if group != "singles" or not has_sizes(hides):
+        return (None,)
+    return SHARES if every else CLEAR
 
 
-def run(job: tuple[Task, Sequence[Detectable]]) -> dict:
+@lru_cache(maxsize=4)
+def _detectable(data: str, motion: int) -> tuple[Detectable, ...]:
+    """Return the minimum detectable sizes in some motions, with nothing hidden."""
+    # An arm and noise of its own, not those of a case.
+    made = make(data, (), motion, derive_seed(motion, "bench"))
+    return diagnose(made.robot, made.fit, (), made.held_out).verdict.minimum_detectable
+
+
+def run(task: Task) -> dict:
     """Draw a case, diagnose it and judge.
 
-    Of a bench a row has the detectable sizes, of a crash the error, of an effect of
-    which no arm has as much that it was left out.
+    Of a crash a row has the error, of an effect of which no arm has as much that it was
+    left out.
     """
-    task, minimum = job
-    return guarded(asdict(task), lambda: _done(task, minimum))
+    return guarded(asdict(task), lambda: _done(task))
 
 
-def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
-    # Kept as plain values between two parts of the benchmark.
-    minimum = [Detectable(**entry) for entry in minimum]
-    hides = hidden(task, minimum)
+def _done(task: Task) -> dict:
+    hides = hidden(task)
     if hides is None:
         return {**asdict(task), "left_out": True}
     drawn, true, shares = hides
@@ -255,17 +249,13 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
     seconds = round(perf_counter() - begun, 2)
     about = {**asdict(task), "seconds": seconds}
-    if task.group == "bench":
-        return {**about, "minimum": [asdict(d) for d in verdict.minimum_detectable]}
     truths = made.truths
     if task.group == "forms":
         true = _as_taken(task.hides, true, verdict)
         truths = tuple(dict(e.parameters) for e in true)
-    there = [
-        measured(e, minimum, made.robot, share)
-        for e, share in zip(true, shares, strict=True)
-    ]
-    told = [(h.effect.name, h.joints) for h in there]
+    dof = made.robot.dof
+    told = [(e.name, number_reported_joints(e.name, e.joints, dof)) for e in true]
+    there = [(Name(*one), share) for one, share in zip(told, shares, strict=True)]
     best = None
     clear = all(share is None or share in CLEAR for share in shares)
     if task.group in _WITH_ORACLE and clear:
@@ -281,22 +271,21 @@ def _done(task: Task, minimum: Sequence[Mapping]) -> dict:
 Hides = tuple[str, list[PlantEffect], list[float | None]]
 
 
-def hidden(task: Task, minimum: Sequence[Detectable] = ()) -> Hides | None:
+def hidden(task: Task) -> Hides | None:
     """Return what an arm hides: of which sort, and effects with their sizes.
 
     Sizes are shares of a joint's torque, None where the group has none or the torque is
     in proportion to no parameter. None for an effect of which no arm has as much.
-
-    Args:
-        minimum: Detectable sizes, for the group of detection only.
     """
     robot, rng = the_arm(), create_random_stream(task.arm, f"{task.group}/{task.hides}")
-    if task.group in ("bench", "nulls"):
+    if task.group == "nulls":
         return NOTHING, [], []
     if task.group == "unknown":
         return UNKNOWN, [draw_plant_effect(robot, rng, task.hides)], [None]
     if task.group == "detection":
-        return SINGLE, [draw_sized(robot, rng, task.hides, 1.0, minimum)], [None]
+        least = _detectable(task.data, task.motion)
+        effect = draw_detectable(robot, rng, task.hides, least)
+        return effect and (SINGLE, [effect], [None])
     stages = _stages(task.data, task.motion)
     if task.group == "pairs":
         return PAIR, *_pair(rng, stages)
@@ -362,11 +351,11 @@ def _quick(group: str, seed: int) -> list[Task]:
 
 def summary(row: Mapping) -> str:
     if "outcome" not in row:
-        return "no arm has as much" if "left_out" in row else "done"
+        return "no arm has as much"
     names = "; ".join(f"{n[0]} {n[1]}" for n in row["names"]) or "nothing"
     there = f"{row['effect']} {row['joints']}"
     if row["share"]:
         there += f" {100 * row['share']:g} %"
-    if row["second_effect"]:
-        there += f" + {row['second_effect']} {row['second_joints']}"
+    if row["second"]:
+        there += f" + {row['second'][0]} {row['second'][1]}"
     return f"{row['outcome']}: {there} -> {names} ({row['seconds']} s)"

@@ -1,4 +1,4 @@
-"""Options, finished cases and crashes of benchmarks over drawn cases.
+"""Benchmarks over drawn cases: finished rows, crashes, and the run of one benchmark.
 
 A process pool runs the cases; each gives one row. Finished rows are kept line by line,
 so that an interrupted run continues where it stopped.
@@ -6,57 +6,75 @@ so that an interrupted run continues where it stopped.
 
 import argparse
 import json
-from collections.abc import Callable, Mapping, Sequence
+import sys
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
 from typing import Any
 
-from benchmarks.harness.figures import CRASHES, Figures, figure, one_blas_thread
-from benchmarks.harness.origin import ROOT, STORE, circumstances, code_hash, save
+from benchmarks.harness.figures import (
+    CRASHES,
+    Figures,
+    figure,
+    finish,
+    one_blas_thread,
+    read_options,
+)
+from benchmarks.harness.origin import ROOT, STORE, code_hash
 from flows.workers import ProcessExecutor, run_jobs
 
 Rows = Sequence[Mapping]
-QUICK_SEEDS = "1:1"
-_DRAWS = ("benchmarks/hidden", "benchmarks/synthetic")
+# The product, and what draws cases.
+_CODE = (
+    "residual",
+    "sim",
+    "warehouse/logs",
+    "benchmarks/hidden",
+    "benchmarks/synthetic",
+)
 
 
-def read_options(about: str, seeds: str, groups: Sequence[str]) -> argparse.Namespace:
-    """Read the command line of a benchmark over drawn cases.
+def run_cases(
+    about: str,
+    seeds: str,
+    groups: Sequence[str],
+    parts: Sequence[str],
+    jobs: Callable[[argparse.Namespace], Mapping[str, Any]],
+    work: Callable[[Any], dict],
+    summary: Callable[[Mapping], str],
+    figures: Callable[[list[Mapping], argparse.Namespace], Figures],
+) -> int:
+    """Run one benchmark from its command line and return the exit code.
 
-    `deciding`: whether seeds and counts are those that the bars are for; `whole`:
-    whether all groups run with these. A quick run has its own seeds.
+    Args:
+        parts: What draws and judges its cases: files and folders whose change makes
+            kept rows worthless.
+        jobs: Its cases by name, from the options.
+        work: Makes a row of a case, or several under the key "rows".
+        summary: Makes the line to print of a row.
+        figures: Makes figures of all rows.
     """
-    parser = argparse.ArgumentParser(
-        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--seeds", default=seeds, metavar="A:B", help="both included")
-    parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
-    parser.add_argument("--processes", type=int, default=2, metavar="N")
-    parser.add_argument("--full-json", type=Path, metavar="FILE")
-    args = parser.parse_args()
-    args.deciding = args.seeds == seeds and not args.quick
-    args.whole = args.deciding and args.groups == list(groups)
-    if args.quick:
-        args.seeds = QUICK_SEEDS
-    return args
+    args, name = read_options(about, groups, seeds), Path(sys.argv[0]).stem
+    path = kept_file(name, *parts)
+    done = run_kept(path, summary, work, jobs(args), processes=args.processes)
+    rows = [row for result in done.values() for row in result.get("rows", [result])]
+    return finish(args, figures(rows, args), cases=by_group(rows))
+
+
+def named(tasks: Iterable[Any]) -> dict[str, Any]:
+    return {task.name: task for task in tasks}
+
+
+def by_group(rows: Iterable[Mapping]) -> dict[str, list[Mapping]]:
+    out: dict[str, list[Mapping]] = {}
+    for row in rows:
+        out.setdefault(row.get("group", ""), []).append(row)
+    return out
 
 
 def seed_range(seeds: str) -> range:
     first, last = (int(word) for word in seeds.split(":"))
     return range(first, last + 1)
-
-
-def save_rows(args: argparse.Namespace, figures: Figures, **rows: object) -> None:
-    if args.full_json:
-        facts = circumstances(
-            args.full_json.stem,
-            seeds=args.seeds,
-            quick=args.quick,
-            groups=args.groups,
-            whole=args.whole,
-        )
-        save(args.full_json, {**facts, "figures": figures, **rows})
 
 
 def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
@@ -67,20 +85,8 @@ def guarded(about: Mapping, work: Callable[[], dict]) -> dict:
         return {**about, "error": f"{type(error).__name__}: {error}"}
 
 
-def group_figures(
-    rows: Mapping[str, Rows], makers: Mapping[str, Callable[[Rows], Figures]]
-) -> Figures:
-    figures: Figures = {}
-    for group, make in makers.items():
-        if group in rows:
-            figures |= make([r for r in rows[group] if "outcome" in r])
-    return figures
-
-
-def crash_figures(rows: Mapping[str, Rows]) -> Figures:
-    every = [row for group in rows.values() for row in group]
-    count = sum("error" in row for row in every)
-    return {CRASHES: figure(count, 0, len(every))}
+def crash_figures(rows: Rows) -> Figures:
+    return {CRASHES: figure(sum("error" in row for row in rows), 0, len(rows))}
 
 
 def kept_file(name: str, *parts: str) -> Path:
@@ -95,8 +101,7 @@ def kept_file(name: str, *parts: str) -> Path:
         for file in (sorted(path.rglob("*.py")) if path.is_dir() else [path])
         if file.name != "bars.py"
     ]
-    product = code_hash("residual", "sim", "warehouse/logs", *_DRAWS)
-    return STORE / f"{name}-{product}-{code_hash(*plan)[:10]}.jsonl"
+    return STORE / f"{name}-{code_hash(*_CODE)[:8]}-{code_hash(*plan)[:8]}.jsonl"
 
 
 def run_kept(

@@ -6,7 +6,7 @@ Loads no NumPy, so that a run can still choose its number of threads.
 import argparse
 import json
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from importlib import import_module
 from pathlib import Path
 from time import perf_counter
@@ -14,7 +14,7 @@ from time import perf_counter
 from rich.console import Console
 from rich.table import Table
 
-from benchmarks.harness.origin import STORE, circumstances, code_hash, save
+from benchmarks.harness.origin import PRODUCT, STORE, circumstances, code_hash, save
 
 Figures = dict[str, dict]
 
@@ -23,6 +23,7 @@ FEW = "not the deciding seeds; the full run decides"
 FULL = "the full run measures it"
 NO_LOGS = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 CRASHES = "crashes"
+QUICK_SEEDS = "1:1"
 
 
 def one_blas_thread() -> None:
@@ -49,16 +50,6 @@ def all_missing(bars: Mapping[str, float | None], why: str) -> Figures:
     return {name: missing(bar, why) for name, bar in bars.items()}
 
 
-def partial(entry: dict, why: str) -> dict:
-    """Return a figure of a run that is too small to confirm it; it can only refute."""
-    return {**entry, "ok": False if entry["ok"] is False else None, "why": why}
-
-
-def all_partial(figures: Figures, why: str) -> Figures:
-    """Apply `partial` to all figures; an empty `why` leaves them as they are."""
-    return {k: partial(f, why) for k, f in figures.items()} if why else figures
-
-
 def undecided(figures: Figures) -> Figures:
     """Return figures without results, except the one that counts crashes."""
     return {
@@ -69,8 +60,44 @@ def undecided(figures: Figures) -> Figures:
     }
 
 
-def finish(figures: Figures) -> int:
-    """Print the table and the last line; return 1 if a bar is missed, else 0."""
+def read_options(
+    about: str, groups: Sequence[str], seeds: str = ""
+) -> argparse.Namespace:
+    """Read the command line of a benchmark.
+
+    `deciding`: whether seeds and counts are those that the bars are for; `whole`:
+    whether all groups run with these. A quick run has its own seeds.
+    """
+    parser = argparse.ArgumentParser(
+        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
+    if seeds:
+        parser.add_argument(
+            "--seeds", default=seeds, metavar="A:B", help="both included"
+        )
+        parser.add_argument("--processes", type=int, default=2, metavar="N")
+    parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
+    parser.add_argument("--full-json", type=Path, metavar="FILE", help="results file")
+    args = parser.parse_args()
+    args.deciding = not args.quick and getattr(args, "seeds", "") == seeds
+    args.whole = args.deciding and args.groups == list(groups)
+    if args.quick and seeds:
+        args.seeds = QUICK_SEEDS
+    return args
+
+
+def finish(args: argparse.Namespace, figures: Figures, **rows: object) -> int:
+    """Write the results file, print the table and the last line.
+
+    Returns:
+        1 if a bar is missed, else 0.
+    """
+    if args.full_json:
+        known = ("seeds", "quick", "groups", "whole")
+        facts = {key: vars(args)[key] for key in known if key in vars(args)}
+        facts = circumstances(args.full_json.stem, **facts)
+        save(args.full_json, {**facts, "figures": figures, **rows})
     table = Table("figure", box=None)
     for name in ("value", "bar", "n"):
         table.add_column(name, justify="right")
@@ -99,18 +126,11 @@ def run_groups(about: str, name: str, groups: Mapping[str, str]) -> int:
         groups: For each group the function that measures it, as "module:function"
             below benchmarks; it takes whether the run is quick.
     """
-    parser = argparse.ArgumentParser(
-        description=about, formatter_class=argparse.RawDescriptionHelpFormatter
-    )
-    parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
-    parser.add_argument("--groups", nargs="+", choices=groups, default=list(groups))
-    parser.add_argument("--full-json", type=Path, metavar="FILE", help="results file")
-    args = parser.parse_args()
+    args = read_options(about, list(groups))
     # Before NumPy is loaded, here and in child processes.
     one_blas_thread()
     parts = {f"benchmarks/{place.partition('.')[0]}" for place in groups.values()}
-    code = code_hash("residual", "sim", "warehouse", "flows", *sorted(parts))
-    path = STORE / f"{name}-{code}.json"
+    path = STORE / f"{name}-{code_hash(*PRODUCT, *sorted(parts))}.json"
     kept = json.loads(path.read_text("utf-8")) if path.exists() else {}
     figures: Figures = {}
     for group in args.groups:
@@ -121,11 +141,7 @@ def run_groups(about: str, name: str, groups: Mapping[str, str]) -> int:
             if not args.quick:
                 save(path, kept)
         figures |= kept[group]
-    if args.full_json:
-        whole = not args.quick and args.groups == list(groups)
-        facts = circumstances(args.full_json.stem, quick=args.quick, whole=whole)
-        save(args.full_json, {**facts, "figures": figures})
-    return finish(figures)
+    return finish(args, undecided(figures) if args.quick else figures)
 
 
 def function_of(place: str) -> Callable[..., Figures]:

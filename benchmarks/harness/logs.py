@@ -8,7 +8,7 @@ import numpy as np
 
 from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
-from residual.robot.robot import Robot, load_robot
+from residual.robot.robot import Robot
 from sim.engine.plant_records import PlantSpec, SampleRates, TrajectorySpec
 from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import create_random_stream as make_rng
@@ -50,13 +50,13 @@ def in_engine(
     name: str | None = None,
 ) -> Recording:
     rates = SampleRates(CONTROL, RATE)
-    made = run_experiment(robot, reference(spec, robot.name), plant, rates, start)
+    made = run_experiment(robot, reference(robot, spec), plant, rates, start)
     return made.log if name is None else replace(made.log, id=name)
 
 
 @lru_cache(maxsize=32)
-def reference(spec: TrajectorySpec, robot: str = "irb140") -> Motion:
-    return plan_reference_motion(load_robot(robot), spec, CONTROL)
+def reference(robot: Robot, spec: TrajectorySpec) -> Motion:
+    return plan_reference_motion(robot, spec, CONTROL)
 
 
 def write_csv(path: Path, log: Recording) -> Path:

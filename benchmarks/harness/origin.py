@@ -17,29 +17,7 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
 STORE = ROOT / "store" / "benchmarks"
-# Rooms that the method cannot import (pyproject.toml).
-ABOVE = ("export", "identification", "monitoring")
-_METHOD = tuple(
-    sorted(
-        f"residual/{path.name}"
-        for path in (ROOT / "residual").iterdir()
-        if path.name not in (*ABOVE, "__pycache__")
-    )
-)
-# The rooms that a benchmark measures; the whole core if not listed.
-_ROOMS = {
-    **dict.fromkeys(
-        ("diagnosis", "measured", "attribution", "changes", "check", "peers"), _METHOD
-    ),
-    "identification": (*_METHOD, "residual/identification"),
-    "store": ("warehouse",),
-    "pipelines": (
-        "warehouse",
-        "flows/settings.py",
-        "flows/workers.py",
-        "flows/pipelines",
-    ),
-}
+PRODUCT = ("residual", "sim", "warehouse", "flows", "modelgap.py")
 
 
 def circumstances(name: str, **extra: object) -> dict:
@@ -47,7 +25,7 @@ def circumstances(name: str, **extra: object) -> dict:
     return {
         "commit": _git("rev-parse", "HEAD"),
         # Files that a run writes itself do not count.
-        "dirty": bool(_git("status", "--porcelain", "--", *_RUN_BY)),
+        "dirty": bool(_git("status", "--porcelain", "--", *PRODUCT, "benchmarks/*.py")),
         "code": code_of(name),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),
@@ -57,16 +35,20 @@ def circumstances(name: str, **extra: object) -> dict:
     }
 
 
-_RUN_BY = ("residual", "sim", "warehouse", "flows", "modelgap.py", "benchmarks/*.py")
+# What a benchmark measures; the core if not listed.
+_MEASURED = {
+    "store": ("warehouse",),
+    "pipelines": ("warehouse", "flows/workers.py", "flows/pipelines"),
+}
+
+
+def code_of(name: str) -> str:
+    return code_hash(*_MEASURED.get(name, ("residual",)))
 
 
 def is_current(name: str, content: Mapping) -> bool:
     """Whether a results file is of the present code."""
     return content.get("code") == code_of(name)
-
-
-def code_of(name: str) -> str:
-    return code_hash(*_ROOMS.get(name, ("residual",)))
 
 
 @cache
@@ -86,14 +68,13 @@ def code_hash(*places: str) -> str:
     return digest.hexdigest()[:16]
 
 
-@cache  # of a file that several rooms have
 def bare(source: str) -> str:
     """Return Python source without comments, docstrings and line breaks."""
     tree = ast.parse(source)
     for node in ast.walk(tree):
-        body = getattr(node, "body", None)
-        if isinstance(body, list) and body and _is_text(body[0]):
-            node.body = body[1:] or [ast.Pass()]
+        match node:
+            case ast.AST(body=[ast.Expr(value=ast.Constant(value=str())), *rest]):
+                node.body = rest or [ast.Pass()]
     return ast.unparse(tree)
 
 
@@ -103,12 +84,6 @@ def save(path: Path, content: Mapping) -> None:
     draft = path.with_suffix(".part")
     draft.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     draft.replace(path)
-
-
-def _is_text(node: ast.AST) -> bool:
-    if not (isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)):
-        return False
-    return isinstance(node.value.value, str)
 
 
 def _git(*words: str) -> str | None:

@@ -16,25 +16,18 @@ Rows = Sequence[Mapping]
 Hit = Callable[[Mapping], bool]
 
 
-def wilson(hits: int, n: int) -> list[float]:
-    """Return the 95 % Wilson interval of a rate, to four digits; of nothing [0, 1]."""
-    if n == 0:
-        return [0.0, 1.0]
-    interval = binomtest(hits, n).proportion_ci(method="wilson")
-    return [round(float(interval.low), 4), round(float(interval.high), 4)]
-
-
 def share(hits: int, n: int, **extra: object) -> dict:
-    """Return a share with its interval; null of nothing."""
-    value = hits / n if n else None
-    return figure(value, None, n, interval=wilson(hits, n), **extra)
+    """Return a share with its 95 % Wilson interval; null of nothing."""
+    interval = [0.0, 1.0]
+    if n:
+        known = binomtest(hits, n).proportion_ci(method="wilson")
+        interval = [round(float(end), 4) for end in (known.low, known.high)]
+    return figure(hits / n if n else None, None, n, interval=interval, **extra)
 
 
-def rate(rows: Rows, hit: Hit, by: str = "") -> dict:
-    """Return the share of rows that hit; with `by`, its counts by that key of a row."""
-    hits = [bool(hit(row)) for row in rows]
-    entry = share(sum(hits), len(rows))
-    return entry | ({"data": counts(rows, hit, by)} if by else {})
+def rate(rows: Rows, hit: Hit) -> dict:
+    """Return the share of rows that hit."""
+    return share(sum(bool(hit(row)) for row in rows), len(rows))
 
 
 def counts(rows: Rows, hit: Hit, by: str) -> dict[str, list[int]]:
@@ -55,10 +48,8 @@ def at_least(entry: dict, bar: float | None) -> dict:
     return entry | {"bar": bar, "ok": ok, "at_least": True}
 
 
-def at_most(entry: dict, bar: float | None) -> dict:
-    """Return a figure that may not exceed its bar; None for one without a bar."""
-    if bar is None:
-        return entry | {"why": NO_BAR}
+def at_most(entry: dict, bar: float) -> dict:
+    """Return a figure that may not exceed its bar."""
     return entry | {"bar": bar, "ok": figure(entry["value"], bar, 0)["ok"]}
 
 
@@ -79,20 +70,16 @@ class Line:
     of: Hit | None = None  # rows that it is of, None for all
     most: bool = False  # whether the bar is the most that it may be, not the least
     low: float | None = None  # with it a share lies between this and the bar
-    count: bool = False  # whether it is a number of rows, not a share, without a bar
     beside: Callable[[Rows], Mapping] = lambda rows: {}  # what else the entry holds
 
 
-def lines(table: Iterable[Line], rows: Rows, by: str = "") -> Figures:
-    """Return the figures of a table, each with its counts by a key of the rows."""
+def lines(table: Iterable[Line], rows: Rows) -> Figures:
+    """Return the figures of a table."""
     out: Figures = {}
     for line in table:
         own = [row for row in rows if line.of is None or line.of(row)]
-        entry = rate(own, line.hit, by)
-        if line.count:
-            hits = sum(bool(line.hit(row)) for row in own)
-            entry = figure(hits, None, len(own), why=NO_BAR)
-        elif line.low is not None:
+        entry = rate(own, line.hit)
+        if line.low is not None:
             entry = between(entry, line.low, line.bar)
         else:
             entry = (at_most if line.most else at_least)(entry, line.bar)
@@ -105,14 +92,9 @@ def per(hit: Hit, key: str = "effect") -> Callable[[Rows], dict]:
     return lambda rows: {f"per_{key}": counts(rows, hit, key)}
 
 
-def within_two_deviations(rows: Rows, by: str, low: float, high: float) -> dict:
+def within_two_deviations(rows: Rows, low: float, high: float) -> dict:
     """Return how often a stated deviation from the truth is two or less."""
-    sized = [row for row in rows if row.get("z") is not None]
-    each: dict[str, list[float]] = {}
-    for row in sized:
-        each.setdefault(row["effect"], []).append(round(row["z"], 2))
-    entry = between(rate(sized, lambda row: abs(row["z"]) <= 2, by), low, high)
-    return entry | {"z_per_effect": dict(sorted(each.items()))}
+    return between(rate(rows, lambda row: abs(row["z"]) <= 2), low, high)
 
 
 def counted(names: Iterable[str]) -> dict[str, int]:

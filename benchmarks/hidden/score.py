@@ -3,7 +3,6 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.hidden.draw import Hidden
 from benchmarks.synthetic.amounts import find_main_parameter
 from residual.verdict.result import Finding, Place, Verdict
 from sim.plant.effect_catalogue import list_plant_effects
@@ -37,14 +36,15 @@ class Name:
 
 @dataclass(frozen=True, slots=True)
 class Claim:
-    """One name that a verdict says, at one place."""
+    """One name that an answer says, at one place."""
 
     name: Name  # effect and joints
-    alike: tuple[Name, ...]  # what the verdict says could be there instead
-    finding: Finding = field(compare=False, hash=False)  # the finding that it is from
-    # Its number among the joints of a finding on several; None where the finding is one
-    # thing.
-    place: int | None = None
+    alike: tuple[Name, ...] = ()  # what the answer says could be there instead
+    # Value and standard deviation by parameter; None where not stated
+    values: Mapping[str, tuple[float | None, float | None]] = field(
+        default_factory=dict
+    )
+    finding: int = 0  # number of the finding that it is from
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,7 +73,7 @@ def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
     flagged = set(verdict.unexplained.joints)
     hits, classes, free = matched(truths if drawn != UNKNOWN else (), claims)
     # One finding may be on several joints, and their order says nothing.
-    first = [s for s in claims if s.finding is claims[0].finding]
+    first = [s for s in claims if s.finding == 0]
     right = [s for s in first if all(s is not f for f in free)]
     count = sum(h is not None for h in (*hits, *classes))
     state = (count == len(hits), any(c is not None for c in classes))
@@ -104,16 +104,19 @@ def members(verdict: Verdict) -> list[Claim]:
     joints that share gearing is one.
     """
     out = []
-    for finding in verdict.effects:
+    for number, finding in enumerate(verdict.effects):
         alike = [Name.of(e) for e in finding.equivalent]
+        pairs = {key: p.pairs for key, p in finding.parameters.items()}
         # With a value per joint it is one thing on each.
         one_each = any(isinstance(p.value, tuple) for p in finding.parameters.values())
         if len(finding.joints) < 2 or not one_each:
-            out.append(Claim(Name.of(finding), tuple(alike), finding))
+            values = {key: each[0] for key, each in pairs.items()}
+            out.append(Claim(Name.of(finding), tuple(alike), values, number))
             continue
         for place, joint in enumerate(finding.joints):
             near = tuple(Name(a.effect, (joint,)) for a in alike if joint in a.joints)
-            out.append(Claim(Name(finding.name, (joint,)), near, finding, place))
+            own = {k: each[place if len(each) > 1 else 0] for k, each in pairs.items()}
+            out.append(Claim(Name(finding.name, (joint,)), near, own, number))
     return out
 
 
@@ -189,7 +192,7 @@ def is_right(row: Mapping) -> bool:
 
 def case_row(
     drawn: str,
-    hidden: Sequence[Hidden],
+    hidden: Sequence[tuple[Name, float | None]],
     truths: Sequence[Mapping[str, float]],
     verdict: Verdict,
     oracle: float | None,
@@ -197,26 +200,21 @@ def case_row(
     """Return a case as one row: what was hidden, what was said, what that is worth.
 
     Args:
+        hidden: Names with their shares of the torque of their joint, where drawn so.
         truths: True parameters of each, as a verdict would state them.
         oracle: Held-out error of the true effects fitted [%], None where they have no
             name.
     """
-    judged = score(drawn, [Name(h.effect.name, h.joints) for h in hidden], verdict)
-    row: dict = {"drawn": drawn}
-    for i, start in enumerate(("", "second_")):
-        one = hidden[i] if i < len(hidden) else None
-        row |= {
-            f"{start}effect": one and one.effect.name,
-            f"{start}joints": one and list(one.joints),
-            f"{start}size": one and one.size,
-            f"{start}multiple": one and one.multiple,
-            f"{start}share": one and one.share,
-        }
-    first = judged.first
-    row |= {
+    judged = score(drawn, [name for name, _ in hidden], verdict)
+    first, second, *_ = *([n.effect, list(n.joints), x] for n, x in hidden), None, None
+    each = zip(hidden, judged.hits, truths, strict=False)
+    found = [(name.effect, deviation(claim, true)) for (name, _), claim, true in each]
+    return {
+        "drawn": drawn,
+        **dict(zip(("effect", "joints", "share"), first or 3 * (None,), strict=True)),
+        "second": second,
         "verdict": verdict.verdict,
-        "named_first": first and first.effect,
-        "named_joints": first and list(first.joints),
+        "named_first": judged.first and judged.first.effect,
         "named": len(members(verdict)),
         "outcome": judged.outcome,
         "found": judged.count,
@@ -225,24 +223,12 @@ def case_row(
         "unexplained": list(verdict.unexplained.joints),
         "error_after": verdict.error.overall_filtered["augmented"],
         "error_oracle": oracle,
+        "deviations": [[name, z] for name, z in found if z is not None],
     }
-    told = [estimate(*pair) for pair in zip(judged.hits, truths, strict=False)]
-    row["deviations"] = [
-        [h.effect.name, one["z"]]
-        for h, one in zip(hidden, told, strict=False)
-        if one["parameter"]
-    ]
-    return row | (told[0] if drawn == SINGLE else estimate(None, {}))
 
 
-def estimate(claim: Claim | None, true: Mapping[str, float]) -> dict:
-    """Return the main parameter of what was rightly named, beside its truth."""
+def deviation(claim: Claim | None, true: Mapping[str, float]) -> float | None:
+    """Return by how many standard deviations the main parameter of a name is off."""
     key = find_main_parameter(claim.name.effect, true) if claim else None
-    known = claim.finding.parameters.get(key) if claim else None
-    value, std = (None, None) if known is None else known.pairs[claim.place or 0]
-    if value is None or std is None:
-        return dict.fromkeys(("parameter", "value", "std", "truth", "z"))
-    truth = float(true[str(key)])
-    z = (value - truth) / std if std > 0 else None  # in standard deviations
-    own = {"parameter": str(key), "value": value, "std": std}
-    return own | {"truth": truth, "z": z}
+    value, std = claim.values.get(str(key), (None, None)) if claim else (None, None)
+    return (value - float(true[key])) / std if value is not None and std else None

@@ -7,14 +7,22 @@ the log Bayes factor between the truth and its nearest rival is computed, the fi
 included, and compared at the end with what the design promised.
 """
 
+import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.harness.cases import guarded
-from benchmarks.harness.figures import NO_BAR, Figures, figure, undecided
+from benchmarks.harness.cases import guarded, seed_range
+from benchmarks.harness.figures import (
+    FULL,
+    NO_BAR,
+    Figures,
+    all_missing,
+    figure,
+    undecided,
+)
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
 from flows.specs import derive_seed
@@ -63,7 +71,15 @@ BARS = {
 }
 
 
-def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
+def jobs(args: argparse.Namespace) -> dict[str, int]:
+    """Return the seeds; a case takes minutes, and a quick run has none."""
+    seeds = () if args.quick else seed_range(args.seeds)
+    return {f"next {seed}": seed for seed in seeds}
+
+
+def all_figures(rows: Sequence[Mapping], args: argparse.Namespace) -> Figures:
+    if args.quick:
+        return all_missing(BARS, FULL)
     done = [r for r in rows if r.get("open")]
     reached = [r for r in done if r["reached"] is not None]
     timed = [r for r in done if r["in_time"] is not None]
@@ -84,7 +100,7 @@ def figures_of(rows: Sequence[Mapping], deciding: bool) -> Figures:
         "next_chance_said": figure(chance, None, len(done), why=NO_BAR),
         "next_crashes": figure(sum("error" in r for r in rows), 0, len(rows)),
     }
-    return figures if deciding else undecided(figures)
+    return figures if args.deciding else undecided(figures)
 
 
 def _ratio(rows: Sequence[Mapping], name: str) -> dict:

@@ -4,7 +4,7 @@ The formulas are none of the program's; a size is the RMS of the effect over tha
 joint's torque, where the joint moves.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from functools import lru_cache
 from itertools import product
@@ -12,16 +12,15 @@ from time import process_time
 
 import numpy as np
 
-from benchmarks.changes_parts import sizes
-from benchmarks.changes_parts.real import plain_body
-from benchmarks.changes_parts.sizes import Body, shares, size_of, solved
+from benchmarks.changes_parts.sizes import Shares, moving, size_of, smooth
 from benchmarks.measured_parts import arms, greedy, heard
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
+from residual.robot.dynamics import compute_inertial_regressor
+from residual.signals.track import FilterSettings, build_tracks
 from residual.verdict.result import Finding
 
 Array = np.ndarray
-Values = Mapping[str, float]
 
 # The arms, by the split of their logs that is diagnosed.
 SPLITS = (
@@ -37,38 +36,58 @@ SPLITS = (
 )
 SIZES = (0.10, 0.20)
 ANCHORS = 0.25  # of a gas spring: the shorter lever over the longer
-_TIMES = ("torque", "stiffness", "coefficient", "amplitude", "level", "force")
 _LEAST_MOVING = 0.2  # of the rows on which a joint must move to be given an effect
+_TURN = 0.012  # rad/s: over which dry friction turns round
+_FLOOR = 0.15  # of a joint's torque, below which teeth are never pressed
 
 
-def _gas_spring(at: sizes.State, j: int, p: Values) -> Array:
+@dataclass(frozen=True, eq=False, slots=True)
+class Motion:
+    """One joint in one log: angle [rad], speed [rad/s], torque of the rigid body [N m].
+
+    Shapes (n,), at the samples of the log.
+    """
+
+    q: Array
+    qd: Array
+    load: Array
+
+    @property
+    def way(self) -> Array:
+        """Direction of motion, -1 to 1."""
+        return self.qd / np.hypot(self.qd, _TURN)
+
+
+Drawn = Callable[[Motion], Array]  # torque, but for its size
+
+
+def _gas_spring(angle: Array) -> Array:
     """A force along the line between two anchors, one on each link."""
-    angle = at.q[:, j] - p["rest"]
     length = np.sqrt(1 + ANCHORS**2 - 2 * ANCHORS * np.cos(angle))
-    return p["force"] * np.sin(angle) / length
+    return np.sin(angle) / length
 
 
-def _turning(at: sizes.State, j: int, p: Values) -> Array:
-    """Dry friction of a bent axis: stronger at one angle than at the other."""
-    way = at.qd[:, j] / np.hypot(at.qd[:, j], 0.012)
-    return p["level"] * np.cos(at.q[:, j] - p["phase"]) * way
+def _draw_formula(effect: str, rng: np.random.Generator, torque: float) -> Drawn:
+    """Draw an effect; torque is the rms of its joint [N m]. A turning one is bent."""
+    side, turn = float(rng.choice([-1.0, 1.0])), float(rng.uniform(-np.pi, np.pi))
+    rest, order = float(rng.uniform(-1, 1)), float(rng.uniform(6.0, 30.0))
+    slow = float(rng.uniform(0.05, 0.2))  # rad/s
+    return {
+        "offset": lambda at: side * np.ones_like(at.q),
+        "spring": lambda at: at.q - rest,
+        "load_friction": lambda at: np.hypot(at.load, _FLOOR * torque) * at.way,
+        "quadratic_viscous": lambda at: at.qd * np.abs(at.qd),
+        "ripple": lambda at: np.sin(order * at.q + turn),
+        "stribeck": lambda at: np.exp(-((at.qd / slow) ** 2)) * at.way,
+        "balancer": lambda at: side * _gas_spring(at.q - turn),
+        "position_friction": lambda at: np.cos(at.q - turn) * at.way,
+    }[effect]
 
 
-FORMULAS = {
-    **{
-        name: sizes.TORQUE[name]
-        for name in (
-            "offset",
-            "spring",
-            "load_friction",
-            "quadratic_viscous",
-            "ripple",
-            "stribeck",
-        )
-    },
-    "balancer": _gas_spring,
-    "position_friction": _turning,
-}
+EFFECTS = (
+    *("offset", "spring", "load_friction", "quadratic_viscous", "ripple", "stribeck"),
+    *("balancer", "position_friction"),
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,61 +108,49 @@ class Case:
 
 def cases(seed: int) -> list[Case]:
     """Return the cases of a seed: each split as it is, and with all at each size."""
-    some = [("", 0.0), *product(FORMULAS, SIZES)]
+    some = [("", 0.0), *product(EFFECTS, SIZES)]
     return [Case(seed, split, *one) for split in SPLITS for one in some]
 
 
-def _draw(split: str, effect: str, rng: np.random.Generator) -> tuple[int, dict]:
-    body = plain_body(arms.SPLITS[split].arm)
-    moves = np.mean(
-        [sizes.moving(s).mean(axis=0) for s in map(sizes.smooth, logs_of(split)[0])],
-        axis=0,
-    )
+@lru_cache(maxsize=4)
+def _plain_body(split: str) -> tuple[Array, Array]:
+    """Return inertial parameters of an arm by least squares, and rms torques [N m]."""
+    robot, (fit, _) = arms.robot_of(arms.SPLITS[split].arm), logs_of(split)
+    tracks, _ = build_tracks(list(fit), FilterSettings())
+    base = [greedy.base_columns(robot, track) for track in tracks]
+    moves = [abs(t.qd[:: t.step]) > greedy.STANDSTILL for t in tracks]
+    torque = np.concatenate([track.tau for track in tracks])
+    body = greedy.plain_fit(base, tracks, moves)[: 10 * robot.dof]
+    return body, np.sqrt(np.mean(torque**2, axis=0))
+
+
+def _torque(split: str, log: Recording, joint: int, formula: Drawn) -> Array:
+    """Return the torque of an effect in a log, zero on other joints. Shape (n, dof)."""
+    even, robot = smooth(log), arms.robot_of(arms.SPLITS[split].arm)
+    motion = [
+        np.column_stack([np.interp(log.t, even.t, x) for x in values.T])
+        for values in (even.q, even.qd, even.qdd)
+    ]
+    load = compute_inertial_regressor(robot.model, *motion) @ _plain_body(split)[0]
+    out, j = np.zeros_like(log.tau), joint - 1
+    out[:, j] = formula(Motion(motion[0][:, j], motion[1][:, j], load[:, j]))
+    return out
+
+
+def _draw(case: Case) -> tuple[int, Drawn, float]:
+    """Return joint, formula, and what it must be multiplied by to have its size."""
+    number = EFFECTS.index(case.effect)
+    rng = np.random.default_rng([case.seed, SPLITS.index(case.split), number])
+    fit, _ = logs_of(case.split)
+    even = [smooth(log) for log in fit]
+    moves = np.mean([moving(log).mean(axis=0) for log in even], axis=0)
     joint = int(rng.choice(1 + np.flatnonzero(moves > _LEAST_MOVING)))
-    torque, way = float(body.torque[joint - 1]), float(rng.choice([-1.0, 1.0]))
-    turn = float(rng.uniform(-np.pi, np.pi))
-    return joint, {
-        "offset": {"torque": 0.1 * way * torque},
-        "spring": {"stiffness": 0.1 * torque, "rest": float(rng.uniform(-1, 1))},
-        "load_friction": {"coefficient": 0.05},
-        "quadratic_viscous": {"coefficient": 0.1 * torque},
-        "ripple": {
-            "amplitude": 0.1 * torque,
-            "phase": turn,
-            "order": float(rng.uniform(6.0, 30.0)),
-        },
-        "stribeck": {
-            "level": 0.1 * torque,
-            "velocity": float(rng.uniform(0.05, 0.2)),
-        },
-        "balancer": {"force": 0.1 * way * torque, "rest": turn},
-        "position_friction": {"level": 0.1 * torque, "phase": turn},
-    }[effect]
-
-
-def _times(values: Values, factor: float) -> dict[str, float]:
-    return {k: v * factor if k in _TIMES else v for k, v in values.items()}
-
-
-def _sized(
-    split: str, effect: str, joint: int, values: Values, target: float
-) -> tuple[float, float] | None:
-    body = plain_body(arms.SPLITS[split].arm)
-    fit, _ = logs_of(split)
-    states = [sizes.state(log, body) for log in fit]
-
-    def size_at(factor: float) -> float | None:
-        scaled = _times(values, factor)
-        pairs = [(_added(at, effect, joint, scaled), at.log) for at in states]
-        return size_of([shares(body.rigid, *pair) for pair in pairs], (joint,))
-
-    return solved(size_at, target)
-
-
-def _added(at: sizes.State, effect: str, joint: int, values: Values) -> Recording:
-    tau = at.log.tau.copy()
-    tau[:, joint - 1] += FORMULAS[effect](at, joint - 1, values)
-    return replace(at.log, tau=tau)
+    torque = float(_plain_body(case.split)[1][joint - 1])
+    formula = _draw_formula(case.effect, rng, torque)
+    plus = [replace(x, tau=_torque(case.split, x, joint, formula)) for x in fit]
+    pairs = zip(map(smooth, plus), even, strict=True)
+    shares = [Shares(more.tau, log.tau, moving(log)) for more, log in pairs]
+    return joint, formula, case.target / size_of(shares, (joint,))
 
 
 @lru_cache(maxsize=16)
@@ -157,20 +164,17 @@ def measure(case: Case) -> dict:
     (fit, held_out), truth, hears = logs_of(case.split), None, None
     robot = arms.robot_of(arms.SPLITS[case.split].arm)
     if case.effect:
-        k = list(FORMULAS).index(case.effect)
-        rng = np.random.default_rng([case.seed, SPLITS.index(case.split), k])
-        sized = None
-        while sized is None:
-            joint, values = _draw(case.split, case.effect, rng)
-            sized = _sized(case.split, case.effect, joint, values, case.target)
-        values, truth = _times(values, sized[0]), [case.effect, joint]
-        body: Body = plain_body(arms.SPLITS[case.split].arm)
-        plain = fit
-        fit, held_out = (
-            [_added(sizes.state(log, body), *truth, values) for log in logs]
+        joint, formula, times = _draw(case)
+        truth = [case.effect, joint]
+        plus, more = (
+            [times * _torque(case.split, log, joint, formula) for log in logs]
             for logs in (fit, held_out)
         )
-        plus = [log.tau - old.tau for log, old in zip(fit, plain, strict=True)]
+        plain = fit
+        fit, held_out = (
+            [replace(log, tau=log.tau + x) for log, x in zip(logs, of, strict=True)]
+            for logs, of in ((fit, plus), (held_out, more))
+        )
         hears = heard.fall_of_error(robot, plain, plus, joint)
     begun = process_time()
     verdict = diagnose(robot, fit, held_out=held_out).verdict

@@ -1,27 +1,142 @@
-"""Figures of added effects: how many of those that the logs show are named.
-
-A name is new if the logs without the effect do not have it. Constants, which the
-oracle fits too, and effects that the logs without them have already stand apart.
-"""
+"""Figures of measured arms: held-out errors, names that repeat, and added effects."""
 
 from collections.abc import Callable, Mapping, Sequence
+from itertools import permutations
 
 import numpy as np
 
-from benchmarks.harness.figures import NO_BAR, Figures, figure
-from benchmarks.harness.rates import Line, Rows, counts, lines
+from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, missing
+from benchmarks.harness.rates import Line, Rows, at_least, at_most, lines, share
+from benchmarks.measured_parts import arms
 
-CONSTANT = "offset"
+WORSE = 1.10  # times plain least squares on one joint: more than a log decides
+REPEATED, CONSTANT = 0.7, "offset"
+LOADED_JOINTS, DAYS_NAMED, HALVED = (2, 3), 4, 0.7
+FRICTION = "load_friction"
+WEIGHED, LOAD_ERROR = 2.805, 0.08  # kg; share
 FIRST, ANOTHER = 0.70, 0.06  # of the effects that the logs show; of the cases
 PRICE = 5  # right first names that another name costs
-OURS, PEER = ("named", "suspected"), ("peer",)
-_POINTS = 12  # of the curve, beside the probabilities that decide today
-_DECIDING = (0.5, 0.9)
+
+
+def split_figures(rows: Rows) -> Figures:
+    """Return the figures of diagnosed splits; null without measured logs."""
+    if not rows:
+        return {"measured_worse_than_least_squares": missing(0, NO_LOGS)}
+    by_name = {row["split"]: row for row in rows}
+    compared = [row for row in rows if row["peer"]]
+    # Our error over a peer's, by joint; NaN where a torque is too small.
+    squares, paper = (
+        np.concatenate(
+            [
+                np.array(row["filtered"]["augmented"], dtype=float) / row[peer]
+                for row in compared
+            ]
+            or [[]]
+        )
+        for peer in ("peer", "plsr")
+    )
+    n, harmed = len(squares), sum(len(row["worse"]) for row in rows)
+    out = {
+        "measured_worse_than_least_squares": figure(int((squares > WORSE).sum()), 0, n),
+        "measured_over_least_squares": _mean(squares),
+        "measured_over_plsr": _mean(paper),
+        "measured_joints_harmed": figure(harmed, 0, n),
+    }
+    return out | _repeats(rows) | _friction(by_name) | _load(by_name)
+
+
+def _mean(ratios: np.ndarray) -> dict:
+    good = ratios[np.isfinite(ratios)]
+    value = float(np.exp(np.log(good).mean())) if len(good) else None
+    return figure(value, None, len(good), why=NO_BAR)
+
+
+def _repeats(rows: Rows) -> Figures:
+    """Return how many names of one split another split of the same logs has too.
+
+    A name is an effect on one joint. It repeats as itself, or if one of the two states
+    the other as an equivalent. All pairs of splits of one arm and torque count.
+    """
+    names = [
+        (name, any(_is_twin(name, other) for other in _places(b)))
+        for a, b in permutations(rows, 2)
+        if arms.same_logs(a["split"], b["split"])
+        for name in _places(a)
+    ]
+    every = [twin for _, twin in names]
+    some = [twin for name, twin in names if name[0] != CONSTANT]
+    return {
+        "names_repeat": at_least(share(sum(every), len(every)), REPEATED),
+        "names_repeat_no_constants": at_least(share(sum(some), len(some)), None),
+    }
+
+
+def _places(row: Mapping) -> list[tuple[str, int, tuple[str, ...]]]:
+    """Return effect, joint (0 for the whole arm) and its equivalents there."""
+    return [
+        (name, j, tuple(a for a, on in alike if j in (*on, 0)))
+        for (name, joints), alike in zip(row["named"], row["alike"], strict=True)
+        for j in joints or (0,)
+    ]
+
+
+def _is_twin(one: Sequence, other: Sequence) -> bool:
+    same = {one[0], *one[2]} & {other[0], *other[2]}
+    return one[1] == other[1] and bool({one[0], other[0]} & same)
+
+
+def _friction(by_name: Mapping[str, Mapping]) -> Figures:
+    """Return figures of friction that grows with load, on the UR10e."""
+    days = [
+        by_name[n] for d in arms.DAYS if (n := f"ur10e {d} | other days") in by_name
+    ]
+    if not days:
+        return {}
+    named = [
+        row
+        for row in days
+        if {*LOADED_JOINTS}
+        <= {j for name, j, alike in _places(row) if FRICTION in (name, *alike)}
+    ]
+    ratios = [
+        row["moving"]["augmented"][j - 1] / row["moving"]["identified"][j - 1]
+        for row in named
+        for j in LOADED_JOINTS
+    ]
+    bar = DAYS_NAMED if len(days) == len(arms.DAYS) else len(days)
+    largest = figure(max(ratios, default=None), HALVED, len(ratios))
+    return {
+        "ur10e_days_named": at_least(figure(len(named), None, len(days)), bar),
+        "ur10e_error_over_refit": largest,
+    }
+
+
+def _load(by_name: Mapping[str, Mapping]) -> Figures:
+    """Return mass of the weighed load, its error, and what is named without it."""
+    row, days = by_name.get(arms.LOADED), [f"ur10e {d} | other days" for d in arms.DAYS]
+    if row is None:
+        return {}
+    mass = row["mass"][0] if row["mass"] else None
+    error = None if mass is None else abs(mass / WEIGHED - 1)
+    entry = at_most(figure(error, None, 1, mass=mass), LOAD_ERROR)
+    alone = mass is not None and len(row["named"]) == 1
+    unloaded = [by_name[d] for d in days if d in by_name]
+    false = sum(bool(each["mass"]) for each in unloaded)
+    return {
+        "ur10e_load_error": entry if alone else entry | {"ok": False},
+        "ur10e_load_without_one": figure(false, 0, len(unloaded)),
+    }
 
 
 def added_figures(rows: Rows) -> Figures:
-    """Return the figures of the program and of the greedy peer."""
-    ours, peer = _figures(judged(rows, OURS)), _figures(judged(rows, PEER))
+    """Return how many added effects are named, by the program and by the greedy peer.
+
+    A name is new if the logs without the effect do not have it. Constants, which the
+    oracle fits too, and effects that the logs without them have already stand apart.
+    """
+    if not rows:
+        return {}
+    ours, peer = (_added(judged(rows, keys)) for keys in (OURS, PEER))
     of_peer = {
         f"{name}_of_peer": entry | {"bar": None, "ok": None, "why": "greedy selection"}
         for name, entry in peer.items()
@@ -30,41 +145,26 @@ def added_figures(rows: Rows) -> Figures:
     return ours | of_peer
 
 
-def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[dict]:
-    """Return of each added effect whether it is first, named, and another name new.
+# Where the names of an answer stand; the first are what it is sure of.
+OURS, PEER = ("named", "suspected"), ("peer",)
 
-    Args:
-        keys: Where the names of an answer stand; the first are what it is sure of.
-        least: Probability from which a name of any key counts, the most probable
-            first; None for the names that the answer is sure of, in its order.
-    """
+
+def judged(rows: Rows, keys: Sequence[str]) -> list[dict]:
+    """Return of each added effect whether it is first, named, and another name new."""
     before = {
         row["split"]: [x for key in keys for x in row[key]]
         for row in rows
         if row["truth"] is None
     }
-    return [
-        _judged(row, before[row["split"]], _names(row, keys, least), keys)
-        for row in rows
-        if row["truth"]
-    ]
+    return [_judged(row, before[row["split"]], keys) for row in rows if row["truth"]]
 
 
-def _names(row: Mapping, keys: Sequence[str], least: float | None) -> list:
-    if least is None:
-        return row[keys[0]]
-    some = [x for key in keys for x in row[key] if (x[3] or 0.0) >= least]
-    return sorted(some, key=lambda x: -x[3])
-
-
-def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dict:
-    places, truth = {tuple(x[:2]) for x in before}, row["truth"]
+def _judged(row: Mapping, before: list, keys: Sequence[str]) -> dict:
+    places, truth, names = {tuple(x[:2]) for x in before}, row["truth"], row[keys[0]]
     new = [x for x in names if tuple(x[:2]) not in places]
     right = [_is_truth(x, truth) for x in new]
     known = any(_is_truth(x, truth) for x in before)
     return {
-        "effect": truth[0],
-        "size": f"{100 * row['target']:g} %",
         "constant": truth[0] == CONSTANT,
         "known": known,
         "heard": row["heard"] and truth[0] != CONSTANT and not known,
@@ -80,18 +180,14 @@ def _is_truth(name: Sequence, truth: Sequence) -> bool:
     return joint == truth[1] and truth[0] in (effect, *alike)
 
 
-def _is(*keys: str) -> Callable[[Mapping], bool]:
-    return lambda row: all(row[key] for key in keys)
-
-
-def _per_size(key: str) -> Callable[[Rows], dict]:
-    return lambda rows: {"per_size": counts(rows, _is(key), "size")}
+def _is(key: str) -> Callable[[Mapping], bool]:
+    return lambda row: row[key]
 
 
 _SUSPECTED = "added_suspected"  # the peer suspects nothing
 _LINES = (
-    Line("added_first", _is("first"), FIRST, _is("heard"), beside=_per_size("first")),
-    Line("added_named", _is("named"), of=_is("heard"), beside=_per_size("named")),
+    Line("added_first", _is("first"), FIRST, _is("heard")),
+    Line("added_named", _is("named"), of=_is("heard")),
     Line(_SUSPECTED, _is("suspected"), of=_is("heard")),
     Line("added_another", _is("another"), ANOTHER, _is("heard"), most=True),
     Line("added_another_of_all", _is("another"), ANOTHER, most=True),
@@ -100,37 +196,9 @@ _LINES = (
 )
 
 
-def _figures(answers: Rows) -> Figures:
-    out = lines(_LINES, answers, "effect")
+def _added(answers: Rows) -> Figures:
     heard = [row for row in answers if row["heard"]]
-    right, wrong = (sum(row[k] for row in heard) for k in ("first", "another"))
-    value = (right - PRICE * wrong) / len(heard) if heard else None
-    more = {"first": right, "another": wrong, "another_of_all": _all(answers)}
-    score = figure(value, None, len(heard), why=NO_BAR, **more)
-    return out | {"added_first_less_another": score}
-
-
-def _all(answers: Rows) -> int:
-    return sum(row["another"] for row in answers)
-
-
-def curve(rows: Rows) -> dict:
-    """Return a table of first against another name over the least probability.
-
-    Title and rows of texts. Effects and suspected ones count alike, the most probable
-    first.
-    """
-    every = [x[3] for row in rows for key in OURS for x in row[key] if x[3] is not None]
-    levels = np.linspace(0.0, 1.0, _POINTS)
-    own = np.quantile(every, levels, method="nearest") if every else ()
-    out = [["least probability", "first", "named", "another", "another, of all"]]
-    for least in sorted({*_DECIDING, *map(float, own)}):
-        answers = judged(rows, OURS, least)
-        heard = [row for row in answers if row["heard"]]
-        cells = [
-            f"{sum(row[key] for row in heard)} of {len(heard)}"
-            for key in ("first", "named", "another")
-        ]
-        all_cases = f"{_all(answers)} of {len(answers)}"
-        out.append([f"{least:.4g}", *cells, all_cases])
-    return {"title": "Added effects by probability", "rows": out}
+    worth = sum(row["first"] - PRICE * row["another"] for row in heard)
+    value = worth / len(heard) if heard else None
+    score = figure(value, None, len(heard), why=NO_BAR)
+    return lines(_LINES, answers) | {"added_first_less_another": score}

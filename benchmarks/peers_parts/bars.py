@@ -1,50 +1,28 @@
 """Figures of each program."""
 
-from collections.abc import Mapping
+import argparse
 
 import numpy as np
 
-from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure
-from benchmarks.harness.rates import Rows, at_least, share
+from benchmarks.harness.rates import Line, Rows, lines
 from benchmarks.hidden.score import NOTHING, UNKNOWN
-from benchmarks.peers_parts.judge import LEVELS
+
+_LINES = (
+    Line("exact_name", lambda r: r["exact_name"]),
+    Line("exact_class", lambda r: r["exact_class"]),
+    Line("named_on_nothing", lambda r: r["named"], of=lambda r: r["kind"] == NOTHING),
+    Line("unknown_flagged", lambda r: r["flagged"], of=lambda r: r["kind"] == UNKNOWN),
+    Line("joint", lambda r: r["joint"], of=lambda r: r["joint"] is not None),
+)
 
 
-def all_figures(rows: Mapping[str, Rows]) -> Figures:
+def all_figures(rows: Rows, args: argparse.Namespace | None = None) -> Figures:
     out: Figures = {}
-    for program, of_program in rows.items():
-        good = [row for row in of_program if "kind" in row]
-        for level in LEVELS:
-            out[f"{program}_exact_{level}"] = _rate(good, f"exact_{level}")
-        out[f"{program}_named_on_nothing"] = _rate(_of(good, NOTHING), "named")
-        out[f"{program}_unknown_flagged"] = _rate(_of(good, UNKNOWN), "flagged")
-        out[f"{program}_joint"] = _rate(good, "joint")
-        for key, name in (
-            ("held_out", "held_out_over_oracle"),
-            ("edits", "edit_over_oracle"),
-            ("seconds", "seconds"),
-        ):
-            value, n = _median(good, key)
-            out[f"{program}_{name}"] = figure(value, None, n, why=NO_BAR)
+    for program, good in by_group(row for row in rows if "kind" in row).items():
+        own = lines(_LINES, good)
+        seconds = float(np.median([row["seconds"] for row in good]))
+        own["seconds"] = figure(seconds, None, len(good), why=NO_BAR)
+        out |= {f"{program}_{key}": entry for key, entry in own.items()}
     return out | crash_figures(rows)
-
-
-def _of(rows: Rows, kind: str) -> Rows:
-    return [row for row in rows if row["kind"] == kind]
-
-
-def _counts(rows: Rows, key: str) -> tuple[int, int]:
-    known = [row[key] for row in rows if row[key] is not None]
-    return sum(known), len(known)
-
-
-def _median(rows: Rows, key: str) -> tuple[float | None, int]:
-    values = np.concatenate([np.atleast_1d(row[key]) for row in rows] or [[]])
-    values = values.astype(float)[~np.isnan(values.astype(float))]
-    return (float(np.median(values)) if len(values) else None), len(values)
-
-
-def _rate(rows: Rows, key: str) -> dict:
-    hits, n = _counts(rows, key)
-    return at_least(share(hits, n) if n else figure(None, None, 0), None)

@@ -1,4 +1,4 @@
-"""Compare an answer with the truth at two levels, and its torque with the oracle's.
+"""Compare an answer with the truth at two levels.
 
 `name`: effect and joints as hidden, or one of the equivalents that the answer states.
 `class`: link inertia or load (body), friction or rotor (joint), or the rest (other), on
@@ -8,31 +8,14 @@ Each truth has one name of its own.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
-
-import numpy as np
 
 from benchmarks.hidden.score import UNKNOWN, Name, paired
-from benchmarks.peers_parts.linear_model import Answer, Array
+from benchmarks.peers_parts.linear_model import Answer
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
-from residual.recording import Recording
 
-BLOCK, EDGE = 25, 5  # samples that are averaged; averages dropped at both ends
-# At standstill any torque up to friction holds; it is told over so many samples.
-SPEED, SPAN = 0.05, 10  # rad/s
 BODY, JOINT, OTHER = "body", "joint", "other"
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class Truth:
-    """What a case hides."""
-
-    kind: str  # one effect, two, nothing, or one that has no name
-    effects: tuple[Name, ...]
-    # By log whose torque is kept back: the log, the oracle's torque [N m], and the
-    # number of the effect that is gone, None where all are there
-    torque: dict[str, tuple[Recording, Array, int | None]] = field(default_factory=dict)
+LEVELS = ("name", "class")
 
 
 def class_of(name: str) -> str:
@@ -56,14 +39,11 @@ def _classed(name: Name) -> Name:
     return Name(class_of(name.effect), name.joints)
 
 
-LEVELS = ("name", "class")
-
-
-def compare(true: Truth, answer: Answer) -> dict:
+def compare(kind: str, hidden: Sequence[Name], answer: Answer) -> dict:
     flag, where = bool(answer.unknown), answer.unknown
     where = tuple(where) if isinstance(where, list) else ()
     # An effect without a name cannot be named: only the flag is right.
-    there = () if true.kind == UNKNOWN else true.effects
+    there = () if kind == UNKNOWN else hidden
     classes = tuple(dict.fromkeys(map(_classed, there)))
     said = tuple(dict.fromkeys(_classed(names[0]) for names in answer.findings))
     by_name = paired(there, answer.findings, lambda truth, names: truth in names)
@@ -76,63 +56,15 @@ def compare(true: Truth, answer: Answer) -> dict:
         "class": not missing and len(by_class) == len(said),
     }
     if not there:
-        right = not answer.findings and flag is (true.kind == UNKNOWN)
+        right = not answer.findings and flag is (kind == UNKNOWN)
         exact = dict.fromkeys(exact, right)
     on = {j for names in answer.findings for j in names[0].joints} or set(where)
-    real = {j for name in true.effects for j in name.joints}
+    real = {j for name in hidden for j in name.joints}
     return {
-        "kind": true.kind,
+        "kind": kind,
         **{f"exact_{level}": value for level, value in exact.items()},
         "named": bool(answer.findings),
         "flagged": flag,
         # None if nothing is hidden on a joint, or nothing stated of one.
         "joint": bool(on & real) if real and on else None,
-        **_torque_ratios(true, answer),
     }
-
-
-def _torque_ratios(true: Truth, answer: Answer) -> dict:
-    """Return errors over the oracle's: held-out, and of each effect taken out again."""
-    held, edits = [], []
-    for name, (log, oracle, gone) in true.torque.items():
-        if gone is None:
-            held.append(_misses(log, oracle, answer.predictions[name]))
-        elif k := _stands_for(true.effects[gone], answer):
-            own = answer.predictions[f"finding_{k}_{name}"]
-            edits.append(_ratio([_misses(log, oracle, own)]))
-    return {"held_out": _ratio(held) if held else None, "edits": edits}
-
-
-def _stands_for(truth: Name, answer: Answer) -> int | None:
-    """Return the number (from 1) of the finding that stands for an effect, or None."""
-    for fits in (
-        lambda names: truth == names[0],
-        lambda names: truth in names,
-        lambda names: _is_same_class(_classed(truth), _classed(names[0])),
-    ):
-        for number, names in enumerate(answer.findings, start=1):
-            if fits(names):
-                return number
-    return None
-
-
-def _misses(log: Recording, *torques: Array) -> list[float]:
-    """Return squared errors of oracle and program where joints move [N^2 m^2]."""
-    later = np.minimum(np.arange(len(log.t)) + SPAN, len(log.t) - 1)
-    before = np.maximum(np.arange(len(log.t)) - SPAN, 0)
-    least = SPEED * (log.t[later] - log.t[before])[:, None]
-    moves = np.abs(log.q[later] - log.q[before]) > least
-    inside = _smooth(moves.astype(float)) > 1 - 1e-6
-    return [float((_smooth(x - log.tau)[inside] ** 2).sum()) for x in torques]
-
-
-def _smooth(rows: Array) -> Array:
-    """Return means of samples in blocks, without the ends. Shape (n // BLOCK, dof)."""
-    n = len(rows) // BLOCK
-    return rows[: n * BLOCK].reshape(n, BLOCK, -1).mean(axis=1)[EDGE:-EDGE]
-
-
-def _ratio(misses: Sequence[Sequence[float]]) -> float | None:
-    """Return the program's error over the oracle's, of all logs together."""
-    oracle, own = np.sum(misses, axis=0)
-    return float(np.sqrt(own / oracle)) if oracle > 0 else None

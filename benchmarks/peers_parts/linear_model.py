@@ -7,7 +7,7 @@ out, since dry friction there is not determined.
 
 import json
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -21,12 +21,10 @@ from residual.robot.robot import Robot
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Case:
-    """What anybody may know of one case: logs by their names."""
+    """What anybody may know of one case."""
 
     robot: Robot  # the arm as its maker states it
-    fit: Mapping[str, Recording]  # find it in these
-    held_out: Mapping[str, Recording]  # predict the torque, which is told as zero
-    after: Mapping[str, Recording]  # the same of the arm without one of its effects
+    fit: tuple[Recording, ...]  # find it in these
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -37,8 +35,6 @@ class Answer:
     findings: tuple[tuple[Name, ...], ...]
     # Whether, or on which joints, something is left that has no name
     unknown: bool | list[int] = False
-    # Torque by name of the log, and by that of finding and log [N m]. Shapes (n, dof).
-    predictions: Mapping[str, Array] = field(default_factory=dict)
 
 
 CUTOFF, THIN = 10.0, 10  # Hz; samples of which one is kept
@@ -122,10 +118,6 @@ class Arm:
         p = columns.shape[1] * columns.shape[2]
         moving = np.abs(qd[THIN:-THIN:THIN]) > STANDS
         return Rows(kept[:, :p].reshape(-1, *columns.shape[1:]), kept[:, p:], moving)
-
-    def predict(self, log: Recording, change: Array) -> Array:
-        """Return the torque of changed parameters on a log [N m]. Shape (n, dof)."""
-        return self.columns(log)[0] @ (self.nominal + change)
 
 
 def low_pass(values: Array, rate: float) -> Array:

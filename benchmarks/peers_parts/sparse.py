@@ -28,20 +28,10 @@ RIDGE = 1e-6  # of a column's size
 def answer(case: Case) -> Answer:
     """Return the groups that lower the error on trajectories that were left out."""
     arm = Arm(case)
-    fit = _Fit(arm, [arm.rows(log) for log in case.fit.values()])
+    fit = _Fit(arm, [arm.rows(log) for log in case.fit])
     chosen = _selected(arm, fit)
     change = fit.change(chosen, range(len(fit.gram)))
-    findings = tuple(_finding(arm, fit, group, change) for group in chosen)
-    predictions = {}
-    for name, log in case.held_out.items():
-        predictions[name] = arm.predict(log, change)
-    for name, log in case.after.items():
-        columns, _ = arm.columns(log)
-        for k, group in enumerate(chosen, start=1):
-            left = change.copy()
-            left[_places(arm, group)] = 0.0
-            predictions[f"finding_{k}_{name}"] = columns @ (arm.nominal + left)
-    return Answer(findings, False, predictions)
+    return Answer(tuple(_finding(arm, fit, group, change) for group in chosen))
 
 
 class _Fit:

@@ -5,7 +5,8 @@ body, a friction or a rotor is named if it is off by more than chance (3 sigma f
 number of parameters) and by more than the scatter that every program knows.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
+from itertools import product
 
 import numpy as np
 from scipy.stats import chi2
@@ -23,34 +24,15 @@ ROUNDS = 3
 
 def answer(case: Case) -> Answer:
     arm = Arm(case)
-    logs = [arm.rows(log) for log in case.fit.values()]
-    order, change, cover = _fit(arm, logs)
-    groups, named = _groups(arm), {}
-    for name, own in groups.items():
-        at = [order.index(i) for i in own if i in order]
+    order, change, cover = _fit(arm, [arm.rows(log) for log in case.fit])
+    found = []
+    for kind, joint in product(("body", *DRIVES), range(1, arm.dof + 1)):
+        at = [order.index(i) for i in arm.places(kind, joint) if i in order]
         if at and _off(change[at], cover[np.ix_(at, at)]):
-            named[name] = own
-    full = np.zeros(len(arm.nominal))
-    full[order] = change
-    predictions = {n: arm.predict(log, full) for n, log in case.held_out.items()}
-    for n, log in case.after.items():
-        columns, _ = arm.columns(log)
-        for k, own in enumerate(named.values(), start=1):
-            left = full.copy()
-            left[own] = 0.0
-            predictions[f"finding_{k}_{n}"] = columns @ (arm.nominal + left)
-    found = tuple(_finding(arm, *name) for name in named)
-    return Answer(found, False, predictions)
-
-
-def _groups(arm: Arm) -> Mapping[tuple[str, int], list[int]]:
-    joints = range(1, arm.dof + 1)
-    names = [(kind, j) for kind in ("body", *DRIVES) for j in joints]
-    return {name: arm.places(*name) for name in names}
-
-
-def _finding(arm: Arm, kind: str, joint: int) -> tuple[Name, ...]:
-    return body(arm, joint) if kind == "body" else (Name(kind, (joint,)),)
+            found.append(
+                body(arm, joint) if kind == "body" else (Name(kind, (joint,)),)
+            )
+    return Answer(tuple(found))
 
 
 def body(arm: Arm, joint: int) -> tuple[Name, ...]:

@@ -10,14 +10,7 @@ nothing else separates friction from the damping of a drive.
 
 import numpy as np
 
-from benchmarks.harness.figures import (
-    FEW,
-    NO_LOGS,
-    Figures,
-    all_missing,
-    all_partial,
-    figure,
-)
+from benchmarks.harness.figures import NO_LOGS, Figures, all_missing, figure
 from benchmarks.harness.rates import at_least, share
 from benchmarks.measured_parts.arms import absent
 from benchmarks.servo_parts.pendulum import (
@@ -48,7 +41,7 @@ def position_figures(quick: bool) -> Figures:
         bars = {"servo_position_rms": NEAR, "servo_position_below_peer": 0.8}
         return all_missing(bars, NO_LOGS)
     rows = [compare(setting, i) for i, setting in list_settings(False, quick)]
-    return all_partial(summarize(rows), FEW if quick else "")
+    return summarize(rows)
 
 
 def list_settings(developed: bool, few: bool) -> list[tuple[int, Setting]]:

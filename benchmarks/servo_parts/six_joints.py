@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from benchmarks.harness.figures import FEW, Figures, all_partial
+from benchmarks.harness.figures import Figures
 from benchmarks.harness.rates import at_least, at_most, share
 from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
@@ -61,11 +61,10 @@ def six_joint_figures(quick: bool) -> Figures:
     nulls = [name_first(Case(s, NOTHING)) for s in (*seeds, *(s + 50 for s in seeds))]
     # An arm that runs away under what was drawn for it has no logs: it is no case.
     told, nulls = ([x for x in of if x is not None] for of in (told, nulls))
-    figures = {
+    return {
         "servo_first_name": at_least(share(sum(told), len(told)), 0.9),
         "servo_null_named": at_most(share(sum(not x for x in nulls), len(nulls)), 0.0),
     }
-    return all_partial(figures, FEW if quick else "")
 
 
 def name_first(case: Case) -> bool | None:

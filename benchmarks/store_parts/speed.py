@@ -9,7 +9,7 @@ import numpy as np
 import pyarrow.parquet as pq
 
 import warehouse
-from benchmarks.harness.figures import Figures, all_partial, figure
+from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
 from benchmarks.harness.shell import forked
@@ -31,7 +31,7 @@ def commit_figures(quick: bool) -> Figures:
     spec = TrajectorySpec("fourier", ROWS / 250, 2, 9)
     plant = PlantSpec((), noise=SensorNoise(), seed=9)
     robot = load_robot("irb140")
-    made = run_experiment(robot, reference(spec), plant, SampleRates(), 0.0)
+    made = run_experiment(robot, reference(robot, spec), plant, SampleRates(), 0.0)
     log, twin = made.log, dict(made.twin)
     arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
     table = arrays_to_table(arrays, {})
@@ -80,8 +80,7 @@ def many_figures(quick: bool) -> Figures:
         first = wall(lambda: warehouse.open(place).close())
         figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
-    why = f"with {count} runs instead of {FULL}" if quick else ""
-    return all_partial(figures, why)
+    return figures
 
 
 def _figures(place: Path, rounds: int) -> Figures:

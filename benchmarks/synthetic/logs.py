@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass, replace
 
+from benchmarks.harness.logs import RATE, sensed
 from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import (
     Plant,
@@ -16,10 +17,8 @@ from sim.engine.plant_records import SyntheticEffect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
 from sim.plant.joint_background import simulate_torque_logging
-from sim.plant.sensors import draw_torque_noise, simulate_encoder
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import compute_usual_motion_range
 
-RATE = 250.0  # Hz
 DURATION = 20.0  # s
 _PAUSE = (5.0, 20.0)  # s between two logs of a session
 _BETWEEN_SESSIONS = 3600.0  # s between baseline and fit logs
@@ -161,19 +160,6 @@ def _record(
     start = now - session if active else 0.0
     worked = start if active else now
     torque = true_torque(plant, motion, entry.name, start, active, worked)
-    span = estimate_typical_sizes(plant.robot).torque
-    noise = draw_torque_noise(
-        len(motion.t),
-        span,
-        entry.rate,
-        make_rng(seed, f"torque/{entry.name}"),
-    )
-    return Recording(
-        id=entry.name,
-        robot=plant.robot.name,
-        t=now + motion.t,
-        q=simulate_encoder(torque.reading, make_rng(seed, f"encoder/{entry.name}")),
-        tau=simulate_torque_logging(
-            background_of(plant), torque.tau + noise, entry.rate
-        ),
-    )
+    q, tau = sensed(plant.robot, torque, entry.name, seed, entry.rate)
+    tau = simulate_torque_logging(background_of(plant), tau, entry.rate)
+    return Recording(entry.name, plant.robot.name, now + motion.t, q, tau)

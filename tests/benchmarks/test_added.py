@@ -32,7 +32,7 @@ def test_a_seed_has_every_effect_at_both_sizes_and_each_split_once_as_it_is():
     cases = added.cases(820)
     plain = [case for case in cases if not case.effect]
     assert [case.split for case in plain] == list(added.SPLITS)
-    assert len(cases) - len(plain) == len(added.SPLITS) * len(added.FORMULAS) * 2
+    assert len(cases) - len(plain) == len(added.SPLITS) * len(added.EFFECTS) * 2
     names = {case.name for case in cases}
     assert len(names) == len(cases)
     assert len(names & {case.name for case in added.cases(821)}) == len(plain)
@@ -64,7 +64,6 @@ def test_names_of_what_the_logs_show_are_counted_and_the_rest_apart():
         return round(figures[name]["value"] * figures[name]["n"]), figures[name]["n"]
 
     assert hits("added_first") == (2, 3)
-    assert figures["added_first"]["per_size"] == {"10 %": [1, 2], "20 %": [1, 1]}
     assert hits("added_named") == (2, 3)
     assert hits("added_suspected") == (1, 3)
     assert hits("added_another") == (1, 3)
@@ -75,15 +74,6 @@ def test_names_of_what_the_logs_show_are_counted_and_the_rest_apart():
     # Of the peer the logs without it say nothing: the spring is new.
     assert hits("added_first_of_peer") == (1, 4)
     assert "added_suspected_of_peer" not in figures
-
-
-def test_the_curve_counts_names_from_a_probability_the_most_probable_first():
-    head, *rows = bars.curve(ROWS)["rows"]
-    assert head[:2] == ["least probability", "first"]
-    cells = {least: rest for least, *rest in rows}
-    assert cells["0.5"] == ["2 of 3", "3 of 3", "1 of 3", "2 of 6"]
-    assert cells["0.95"] == ["1 of 3", "2 of 3", "1 of 3", "1 of 6"]
-    assert list(cells) == sorted(cells, key=float)
 
 
 def test_the_peer_tries_one_more_name_as_if_it_fitted_all_columns_anew():

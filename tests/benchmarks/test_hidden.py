@@ -4,8 +4,9 @@ from dataclasses import replace
 
 import pytest
 
-from benchmarks.hidden.draw import draw_sized, measured, vocabulary
-from benchmarks.hidden.score import Name, estimate, members, score
+from benchmarks.hidden.draw import draw_detectable, vocabulary
+from benchmarks.hidden.score import Name, deviation, members, score
+from benchmarks.synthetic.amounts import compute_effect_amount
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 from residual.robot.robot import load_robot
@@ -96,8 +97,7 @@ def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
     assert names == ["stribeck 5", "stribeck 2", "coupled_friction 5,6"]
     judged = score("single", [STRIBECK], verdict(merged))
     assert (judged.outcome, judged.extra) == ("right", 1)
-    parameter = estimate(judged.hits[0], {"level": 2.1})
-    assert (parameter["value"], parameter["std"]) == (2.0, 0.2)
+    assert deviation(judged.hits[0], {"level": 2.1}) == pytest.approx(-0.5)
 
 
 def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
@@ -110,12 +110,11 @@ def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
     assert not [name for name in strange if name.startswith("x_fault")]
 
 
-def test_a_size_is_so_many_times_detectable_but_never_more_than_an_arm_has():
+def test_what_is_drawn_to_be_just_detectable_has_that_size_or_is_left_out():
     robot = load_robot("irb140")
     minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
-    wish = ("position_friction", 3.0)
-    one = draw_sized(robot, make_rng(4, "t"), *wish, minimum)
-    assert measured(one, minimum, robot).multiple == pytest.approx(3.0)
-    huge = [replace(m, value=1e3) for m in minimum]
-    capped = measured(draw_sized(robot, make_rng(4, "t"), *wish, huge), huge, robot)
-    assert capped.multiple < 0.1
+    name, huge = "position_friction", [replace(m, value=1e3) for m in minimum]
+    one = draw_detectable(robot, make_rng(4, "t"), name, minimum)
+    assert compute_effect_amount(name, dict(one.parameters)) == pytest.approx(0.1)
+    for sizes in (huge, []):  # more than an arm has, and not known
+        assert draw_detectable(robot, make_rng(4, "t"), name, sizes) is None

@@ -20,7 +20,8 @@ def test_the_table_of_the_readme_is_what_the_script_makes():
 @pytest.mark.parametrize("name", page.results())
 def test_every_figure_of_a_results_file_has_a_row(name):
     content = page.results()[name]
-    assert set(page.figures(name, content)) == set(content["figures"])
+    rows = page.list_rows(name, content["figures"])
+    assert {key for _, _, keys in rows for key in keys} >= set(content["figures"])
 
 
 def test_the_readme_has_its_length_and_about_eight_rows_of_figures():
@@ -30,7 +31,7 @@ def test_the_readme_has_its_length_and_about_eight_rows_of_figures():
 
 
 def _figure(unit="", **entry):
-    return page.Figure({"n": 200, "bar": None, "ok": None} | entry, unit)
+    return {"n": 200, "bar": None, "ok": None} | entry, unit
 
 
 @pytest.mark.parametrize(
@@ -45,7 +46,7 @@ def _figure(unit="", **entry):
     ],
 )
 def test_a_value_is_shown_with_its_unit(figure, words):
-    assert str(figure) == words
+    assert page.value_of(*figure) == words
 
 
 @pytest.mark.parametrize(
@@ -62,4 +63,4 @@ def test_a_value_is_shown_with_its_unit(figure, words):
     ],
 )
 def test_a_missed_bar_is_named(figure, words):
-    assert figure.bar == words
+    assert page.bar_of(*figure) == words

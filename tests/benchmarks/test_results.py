@@ -5,7 +5,6 @@ of every change), and a release has none that is old (a long test).
 """
 
 import re
-import tomllib
 
 import pytest
 
@@ -35,14 +34,6 @@ def test_the_hash_is_of_what_code_does(tmp_path, monkeypatch, text, same):
         (tmp_path / "room" / "one.py").write_text(words, encoding="utf-8")
         hashes.append(origin.code_hash.__wrapped__("room"))
     assert (hashes[0] == hashes[1]) == same
-
-
-def test_what_the_method_cannot_import_makes_none_of_its_figures_old():
-    pyproject = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))
-    contracts = pyproject["tool"]["importlinter"]["contracts"]
-    floors = next(c for c in contracts if c["name"] == "The floors of the core")
-    assert floors["exhaustive"]
-    assert set(origin.ABOVE) == set(floors["layers"][0].split(" | "))
 
 
 def test_a_page_says_of_which_figures_the_code_has_changed_since():

@@ -1,15 +1,23 @@
 """Options of benchmarks over drawn cases, and rows of cases that crash."""
 
+from argparse import Namespace
+
 import pytest
 
-from benchmarks.harness.cases import crash_figures, guarded, read_options
-from benchmarks.harness.figures import figure, finish, missing, partial, undecided
+from benchmarks.harness.cases import crash_figures, guarded
+from benchmarks.harness.figures import (
+    figure,
+    finish,
+    missing,
+    read_options,
+    undecided,
+)
 
 
 def test_a_quick_run_takes_seeds_of_its_own(monkeypatch):
     def read(*words):
         monkeypatch.setattr("sys.argv", ["benchmark", *words])
-        return read_options("about", "8:9", ("a", "b"))
+        return read_options("about", ("a", "b"), "8:9")
 
     assert read().seeds == "8:9"
     assert read("--quick").seeds == "1:1"
@@ -30,7 +38,7 @@ def test_a_crash_is_a_row_that_says_its_case():
 
     row = guarded({"what": "offset"}, broken)
     assert row == {"what": "offset", "error": "ValueError: no"}
-    crashes = crash_figures({"one": [row], "other": [{}, {}]})["crashes"]
+    crashes = crash_figures([row, {}, {}])["crashes"]
     assert (crashes["value"], crashes["n"], crashes["ok"]) == (1, 3, False)
 
 
@@ -46,9 +54,8 @@ def test_only_a_crash_is_decided_by_too_few_draws():
 
 
 def test_the_exit_code_is_one_for_a_missed_bar_only(capsys):
-    assert finish({"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
-    small = partial(figure(0.0, 1.0, 2), "too few")
-    assert small["ok"] is None
-    assert finish({"a": small}) == 0
-    assert finish({"a": partial(figure(3.0, 1.0, 2), "too few")}) == 1
+    args = Namespace(full_json=None)
+    assert finish(args, {"a": figure(1.0, 2.0, 3), "b": missing(1.0, "no data")}) == 0
+    assert finish(args, undecided({"a": figure(3.0, 1.0, 2)})) == 0
+    assert finish(args, {"a": figure(3.0, 1.0, 2)}) == 1
     assert capsys.readouterr().out.strip().splitlines()[-1].startswith("{")

@@ -42,11 +42,12 @@ def check(store):
 
 
 def content(store):
-    """Every value in the store, but for the times of the commits."""
+    """Every value in the store, but for times of commits and the state of git."""
     with warehouse.open(store) as opened:
         views = ("samples", "errors")
         tables = {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in views}
-        tables["runs"] = opened.sql("SELECT * EXCLUDE created FROM runs ORDER BY ALL")
+        known = "SELECT * EXCLUDE (created, commit, dirty) FROM runs ORDER BY ALL"
+        tables["runs"] = opened.sql(known)
         return {name: table.to_pylist() for name, table in tables.items()}
 
 
