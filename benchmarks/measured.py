@@ -47,6 +47,8 @@ def main() -> int:
             raise SystemExit("; ".join(failed))
         rows[group] = list(done.values())
         figures |= make[group](rows[group])
+    if rows.get("added"):
+        print(*bars.curve(rows["added"]), sep="\n")
     if "files" in args.groups:
         figures |= files.figures(args.quick)
     return finish(args, figures, **rows)

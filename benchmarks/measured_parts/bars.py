@@ -149,18 +149,54 @@ def added_figures(rows: Rows) -> Figures:
 OURS, PEER = ("named", "suspected"), ("peer",)
 
 
-def judged(rows: Rows, keys: Sequence[str]) -> list[dict]:
-    """Return of each added effect whether it is first, named, and another name new."""
+def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[dict]:
+    """Return of each added effect whether it is first, named, and another name new.
+
+    Args:
+        least: Probability from which a name counts, sure or suspected; None for the
+            sure ones.
+    """
     before = {
         row["split"]: [x for key in keys for x in row[key]]
         for row in rows
         if row["truth"] is None
     }
-    return [_judged(row, before[row["split"]], keys) for row in rows if row["truth"]]
+
+    def counted(row: Mapping) -> list:
+        if least is None:
+            return row[keys[0]]
+        every = [x for key in keys for x in row[key] if (x[3] or 0.0) >= least]
+        return sorted(every, key=lambda x: -x[3])
+
+    return [
+        _judged(row, before[row["split"]], counted(row), keys)
+        for row in rows
+        if row["truth"]
+    ]
 
 
-def _judged(row: Mapping, before: list, keys: Sequence[str]) -> dict:
-    places, truth, names = {tuple(x[:2]) for x in before}, row["truth"], row[keys[0]]
+def curve(rows: Rows) -> list[str]:
+    """Lines of first against another name, over the probability from which one counts.
+
+    Of the added effects that the oracle hears; other names also of all.
+    """
+    every = [x[3] for row in rows for key in OURS for x in row[key] if x[3] is not None]
+    levels = (
+        np.quantile(every, np.linspace(0, 1, 12), method="nearest") if every else ()
+    )
+    out = ["least probability, first, named, another of the heard, another of all"]
+    for least in sorted({0.5, 0.9, *map(float, levels)}):
+        answers = judged(rows, OURS, least)
+        heard = [row for row in answers if row["heard"]]
+        cells = [sum(x[key] for x in heard) for key in ("first", "named", "another")]
+        spare = sum(row["another"] for row in answers)
+        counts = ", ".join(f"{n} of {len(heard)}" for n in cells)
+        out.append(f"{least:.4f}: {counts}, {spare} of {len(answers)}")
+    return out
+
+
+def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dict:
+    places, truth = {tuple(x[:2]) for x in before}, row["truth"]
     new = [x for x in names if tuple(x[:2]) not in places]
     right = [_is_truth(x, truth) for x in new]
     known = any(_is_truth(x, truth) for x in before)

@@ -76,6 +76,13 @@ def test_names_of_what_the_logs_show_are_counted_and_the_rest_apart():
     assert "added_suspected_of_peer" not in figures
 
 
+def test_fewer_names_count_where_more_probability_is_asked():
+    lines = bars.curve(ROWS)[1:]
+    cells = {line.split(":")[0]: line.split(": ")[1] for line in lines}
+    assert cells["0.5000"] == "2 of 3, 3 of 3, 1 of 3, 2 of 6"
+    assert cells["0.9900"] == "0 of 3, 0 of 3, 1 of 3, 1 of 6"
+
+
 def test_the_peer_tries_one_more_name_as_if_it_fitted_all_columns_anew():
     logs = make(Plant(arm(), (), 3), PLAN, 3)
     selection = greedy._Selection.of(arm(), logs)
