@@ -209,6 +209,15 @@ def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
+def test_a_verdict_is_read_without_a_model_or_an_engine():
+    code = "import sys, residual.verdict.document; print(*sys.modules)"
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
+    loaded = done.stdout.decode().split()
+    ours = [name for name in loaded if name.startswith("residual.")]
+    assert 1 < len(ours) < 20
+    assert not {"scipy", "pinocchio", "numba", "residual.effects"} & set(loaded)
+
+
 def test_the_help_page_loads_nothing_that_it_does_not_show():
     late = {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl"}
     late |= {"numpy", "tomllib"}

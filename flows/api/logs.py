@@ -29,7 +29,8 @@ from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict.result import ErrorTables, tabulate_errors
+from residual.verdict.diagnosis import tabulate_errors
+from residual.verdict.result import ErrorTables
 from warehouse.logs import (
     ColumnMap,
     check_logs_distinct,

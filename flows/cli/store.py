@@ -169,7 +169,7 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.document import print_parts, widen_piped_console
     from flows.storage.adoptions import describe_diagnosis_adoption
     from flows.storage.diagnosis import parse_verdict
-    from residual.verdict.result import Diagnosis
+    from residual.verdict.diagnosis import Diagnosis
 
     id, content = record["id"], record["content"]
     try:

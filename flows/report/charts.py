@@ -16,7 +16,8 @@ from residual.quantity import (
     format_percent_number,
     is_number,
 )
-from residual.verdict.result import STAGES, Diagnosis
+from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import STAGES
 
 Array = np.ndarray
 

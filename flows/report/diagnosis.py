@@ -50,7 +50,8 @@ from residual.quantity import (
     format_probability,
     is_number,
 )
-from residual.verdict.result import Diagnosis, Verdict
+from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded

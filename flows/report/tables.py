@@ -26,11 +26,11 @@ from residual.quantity import (
     format_unit,
     is_number,
 )
+from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import (
     PLAIN,
     STAGES,
     Change,
-    Diagnosis,
     Finding,
     Frames,
     Number,

@@ -30,7 +30,8 @@ from residual.planning.next_experiment import (
     find_settling_time,
 )
 from residual.robot.robot import Robot
-from residual.verdict.result import Diagnosis, Verdict
+from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Verdict
 from sim.engine.plant_records import TrajectorySpec, create_random_stream
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace

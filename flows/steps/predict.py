@@ -19,7 +19,8 @@ from residual.export.model_export import AnyModel, remove_tables
 from residual.model.compare import EDITED, WHOLE, Edits, Prediction
 from residual.model.compare import predict_logs as core_predict
 from residual.quantity import convert_to_plain_values
-from residual.verdict.result import ErrorTables, tabulate_errors
+from residual.verdict.diagnosis import tabulate_errors
+from residual.verdict.result import ErrorTables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
 FORMS = (".csv", ".parquet")

@@ -15,8 +15,9 @@ from residual.model.model_files import model_from_record as read_model
 from residual.recording import Recording
 from residual.signals.splitting import pick_spread_pieces
 from residual.signals.track import FilterSettings, resample_recording
+from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.document import from_json, to_json
-from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
+from residual.verdict.result import ErrorTables, Finding, Verdict
 from warehouse.record_commit import DiagnosisRecords, commit_diagnosis, commit_record
 from warehouse.record_ids import build_record_path
 from warehouse.store_catalogue import find_record, read_record

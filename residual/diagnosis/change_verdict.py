@@ -20,16 +20,15 @@ from residual.evidence.fit import PossibleModel
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import pair_coefficient_slices
 from residual.quantity import convert_to_plain_values
+from residual.verdict.diagnosis import name_frames, replace_by_model_values
 from residual.verdict.result import (
     STILL,
     Change,
     Detectable,
     Drift,
     ErrorTables,
-    Frames,
     Unexplained,
     Verdict,
-    replace_by_model_values,
 )
 
 
@@ -88,7 +87,7 @@ def build_change_verdict(
         contradictions=contradictions,
         drift=_describe_drift(outcome) if outcome.drift else None,
         bodies=unlikely.correction,
-        frames=Frames.of(outcome.logs.robot),
+        frames=name_frames(outcome.logs.robot),
         changes=tuple(_compare_values(*epochs, outcome)),
         alternatives=list_alternatives(rivals),
         suspected=tuple(

@@ -46,8 +46,8 @@ from residual.signals.splitting import (
     pick_spread_pieces,
 )
 from residual.signals.track import FilterSettings
+from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.edit_test import fit_all_parameters, run_edit_tests
-from residual.verdict.result import Diagnosis
 
 
 def compare_epochs(

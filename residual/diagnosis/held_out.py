@@ -35,7 +35,8 @@ from residual.model.nominal import (
 )
 from residual.model.rollout import compute_position_errors
 from residual.recording import Array, Recording
-from residual.verdict.result import PLAIN, STAGES, ErrorTables, tabulate_errors
+from residual.verdict.diagnosis import tabulate_errors
+from residual.verdict.result import PLAIN, STAGES, ErrorTables
 
 ROUND = 3  # gains are compared to 0.1 %
 

@@ -57,6 +57,11 @@ from residual.robot.dynamics import (
     compute_inertial_regressor,
     read_inertial_parameters,
 )
+from residual.verdict.diagnosis import (
+    add_motor_class,
+    name_frames,
+    replace_by_model_values,
+)
 from residual.verdict.result import (
     LOAD,
     MOTION,
@@ -67,13 +72,10 @@ from residual.verdict.result import (
     ErrorTables,
     Evidence,
     Finding,
-    Frames,
     Parameter,
     Place,
     Unexplained,
     Verdict,
-    add_motor_class,
-    replace_by_model_values,
 )
 
 
@@ -135,7 +137,7 @@ def build_verdict(
         ),
         log_check=check,
         contradictions=contradicted,
-        frames=Frames.of(robot),
+        frames=name_frames(robot),
         changes=compare_nominal_values(outcome, outcome.fit),
         alternatives=mark_inseparable_alternatives(
             question, list_places(outcome.fit.members), list_alternatives(rivals)

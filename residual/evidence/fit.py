@@ -33,9 +33,10 @@ from residual.effects.base import Effect, EffectTrait, JointLimits
 from residual.errors import join_with_commas
 from residual.evidence.design import LAGS, CandidateColumns, Design
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.bodies import BodyCorrection, build_body_sums, find_nearest_possible
+from residual.model.bodies import build_body_sums, find_nearest_possible
 from residual.model.model import Model, Term, pair_coefficient_slices
 from residual.model.nominal import NominalModel
+from residual.model.records import BodyCorrection
 from residual.recording import Array
 from residual.robot.dynamics import compute_reach
 

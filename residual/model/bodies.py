@@ -62,18 +62,6 @@ class BodySums:
         return tuple(n for n, b in zip(self.names, bad, strict=True) if b)
 
 
-@dataclass(frozen=True, slots=True)
-class BodyCorrection:
-    """What of a free fit could not exist, and what the nearest that can exist costs."""
-
-    bodies: tuple[str, ...]  # in words, "link 5" or "the load"
-    # By how much the error of each joint rose on the fit logs, as a share of torque
-    # rms; below zero where it fell at the cost of another.
-    price: tuple[float | None, ...]
-    # Chance that logs of possible bodies are fitted so much worse by them.
-    chance: float | None
-
-
 def build_body_sums(model: Model, friction: bool = False) -> BodySums:
     """Return the bodies of a model: its links with all that terms add, and its load.
 

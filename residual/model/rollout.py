@@ -23,6 +23,7 @@ import pinocchio as pin
 from residual.drive import limit_goal
 from residual.effects.base import EffectTrait, Shape
 from residual.model.model import Model
+from residual.model.records import PositionErrors
 from residual.recording import Array, Recording
 from residual.robot.dynamics import (
     compute_flange_jacobian,
@@ -55,25 +56,6 @@ class Rollout:
 
     q: Array
     diverged: float | None
-    left_out: tuple[str, ...]
-
-
-@dataclass(frozen=True, slots=True)
-class PositionErrors:
-    """Distance of models that go by themselves from what held-out logs measured.
-
-    Attributes:
-        rms: Root mean square of each joint [rad, m where it slides], by name of the
-            model; None where it diverged on a log.
-        overall: The same of all joints together, None where they have two units.
-        diverged: Where each model diverged, in words: log and time.
-        left_out: Effects that the models went without, since their torque depends on
-            more than the state.
-    """
-
-    rms: Mapping[str, tuple[float, ...] | None]
-    overall: Mapping[str, float | None]
-    diverged: Mapping[str, tuple[str, ...]]
     left_out: tuple[str, ...]
 
 

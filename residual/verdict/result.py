@@ -1,28 +1,16 @@
-"""What a diagnosis hands to its caller: the verdict, the models and the curves."""
+"""The verdict, as records of plain values: reading one loads no model."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import Literal
 
-import numpy as np
-
 from residual.check.result import LogCheck
-from residual.effects import list_motor_alternatives, load_effects
-from residual.effects.base import MotionSpan
 from residual.errors import format_joint_numbers
-from residual.evidence.fit import PossibleModel
-from residual.model.bodies import BodyCorrection
-from residual.model.compare import ErrorSums, FindingScatter, LogPrediction
-from residual.model.lookup import CorrectedModel
-from residual.model.model import Model
-from residual.model.rollout import PositionErrors
+from residual.model.records import BodyCorrection, PositionErrors
 from residual.quantity import (
-    convert_to_plain_values,
     format_percent,
     format_uncertain_value,
 )
-from residual.robot.dynamics import find_flange_frame
-from residual.robot.robot import Robot
 
 METRIC = "100*||tau-tau_hat||/||tau||"
 STILL = "the logs show no motion, so the arm cannot be diagnosed"
@@ -158,14 +146,6 @@ class Place:
     joints: tuple[int, ...]
 
 
-def add_motor_class(
-    place: Place, equivalent: Sequence[Place], span: MotionSpan
-) -> tuple[Place, ...]:
-    """Return equivalents with what logs of one drive, without torque, do not split."""
-    more = list_motor_alternatives(place.name, span)
-    return tuple(dict.fromkeys([*equivalent, *(Place(n, place.joints) for n in more)]))
-
-
 @dataclass(frozen=True, slots=True)
 class Alternative:
     """A set as good as the named one.
@@ -195,12 +175,6 @@ class Frames:
 
     joints: tuple[str, ...]
     flange: str
-
-    @classmethod
-    def of(cls, robot: Robot) -> "Frames":
-        """What the URDF of a robot has."""
-        flange = robot.model.frames[find_flange_frame(robot.model)].name
-        return cls(tuple(list(robot.model.names)[1:]), flange)
 
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
@@ -441,66 +415,6 @@ class Verdict:
         return f"{self.robot}: {said}; held-out {held_out}"
 
 
-@dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Diagnosis:
-    """Result of one diagnosis.
-
-    Attributes:
-        verdict: The answer.
-        models: By name: "nominal", "identified", "augmented", and "plsr" where tables
-            were fitted to what remains.
-        proofs: One per held-out log.
-        clouds: Several per finding, at most one per joint.
-        notes: What was understood of the signals (rates, filters, delays, masks).
-        residual_clouds: One per unexplained joint: its residual over the variable that
-            it depends on most (over time where there is none).
-        sentences: One plain sentence per finding, in the order of the findings.
-        adoptable: Model to adopt: the augmented one, or the fit of both epochs.
-        question: What these logs leave open (`OpenQuestion`), for
-            `modelgap next`; None of a comparison.
-    """
-
-    verdict: Verdict
-    models: Mapping[str, Model | CorrectedModel] = field(default_factory=dict)
-    proofs: tuple[LogPrediction, ...] = ()
-    clouds: tuple[FindingScatter, ...] = ()
-    notes: tuple[str, ...] = ()
-    residual_clouds: tuple[FindingScatter, ...] = ()
-    sentences: tuple[str, ...] = ()
-    adoptable: Model | None = None
-    question: object | None = None
-
-    @property
-    def effects(self) -> tuple[Finding, ...]:
-        """What is missing, most important first."""
-        return self.verdict.effects
-
-    @property
-    def errors(self) -> ErrorTables:
-        """Errors on the held-out logs [%]."""
-        return self.verdict.error
-
-    @property
-    def unexplained(self) -> Unexplained:
-        """What remains."""
-        return self.verdict.unexplained
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences that qualify the answer."""
-        return self.verdict.warnings
-
-    def torque_unit(self, joint: int) -> str:
-        """Return the unit of what drives a joint (from 1), a torque or a force."""
-        for model in self.models.values():
-            body = model.model if isinstance(model, CorrectedModel) else model
-            return "N" if body.robot.prismatic[joint - 1] else "N m"
-        return "N m"
-
-    def __repr__(self) -> str:
-        return f"Diagnosis({self.verdict})"
-
-
 def _joints_phrase(joints: tuple[int, ...]) -> str:
     return f" on {format_joint_numbers(joints)}" if joints else ""
 
@@ -508,85 +422,3 @@ def _joints_phrase(joints: tuple[int, ...]) -> str:
 def _odds(value: float) -> str:
     """A probability as '> 0.99' or '= 0.97': no data give certainty."""
     return "> 0.99" if value > 0.99 else f"= {value:.2f}"
-
-
-def replace_by_model_values(finding: Finding, possible: PossibleModel) -> Finding:
-    """A finding with the values of the model, where no body could be as fitted freely.
-
-    The deviations stay: the true body is one that can be, and the nearest of those is
-    no farther from it than the fit was.
-    """
-    effect, joints = load_effects()[finding.name], tuple(j - 1 for j in finding.joints)
-    if possible.correction is None or effect.portable.bodies is None:
-        return finding
-    terms = possible.model.terms  # what was found stands behind what the model had
-    place = finding.name, joints
-    (*_, term) = (t for t in terms if (t.effect.name, t.joints) == place)
-    robot = possible.model.robot
-    values = effect.values(term.theta, term.shape, robot)
-    values = dict(zip(effect.parameters, values, strict=True))
-    if effect.combined is not None:
-        sums = effect.combined(term.theta, robot)
-        values |= {key: value for key, (value, _) in sums.items()}
-
-    def with_values(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
-        return {
-            k: replace(p, value=convert_to_plain_values(values[k]))
-            for k, p in parameters.items()
-        }
-
-    return replace(
-        finding,
-        parameters=with_values(finding.parameters),
-        combinations=with_values(finding.combinations),
-    )
-
-
-def tabulate_errors(
-    errors: Mapping[str, ErrorSums | None],
-    cutoff: float,
-    logs: Sequence[str],
-    same_run: bool = False,
-    worse: Sequence[int] = (),
-    position: PositionErrors | None = None,
-) -> ErrorTables:
-    """Return the errors of several models as plain values [%].
-
-    Args:
-        errors: By name of the model; None for a model that is not there.
-        cutoff: Of the identification filter [Hz].
-        worse: Joints from 1 that the findings make worse beyond chance.
-    """
-
-    def overall(kind: str) -> dict:
-        return {
-            s: convert_to_plain_values(e.overall(kind)) if e and e.alike else None
-            for s, e in errors.items()
-        }
-
-    def per_joint(kind: str) -> dict:
-        return {s: _per_joint(e, kind) for s, e in errors.items()}
-
-    return ErrorTables(
-        metric=METRIC,
-        cutoff_hz=cutoff,
-        logs=tuple(logs),
-        same_run=same_run,
-        held_out=per_joint("raw"),
-        filtered=per_joint("filtered"),
-        moving=per_joint("moving"),
-        overall=overall("raw"),
-        overall_filtered=overall("filtered"),
-        overall_moving=overall("moving"),
-        worse=tuple(worse),
-        position=position,
-    )
-
-
-def _per_joint(errors: ErrorSums | None, kind: str) -> tuple[Number, ...] | None:
-    values = None if errors is None else errors.per_joint(kind)
-    return None if values is None or np.isnan(values).all() else _row(values)
-
-
-def _row(values: Sequence[float]) -> tuple[Number, ...]:
-    return tuple(convert_to_plain_values(np.asarray(values)))

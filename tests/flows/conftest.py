@@ -16,7 +16,7 @@ from residual.calibration import calibrate as core
 from residual.calibration.nominal_pls import NominalPlsForm
 from residual.check.result import LogCheck
 from residual.recording import Recording
-from residual.verdict.result import Diagnosis
+from residual.verdict.diagnosis import Diagnosis
 from sim.engine.plant_records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights

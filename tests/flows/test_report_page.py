@@ -15,8 +15,8 @@ from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
 from flows.report.document import ReportTable, print_parts
 from residual.model.compare import FindingScatter, LogPrediction
+from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.document import from_json, to_json
-from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as outcomes
 from tests.flows.report_pages import Page
 

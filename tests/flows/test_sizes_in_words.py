@@ -6,7 +6,7 @@ import pytest
 from flows.report.diagnosis import build_tiles
 from flows.report.tables import format_first_size, list_finding_sizes
 from residual.effects import load_effects
-from residual.verdict.result import Diagnosis
+from residual.verdict.diagnosis import Diagnosis
 from tests.flows.report_outcomes import effect, given_value, parameter
 from tests.verdict_documents import typed
 

@@ -8,12 +8,14 @@ import pytest
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.evidence.fit import PossibleModel
-from residual.model.bodies import LEAST, BodyCorrection, build_body_sums
+from residual.model.bodies import LEAST, build_body_sums
 from residual.model.bodies import find_nearest_possible as nearest_possible
 from residual.model.model import Model, Term
+from residual.model.records import BodyCorrection
 from residual.robot.dynamics import compute_base_parameters, read_inertial_parameters
 from residual.robot.dynamics import replace_inertial_parameters as with_inertial
-from residual.verdict.result import Finding, Parameter, replace_by_model_values
+from residual.verdict.diagnosis import replace_by_model_values
+from residual.verdict.result import Finding, Parameter
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, arm, bare_irb140, plain_logs
 

@@ -27,7 +27,8 @@ from residual.robot.dynamics import (
 )
 from residual.robot.robot import add_known_values, load_robot
 from residual.signals.track import FilterSettings
-from residual.verdict.result import Place, add_motor_class
+from residual.verdict.diagnosis import add_motor_class
+from residual.verdict.result import Place
 from tests import plain_arm
 from tests.residual.arms import arm, plain_logs
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
