@@ -74,10 +74,10 @@ def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
     rate = max(
         (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
     )
-    if rate <= CHECK.impossible_hz:
+    if rate <= CHECK.fastest_hz:
         return []
     words = (
-        f"{rate:.3g} samples per second, expected at most {CHECK.impossible_hz:.3g} in "
+        f"{rate:.3g} samples per second, expected at most {CHECK.fastest_hz:.3g} in "
         "any unit of time. Export the log again, with time."
     )
     return [Fault("time_unit", (), True, words)]
@@ -168,13 +168,14 @@ def _slopes(
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moving & (np.abs(own) > CHECK.velocity_correlation)
     size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
+    error = CHECK.factor_spread - 1
     alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_spread)
     out = []
-    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_error:
+    if good.sum() >= 2 and alike and abs(size - 1) > error:
         out.append(_common(size))
         slope = slope / size
-    off = good & (np.abs(slope - 1) > CHECK.velocity_error)
-    turned = off & (np.abs(slope + 1) < CHECK.velocity_error)
+    off = good & (np.abs(slope - 1) > error)
+    turned = off & (np.abs(slope + 1) < error)
     if negated := list_true_joints(turned):
         words = (
             f"The velocity of joints {join_with_commas(negated)} runs against "
@@ -276,7 +277,7 @@ def find_joints_in_degrees(
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    far = (speed > CHECK.fast_ratio) | (reach > CHECK.far_ratio * limit)
+    far = (speed > CHECK.excursion_ratio) | (reach > CHECK.excursion_ratio * limit)
     turned = float(np.deg2rad(1.0))
     inside = speed * turned < CHECK.limit_ratio
     inside &= reach * turned < limit + CHECK.range_rad

@@ -229,6 +229,8 @@ class Search:
         shares = replace(reading.shares, ratio=np.abs(reading.shares.ratio))
         for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
+        if len(plain) < len(slips):  # factors of some drives, not a unit of all
+            yield self.read([*plain, *list_scale_slips(shares)])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
         for scale in list_scale_slips(held):
             if not any(slip.joints == scale.joints for slip in slips):
@@ -289,7 +291,9 @@ class Search:
             if not ahead.strained:
                 break
             kept = [s for s in ahead.slips if not s.of_torques]
-            orders = [s for s in ahead.slips if s.of_torques and s.kind == "joint_order"]
+            orders = [
+                s for s in ahead.slips if s.of_torques and s.kind == "joint_order"
+            ]
             bases = [kept, [*kept, *orders]] if orders else [kept]
             drawn = [
                 sketch.complete([*base, slip])
@@ -364,7 +368,6 @@ class Search:
             if near.nats > reading.nats - CHECK.odds_nats:
                 return near
         return reading
-
 
     def _moved(self, reading: Reading) -> Reading:
         """Move zeros while that explains more: a quarter turn is one of many."""
@@ -547,7 +550,7 @@ def _name(slips: Sequence[Slip]) -> str:
 
 def _is_common_factor(repairs: Sequence[Repair]) -> bool:
     factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(factors.max() < CHECK.joint_ratio * factors.min())
+    return bool(factors.max() < CHECK.unit_certain_ratio * factors.min())
 
 
 def _is_far(repairs: Sequence[Repair]) -> bool:

@@ -134,7 +134,7 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
             jump = abs(q[min(run.stop, len(q) - 1)] - q[run.stop - 1])
             if reference is not None and np.ptp(reference[run, j]) > CHECK.moving_rad:
                 out.append(_frozen(recording, "q", j, run, "its reference moves"))
-            elif jump > max(CHECK.jump_rad, 3 * usual):
+            elif jump > max(CHECK.moving_rad, 3 * usual):
                 out.append(_frozen(recording, "q", j, run, "it then jumps"))
     return out
 

@@ -378,8 +378,12 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     if len(silent):
         told += f"; too little shows of {format_joint_numbers(silent)}"
     out.append(_build_factor_slip(np.full(len(each), middle), told, 1.5))
-    if each[shown].max() > CHECK.factor_spread * each[shown].min():
-        # Factors of their own are more to ask for than one.
+    in_place = np.abs(np.log(each[shown])) < np.log(CHECK.unit_ratio)
+    if each[shown].max() > CHECK.factor_spread * each[shown].min() and not any(
+        in_place
+    ):
+        # Factors of their own are more to ask for than one; beside a drive that is in
+        # its unit they are those of single drives.
         out.append(_build_factor_slip(each, told, 3.0))
     return out
 
