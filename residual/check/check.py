@@ -203,7 +203,7 @@ def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recordi
     out = []
     for k, log in enumerate(recordings):
         others = np.nan_to_num(np.delete(rms, k, axis=0), nan=np.inf).min(axis=0)
-        usual = np.maximum(CHECK.odd_ratio * others, CHECK.rough_rest * fit.size)
+        usual = np.maximum(2 * others, CHECK.rough_rest * fit.size)
         if np.any(rms[k] > usual) or np.isnan(rms[k]).all():
             out.append(log)
     return out

@@ -244,10 +244,10 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
         peak = np.max([_peaks(r, unit == "N m") for r in recordings], axis=0)
         # Of what is large all along the unit is wrong, and other checks say so.
         peak[usual > CHECK.limit_ratio * limit] = 0.0
-        most = np.where(peak > CHECK.excursion_ratio * limit, peak, usual)
+        most = np.where(peak > CHECK.certain_ratio * limit, peak, usual)
         for j in np.flatnonzero(most > CHECK.limit_ratio * limit):
             joints.add(int(j) + 1)
-            certain |= bool(peak[j] > CHECK.excursion_ratio * limit[j])
+            certain |= bool(peak[j] > CHECK.certain_ratio * limit[j])
             unit_of = convert_to_sliding_unit(unit) if robot.prismatic[j] else unit
             words.append(
                 f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
@@ -277,7 +277,7 @@ def find_joints_in_degrees(
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    far = (speed > CHECK.excursion_ratio) | (reach > CHECK.excursion_ratio * limit)
+    far = (speed > CHECK.certain_ratio) | (reach > CHECK.certain_ratio * limit)
     turned = float(np.deg2rad(1.0))
     inside = speed * turned < CHECK.limit_ratio
     inside &= reach * turned < limit + CHECK.range_rad

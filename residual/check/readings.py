@@ -151,7 +151,7 @@ class Reading:
         """Whether the bodies of the file have to bend."""
         rough = self.rough.nats > self.fit(GIVEN).nats
         nats = self.strain.sum() + 0.5 * self.share_odds
-        return rough or bool(nats > CHECK.strained_nats)
+        return rough or bool(nats > CHECK.odds_nats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -398,7 +398,7 @@ def _beats(reading: Reading, other: Reading) -> bool:
     left, before = (
         np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other)
     )
-    eased = left < max(0.8 * before, CHECK.strained_nats)
+    eased = left < max(0.8 * before, CHECK.odds_nats)
     return gain > _find_least_gain(more) and bool(eased)
 
 
@@ -550,13 +550,13 @@ def _name(slips: Sequence[Slip]) -> str:
 
 def _is_common_factor(repairs: Sequence[Repair]) -> bool:
     factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(factors.max() < CHECK.unit_certain_ratio * factors.min())
+    return bool(factors.max() < CHECK.certain_ratio * factors.min())
 
 
 def _is_far(repairs: Sequence[Repair]) -> bool:
     """Whether no file of this arm is off by such factors."""
     means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
-    return bool(np.abs(means).max() > np.log(CHECK.unit_certain_ratio))
+    return bool(np.abs(means).max() > np.log(CHECK.certain_ratio))
 
 
 def _count_strain(strain: Array) -> float:
