@@ -283,7 +283,7 @@ class Search:
     def _arranged(self, reading: Reading) -> tuple[Reading, list[Reading]]:
         """Return the best arrangement of some slips, and those tried beside it.
 
-        Of two mistakes neither may be worth a word alone.
+        Of two mistakes one may explain much, and the file still bends as far.
         """
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         ahead, others = reading, []
@@ -308,7 +308,8 @@ class Search:
                 best = each if _beats(each, best) else best
             if best is ahead:
                 best = max(tried, key=_get_value)
-                if ahead is not reading or best.value < ahead.value:
+                gain = best.value - ahead.value
+                if ahead is not reading or gain < CHECK.suspect_nats:
                     break
             ahead = best
         return (ahead if _beats(ahead, reading) else reading), others

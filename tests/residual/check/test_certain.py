@@ -64,7 +64,7 @@ def test_a_zero_near_a_quarter_turn_is_not_taken_for_one():
     assert not fault.repairs  # too rough to be a line
 
 
-def test_two_mistakes_are_found_where_neither_is_worth_a_word_alone():
+def test_two_mistakes_are_found_where_the_file_bends_as_far_beside_one():
     robot, logs = clean_logs("small")
     both = edited(logs, q=lambda q: np.rad2deg(swapped(1, 2)(q)), tau=swapped(1, 2))
     faults = check_logs(robot, both).faults
