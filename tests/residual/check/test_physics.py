@@ -12,7 +12,6 @@ from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
-from tests.residual.arms import arm
 from tests.residual.check.damaged import (
     clean_logs,
     edited,
