@@ -57,13 +57,15 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
     faults = _once(faults)
-    # A line stands for the whole signal, so it has all that is certain about it, in the
-    # order in which it was found: factors are those of joints that are in their places.
-    certain = [r for fault in faults if fault.certain for r in fault.repairs]
+    # A line stands for the whole signal, so it has all that is certain about it, or all
+    # that the likeliest reading has where nothing is, in the order in which it was
+    # found: factors are those of joints that are in their places.
+    sure = [fault for fault in faults if fault.certain and fault.repairs]
+    read = [r for fault in sure or faults for r in fault.repairs]
     out = []
     for fault in faults:
         signals = {repair.signal for repair in fault.repairs}
-        every = [*(r for r in certain if r.signal in signals), *fault.repairs]
+        every = [*(r for r in read if r.signal in signals), *fault.repairs]
         ways = [dict.fromkeys(every), *fault.alternatives]
         lines = [format_repair_lines(way, logs.robot, logs.columns) for way in ways]
         if fault.kind == "robot_file" and not any(lines):

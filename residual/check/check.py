@@ -8,6 +8,7 @@ import numpy as np
 from residual.check.commanded import find_commanded_torque
 from residual.check.drive_chain import find_drive_faults
 from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
+from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import (
     find_impossible_sample_rate,
     find_joints_in_degrees,
@@ -18,7 +19,6 @@ from residual.check.kinematics import (
 )
 from residual.check.physics_columns import (
     CheckMotion,
-    compute_nominal_torque,
     compute_residual,
     filter_check_motion,
 )
@@ -36,12 +36,6 @@ from residual.check.slips import repair_motion, repair_torques
 from residual.check.thresholds import CHECK
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.dynamics import (
-    PER_LINK,
-    compute_last_joint_distance,
-    compute_robot_regressor,
-    read_inertial_parameters,
-)
 from residual.robot.limits import (
     drop_placeholder_limits,
     find_limit_flaws,
@@ -49,9 +43,9 @@ from residual.robot.limits import (
 )
 from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot
+from residual.robot.whole_file import find_gravity_flaw, find_unit_flaw
 from residual.signals.splitting import pick_spread_pieces
 
-FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _VELOCITY = "velocity_mismatch"
 
 
@@ -209,7 +203,7 @@ def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recordi
     out = []
     for k, log in enumerate(recordings):
         others = np.nan_to_num(np.delete(rms, k, axis=0), nan=np.inf).min(axis=0)
-        usual = np.maximum(CHECK.odd_ratio * others, CHECK.rough_rest * fit.size)
+        usual = np.maximum(2 * others, CHECK.rough_rest * fit.size)
         if np.any(rms[k] > usual) or np.isnan(rms[k]).all():
             out.append(log)
     return out
@@ -254,84 +248,17 @@ def check_robot(robot: Robot) -> LogCheck:
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
-    bodies, out = list(robot.model.inertias)[1:], []
-    mass, last = sum(b.mass for b in bodies), bodies[-1]
-    reach = compute_last_joint_distance(robot.model) + np.linalg.norm(last.lever)
-    if not reach:  # a wheel: its radius
-        reach = np.sqrt(np.trace(last.inertia) / max(last.mass, 1e-9))
-    density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
-    # A weight at the end of a lever is as dense as a ball of steel about the joint.
-    densest = 1e3 if robot.dof > 2 else 3e4
-    for there, sizes, unit, scale in (
-        (reach > 50.0, "lengths", "millimetres", 1e-3),
-        (density > densest and reach > 0.05, "masses", "grams", 1e-3),
-        (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
-        (density < 1e-2, "masses", "tonnes", 1e3),
-    ):
-        if there:
-            words = (
-                f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m: its {sizes} "
-                f"look like {unit}."
-            )
-            repairs = (Repair("robot", scale=scale),)
-            out.append(Fault("robot_file", (), True, words, repairs))
-            break
-    size = float(np.linalg.norm(robot.model.gravity.linear))
-    if size and not CHECK.earth_gravity[0] < size < CHECK.earth_gravity[1]:
-        words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
-        out.append(Fault("robot_file", (), size > 3 * CHECK.earth_gravity[1], words))
+    out = []
+    if unit := find_unit_flaw(robot.model):
+        repairs = (Repair("robot", scale=unit.scale),)
+        out.append(Fault("robot_file", (), True, unit.words, repairs))
+    if gravity := find_gravity_flaw(robot.model):
+        out.append(Fault("robot_file", (), gravity.certain, gravity.words))
     if robot.flaws and not out:
         joints = tuple(sorted({flaw.joint for flaw in robot.flaws}))
         words = f"{'; '.join(describe_body_flaws(robot.flaws))}. {BODY_REMEDY}"
         out.append(Fault("robot_file", joints, False, words))
     return out
-
-
-def find_weight_in_torque(
-    robot: Robot, motion: CheckMotion
-) -> tuple[Robot, list[Fault]]:
-    """Return the arm whose drives carry what the logs show, and the fault if other.
-
-    A file may say that a force beside the drives holds a part of the weight; whether a
-    log was taken so, only its torque says: beside friction and rotors it lacks a share
-    of that part, near one or near none.
-    """
-    if robot.carried is None:
-        return robot, []
-    free = replace(robot, carried=None)
-    regressor = compute_robot_regressor(free, motion.q, motion.qd, motion.qdd)
-    whole = regressor @ read_inertial_parameters(robot.model)
-    held = whole - compute_nominal_torque(robot, motion)
-    parts = []
-    for j in np.flatnonzero(motion.moving.sum(axis=0) > FEWEST_ROWS):
-        use, tau = motion.moving[:, j], motion.tau[:, j]
-        qd, qdd = motion.qd[use, j], motion.qdd[use, j]
-        drive = np.stack([np.ones_like(qd), qd, np.sign(qd), qdd], axis=1)
-        load = regressor[use, j, -PER_LINK:]  # a tool that the file does not have
-        part = np.column_stack([held[use, j], (whole[:, j] - tau)[use], load])
-        part -= drive @ np.linalg.lstsq(drive, part, rcond=None)[0]
-        parts.append(part / max(float(np.sqrt(np.mean(tau[use] ** 2))), 1e-9))
-    if not parts:
-        return robot, []
-    rows = np.concatenate(parts)
-    load = rows[:, 2:]
-    alone = rows[:, :2] - load @ np.linalg.lstsq(load, rows[:, :2], rcond=None)[0]
-    power = float(rows[:, 0] @ rows[:, 0])
-    # On few joints a load may look like the weight of all links.
-    apart = float(alone[:, 0] @ alone[:, 0]) > CHECK.weight_share**2 * power
-    looked_at = alone if apart else rows
-    share = float(looked_at[:, 0] @ looked_at[:, 1])
-    share /= max(float(looked_at[:, 0] @ looked_at[:, 0]), 1e-300)
-    if abs(share) > 0.5:
-        return robot, []
-    words = (
-        f"The torque has the weight of {join_with_commas(robot.carried.links)}, which "
-        "the file says is held beside the drives (gravcomp): it lacks "
-        f"{100 * abs(share):.0f} % of it."
-    )
-    repairs = (Repair("robot", gravcomp=False),)
-    sure = apart and abs(share) < CHECK.weight_share
-    return free, [Fault("robot_file", (), sure, words, repairs)]
 
 
 def find_insufficient_motion(
@@ -353,7 +280,7 @@ def find_insufficient_motion(
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
     one_way = np.minimum(forth, back) < CHECK.one_way_share * path
-    if joints := list_true_joints(one_way & (path > CHECK.travel_rad)):
+    if joints := list_true_joints(one_way & (path > CHECK.moving_rad)):
         words = (
             f"Joints {join_with_commas(joints)} never reverse: dry friction and a "
             f"constant "
@@ -363,7 +290,7 @@ def find_insufficient_motion(
     if motion is None:
         return out
     qd = motion.qd[motion.moving.any(axis=1)]
-    moves = np.ptp(motion.q, axis=0) > CHECK.travel_rad
+    moves = np.ptp(motion.q, axis=0) > CHECK.moving_rad
     if moves.sum() < 2 or len(qd) < 10:
         return out
     unit = np.where(moves, qd / np.maximum(np.linalg.norm(qd, axis=0), 1e-12), 0.0)

@@ -158,11 +158,13 @@ def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
     joints = np.arange(sums.dof)
     f, order = torques.factor, torques.order
     power = f**2 * sums.power[joints, order]
-    size = np.sqrt(power / np.maximum(sums.rows, 1e-9))
+    logged = np.sqrt(sums.power[joints, order] / np.maximum(sums.rows, 1e-9))
+    size = np.abs(f) * logged
     square = power - 2 * f * sums.cross[joints, order] + sums.model_power
     target = f[:, None] * sums.channel[joints, :, order] - sums.model
-    floor = np.maximum(CHECK.least_rest * size, 0.001 * size.max())
-    floor = np.maximum(floor, 1e-12)
+    # Noise is of the channel as it is logged: no factor makes it smaller.
+    floor = np.maximum(CHECK.least_rest * logged, 0.001 * logged.max())
+    floor = np.maximum(np.abs(f) * floor, 1e-12)
     sigma = 2 * floor
     for turn in range(_ROUNDS + 1):
         weight = sigma**-2.0

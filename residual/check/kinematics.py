@@ -74,10 +74,10 @@ def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
     rate = max(
         (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
     )
-    if rate <= CHECK.impossible_hz:
+    if rate <= CHECK.fastest_hz:
         return []
     words = (
-        f"{rate:.3g} samples per second, expected at most {CHECK.impossible_hz:.3g} in "
+        f"{rate:.3g} samples per second, expected at most {CHECK.fastest_hz:.3g} in "
         "any unit of time. Export the log again, with time."
     )
     return [Fault("time_unit", (), True, words)]
@@ -168,13 +168,14 @@ def _slopes(
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moving & (np.abs(own) > CHECK.velocity_correlation)
     size = float(np.median(np.abs(slope[good]))) if good.any() else 1.0
+    error = CHECK.factor_spread - 1
     alike = np.all(np.abs(np.abs(slope[good]) / size - 1) < CHECK.velocity_spread)
     out = []
-    if good.sum() >= 2 and alike and abs(size - 1) > CHECK.velocity_error:
+    if good.sum() >= 2 and alike and abs(size - 1) > error:
         out.append(_common(size))
         slope = slope / size
-    off = good & (np.abs(slope - 1) > CHECK.velocity_error)
-    turned = off & (np.abs(slope + 1) < CHECK.velocity_error)
+    off = good & (np.abs(slope - 1) > error)
+    turned = off & (np.abs(slope + 1) < error)
     if negated := list_true_joints(turned):
         words = (
             f"The velocity of joints {join_with_commas(negated)} runs against "
@@ -243,10 +244,10 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
         peak = np.max([_peaks(r, unit == "N m") for r in recordings], axis=0)
         # Of what is large all along the unit is wrong, and other checks say so.
         peak[usual > CHECK.limit_ratio * limit] = 0.0
-        most = np.where(peak > CHECK.excursion_ratio * limit, peak, usual)
+        most = np.where(peak > CHECK.certain_ratio * limit, peak, usual)
         for j in np.flatnonzero(most > CHECK.limit_ratio * limit):
             joints.add(int(j) + 1)
-            certain |= bool(peak[j] > CHECK.excursion_ratio * limit[j])
+            certain |= bool(peak[j] > CHECK.certain_ratio * limit[j])
             unit_of = convert_to_sliding_unit(unit) if robot.prismatic[j] else unit
             words.append(
                 f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
@@ -276,7 +277,7 @@ def find_joints_in_degrees(
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
-    far = (speed > CHECK.fast_ratio) | (reach > CHECK.far_ratio * limit)
+    far = (speed > CHECK.certain_ratio) | (reach > CHECK.certain_ratio * limit)
     turned = float(np.deg2rad(1.0))
     inside = speed * turned < CHECK.limit_ratio
     inside &= reach * turned < limit + CHECK.range_rad

@@ -41,6 +41,7 @@ from residual.check.slips import (
     build_mounting_slip,
     build_order_slip,
     build_sign_slips,
+    build_zero_slip,
     list_arrangement_slips,
     list_factor_slips,
     list_removals,
@@ -61,6 +62,7 @@ _DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
 _ALIKE = 3.0  # nats: readings that nobody can tell apart
+_ZERO_STEPS = (0.2, 0.1, 0.05, 0.025)  # rad, by which a zero is moved
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
@@ -149,7 +151,7 @@ class Reading:
         """Whether the bodies of the file have to bend."""
         rough = self.rough.nats > self.fit(GIVEN).nats
         nats = self.strain.sum() + 0.5 * self.share_odds
-        return rough or bool(nats > CHECK.strained_nats)
+        return rough or bool(nats > CHECK.odds_nats)
 
 
 @dataclass(frozen=True, eq=False)
@@ -227,6 +229,8 @@ class Search:
         shares = replace(reading.shares, ratio=np.abs(reading.shares.ratio))
         for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
+        if len(plain) < len(slips):  # factors of some drives, not a unit of all
+            yield self.read([*plain, *list_scale_slips(shares)])
         held = replace(shares, ratio=shares.ratio * np.abs(reading.torques.factor))
         for scale in list_scale_slips(held):
             if not any(slip.joints == scale.joints for slip in slips):
@@ -263,37 +267,52 @@ class Search:
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
             others += [reading, *tried]
             reading = max([reading, *tried], key=_get_value)
-        sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
-        for _ in range(_DEPTH):
-            if not reading.strained:
-                break
-            kept = [s for s in reading.slips if not s.of_torques]
-            kept += [
-                s for s in reading.slips if s.of_torques and s.kind == "joint_order"
-            ]
-            drawn = [
-                sketch.complete([*kept, slip]) for slip in self._more(reading, kept)
-            ]
-            drawn.sort(key=lambda each: -each.sketched)
-            tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
-            others += tried
-            others.append(reading)
-            best = reading
-            for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
-                best = each if _beats(each, best) else best
-            if best is reading:
-                break
-            reading = best
+        reading, more = self._arranged(reading)
+        others += more
         reading = self._in_unit(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
             others += tried
             better = [each for each in tried if _beats(each, reading)]
             if not better:
-                return self._turned(reading), others
+                return self._moved(self._turned(reading)), others
             best = max(better, key=_get_value)
             others.append(reading)
             reading = best
+
+    def _arranged(self, reading: Reading) -> tuple[Reading, list[Reading]]:
+        """Return the best arrangement of some slips, and those tried beside it.
+
+        Of two mistakes one may explain much, and the file still bends as far.
+        """
+        sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
+        ahead, others = reading, []
+        for _ in range(_DEPTH):
+            if not ahead.strained:
+                break
+            kept = [s for s in ahead.slips if not s.of_torques]
+            orders = [
+                s for s in ahead.slips if s.of_torques and s.kind == "joint_order"
+            ]
+            bases = [kept, [*kept, *orders]] if orders else [kept]
+            drawn = [
+                sketch.complete([*base, slip])
+                for base in bases
+                for slip in self._more(ahead, kept)
+            ]
+            drawn.sort(key=lambda each: -each.sketched)
+            tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
+            others += [*tried, ahead]
+            best = ahead
+            for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
+                best = each if _beats(each, best) else best
+            if best is ahead:
+                best = max(tried, key=_get_value)
+                gain = best.value - ahead.value
+                if ahead is not reading or gain < CHECK.suspect_nats:
+                    break
+            ahead = best
+        return (ahead if _beats(ahead, reading) else reading), others
 
     def _in_unit(self, reading: Reading) -> Reading:
         """Read torques by the factor that all joints under load have alike.
@@ -351,6 +370,24 @@ class Search:
                 return near
         return reading
 
+    def _moved(self, reading: Reading) -> Reading:
+        """Move zeros while that explains more: a quarter turn is one of many."""
+        for slip in [s for s in reading.slips if s.repairs and s.repairs[0].zero]:
+            (zero,), (joint,) = slip.repairs[0].zero, slip.joints
+            rest, best = [s for s in reading.slips if s is not slip], reading
+            for step in _ZERO_STEPS:
+                for way in (-step, step):
+                    near = build_zero_slip(joint, zero + way, exact=False)
+                    if slip.kind == "out_of_range":
+                        near = replace(slip, repairs=near.repairs)
+                    other = self.read([*rest, near])
+                    if other.nats > best.nats:
+                        best, moved = other, zero + way
+                zero = moved if best is not reading else zero
+            if best.nats > reading.nats + CHECK.odds_nats:
+                reading = best
+        return reading
+
 
 def _beats(reading: Reading, other: Reading) -> bool:
     """Whether a reading replaces another: one more mistake has to be worth a word."""
@@ -362,7 +399,7 @@ def _beats(reading: Reading, other: Reading) -> bool:
     left, before = (
         np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other)
     )
-    eased = left < max(0.8 * before, CHECK.strained_nats)
+    eased = left < max(0.8 * before, CHECK.odds_nats)
     return gain > _find_least_gain(more) and bool(eased)
 
 
@@ -453,6 +490,7 @@ def _decide(
     certain = (
         kind not in _NEVER_CERTAIN
         and not rivals
+        and not (kind == "angle_zero" and group[0].rough)
         and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
         and (kind in _SCALED or loose > CHECK.suspect_nats)
         and physics
@@ -513,13 +551,13 @@ def _name(slips: Sequence[Slip]) -> str:
 
 def _is_common_factor(repairs: Sequence[Repair]) -> bool:
     factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(factors.max() < CHECK.joint_ratio * factors.min())
+    return bool(factors.max() < CHECK.certain_ratio * factors.min())
 
 
 def _is_far(repairs: Sequence[Repair]) -> bool:
     """Whether no file of this arm is off by such factors."""
     means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
-    return bool(np.abs(means).max() > np.log(CHECK.unit_certain_ratio))
+    return bool(np.abs(means).max() > np.log(CHECK.certain_ratio))
 
 
 def _count_strain(strain: Array) -> float:

@@ -134,7 +134,7 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
             jump = abs(q[min(run.stop, len(q) - 1)] - q[run.stop - 1])
             if reference is not None and np.ptp(reference[run, j]) > CHECK.moving_rad:
                 out.append(_frozen(recording, "q", j, run, "its reference moves"))
-            elif jump > max(CHECK.jump_rad, 3 * usual):
+            elif jump > max(CHECK.moving_rad, 3 * usual):
                 out.append(_frozen(recording, "q", j, run, "it then jumps"))
     return out
 
@@ -257,18 +257,13 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
         noise = max(noise, find_least_step(recording.tau[:, j]))
         feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))
         # Other friction and a load leave up to half of it; friction that holds, more.
-        if residual < 5 * noise or not (
-            residual > 0.5 * size or residual > 1.5 * feels
-        ):
+        if residual < 5 * noise or residual < min(0.5 * size, 2 * feels):
             continue
         why = (
             f"its torque moves by {np.ptp(tau):.3g} N m, {residual:.3g} N m rms beside "
             f"all that a held joint feels of the others' motion (about {feels:.3g} N m)"
         )
-        certain = (
-            residual > CHECK.held_residual_share * size
-            and residual > CHECK.held_torque_ratio * feels
-        )
+        certain = residual > CHECK.held_residual_share * size and residual > 2 * feels
         if certain or not jointwise:
             out.append(_unmoved(recording, j, why, certain))
     return out

@@ -121,13 +121,7 @@ def list_arrangement_slips(
         yield from build_sign_slips(joints, set(), dof)
         yield from build_sign_slips(joints, joints, dof)
     for j in np.flatnonzero(~np.asarray(robot.prismatic)):
-        for turn in _TURNS:
-            degrees = f"{abs(np.degrees(turn)):.0f}"
-            words = (
-                f"The zero of joint {j + 1} is {degrees} degrees off; moved, it fits"
-            )
-            repair = Repair("q", (int(j) + 1,), zero=(float(turn),))
-            yield Slip("angle_zero", (int(j) + 1,), words, (repair,))
+        yield from (build_zero_slip(int(j) + 1, turn) for turn in _TURNS)
     yield from _list_shifts(robot, motion)
     for factor, what in _ANGLE_UNITS.items():
         words = f"The angles look like {what}; times {factor:.6g} they fit"
@@ -240,6 +234,17 @@ def _merge_orders(slips: Sequence[Slip]) -> list[Slip]:
     return [Slip("joint_order", joints, words, repairs, odds), *rest]
 
 
+def build_zero_slip(joint: int, zero: float, exact: bool = True) -> Slip:
+    """Return the slip of a joint (from 1) whose angle is that at its zero [rad]."""
+    about = "" if exact else "about "
+    words = (
+        f"The zero of joint {joint} is {about}{abs(np.degrees(zero)):.0f} degrees off; "
+        "moved, it fits"
+    )
+    repair = Repair("q", (joint,), zero=(float(zero),))
+    return Slip("angle_zero", (joint,), words, (repair,), rough=not exact)
+
+
 def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
     """Other zeros of the one joint whose angles are beyond their range."""
     low, high = motion.q.min(axis=0), motion.q.max(axis=0)
@@ -252,8 +257,8 @@ def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
         for shift in np.linspace(
             first, last, min(16, 2 + int(abs(last - first) / 0.3))
         ):
-            repair = Repair("q", joints, zero=(-float(shift),))
-            yield Slip("out_of_range", joints, "", (repair,), 1.2)
+            slip = build_zero_slip(joints[0], -float(shift))
+            yield replace(slip, kind="out_of_range", words="", odds=1.2)
 
 
 def swap_channels(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
@@ -373,8 +378,12 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     if len(silent):
         told += f"; too little shows of {format_joint_numbers(silent)}"
     out.append(_build_factor_slip(np.full(len(each), middle), told, 1.5))
-    if each[shown].max() > CHECK.factor_spread * each[shown].min():
-        # Factors of their own are more to ask for than one.
+    in_place = np.abs(np.log(each[shown])) < np.log(CHECK.unit_ratio)
+    if each[shown].max() > CHECK.factor_spread * each[shown].min() and not any(
+        in_place
+    ):
+        # Factors of their own are more to ask for than one; beside a drive that is in
+        # its unit they are those of single drives.
         out.append(_build_factor_slip(each, told, 3.0))
     return out
 

@@ -13,17 +13,16 @@ class CheckThresholds:
 
     # One rule for all that evidence decides: what a fault gains over the log as it is
     # given, and how far a robot file must bend to the log, its worst joint left out.
-    odds_nats: float = 10.0  # against each deviation from the map
+    # Against each deviation from the map; other arrangements are tried from there on.
+    odds_nats: float = 10.0
     suspect_nats: float = 30.0  # sound logs stay below
     # Gravity is certain from `suspect_nats` on: on sound arms another direction of it
     # gains 5 nats at most.
     certain_nats: float = 60.0
     one_joint_nats: float = 40.0  # bending at most: two joints may hide an effect
 
-    strained_nats: float = 6.0  # of all joints: other arrangements are tried
     least_rest: float = 0.02  # of a torque: no file is nearer
     rough_rest: float = 0.08  # of a torque: what a rough file may leave
-    odd_ratio: float = 2.0  # of a log's rest to the least of the others
     share_sd: float = 0.4  # relative, of what loads and losses leave of a torque
     gain_ratio: float = 1.6  # of one torque's factor: below it is an effect
 
@@ -33,17 +32,14 @@ class CheckThresholds:
     outlier_share: float = 1e-3  # of the largest of its signal: less is no outlier
     bit_share: float = 0.02  # of the same: a larger step is no bit of a sensor
     frozen_s: float = 0.3
-    jump_rad: float = 0.01  # by which a frozen angle returns
     torque_step_ratio: float = 0.08  # of the torque's rms
     angle_step_ratio: float = 0.4  # of the acceleration's rms
     moving_rad: float = 0.02  # a joint moves, by angle, reference or velocity
     held_residual_share: float = 0.8  # of a held joint's torque
-    held_torque_ratio: float = 2.0  # times the torque that a held joint may have
 
     # Time, as loggers of arms keep it.
     slowest_hz: float = 4.0
     fastest_hz: float = 20_000.0
-    impossible_hz: float = 1e6  # no torque is logged faster, whatever the unit of time
     gap_steps: float = 5.0
     uneven_steps: float = 0.3
     clock_speed_ratio: float = 20.0  # of a joint's speed limit: no arm is so fast
@@ -51,20 +47,16 @@ class CheckThresholds:
     # Velocities against angles.
     velocity_correlation: float = 0.95  # with the change of the joint's own angle
     velocity_spread: float = 0.02  # relative, of slopes that are one number
-    velocity_error: float = 0.1  # relative, of a slope that is not one
 
     # Limits of the joints.
     range_rad: float = 0.2  # beyond the range
     limit_ratio: float = 1.5  # of speed and torque: files are a little too strict
-    fast_ratio: float = 10.0  # of the speed limit: no arm does
-    far_ratio: float = 3.0  # of the range: no arm does
-    excursion_ratio: float = 5.0  # of a limit, over several samples: no arm does
+    # Of a limit, over several samples: no arm does. Of all torques: no file is off so.
+    certain_ratio: float = 5.0
 
-    # The robot file, and what a motion shows.
-    earth_gravity: tuple[float, float] = (9.6, 10.0)  # m/s^2
+    # What a motion shows.
     shortest_s: float = 7.5  # of motion, all logs together
     one_way_share: float = 0.02  # of a path that does not count as a way back
-    travel_rad: float = 0.05  # below it a joint stands
     lockstep_correlation: float = 0.998  # of two speeds about zero
     tilted_rad: float = 0.1745  # 10 degrees: below it is an effect, a tilted base
 
@@ -75,11 +67,8 @@ class CheckThresholds:
     # Grippers and loads reach 2 on the joint that they load least, and less in the mean
     # of the joints that carry the arm.
     unit_ratio: float = 1.8
-    unit_certain_ratio: float = 5.0
-    joint_ratio: float = 4.0  # of a joint in its place and unit
     weak_joint_share: float = 0.03  # of the strongest torque: a wrist's ratio is unsure
     factor_spread: float = 1.1  # factors so near to each other are one
-    weight_share: float = 0.2  # of the weight; doubled time leaves a quarter
 
     # Torque that is a command.
     command_residual: float = 0.01  # of its size: no arm's model is so near

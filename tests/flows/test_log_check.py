@@ -103,6 +103,18 @@ def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(
     assert warning in Path("o.html").read_text(encoding="utf-8")
 
 
+def test_lines_of_one_reading_that_is_suspected_mend_the_whole_signal(
+    place, fake_check, capsys
+):
+    order = Fault("joint_order", (1, 2), False, "", (Repair("tau", order=(2, 1, 3)),))
+    unit = Fault("torque_unit", (), False, "", (Repair("tau", scale=1e-3),))
+    fake_check["faults"] = [order, unit]
+    assert run("check A.csv --robot arm.urdf --json -") == 0
+    faults = json.loads(capsys.readouterr().out)["faults"]
+    lines = {line for fault in faults for line in fault["repair"]}
+    assert lines == {'tau = {columns = ["tau2", "tau1", "tau3"], unit = "N mm"}'}
+
+
 def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, named):
     words = "diagnose A.csv --robot arm.urdf --baseline B.csv --holdout C.csv"
     assert run(words) == 0

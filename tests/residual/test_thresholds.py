@@ -2,14 +2,17 @@
 
 import ast
 import re
+from dataclasses import fields
 from pathlib import Path
 
 import pytest
 
+from residual.check import check, evidence, readings, slips
+from residual.check import thresholds as of_check
 from residual.diagnosis import epoch_outcome, epochs, outcome, score, search, select
 from residual.evidence import epoch_design, thresholds
 
-MOST, MOST_OF_EPOCHS = 30, 22
+MOST, MOST_OF_EPOCHS, MOST_OF_CHECK = 30, 22, 40
 FREE = {0, 1, 2, 0.5}
 # Grids (joined blocks, sizes, a finer shape), rounds of fits, and where a signal ends.
 GRIDS = {
@@ -20,6 +23,12 @@ GRIDS = {
     epoch_design: {0.001, 1e-9},
     epochs: {1e-5, 0.02, 0.1, 0.2, 1.25, 1.48, 4, 5, 10, 50, 100, 1000},
     epoch_outcome: {4},
+    # Of the check: odds and units of its hypotheses, rounds, scales of the bodies.
+    check: {0.1, 10, 200},
+    evidence: {0.001, 0.02, 0.1, 0.2, 0.3, 1.5, 3, 4, 6, 10, 100},
+    readings: {0.002, 0.025, 0.05, 0.1, 0.2, 0.8, 0.9, 3, 12},
+    slips: {0.001, 0.01, 0.0980665, 0.1, 0.15, 0.25, 0.3, 1.2, 1.5, 3, 7, 10, 16}
+    | {32, 100, 180, 1000},
 }
 
 
@@ -33,6 +42,10 @@ def test_few_numbers_decide(heading, most):
     )
     fields = re.findall(r"^    [a-z_]+: (?:int|float) =", part[0], re.M)
     assert 15 < len(fields) <= most
+
+
+def test_few_numbers_decide_a_fault():
+    assert 30 < len(fields(of_check.CHECK)) <= MOST_OF_CHECK
 
 
 @pytest.mark.parametrize("module", GRIDS, ids=lambda m: m.__name__.split(".")[-1])

@@ -1,5 +1,6 @@
 """What something else explains is never a certain fault of the log."""
 
+import re
 from dataclasses import replace
 
 import numpy as np
@@ -10,10 +11,16 @@ from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.file_flaws import draw_flawed, scale_masses
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
-from residual.check.slips import build_order_slip, build_sign_slips, merge_slips
+from residual.check.evidence import NominalShares
+from residual.check.slips import (
+    build_order_slip,
+    build_sign_slips,
+    list_factor_slips,
+    merge_slips,
+)
 from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
-from tests.residual.check.damaged import AXES, clean_logs, edited, times
+from tests.residual.check.damaged import AXES, clean_logs, edited, swapped, times
 
 
 def check_explained(name, kind, size, seed=1):
@@ -45,6 +52,37 @@ def test_a_zero_that_is_off_by_quarter_turns_has_its_joint_and_line(name, size):
     assert fault.joints == case.joints
     off = (np.pi / 2, -np.pi / 2, np.pi)[size]
     assert fault.repairs[0].zero == pytest.approx((off,))
+
+
+def test_a_zero_near_a_quarter_turn_is_not_taken_for_one():
+    robot, logs = clean_logs("small")
+    off = np.array([0, 1.45, 0])
+    (fault,) = check_logs(robot, edited(logs, q=lambda q: q + off)).faults
+    assert (fault.kind, fault.joints, fault.certain) == ("angle_zero", (2,), False)
+    about = re.search(r"about (\d+) degrees", fault.evidence)
+    assert float(about[1]) == pytest.approx(np.degrees(1.45), abs=2)
+    assert not fault.repairs  # too rough to be a line
+
+
+def test_two_mistakes_are_found_where_the_file_bends_as_far_beside_one():
+    robot, logs = clean_logs("small")
+    both = edited(logs, q=lambda q: np.rad2deg(swapped(1, 2)(q)), tau=swapped(1, 2))
+    faults = check_logs(robot, both).faults
+    assert {(f.kind, f.joints) for f in faults} == {
+        ("joint_order", (1, 2)),
+        ("angle_unit", ()),
+    }
+
+
+def test_factors_of_all_drives_are_not_asked_for_beside_one_in_its_unit():
+    known = {"ratio_sd": np.full(3, 0.01), "explained": np.ones(3)}
+    load = np.array([4.0, 64, 14])  # joint 1 turns about the vertical
+    robot, _ = clean_logs("small")
+    for first, counts in ((1.0, {1}), (0.2, {1, 3})):
+        ratio = np.array([first, 0.4, 0.3])
+        shares = NominalShares(ratio=ratio, load=load, **known)
+        scales = [s.repairs[0].scale for s in list_factor_slips(robot, shares)]
+        assert {len(set(np.ravel(scale))) for scale in scales} == counts
 
 
 @pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SIX, 0.35), (SEVEN, 0.4)])

@@ -10,11 +10,8 @@ import pytest
 
 from benchmarks.check_parts.arms import SEVEN, host
 from flows.inputs.repair import format_repair_lines
-from residual.check.check import (
-    check_logs,
-    find_insufficient_motion,
-    find_weight_in_torque,
-)
+from residual.check.check import check_logs, find_insufficient_motion
+from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import find_limit_violations
 from residual.check.physics_columns import filter_check_motion
 from residual.check.result import Repair
