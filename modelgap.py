@@ -17,15 +17,7 @@ from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:  # for editors
-    from flows.api.logs import (
-        check,
-        compare,
-        export,
-        import_logs,
-        load_robot,
-        read_logs,
-        recording,
-    )
+    from flows.api.logs import check, compare, export, import_logs, load_robot, read_logs, recording
     from flows.api.loop import Experiment, monitor, next_experiment, simulate
     from flows.api.results import (
         Calibration,
@@ -48,8 +40,7 @@ if TYPE_CHECKING:  # for editors
 _NAMES = {
     "flows.api.logs": "check compare export import_logs load_robot read_logs recording",
     "flows.api.loop": "Experiment monitor next_experiment simulate",
-    "flows.api.results": "Calibration Diagnosis Identification calibrate diagnose "
-    "identify",
+    "flows.api.results": "Calibration Diagnosis Identification calibrate diagnose identify",
     "flows.api.store": "Store Table open_store",
     "residual.check.result": "LogCheck",
     "residual.verdict.result": "ErrorTables Finding Parameter Verdict",

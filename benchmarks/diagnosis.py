@@ -64,9 +64,7 @@ def _cost(quick: bool) -> Figures:
     seconds = [round(each.seconds, 2) for each in done]
     peak = round(max(each.gigabytes for each in done), 3)
     return {
-        "seconds": figure(
-            float(np.median(seconds)), _COSTS["seconds"], len(done), all=seconds
-        ),
+        "seconds": figure(float(np.median(seconds)), _COSTS["seconds"], len(done), all=seconds),
         "peak_gb": figure(peak, _COSTS["peak_gb"], len(done)),
     }
 

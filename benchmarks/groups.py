@@ -18,9 +18,7 @@ from benchmarks.harness.figures import run_groups
 
 # The groups of each benchmark, in order, and the functions that measure them.
 GROUPS = {
-    "identification": {
-        "recovery": "identification_parts.recovery:recovery_figures",
-    },
+    "identification": {"recovery": "identification_parts.recovery:recovery_figures"},
     "monitoring": {"sensors": "monitoring_parts.sensors:sensor_figures"},
     "servo": {
         "chain": "servo_parts.pendulum:chain_figures",
@@ -29,9 +27,7 @@ GROUPS = {
         "position": "servo_parts.position:position_figures",
         "six_joints": "servo_parts.six_joints:six_joint_figures",
     },
-    "servo_developed": {
-        "changes": "servo_parts.pendulum:developed_change_figures",
-    },
+    "servo_developed": {"changes": "servo_parts.pendulum:developed_change_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }
 

@@ -27,9 +27,7 @@ QUICK = ("ur10 60 % | 40 %", "kr300 AB | C", "ur10e feb10 | other days", arms.LO
 
 def main() -> int:
     args = read_options(__doc__, ("splits", "added", "files"), _SEEDS)
-    path = kept_file(
-        "measured", "benchmarks/measured_parts", "benchmarks/changes_parts"
-    )
+    path = kept_file("measured", "benchmarks/measured_parts", "benchmarks/changes_parts")
     figures: Figures = {}
     rows: dict[str, list] = {}
     each = [case for seed in seed_range(args.seeds) for case in added.cases(seed)]

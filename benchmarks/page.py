@@ -58,11 +58,7 @@ def value_of(entry: Mapping, unit: str) -> str:
     if unit == "share":
         ends = "–".join(_number(100 * x) for x in entry.get("interval", ()))
         percent = f"{_number(100 * hits / n)} %"
-        return (
-            f"{hits} of {n} ({percent}, {ends})"
-            if ends
-            else f"{hits} of {n} ({percent})"
-        )
+        return f"{hits} of {n} ({percent}, {ends})" if ends else f"{hits} of {n} ({percent})"
     repeats = f" (n = {_number(n)})" if n > 1 else ""
     return f"{_number(value)} {unit}".strip() + repeats
 
@@ -74,8 +70,7 @@ def bar_of(entry: Mapping, unit: str) -> str:
         return "–"
     percent = unit == "share" and isinstance(value, float)
     low, high = (
-        f"{_number(100 * x)} %" if percent else _number(x)
-        for x in (entry.get("low", bar), bar)
+        f"{_number(100 * x)} %" if percent else _number(x) for x in (entry.get("low", bar), bar)
     )
     sign = "≥ " if entry.get("at_least") else "≤ "
     if value is None:  # the direction of the bar is not recorded

@@ -14,10 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks.harness.figures import run_groups
 
-GROUPS = {
-    "commit": "store_parts.speed:commit_figures",
-    "many": "store_parts.speed:many_figures",
-}
+GROUPS = {"commit": "store_parts.speed:commit_figures", "many": "store_parts.speed:many_figures"}
 
 if __name__ == "__main__":
     sys.exit(run_groups(__doc__, "store", GROUPS))

@@ -39,8 +39,7 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
         # Still a link: one of a circle (Python 3.13 resolves it without an error).
         if place.is_symlink() or not _can_write(place):
             raise InputError(
-                f"{option} {path} cannot be written. Name another file, or change the "
-                "permissions."
+                f"{option} {path} cannot be written. Name another file, or change the permissions."
             )
         if place in read:
             raise InputError(f"{option} {path} would overwrite an input file.")
@@ -71,18 +70,14 @@ def check_new_folder(option: str, place: Path) -> None:
             f"{option} {place} is not empty. Name a new folder: nothing is overwritten."
         )
     if not place.resolve().parent.is_dir():
-        raise InputError(
-            f"{option} {place}: there is no folder '{place.parent}'. Create it first."
-        )
+        raise InputError(f"{option} {place}: there is no folder '{place.parent}'. Create it first.")
 
 
 def list_input_files(words: Iterable[str], *files: str | None) -> list[Path]:
     """Return the files that a command may read, with and without a log window."""
     from residual.robot.robot import parse_robot_reference
 
-    words = [
-        place for word in words for place in {word, parse_robot_reference(word)[0]}
-    ]
+    words = [place for word in words for place in {word, parse_robot_reference(word)[0]}]
     windowless = (word.rpartition("@")[0] for word in words)
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
@@ -141,12 +136,7 @@ def _write(path: Path, data: bytes) -> None:
 def print_plain(console: Console, *lines: str) -> None:
     """Print lines as they are, without markup."""
     for line in lines:
-        console.print(
-            strip_control_characters(line),
-            markup=False,
-            highlight=False,
-            soft_wrap=True,
-        )
+        console.print(strip_control_characters(line), markup=False, highlight=False, soft_wrap=True)
 
 
 # Called with the stage and the fraction done.
@@ -155,9 +145,7 @@ Clock = Callable[[], float]
 PAUSE = 15.0  # s between two lines of progress in a log file
 
 
-def print_progress_lines(
-    say: Callable[[str], None], clock: Clock = monotonic
-) -> Progress:
+def print_progress_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progress:
     """Return a function that prints progress as lines, at most one per PAUSE.
 
     Args:
@@ -183,9 +171,7 @@ def show_progress_bar() -> Iterator[Progress]:
     """
     console = Console(stderr=True)
     if not console.is_terminal:
-        yield print_progress_lines(
-            lambda line: print(line, file=sys.stderr, flush=True)
-        )
+        yield print_progress_lines(lambda line: print(line, file=sys.stderr, flush=True))
         return
     from rich.progress import BarColumn, TextColumn, TimeElapsedColumn
     from rich.progress import Progress as Bar

@@ -24,8 +24,7 @@ _OF_ROBOT = ("chain", "tip", "xacro_args", "package_dirs")  # go into the robot 
 Flag = Annotated[bool, Parameter(negative="")]
 # Takes all following words up to the next option; at least one.
 Words = Annotated[
-    tuple[str, ...],
-    Parameter(consume_multiple=(1, None), negative="", metavar="LOG..."),
+    tuple[str, ...], Parameter(consume_multiple=(1, None), negative="", metavar="LOG...")
 ]
 # One word at a time; the option may be repeated.
 Tags = Annotated[tuple[str, ...], Parameter(negative="", metavar="TAG")]
@@ -37,9 +36,7 @@ Log = Annotated[str, Parameter(name="LOG")]
 File = Annotated[str | None, Parameter(metavar="FILE")]
 Folder = Annotated[str | None, Parameter(metavar="FOLDER")]
 # Where a result goes, with the names that the option had before.
-OutFolder = Annotated[
-    str | None, Parameter(name=("--out", "--export"), metavar="FOLDER")
-]
+OutFolder = Annotated[str | None, Parameter(name=("--out", "--export"), metavar="FOLDER")]
 OutCsv = Annotated[str | None, Parameter(name=("--out", "--csv"), metavar="FILE")]
 Id = Annotated[str | None, Parameter(metavar="ID")]
 Name = Annotated[str | None, Parameter(metavar="NAME")]
@@ -50,9 +47,7 @@ Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Hertz = Annotated[float, Parameter(metavar="HERTZ")]
 Number = Annotated[int, Parameter(metavar="NUMBER")]
 Count = Annotated[int | None, Parameter(metavar="COUNT")]
-Format = Annotated[
-    Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")
-]
+Format = Annotated[Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")]
 TextFormat = Annotated[Literal["text", "json"], Parameter(metavar="NAME")]
 TableFormat = Annotated[Literal["table", "json"], Parameter(metavar="NAME")]
 # Set by the command, no option.
@@ -82,10 +77,7 @@ def parse_numbers(_: Any, tokens: Sequence[Token]) -> tuple[int, ...]:
 # Options of several commands.
 Store = Annotated[
     str | Path | None,
-    Parameter(
-        metavar="FOLDER",
-        help="Folder of the store; default $MODELGAP_STORE, else ./store.",
-    ),
+    Parameter(metavar="FOLDER", help="Folder of the store; default $MODELGAP_STORE, else ./store."),
 ]
 RobotWord = Annotated[
     str,
@@ -118,29 +110,22 @@ Numbers = Annotated[
     tuple[int, ...] | None,
     Parameter(converter=parse_numbers, n_tokens=1, negative="", metavar="1,2,3"),
 ]
-TrustLog = Annotated[
-    Flag, Parameter(help="Continue although a fault of the logs is certain.")
-]
+TrustLog = Annotated[Flag, Parameter(help="Continue although a fault of the logs is certain.")]
 Which = Annotated[
     str | None,
     Parameter(
-        metavar="NAME",
-        help="Model of a diagnosis: nominal, identified or augmented (default).",
+        metavar="NAME", help="Model of a diagnosis: nominal, identified or augmented (default)."
     ),
 ]
 ModelWord = Annotated[
     str,
-    Parameter(
-        metavar="MODEL",
-        help="Id of a stored diagnosis or model, or a saved model file.",
-    ),
+    Parameter(metavar="MODEL", help="Id of a stored diagnosis or model, or a saved model file."),
 ]
 HeldOut = Annotated[
     Words,
     Parameter(
         name="--holdout",
-        help="Held-out logs, which are not fitted. Default: the last quarter of the "
-        "longest log.",
+        help="Held-out logs, which are not fitted. Default: the last quarter of the longest log.",
     ),
 ]
 Where = Annotated[
@@ -161,8 +146,7 @@ HeldOutWhere = Annotated[
     ),
 ]
 Json = Annotated[
-    str | None,
-    Parameter(metavar="FILE", help='File for the result as JSON; "-" prints it alone.'),
+    str | None, Parameter(metavar="FILE", help='File for the result as JSON; "-" prints it alone.')
 ]
 
 
@@ -240,8 +224,7 @@ class RobotRequest(Request):
         ),
     ] = ()
     tip: Annotated[
-        str | None,
-        Parameter(metavar="LINK", help="Last link of the arm, instead of --chain."),
+        str | None, Parameter(metavar="LINK", help="Last link of the arm, instead of --chain.")
     ] = None
     xacro_args: Annotated[
         Tags,
@@ -474,9 +457,7 @@ def check_tags(tags: Sequence[str]) -> list[str]:
                 "cell=4; a key has letters, digits, '.', '_' and '-'."
             )
         if values.setdefault(key, tag) != tag:
-            raise InputError(
-                f"tags '{values[key]}' and '{tag}' set one key twice. Keep one."
-            )
+            raise InputError(f"tags '{values[key]}' and '{tag}' set one key twice. Keep one.")
     return sorted(values.values())
 
 

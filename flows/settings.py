@@ -19,11 +19,7 @@ STORE, API = "MODELGAP_STORE", "PREFECT_API_URL"
 # Address of the pages of the server, for its workers.
 PAGES = "MODELGAP_PAGES"
 PREFECT = "_prefect"  # folder of Prefect in the store
-ONE_THREAD = {
-    "OMP_NUM_THREADS": "1",
-    "OPENBLAS_NUM_THREADS": "1",
-    "MKL_NUM_THREADS": "1",
-}
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
 
 
 def resolve_store_folder(option: str | None = None) -> Path:

@@ -10,14 +10,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal, NamedTuple
 
 import numpy as np
-from pydantic import (
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    field_validator,
-    model_validator,
-)
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, field_validator, model_validator
 
 from flows.requests import check_tags
 from residual.drive import Drive
@@ -221,9 +214,7 @@ class ExperimentSpec(SpecTable):
         seed = table.seed
         if seed is None:
             seed = derive_seed(self.seed, "reference")
-        return TrajectorySpec(
-            table.kind, table.duration, table.periods, seed, table.coefficients
-        )
+        return TrajectorySpec(table.kind, table.duration, table.periods, seed, table.coefficients)
 
     def log_rates(self) -> SampleRates:
         """Rates of controller and log."""
@@ -309,9 +300,7 @@ class CampaignEntry(NamedTuple):
     sealed: tuple[str, ...]  # the other axes
 
 
-def load_campaign(
-    path: str | Path, seed: int | None = None
-) -> tuple[CampaignEntry, ...]:
+def load_campaign(path: str | Path, seed: int | None = None) -> tuple[CampaignEntry, ...]:
     """Read a campaign and return its experiments.
 
     [grid] combines every list with every other. [random] draws `count` experiments:
@@ -339,8 +328,7 @@ def _grid_changes(grid: Any) -> list[Change]:
     for keys, values in axes:
         if not isinstance(values, list) or not values:
             raise InputError(
-                f"{_where('grid', keys)} is {quote_value(values)}, expected a list "
-                f"of values."
+                f"{_where('grid', keys)} is {quote_value(values)}, expected a list of values."
             )
     count = prod(len(values) for _, values in axes)
     if not axes or count > MOST:
@@ -348,23 +336,18 @@ def _grid_changes(grid: Any) -> list[Change]:
         raise InputError(f"[grid] asks for {number} runs, expected 1 to {MOST}.")
     names = [keys for keys, _ in axes]
     return [
-        list(zip(names, values, strict=True))
-        for values in product(*(values for _, values in axes))
+        list(zip(names, values, strict=True)) for values in product(*(values for _, values in axes))
     ]
 
 
 def _random_changes(draws: Any, content: dict) -> list[Change]:
     count = draws.pop("count", None) if isinstance(draws, dict) else None
     if type(count) is not int or not 1 <= count <= MOST:
-        raise InputError(
-            f"[random] count is {quote_value(count)}, expected 1 to {MOST}."
-        )
+        raise InputError(f"[random] count is {quote_value(count)}, expected 1 to {MOST}.")
     axes = list(_leaves(draws, "random"))
     seed = content.get("seed", 0)
     if type(seed) is not int or seed < 0:
-        raise InputError(
-            f"seed is {quote_value(seed)}, expected a whole number, 0 or more."
-        )
+        raise InputError(f"seed is {quote_value(seed)}, expected a whole number, 0 or more.")
     changes = []
     for i in range(count):
         change: Change = [(("seed",), derive_seed(seed, f"random/{i}"))]
@@ -382,9 +365,7 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
         return values[int(rng.integers(len(values)))]
     where = _where("random", keys)
     if not isinstance(values, dict):
-        raise InputError(
-            f"{where} is {quote_value(values)}, expected a list or {{low, high}}."
-        )
+        raise InputError(f"{where} is {quote_value(values)}, expected a list or {{low, high}}.")
     check_keys(values, _RANGE, where)
     low, high = values.get("low"), values.get("high")
     numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
@@ -415,9 +396,7 @@ def _leaves(table: Any, where: str) -> Iterator[tuple[tuple[str, ...], Any]]:
             yield (key,), value
 
 
-def _entry(
-    content: dict, change: Change, path: str | Path, sealed: bool
-) -> CampaignEntry:
+def _entry(content: dict, change: Change, path: str | Path, sealed: bool) -> CampaignEntry:
     changed, axes = deepcopy(content), {}
     for keys, value in change:
         axis = ".".join(keys)

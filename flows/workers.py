@@ -149,9 +149,7 @@ def read_runner_setting() -> str | None:
         return None if word == "threads" else DASK
     parts = re.fullmatch(r"dask://(\[[0-9a-fA-F:]+\]|[\w.-]+):[0-9]{1,5}", word)
     if parts is None:
-        raise InputError(
-            f"${RUNNER} is '{word}', expected threads, dask or dask://HOST:PORT."
-        )
+        raise InputError(f"${RUNNER} is '{word}', expected threads, dask or dask://HOST:PORT.")
     if not is_loopback_host(parts[1].strip("[]")) and os.environ.get(TRUST) != "1":
         raise InputError(
             f"${RUNNER} is '{word}', on the network: Dask runs any code that is sent "

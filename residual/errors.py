@@ -45,9 +45,7 @@ Content = TypeVar("Content")
 # through them by calling itself ends at some hundreds.
 DEEPEST = 64
 # What steers a terminal, turns the order of what is read, or is half a character.
-CONTROL = re.compile(
-    "[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]"
-)
+CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 LINE = 120  # characters of a value in a message
 
 
@@ -68,9 +66,7 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     shown = shorten_value(name)
     near = get_close_matches(str(name).lower(), valid, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
-    raise UnknownNameError(
-        f"Unknown {kind} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}."
-    )
+    raise UnknownNameError(f"Unknown {kind} '{shown}': {hint}Valid: {', '.join(valid) or 'none'}.")
 
 
 def shorten_value(value: object) -> str:
@@ -131,13 +127,11 @@ def check_nesting(content: Content, where: str) -> Content:
 # Packages that not every machine has: what each is, and what to do without it.
 LACKING = {
     "pybullet": (
-        "PyBullet, the engine of simulated arms, which is there for Python 3.11 on "
-        "Linux (x86_64)",
+        "PyBullet, the engine of simulated arms, which is there for Python 3.11 on Linux (x86_64)",
         "Simulate with such a Python; logs are diagnosed without",
     ),
     "prefect": (
-        "Prefect, the scheduler, which is there for Python 3.11 to 3.13 on Linux and "
-        "macOS",
+        "Prefect, the scheduler, which is there for Python 3.11 to 3.13 on Linux and macOS",
         "Schedule with such a Python; logs are diagnosed without",
     ),
     "xacrodoc": (

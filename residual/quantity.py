@@ -18,11 +18,7 @@ _SUPERSCRIPT = {"2": "²", "3": "³"}
 
 def is_number(value: Any) -> TypeGuard[float]:
     """Return whether a value is a finite number."""
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and math.isfinite(value)
-    )
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
 
 
 def format_percent(value: Any) -> str:
@@ -130,8 +126,7 @@ def check_block(values: Array, name: str) -> Array:
     block = block[:, None] if block.ndim == 1 else block
     if block.ndim != 2 or 0 in block.shape:
         raise InputError(
-            f"{name} has shape {np.shape(values)}, expected (rows, columns), "
-            "at least one of each."
+            f"{name} has shape {np.shape(values)}, expected (rows, columns), at least one of each."
         )
     if not np.isfinite(block).all():
         row, column = np.argwhere(~np.isfinite(block))[0]
@@ -157,15 +152,11 @@ def check_block_pair(X: Array, Y: Array) -> tuple[Array, Array]:
     """Return both blocks, checked, of equally many rows."""
     X, Y = check_block(X, "X"), check_block(Y, "Y")
     if len(X) != len(Y):
-        raise InputError(
-            f"X has {len(X)} rows and Y {len(Y)}: give one row of Y for each of X."
-        )
+        raise InputError(f"X has {len(X)} rows and Y {len(Y)}: give one row of Y for each of X.")
     return X, Y
 
 
-def check_column_names(
-    names: Sequence[str] | None, count: int, letter: str
-) -> tuple[str, ...]:
+def check_column_names(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
     """Return one name per column, made up where none are given."""
     chosen = tuple(names) if names else tuple(f"{letter}{i + 1}" for i in range(count))
     if len(chosen) != count:
@@ -181,9 +172,7 @@ def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
     spread = np.ptp(X, axis=0)
     constant = spread <= CONSTANT * np.abs(X).max(axis=0)
     if constant.any():
-        listed = ", ".join(
-            f"{names[i]} = {X[0, i] + 0.0:g}" for i in np.flatnonzero(constant)[:9]
-        )
+        listed = ", ".join(f"{names[i]} = {X[0, i] + 0.0:g}" for i in np.flatnonzero(constant)[:9])
         raise InputError(
             f"Every column must vary; constant over {where or 'all'} {len(X)} rows: "
             f"{listed}. Leave these variables out, or take logs in which they move."

@@ -69,9 +69,7 @@ class Recording:
     def _check(self, name: str, array: Array) -> None:
         expected = (len(self.t),) if name == "t" else (len(self.t), self.dof)
         if array.shape != expected:
-            raise RecordingError(
-                f"{self.id}: {name} has shape {array.shape}, expected {expected}."
-            )
+            raise RecordingError(f"{self.id}: {name} has shape {array.shape}, expected {expected}.")
         if not np.isfinite(array).all():
             row = int(np.argwhere(~np.isfinite(array))[0][0])
             raise RecordingError(

@@ -3,16 +3,8 @@
 from residual.errors import InputError
 from residual.robot.robot import Robot
 from sim.effects.base import Effect, Joints, PlantEffectTrait, Rng, TypicalJointSizes
-from sim.engine.plant_records import (
-    PlantEffect,
-    SyntheticEffect,
-    TypicalSizes,
-)
-from sim.plant.effect_catalogue import (
-    check_effect_name,
-    list_named_effects,
-    list_plant_effects,
-)
+from sim.engine.plant_records import PlantEffect, SyntheticEffect, TypicalSizes
+from sim.plant.effect_catalogue import check_effect_name, list_named_effects, list_plant_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 
 
@@ -37,9 +29,7 @@ def list_drawable_effects() -> list[str]:
     ]
 
 
-def draw_effect(
-    robot: Robot, effect: str, rng: Rng, joint: int | None = None
-) -> SyntheticEffect:
+def draw_effect(robot: Robot, effect: str, rng: Rng, joint: int | None = None) -> SyntheticEffect:
     """Draw one effect of usual size, on a joint where it makes sense.
 
     Args:
@@ -62,9 +52,7 @@ def draw_effect(
     return SyntheticEffect(effect, joints, {key: float(v) for key, v in values.items()})
 
 
-def _joints(
-    kind: Effect, dof: int, typical: TypicalSizes, rng: Rng, joint: int | None
-) -> Joints:
+def _joints(kind: Effect, dof: int, typical: TypicalSizes, rng: Rng, joint: int | None) -> Joints:
     match kind.scope:
         case "global":
             return ()

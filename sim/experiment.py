@@ -115,9 +115,7 @@ def simulate_open_loop_windows(
         own = (x[part] for x in (reference.q, reference.qd, reference.qdd))
         t = reference.t[part] - reference.t[first]
         piece = ReferenceMotion(reference.kind, t, *own, None)
-        trace = simulate_closed_loop(
-            arm, piece, build_open_loop_controller(torque[part])
-        )
+        trace = simulate_closed_loop(arm, piece, build_open_loop_controller(torque[part]))
         error[part] = trace.rows[:, at.Q] - piece.q
     return error
 
@@ -239,9 +237,7 @@ def record_plant_log(
     hidden = resolve_effects(plant.effects)
     q = repeat_frozen_readings(q, t, hidden)
     tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
-    span = estimate_typical_sizes(arm.robot).torque * (
-        plant.noise.torque / WHITE_TORQUE
-    )
+    span = estimate_typical_sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
     rng = create_random_stream(plant.seed, f"torque/{label}")
     tau = simulate_torque_logging(
         arm.background, tau + draw_torque_noise(len(t), span, rates.log, rng), rates.log

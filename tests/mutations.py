@@ -76,9 +76,7 @@ def main() -> int:
         copy_checkout(Path(folder))
         for number, (file, old, new) in enumerate(chosen, start=1):
             if monotonic() - start > 60 * args.minutes:
-                print(
-                    f"stopped before fault {number}: {args.minutes:g} minutes are over"
-                )
+                print(f"stopped before fault {number}: {args.minutes:g} minutes are over")
                 break
             print(f"[{number}/{len(chosen)}] {file}: {new}", flush=True)
             if is_caught(Path(folder), file, old, new):

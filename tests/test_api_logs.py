@@ -42,9 +42,7 @@ def same(log, other):
         np.testing.assert_array_equal(getattr(log, name), getattr(other, name))
 
 
-@pytest.mark.parametrize(
-    "kind", [dict, Frame, pa.table], ids=["dict", "frame", "arrow"]
-)
+@pytest.mark.parametrize("kind", [dict, Frame, pa.table], ids=["dict", "frame", "arrow"])
 def test_columns_in_memory_are_the_log_that_a_file_is(robot, table, file, kind):
     (log,) = mg.read_logs(kind(table), robot)
     same(log, file)

@@ -203,9 +203,7 @@ def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
     commands = [f"flows.cli.{p.stem}" for p in (ROOT / "flows" / "cli").glob("*.py")]
     slow = {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect"}
     code = f"import sys, {', '.join(commands)}\nprint({slow!r} & set(sys.modules))"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("set()\n", "")
 
 
@@ -223,9 +221,7 @@ def test_the_help_page_loads_nothing_that_it_does_not_show():
     late |= {"numpy", "tomllib"}
     code = "import sys; from flows.cli import main; main(['--help']); "
     code += f"print({late!r} & set(sys.modules), file=sys.stderr)"
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert ("First steps" in done.stdout, done.stderr) == (True, "set()\n")
 
 
@@ -235,9 +231,7 @@ def test_steps_load_no_engine_or_scheduler_that_they_do_not_use():
         "import flows.steps.diagnose, flows.steps.imports, flows.steps.experiment\n"
         "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
@@ -246,9 +240,7 @@ def test_a_query_loads_no_robot_and_no_functions_of_arrow():
         "import sys, flows.report.query_results, warehouse.query.store\n"
         "print(sorted({'pinocchio', 'pyarrow.compute', 'pydantic'} & set(sys.modules)))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
     assert (done.stdout, done.stderr) == ("[]\n", "")
 
 
@@ -257,17 +249,13 @@ def _strings(path: Path) -> set[str]:
     docs = {
         id(node.body[0].value)
         for node in _nodes(path)
-        if isinstance(
-            node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
-        )
+        if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
         and ast.get_docstring(node) is not None
     }
     return {
         node.value
         for node in _nodes(path)
-        if isinstance(node, ast.Constant)
-        and isinstance(node.value, str)
-        and id(node) not in docs
+        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs
     }
 
 
@@ -315,8 +303,7 @@ def test_no_function_is_longer_than_a_screen():
         f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
         for path in _sources(*ROOMS, "benchmarks")
         for node in _nodes(path)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
-        and _body_lines(node) > MAX_BODY
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _body_lines(node) > MAX_BODY
     }
     assert long == {}
 

@@ -12,10 +12,7 @@ import pytest
 from flows.cli import main
 
 SHELLS = [
-    pytest.param(
-        shell,
-        marks=pytest.mark.skipif(not shutil.which(shell), reason=f"no {shell}"),
-    )
+    pytest.param(shell, marks=pytest.mark.skipif(not shutil.which(shell), reason=f"no {shell}"))
     for shell in ("bash", "zsh", "fish")
 ]
 RUN, OTHER = "1f0c2d9b5e7a4c6d8f90", "a2" * 10

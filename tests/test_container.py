@@ -60,9 +60,7 @@ def test_the_compose_file_builds_ours_and_shows_nothing_to_the_network():
     services = yaml.safe_load(_block("project.md", "yaml"))["services"]
     own, database = services["modelgap"], services["database"]
     assert (ROOT / own["build"]["dockerfile"]).is_file()
-    assert database_url(own["environment"][DATABASE]).startswith(
-        "postgresql+asyncpg://"
-    )
+    assert database_url(own["environment"][DATABASE]).startswith("postgresql+asyncpg://")
     assert own["volumes"] == [f"./store:{_values('VOLUME')[0]}"]
     assert set(own["depends_on"]) == {"database"}
     assert all(is_loopback_host(port.partition(":")[0]) for port in database["ports"])

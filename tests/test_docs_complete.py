@@ -21,9 +21,7 @@ GROUPS = {
     if "word" in group
 }
 # In a span or block of code, at its start or after a prompt: no word of a sentence.
-_CALLED = re.compile(
-    r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)(?: ([a-z][\w-]*))?", re.M
-)
+_CALLED = re.compile(r"(?:`|^\$ |^|&& |; )modelgap ([a-z][\w-]*)(?: ([a-z][\w-]*))?", re.M)
 
 
 @pytest.mark.parametrize("name", COMMANDS)

@@ -15,9 +15,7 @@ from scripts.docs_site.schemas import schemas
 from tests.checkout import ROOT
 from warehouse.logs.column_map import read_column_map
 
-FROZEN = [
-    ROOT / "tests" / "frozen" / f"{n}.json" for n in ("effects", "none", "unknown")
-]
+FROZEN = [ROOT / "tests" / "frozen" / f"{n}.json" for n in ("effects", "none", "unknown")]
 
 
 def validate(name: str, document) -> None:

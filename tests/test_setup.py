@@ -25,10 +25,7 @@ def _pins(lock: str) -> dict[str, str]:
 
 @pytest.mark.parametrize(
     ("lock", "extras"),
-    [
-        ("requirements.lock", ()),
-        ("requirements-dev.lock", sorted(OPTIONAL.keys() - {"all"})),
-    ],
+    [("requirements.lock", ()), ("requirements-dev.lock", sorted(OPTIONAL.keys() - {"all"}))],
 )
 def test_a_lock_pins_every_dependency_inside_its_declared_range(lock, extras):
     pins = _pins(lock)

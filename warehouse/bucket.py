@@ -75,9 +75,7 @@ def _endpoint(url: str | None) -> dict:
             "http://127.0.0.1:PORT. Runs and keys would cross the network in the open "
             "by http to another machine; say that they may: AWS_ALLOW_HTTP=true."
         )
-    return {"endpoint": url} | (
-        {"client_options": {"allow_http": True}} if plain else {}
-    )
+    return {"endpoint": url} | ({"client_options": {"allow_http": True}} if plain else {})
 
 
 def is_loopback_host(host: str) -> bool:
@@ -122,9 +120,7 @@ class Bucket:
         with self._explained("write"):
             try:
                 # In one request: a multipart upload cannot carry the condition.
-                self._obstore.put(
-                    self._store, key, data, mode="create", use_multipart=False
-                )
+                self._obstore.put(self._store, key, data, mode="create", use_multipart=False)
             except self._obstore.exceptions.AlreadyExistsError:
                 return False
         return True
@@ -155,9 +151,7 @@ class Bucket:
         with self._explained("list"):
             listing = self._obstore.list_with_delimiter(self._store, prefix)
         files = (each["path"] for each in listing["objects"])
-        return sorted(
-            p.rpartition("/")[2] for p in (*listing["common_prefixes"], *files)
-        )
+        return sorted(p.rpartition("/")[2] for p in (*listing["common_prefixes"], *files))
 
     def delete(self, keys: Sequence[str]) -> None:
         """Remove objects; one that is gone already is no error."""
@@ -186,7 +180,5 @@ def open_bucket(address: str) -> Bucket:
     except ImportError as error:
         raise InputError(_SCALE) from error
     retries = {"max_retries": _RETRIES, "retry_timeout": _PATIENCE}
-    store = S3Store(
-        bucket, prefix=prefix or None, retry_config=retries, **read_bucket_settings()
-    )
+    store = S3Store(bucket, prefix=prefix or None, retry_config=retries, **read_bucket_settings())
     return Bucket(store, f"s3://{bucket}/{prefix}".rstrip("/"))

@@ -67,9 +67,7 @@ def run_git(root: Path, *words: str) -> bytes | None:
     """Return what git says; None where there is none, or it refuses."""
     try:
         done = subprocess.run(
-            ["git", "--no-optional-locks", "-C", str(root), *words],
-            capture_output=True,
-            timeout=10,
+            ["git", "--no-optional-locks", "-C", str(root), *words], capture_output=True, timeout=10
         )
     except (OSError, subprocess.SubprocessError):
         return None

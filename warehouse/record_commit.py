@@ -19,11 +19,7 @@ import pyarrow as pa
 from residual.errors import InputError, check_keys, check_name
 from residual.recording import Recording
 from warehouse import record_ids
-from warehouse.code_provenance import (
-    build_origin_columns,
-    read_code_provenance,
-    store_package_list,
-)
+from warehouse.code_provenance import build_origin_columns, read_code_provenance, store_package_list
 from warehouse.record_ids import build_record_path
 from warehouse.remote_store import find_store_bucket, is_record_local
 from warehouse.store_catalogue import find_run, list_record_folders
@@ -37,14 +33,7 @@ from warehouse.store_files import (
     read_row_text,
     write_parquet,
 )
-from warehouse.view_schema import (
-    KINDS,
-    LOGGED,
-    NOT_HASHED,
-    SAMPLES_FILE,
-    SIGNALS,
-    build_view_table,
-)
+from warehouse.view_schema import KINDS, LOGGED, NOT_HASHED, SAMPLES_FILE, SIGNALS, build_view_table
 
 Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
@@ -169,10 +158,7 @@ def commit_record(
     if check_name(kind, KINDS, "kind of record") == "runs":
         raise InputError("Runs are committed by commit_run, other records here.")
     tables, files = dict(tables or {}), dict(files or {})
-    record, lineage = (
-        record_ids.convert_to_json_types(record),
-        build_lineage_rows(parents),
-    )
+    record, lineage = (record_ids.convert_to_json_types(record), build_lineage_rows(parents))
     sums = {name: hash_table(table) for name, table in tables.items()}
     sums |= {name: hashlib.sha256(data).hexdigest() for name, data in files.items()}
     id = record_ids.hash_values(kind, record, lineage, sums)[: record_ids.ID_DIGITS]
@@ -189,9 +175,7 @@ def commit_record(
 
 
 def _timing_rows(seconds: Mapping[str, float]) -> list[dict]:
-    return [
-        {"step": step, "seconds": round(value, 3)} for step, value in seconds.items()
-    ]
+    return [{"step": step, "seconds": round(value, 3)} for step, value in seconds.items()]
 
 
 def commit_catalogue_row(
@@ -208,9 +192,7 @@ def commit_catalogue_row(
         Whether it is this one; False if the id was taken.
     """
     kinds, origin = KINDS[kind], asdict(read_code_provenance())
-    row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(
-        kind, id
-    )
+    row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(kind, id)
     texts = {"record": record, "provenance": origin}
     texts = {k: json.dumps(v, ensure_ascii=False) for k, v in texts.items()}
     table = _one_row(kind, {**row, **lists}, texts)
@@ -235,10 +217,7 @@ def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
         pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
         pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
-    rows = [
-        {"parent": record_ids.check_record_id(id), "role": str(name)}
-        for id, name in pairs
-    ]
+    rows = [{"parent": record_ids.check_record_id(id), "role": str(name)} for id, name in pairs]
     if len({tuple(row.values()) for row in rows}) < len(rows):
         raise InputError("A parent is given twice in one role, expected it once.")
     return rows
@@ -277,9 +256,7 @@ def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Arr
     arrays = {k: v for k, v in {**logged, **extra}.items() if v is not None}
     for name, array in arrays.items():
         if name != "t" and np.shape(array) != recording.q.shape:
-            raise InputError(
-                f"{name} has shape {np.shape(array)}, expected {recording.q.shape}."
-            )
+            raise InputError(f"{name} has shape {np.shape(array)}, expected {recording.q.shape}.")
     return arrays
 
 
@@ -294,9 +271,7 @@ def compute_manifest_id(manifest: Mapping) -> str:
         raise InputError(
             "A run needs 'spec' in its manifest, or 'robot_hash' where it was measured."
         )
-    return record_ids.compute_measured_run_id(
-        manifest["data_hash"], manifest["robot_hash"]
-    )
+    return record_ids.compute_measured_run_id(manifest["data_hash"], manifest["robot_hash"])
 
 
 def _is_there(target: Path, kind: str) -> bool:
@@ -354,9 +329,7 @@ def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Tab
     try:
         table = pa.Table.from_pylist([dict(row)], schema=KINDS[kind].fields)
     except (pa.ArrowException, TypeError) as error:
-        raise InputError(
-            f"A record of {kind} does not fit its view: {error}"
-        ) from error
+        raise InputError(f"A record of {kind} does not fit its view: {error}") from error
     for name, text in extra.items():
         table = table.append_column(name, pa.array([text], pa.string()))
     return table
@@ -416,8 +389,7 @@ def commit_diagnosis(
         "trajectory": kinds.pop() if len(kinds) == 1 else None,
     }
     errors = [
-        row
-        | ({"trajectory": motions.get(row["run_id"])} if row.get("run_id") else same)
+        row | ({"trajectory": motions.get(row["run_id"])} if row.get("run_id") else same)
         for row in map(dict, rows.errors)
     ]
     tables = {
@@ -476,9 +448,7 @@ def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
         _check_parent(store, adoption)
         id = f"{1 + max(map(int, numbers), default=0):0{_DIGITS}}"
         # If another writer takes the number, check the parent again.
-        if commit_catalogue_row(
-            store, ADOPTIONS, id, asdict(adoption), {"lineage": lineage}
-        ):
+        if commit_catalogue_row(store, ADOPTIONS, id, asdict(adoption), {"lineage": lineage}):
             return id
 
 

@@ -56,8 +56,7 @@ def convert_to_json_types(value: object) -> Any:
     if value is None or isinstance(value, str | bool | int | float):
         return value
     raise InputError(
-        f"A record holds a {type(value).__name__}, expected numbers, texts, lists "
-        "and tables."
+        f"A record holds a {type(value).__name__}, expected numbers, texts, lists and tables."
     )
 
 
@@ -66,9 +65,7 @@ def hash_values(*parts: object) -> str:
     return hashlib.sha256(encode_canonical_json(list(parts))).hexdigest()
 
 
-def compute_simulated_run_id(
-    open_half: object, sealed_sha256: str | None, code_hash: str
-) -> str:
+def compute_simulated_run_id(open_half: object, sealed_sha256: str | None, code_hash: str) -> str:
     """Return the id of a simulated run, known before it is simulated."""
     return hash_values(open_half, sealed_sha256, code_hash)[:ID_DIGITS]
 
@@ -108,9 +105,7 @@ def check_record_id(text: str) -> str:
 def check_robot_name(text: str) -> str:
     """Return the name of a robot if it is safe to use in a path."""
     if not _SLUG.fullmatch(str(text)):
-        raise InputError(
-            f"'{text}' is not a robot's name: expected 1 to 40 of a-z, 0-9, _ and -."
-        )
+        raise InputError(f"'{text}' is not a robot's name: expected 1 to 40 of a-z, 0-9, _ and -.")
     return text
 
 
@@ -145,9 +140,7 @@ def parse_check_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
     """Return the sums in the text of a list; a name in it is of no other place."""
     try:
         sums = json.loads(text)["files"]
-        if format_check_sums(sums) == text and all(
-            name == Path(name).name for name in sums
-        ):
+        if format_check_sums(sums) == text and all(name == Path(name).name for name in sums):
             return sums
     except (ValueError, KeyError, TypeError, RecursionError):
         pass
@@ -164,6 +157,4 @@ def format_check_sums(sums: Mapping) -> bytes:
 def build_damage_error(path: Path, reason: object) -> InputError:
     """Return the error, in one line, that names a damaged file."""
     text = " ".join(str(reason).split())
-    return InputError(
-        f"{path} is damaged ({text[:120]}). Take its folder out of the store."
-    )
+    return InputError(f"{path} is damaged ({text[:120]}). Take its folder out of the store.")

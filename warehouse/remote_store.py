@@ -22,12 +22,7 @@ from functools import lru_cache
 from pathlib import Path, PurePosixPath
 
 from residual.errors import InputError, shorten_value
-from warehouse.bucket import (
-    Bucket,
-    open_bucket,
-    parse_bucket_address,
-    read_endpoint_url,
-)
+from warehouse.bucket import Bucket, open_bucket, parse_bucket_address, read_endpoint_url
 from warehouse.record_ids import SUMS, read_local_sums
 from warehouse.view_schema import FOLDERS, INDEX, OPENED, QUARANTINE
 

@@ -9,18 +9,8 @@ from residual.drive import Drive
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.record_commit import SPEC, TRUTH, SealedTruth, hash_sealed_spec
-from warehouse.record_ids import (
-    ID_DIGITS,
-    build_seal_path,
-    check_record_id,
-    hash_arrays,
-)
-from warehouse.remote_store import (
-    fetch_file,
-    format_store_name,
-    list_folder_names,
-    record_exists,
-)
+from warehouse.record_ids import ID_DIGITS, build_seal_path, check_record_id, hash_arrays
+from warehouse.remote_store import fetch_file, format_store_name, list_folder_names, record_exists
 from warehouse.store_catalogue import StoredRecord, find_run
 from warehouse.store_files import (
     read_parquet,
@@ -93,9 +83,7 @@ def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
     """Open the hidden spec of a run, without what no robot logs."""
     path = build_seal_path(store, run.id) / SPEC
     if not record_exists(path.parent):
-        raise InputError(
-            f"Run {run.id} has no sealed half in {format_store_name(store)}."
-        )
+        raise InputError(f"Run {run.id} has no sealed half in {format_store_name(store)}.")
     verify_file(path)
     try:
         spec = json.loads(path.read_bytes())

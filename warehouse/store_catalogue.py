@@ -72,9 +72,7 @@ def find_record(store: Path, id: str) -> StoredRecord:
     matches: list[StoredRecord] = []
     for kind in KINDS:
         entries = _matches(store, kind, id)
-        matches += [
-            StoredRecord(kind, whole_id, Path(folder)) for whole_id, folder in entries
-        ]
+        matches += [StoredRecord(kind, whole_id, Path(folder)) for whole_id, folder in entries]
         if matches and len(id) == ID_DIGITS:
             break
     if len(matches) == 1:
@@ -100,9 +98,7 @@ def find_run(store: Path, id: str) -> StoredRecord:
 def read_record(store: Path, id: str) -> dict:
     """Return what a record was committed with; of a run, its manifest."""
     record = find_record(store, id)
-    return json.loads(
-        read_row_text(record.row, "manifest" if record.kind == "runs" else "record")
-    )
+    return json.loads(read_row_text(record.row, "manifest" if record.kind == "runs" else "record"))
 
 
 def list_record_ancestry(store: Path, id: str) -> list[StoredRecord]:
@@ -150,9 +146,7 @@ def _ids_in(value: object) -> list[str]:
 
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
-        return [
-            e for e in list_record_folders(store, kind).items() if e[0].startswith(id)
-        ]
+        return [e for e in list_record_folders(store, kind).items() if e[0].startswith(id)]
     # A whole id needs no listing: its path is known but for the robot.
     spec, bases = KINDS[kind], _bases(store, kind)
     paths = [os.path.join(base, f"{spec.key}={id}") for base in bases]
@@ -164,9 +158,7 @@ def _bases(store: Path, kind: str) -> list[str]:
     folder = KINDS[kind].folder
     if kind != "runs":
         return [str(store / folder)]
-    robots = (
-        name for name in list_folder_names(store, folder) if name.startswith("robot=")
-    )
+    robots = (name for name in list_folder_names(store, folder) if name.startswith("robot="))
     return [str(store / folder / name) for name in robots]
 
 
@@ -216,10 +208,7 @@ def read_catalogue(store: Path, before: StoreCatalogue | None = None) -> StoreCa
 
 
 def _rows(
-    store: Path,
-    kind: RecordKind,
-    folders: Mapping[str, str],
-    before: StoreCatalogue | None,
+    store: Path, kind: RecordKind, folders: Mapping[str, str], before: StoreCatalogue | None
 ) -> tuple[pa.Table, tuple[str, ...]]:
     """Return the rows of a kind, and messages about those that cannot be read."""
     listed = before.rows[kind.name] if before else _read_index(store, kind)

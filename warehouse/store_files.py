@@ -164,9 +164,7 @@ def arrays_to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa
     for name, array in arrays.items():
         values = np.asarray(array, dtype=float)
         if values.ndim not in (1, 2):
-            raise InputError(
-                f"{name} has shape {values.shape}, expected (n,) or (n, k)."
-            )
+            raise InputError(f"{name} has shape {values.shape}, expected (n,) or (n, k).")
         widths[name] = values.shape[1] if values.ndim == 2 else None
         metadata = {"unit": units.get(name, "")}
         parts = [("", values)] if values.ndim == 1 else enumerate(values.T, 1)

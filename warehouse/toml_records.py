@@ -7,13 +7,7 @@ from typing import Any, TypeVar
 
 from pydantic import TypeAdapter, ValidationError
 
-from residual.errors import (
-    InputError,
-    check_name,
-    check_nesting,
-    quote_value,
-    shorten_value,
-)
+from residual.errors import InputError, check_name, check_nesting, quote_value, shorten_value
 
 Record = TypeVar("Record")
 
@@ -49,10 +43,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 
 
 def build_toml_record(
-    record: type[Record],
-    content: dict[str, Any],
-    where: str,
-    more_tables: Sequence[str] = (),
+    record: type[Record], content: dict[str, Any], where: str, more_tables: Sequence[str] = ()
 ) -> Record:
     """Check the content of a file.
 

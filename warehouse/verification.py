@@ -20,12 +20,7 @@ from warehouse import record_ids
 from warehouse.code_provenance import MADE_WITH, check_package_list
 from warehouse.record_commit import ADOPTIONS, compute_manifest_id
 from warehouse.record_ids import SUMS
-from warehouse.remote_store import (
-    fetch_file,
-    fetch_record,
-    list_folder_names,
-    open_fresh_copy,
-)
+from warehouse.remote_store import fetch_file, fetch_record, list_folder_names, open_fresh_copy
 from warehouse.robots import ROBOTS
 from warehouse.runs import open_seal
 from warehouse.store_catalogue import StoredRecord, list_record_folders
@@ -93,9 +88,7 @@ def compare_channels(
     channels = []
     for name in [*names, *sorted((set(before) | set(after)) - set(SIGNALS))]:
         unit = SIGNALS[name].unit if name in SIGNALS else ""
-        columns_before, columns_after = (
-            _columns(name, side.get(name)) for side in (before, after)
-        )
+        columns_before, columns_after = (_columns(name, side.get(name)) for side in (before, after))
         for channel in dict.fromkeys([*columns_before, *columns_after]):
             both = columns_before.get(channel), columns_after.get(channel)
             channels.append(_channel(channel, unit, *both, time))
@@ -116,8 +109,7 @@ def compare_values(a: object, b: object, path: str = "") -> list[ChannelDifferen
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         keys = dict.fromkeys([*a, *b])
         parts = [
-            (f"{path}.{key}".lstrip("."), a.get(key, _GONE), b.get(key, _GONE))
-            for key in keys
+            (f"{path}.{key}".lstrip("."), a.get(key, _GONE), b.get(key, _GONE)) for key in keys
         ]
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
         pairs = enumerate(zip(a, b, strict=True))
@@ -155,9 +147,7 @@ def _channel(
         owner = "second" if before is None else "first"
         return ChannelDifference(name, unit, False, note=f"only the {owner} has it")
     rows = min(len(before), len(after))
-    note = (
-        "" if len(before) == len(after) else f"{len(before)} and {len(after)} samples"
-    )
+    note = "" if len(before) == len(after) else f"{len(before)} and {len(after)} samples"
     a, b = (np.ascontiguousarray(side[:rows], dtype="<f8") for side in (before, after))
     apart = a.view("<i8") != b.view("<i8")
     count = int(apart.sum())
@@ -258,9 +248,7 @@ def _record_fault(record: StoredRecord, row: Mapping) -> str | None:
         digest = record_ids.hash_values(record.kind, content, lineage, hashes)
         if digest[: record_ids.ID_DIGITS] == record.id:
             return None
-    return (
-        f"{record.folder.name}: its content is not the one that its id is the hash of"
-    )
+    return f"{record.folder.name}: its content is not the one that its id is the hash of"
 
 
 @dataclass(frozen=True, slots=True)
@@ -298,9 +286,7 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
             yield IntegrityResult(ROBOTS, name, bad)
         for top in (MADE_WITH, QUARANTINE, OPENED):
             for name in list_folder_names(place, top):
-                yield IntegrityResult(
-                    top, name, _complaint(_check_file, place / top / name)
-                )
+                yield IntegrityResult(top, name, _complaint(_check_file, place / top / name))
 
 
 def is_readable_by_others(store: Path) -> bool:

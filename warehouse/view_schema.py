@@ -62,9 +62,7 @@ SIGNALS = {
     "masked": SampleSignal("1", True, "1 where the torque of a drive is not known"),
     "e_q": SampleSignal("rad", True, "position minus that of the nominal twin"),
     "e_qd": SampleSignal("rad/s", True, "velocity minus that of the nominal twin"),
-    "e_qdd": SampleSignal(
-        "rad/s^2", True, "acceleration minus that of the nominal twin"
-    ),
+    "e_qdd": SampleSignal("rad/s^2", True, "acceleration minus that of the nominal twin"),
     "e_tau": SampleSignal("N m", True, "torque minus that of the nominal twin"),
 }
 # Those of a log itself: fields of its recording.
@@ -102,9 +100,7 @@ def list_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[ViewColumn, ...]]:
     """Return every view with its columns, ``samples`` second as the most used."""
     first = {"runs": VIEWS["runs"], "samples": list_sample_columns(dof)}
     views = {**first, **VIEWS}
-    return {
-        name: (*columns, *COMPUTED.get(name, ())) for name, columns in views.items()
-    }
+    return {name: (*columns, *COMPUTED.get(name, ())) for name, columns in views.items()}
 
 
 def list_channel_names(signal: str, dof: int) -> tuple[str, ...]:
@@ -126,9 +122,7 @@ def build_view_table(view: str, rows: Iterable[Mapping]) -> pa.Table:
         InputError: If a row does not have the types of the view.
     """
     try:
-        return pa.Table.from_pylist(
-            list(rows), schema=build_arrow_schema(VIEWS[view][1:])
-        )
+        return pa.Table.from_pylist(list(rows), schema=build_arrow_schema(VIEWS[view][1:]))
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise InputError(f"The rows do not fit the view {view}: {error}") from error
 

@@ -56,9 +56,7 @@ class Arm:
 
     def plant(self, effects: Sequence[PlantEffect]) -> Plant:
         """Return the arm itself with what changed."""
-        hidden = tuple(
-            SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects
-        )
+        hidden = tuple(SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects)
         return Plant(self.robot, hidden, self.seed, scatter=self.off)
 
 
@@ -95,14 +93,10 @@ def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
 
 def motion(arm: Arm, name: str, family: str, seconds: float) -> ReferenceMotion:
     rng = create_random_stream(arm.seed, f"motion/{name}")
-    return make_motion(
-        family, compute_usual_motion_range(arm.robot), seconds, RATE, rng
-    )
+    return make_motion(family, compute_usual_motion_range(arm.robot), seconds, RATE, rng)
 
 
-def record(
-    arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float
-) -> Recording:
+def record(arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float) -> Recording:
     torque = true_torque(plant, path, name, start)
     span = estimate_typical_sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
     signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)
@@ -149,8 +143,7 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
 def _share_of(arm: Arm, path: ReferenceMotion, effect: PlantEffect) -> float:
     """Rms torque of an effect as a share of its joint's, where it is largest."""
     there, bare = (
-        true_torque(arm.plant(effects), path, "share").tau
-        for effects in ((effect,), ())
+        true_torque(arm.plant(effects), path, "share").tau for effects in ((effect,), ())
     )
     rms = [np.sqrt(np.mean(x**2, axis=0)) for x in (there - bare, bare)]
     return float(np.max(rms[0] / rms[1]))

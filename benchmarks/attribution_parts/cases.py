@@ -102,9 +102,7 @@ def run(task: Task) -> dict:
 def _row(task: Task) -> dict:
     arm, effects = task.drawn_arm, []
     if task.group == SETS:
-        rng = create_random_stream(
-            derive_seed(task.seed, f"changes/{task.name}"), "changes"
-        )
+        rng = create_random_stream(derive_seed(task.seed, f"changes/{task.name}"), "changes")
         effects = arms.draw_set(arm, rng)
     made = arms.make(arm, effects)
     start = perf_counter()
@@ -123,8 +121,7 @@ def planted(effects: Sequence[PlantEffect], arm: arms.Arm) -> list[Name]:
     """Return what changed in the convention of the verdict."""
     dof = arm.robot.dof
     return [
-        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, dof))))
-        for e in effects
+        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, dof)))) for e in effects
     ]
 
 

@@ -73,14 +73,10 @@ def robot_of(arm: str) -> Robot:
 def reported(case: Case) -> Array:
     """Return reported torque over real torque of each joint. Shape (dof,)."""
     background = quasi_static.background_of(_plant(case))
-    return 1.0 + (0.0 if background is None else background.gain) * np.ones(
-        robot_of(case.arm).dof
-    )
+    return 1.0 + (0.0 if background is None else background.gain) * np.ones(robot_of(case.arm).dof)
 
 
-def list_motions(
-    robot: Robot, parts: Sequence[Part]
-) -> list[tuple[ReferenceMotion, float]]:
+def list_motions(robot: Robot, parts: Sequence[Part]) -> list[tuple[ReferenceMotion, float]]:
     """Return the motion and start [s] of each log of an epoch."""
     space, out, start = compute_usual_motion_range(robot), [], 0.0
     for part in parts:
@@ -113,9 +109,7 @@ def _plant(case: Case, changed: bool = False) -> quasi_static.Plant:
     return quasi_static.Plant(robot_of(case.arm), hidden, case.plant, case.background)
 
 
-def _records(
-    case: Case, epoch: str, exact: bool
-) -> Iterator[tuple[Recording, Array | None]]:
+def _records(case: Case, epoch: str, exact: bool) -> Iterator[tuple[Recording, Array | None]]:
     """Yield every log, with friction over cold friction where it moves, by joint."""
     second = epoch == SECOND
     plant, robot = _plant(case, second), robot_of(case.arm)

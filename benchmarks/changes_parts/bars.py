@@ -13,14 +13,7 @@ from benchmarks.changes_parts import draw
 from benchmarks.changes_parts.answers import PEER, PROGRAM
 from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import Figures, figure, missing, undecided
-from benchmarks.harness.rates import (
-    Line,
-    Rows,
-    between,
-    lines,
-    per,
-    within_two_deviations,
-)
+from benchmarks.harness.rates import Line, Rows, between, lines, per, within_two_deviations
 from benchmarks.measured_parts.arms import UR10E
 
 _RIGHT = {0.10: 0.95, 0.05: 0.85, 0.025: 0.50}
@@ -88,11 +81,7 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
     ),
     draw.DRIFT: (
         Line("drift_named", _names, 0.02, most=True),
-        Line(
-            "drift_told",
-            _same_direction,
-            of=lambda r: abs(r["true_factor"] - 1) >= _DRIFTED,
-        ),
+        Line("drift_told", _same_direction, of=lambda r: abs(r["true_factor"] - 1) >= _DRIFTED),
         Line("drift_within_two_deviations", _near, of=lambda r: r["factor"]),
     ),
     draw.UNNAMED: (
@@ -141,9 +130,7 @@ def _load_error(rows: Rows) -> Figures:
     if not loads:
         why = "no load among these cases"
         return {"load_mass_error": missing(_LOAD_ERROR, why)} if rows else {}
-    errors = sorted(
-        1.0 if r["value"] is None else abs(r["value"] / r["true"] - 1) for r in loads
-    )
+    errors = sorted(1.0 if r["value"] is None else abs(r["value"] / r["true"] - 1) for r in loads)
     entry = figure(median(errors), _LOAD_ERROR, len(errors), errors=errors)
     return {"load_mass_error": entry}
 
@@ -177,7 +164,4 @@ def _against_peer(ours: Rows, peers: Rows) -> Figures:
     return out
 
 
-_MORE: Mapping[str, Callable[[Rows], Figures]] = {
-    draw.CHANGE: _change,
-    draw.LOAD: _load,
-}
+_MORE: Mapping[str, Callable[[Rows], Figures]] = {draw.CHANGE: _change, draw.LOAD: _load}

@@ -117,9 +117,7 @@ def changes(
     return sorted(found, key=lambda c: -c.evidence)
 
 
-def _own_changes(
-    joint: _Joint, number: int, restless: float, blocks: float
-) -> list[Change]:
+def _own_changes(joint: _Joint, number: int, restless: float, blocks: float) -> list[Change]:
     many = len(_LOCAL)
     places = [(name, [i]) for i, name in enumerate(_LOCAL)]
     waves = range(len(_ORDERS))
@@ -140,9 +138,7 @@ def _own_changes(
     return out
 
 
-def _shared_change(
-    name: str, joints: Sequence[_Joint], restless: float, blocks: float
-) -> Change:
+def _shared_change(name: str, joints: Sequence[_Joint], restless: float, blocks: float) -> Change:
     columns = [joint.shared[name] * joint.second[:, None] for joint in joints]
     basis = np.eye(columns[0].shape[1])
     if name == "payload":
@@ -247,9 +243,7 @@ def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
         shared={n: all_of(log.shared[n][:, j] for log in logs) for n in _SHARED},
         second=np.repeat(later, [k.sum() for k in kept]),
         log=np.repeat(np.arange(len(logs)), [k.sum() for k in kept]),
-        block=all_of(
-            1000 * i + (log.t // _BLOCK).astype(int) for i, log in enumerate(logs)
-        ),
+        block=all_of(1000 * i + (log.t // _BLOCK).astype(int) for i, log in enumerate(logs)),
         rms=float(np.sqrt((tau**2).mean())),
     )
 

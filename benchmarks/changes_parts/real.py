@@ -4,15 +4,7 @@ from functools import lru_cache
 from itertools import combinations, permutations
 
 from benchmarks.changes_parts.arms import Part
-from benchmarks.measured_parts.arms import (
-    DAYS,
-    KR300,
-    LWR4,
-    UR10,
-    UR10E,
-    absent,
-    read_logs,
-)
+from benchmarks.measured_parts.arms import DAYS, KR300, LWR4, UR10, UR10E, absent, read_logs
 from residual.recording import Recording
 
 ARMS = (UR10E, KR300, LWR4, UR10)

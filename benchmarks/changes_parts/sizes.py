@@ -76,9 +76,7 @@ def size_of(found: Sequence[Shares], joints: Sequence[int]) -> float:
     return max(sizes, default=0.0)
 
 
-def solved(
-    size_at: Callable[[float], float | None], target: float
-) -> tuple[float, float] | None:
+def solved(size_at: Callable[[float], float | None], target: float) -> tuple[float, float] | None:
     """Return what times a change has a size, and that size; None for never."""
     before: tuple[float, float] | None = None
     factor = 1.0

@@ -117,9 +117,7 @@ _LINK = """<link name="l{i}"><inertial><origin xyz="{c}"/><mass value="{m}"/>
 _Y, _Z = "0 1 0", "0 0 1"
 
 
-def chain(
-    name: str, axes: str, length: float, mass: float, effort: float = 300.0
-) -> Robot:
+def chain(name: str, axes: str, length: float, mass: float, effort: float = 300.0) -> Robot:
     """Return an arm of links along z, each lighter than the one before.
 
     Args:
@@ -208,9 +206,7 @@ def turned(dof: int, joints: Sequence[int]) -> Array:
     return np.array([-1.0 if j + 1 in joints else 1.0 for j in range(dof)])
 
 
-def differ(
-    host: Host, angles: Callable, torques: Callable, logged: float = 0.0
-) -> bool:
+def differ(host: Host, angles: Callable, torques: Callable, logged: float = 0.0) -> bool:
     """Whether two readings of a log differ by what the nominal model says of them.
 
     An arm is the mirror image of itself where the angles of some joints, and their

@@ -7,14 +7,7 @@ import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.check_parts.file_flaws import FLAWED, SCALED
-from benchmarks.harness.figures import (
-    NO_BAR,
-    NO_LOGS,
-    Figures,
-    figure,
-    missing,
-    undecided,
-)
+from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
 # What is true of a log is no false fault.
@@ -27,9 +20,7 @@ TRUE_OF = {
     "gen3": ("too_short", "no_reversal", "robot_file"),
 }
 # What an arm has by its effect, the check may say too, if not with certainty.
-SHOWS_AS = {
-    "saturation": ("saturated",),
-}
+SHOWS_AS = {"saturation": ("saturated",)}
 
 
 def figures(rows: Rows, deciding: bool) -> Figures:
@@ -130,6 +121,4 @@ _OF_EXPLAINED = (
 _FLAWS = Line("file_flaws_named", _hit, 0.90)
 _MASSES = Line("masses_named", _hit, 0.90, of=_is_far)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
-_FALSE = Line(
-    "false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults
-)
+_FALSE = Line("false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults)

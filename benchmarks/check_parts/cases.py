@@ -6,15 +6,7 @@ from functools import partial
 from time import perf_counter
 
 from benchmarks.check_parts import faults, file_flaws, reports
-from benchmarks.check_parts.arms import (
-    DRAWN,
-    ENGINE,
-    HOSTS,
-    SEVEN,
-    SIX,
-    Fault,
-    host,
-)
+from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SEVEN, SIX, Fault, host
 from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
@@ -105,9 +97,7 @@ def summary(result: Mapping) -> str:
 
 
 def _faults(task: Task) -> list[dict]:
-    return _compared(
-        task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)}
-    )
+    return _compared(task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)})
 
 
 def _explained(task: Task) -> list[dict]:

@@ -9,9 +9,7 @@ from benchmarks.check_parts.arms import FaultyLogs, Host, changed, some, tables_
 from residual.robot.dynamics import compute_gravity_torque
 
 Rng = np.random.Generator
-_CARRIES = (
-    0.1  # of the largest weight of a joint: below, a rough file is any factor off
-)
+_CARRIES = 0.1  # of the largest weight of a joint: below, a rough file is any factor off
 _SHOWS = 0.5  # of the logged torque: below, weight does not show in it
 _TRIES = 60
 

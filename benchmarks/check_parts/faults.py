@@ -93,9 +93,7 @@ def out_of_range(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
     return FaultyLogs("out_of_range", (joint + 1,), moved)
 
 
-def _of_one(
-    host: Host, rng: Rng, kind: str, name: str, spoil, in_all_logs=False
-) -> FaultyLogs:
+def _of_one(host: Host, rng: Rng, kind: str, name: str, spoil, in_all_logs=False) -> FaultyLogs:
     """Spoil a signal of one joint: in one log, or in all where the sensor does it."""
     (joint,), tables = some(rng, host.robot.dof, 1), tables_of(host)
     at = int(rng.integers(len(tables[0]["t"]) // 5, len(tables[0]["t"]) // 3))
@@ -154,9 +152,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 def _in_motion(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
-        motion = make_motion(
-            "fourier", compute_usual_motion_range(host.robot), DURATION, RATE, rng
-        )
+        motion = make_motion("fourier", compute_usual_motion_range(host.robot), DURATION, RATE, rng)
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
     return FaultyLogs(kind, joints, [table_of(log) for log in logs])

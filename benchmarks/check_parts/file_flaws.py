@@ -70,9 +70,7 @@ def scale_masses(robot: Robot, factor: float) -> Robot:
 def _moving(robot: Robot, root: ET.Element) -> dict[str, ET.Element]:
     """The tensors of the links that the joints of the arm move."""
     children = {
-        j.find("child").get("link")
-        for j in root.findall("joint")
-        if j.get("name") in robot.joints
+        j.find("child").get("link") for j in root.findall("joint") if j.get("name") in robot.joints
     }
     links = {n.get("name"): n.find("inertial/inertia") for n in root.findall("link")}
     return {k: t for k, t in links.items() if k in children and t is not None}

@@ -122,9 +122,7 @@ def with_held_joint(host: Host, rng: Rng) -> Host | None:
         return None
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(
-            family, compute_usual_motion_range(host.robot), DURATION, RATE, rng
-        )
+        motion = make_motion(family, compute_usual_motion_range(host.robot), DURATION, RATE, rng)
         joint = int(rng.integers(host.robot.dof))
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         q[:, joint], qd[:, joint], qdd[:, joint] = q[0, joint], 0.0, 0.0

@@ -6,22 +6,13 @@ import numpy as np
 
 from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
-from benchmarks.harness.rates import (
-    Line,
-    Rows,
-    at_least,
-    counts,
-    lines,
-    per,
-    within_two_deviations,
-)
+from benchmarks.harness.rates import Line, Rows, at_least, counts, lines, per, within_two_deviations
 from benchmarks.hidden.score import WRONG, is_right
 from benchmarks.hidden.sized import CLEAR, SHARES
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 _NAMES = {
-    "dry friction": "coulomb coulomb_asymmetry stribeck presliding position_friction "
-    "warmup",
+    "dry friction": "coulomb coulomb_asymmetry stribeck presliding position_friction warmup",
     "viscous friction": "viscous viscous_asymmetry quadratic_viscous power_viscous",
     "gear": "load_friction coupled_friction elasticity backlash ripple",
     "inertia": "rotor_inertia link_inertia payload",
@@ -76,13 +67,7 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
             )
             for share in reversed(SHARES)
         ),
-        Line(
-            "singles_of_usual_size_right",
-            is_right,
-            0.95,
-            _of_share(None),
-            beside=per(is_right),
-        ),
+        Line("singles_of_usual_size_right", is_right, 0.95, _of_share(None), beside=per(is_right)),
         Line(
             "singles_joint_right",
             lambda r: bool(r["joint_right"]),

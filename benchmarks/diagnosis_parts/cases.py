@@ -68,8 +68,7 @@ PLANS = {
         ("fourier", "move_stop_move", "cyclic"),
     ),
     PYBULLET: Plan(
-        ("fourier", "fourier", "cyclic", "cyclic", "move_stop_move"),
-        ("welding", "fourier"),
+        ("fourier", "fourier", "cyclic", "cyclic", "move_stop_move"), ("welding", "fourier")
     ),
     "quick": Plan(("fourier", "cyclic", "move_stop_move"), ("fourier",), 12.0),
 }
@@ -103,9 +102,7 @@ def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Lo
 
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     robot = the_arm()
-    hidden = tuple(
-        SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects
-    )
+    hidden = tuple(SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects)
     plant = Plant(robot, hidden, arm)
     logs = []
     for place in range(len(plan.fit) + len(plan.held_out)):
@@ -344,9 +341,7 @@ def _quick(group: str, seed: int) -> list[Task]:
         "detection": ("offset",),
     }
     share = SHARES[-1] if group == "singles" else None
-    return [
-        Task(group, h, "quick", seed, seed + i, share) for i, h in enumerate(few[group])
-    ]
+    return [Task(group, h, "quick", seed, seed + i, share) for i, h in enumerate(few[group])]
 
 
 def summary(row: Mapping) -> str:

@@ -25,13 +25,7 @@ from flows.workers import ProcessExecutor, run_jobs
 
 Rows = Sequence[Mapping]
 # The product, and what draws cases.
-_CODE = (
-    "residual",
-    "sim",
-    "warehouse/logs",
-    "benchmarks/hidden",
-    "benchmarks/synthetic",
-)
+_CODE = ("residual", "sim", "warehouse/logs", "benchmarks/hidden", "benchmarks/synthetic")
 
 
 def run_cases(
@@ -123,10 +117,7 @@ def run_kept(
     todo = [name for name in jobs if name not in known]
     if len(todo) < len(jobs):
         print(f"{len(jobs) - len(todo)} of {len(jobs)} finished before", flush=True)
-    with (
-        pool or ProcessExecutor(processes) as pool,
-        path.open("a", encoding="utf-8") as file,
-    ):
+    with pool or ProcessExecutor(processes) as pool, path.open("a", encoding="utf-8") as file:
         # An interruption may have cut off the last line.
         file.write("\n" if path.stat().st_size else "")
         done = run_jobs(pool, work, [jobs[name] for name in todo])

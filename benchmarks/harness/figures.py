@@ -60,9 +60,7 @@ def undecided(figures: Figures) -> Figures:
     }
 
 
-def read_options(
-    about: str, groups: Sequence[str], seeds: str = ""
-) -> argparse.Namespace:
+def read_options(about: str, groups: Sequence[str], seeds: str = "") -> argparse.Namespace:
     """Read the command line of a benchmark.
 
     `deciding`: whether seeds and counts are those that the bars are for; `whole`:
@@ -73,9 +71,7 @@ def read_options(
     )
     parser.add_argument("--quick", action="store_true", help="a part, under 50 s")
     if seeds:
-        parser.add_argument(
-            "--seeds", default=seeds, metavar="A:B", help="both included"
-        )
+        parser.add_argument("--seeds", default=seeds, metavar="A:B", help="both included")
         parser.add_argument("--processes", type=int, default=2, metavar="N")
     parser.add_argument("--groups", nargs="*", default=list(groups), choices=groups)
     parser.add_argument("--full-json", type=Path, metavar="FILE", help="results file")
@@ -104,8 +100,7 @@ def finish(args: argparse.Namespace, figures: Figures, **rows: object) -> int:
     table.add_column("result")
     for name, entry in figures.items():
         value, bar = (
-            "-" if entry[key] is None else f"{entry[key]:.4g}"
-            for key in ("value", "bar")
+            "-" if entry[key] is None else f"{entry[key]:.4g}" for key in ("value", "bar")
         )
         result = {True: "ok", False: "MISSED", None: "-"}[entry["ok"]]
         why = f" ({entry['why']})" if entry.get("why") else ""

@@ -43,11 +43,7 @@ def sensed(
 
 
 def in_engine(
-    robot: Robot,
-    plant: PlantSpec,
-    spec: TrajectorySpec,
-    start: float,
-    name: str | None = None,
+    robot: Robot, plant: PlantSpec, spec: TrajectorySpec, start: float, name: str | None = None
 ) -> Recording:
     rates = SampleRates(CONTROL, RATE)
     made = run_experiment(robot, reference(robot, spec), plant, rates, start)

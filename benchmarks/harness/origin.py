@@ -87,9 +87,7 @@ def save(path: Path, content: Mapping) -> None:
 
 
 def _git(*words: str) -> str | None:
-    done = subprocess.run(
-        ["git", *words], cwd=ROOT, capture_output=True, text=True, check=False
-    )
+    done = subprocess.run(["git", *words], cwd=ROOT, capture_output=True, text=True, check=False)
     return done.stdout.strip() if done.returncode == 0 else None
 
 

@@ -95,10 +95,7 @@ def placed(name: str, joints: Sequence[int], dof: int) -> list[tuple[Effect, Joi
 
 
 def _best(
-    design: Design,
-    logs: FitLogs,
-    nominal: NominalModel,
-    wanted: Sequence[tuple[Effect, Joints]],
+    design: Design, logs: FitLogs, nominal: NominalModel, wanted: Sequence[tuple[Effect, Joints]]
 ) -> tuple[Score, Fit]:
     """Return the fit under the prior that these logs are likeliest under."""
     # Columns do not depend on the prior: made anew for each of a score of priors, they
@@ -126,9 +123,7 @@ def _likeliest(runs: Sequence[tuple[Score, Fit]]) -> tuple[Score, Fit]:
     """The fit with the most evidence, where as many rows count for all."""
     counted = np.max([fitted.counted for _, fitted in runs], axis=0)
     worth = [
-        fit_jointly(
-            score.design, score.prior, fitted.members, counted, fitted.variance, 4
-        ).score
+        fit_jointly(score.design, score.prior, fitted.members, counted, fitted.variance, 4).score
         for score, fitted in runs
     ]
     return runs[int(np.argmax(worth))]

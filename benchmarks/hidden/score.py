@@ -41,9 +41,7 @@ class Claim:
     name: Name  # effect and joints
     alike: tuple[Name, ...] = ()  # what the answer says could be there instead
     # Value and standard deviation by parameter; None where not stated
-    values: Mapping[str, tuple[float | None, float | None]] = field(
-        default_factory=dict
-    )
+    values: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
     finding: int = 0  # number of the finding that it is from
 
 

@@ -40,11 +40,7 @@ def plant_logs(seed: int, noise: float = 0.015) -> tuple[list, list]:
 
 def true_coefficients(model: Model, seed: int) -> np.ndarray:
     arm = build_plant_arm(ROBOT, _plant(seed, 0.015))
-    of = {
-        "viscous": arm.base.viscous,
-        "coulomb": arm.base.coulomb,
-        "rotor_inertia": arm.base.rotor,
-    }
+    of = {"viscous": arm.base.viscous, "coulomb": arm.base.coulomb, "rotor_inertia": arm.base.rotor}
     effects = [of[t.effect.name][t.joints[0]] for t in model.terms]
     return np.concatenate([read_inertial_parameters(arm.model), effects])
 
@@ -73,14 +69,10 @@ def recovery_figures(quick: bool) -> Figures:
         "recovered_torque_over_nominal": figure(
             median["recovered"], None, seeds, all=of["recovered"]
         ),
-        "error_in_standard_deviations": figure(
-            median["z"], None, seeds, about=1.0, all=of["z"]
-        ),
+        "error_in_standard_deviations": figure(median["z"], None, seeds, about=1.0, all=of["z"]),
         "friction_error_percent": figure(median["friction"], None, seeds),
         "condition": figure(median["condition"], None, seeds),
-        "held_out_percent": figure(
-            median["free"], None, seeds, nominal=median["nominal"]
-        ),
+        "held_out_percent": figure(median["free"], None, seeds, nominal=median["nominal"]),
         "irls_held_out_percent": figure(median["irls"], None, seeds),
         "consistent_over_free": figure(
             float(np.median(ratio)), None, seeds, worst=float(max(ratio))
@@ -108,9 +100,7 @@ def _identified(seed: int) -> dict[str, float]:
     z = (result.estimate.theta - theta)[fitted] / result.estimate.sd[fitted]
     size = len(result.nominal.inertial)
     friction = [
-        i
-        for i, c in enumerate(result.base.columns)
-        if c >= size and c < size + 2 * ROBOT.dof
+        i for i, c in enumerate(result.base.columns) if c >= size and c < size + 2 * ROBOT.dof
     ]
     share = result.estimate.theta[friction] / theta[friction] - 1
     models = {"nominal": result.nominal, "free": result.model}

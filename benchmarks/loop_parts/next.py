@@ -15,14 +15,7 @@ from functools import lru_cache
 import numpy as np
 
 from benchmarks.harness.cases import guarded, seed_range
-from benchmarks.harness.figures import (
-    FULL,
-    NO_BAR,
-    Figures,
-    all_missing,
-    figure,
-    undecided,
-)
+from benchmarks.harness.figures import FULL, NO_BAR, Figures, all_missing, figure, undecided
 from benchmarks.harness.logs import in_engine
 from benchmarks.harness.rates import at_least, rate
 from flows.specs import derive_seed
@@ -47,12 +40,7 @@ from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import Place
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
-from sim.engine.plant_records import (
-    PlantEffect,
-    PlantSpec,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantEffect, PlantSpec, TrajectorySpec, create_random_stream
 from sim.trajectories import plan_reference_motion
 from sim.trajectories.excitation import (
     draw_feasible_series,
@@ -114,9 +102,7 @@ def _ratio(rows: Sequence[Mapping], name: str) -> dict:
         return figure(None, None, 0, why="no case whose truth is a rival")
     designed, peer = (float(np.median([s[k] for s in times])) for k in (DESIGNED, name))
     never = sum(s[name] >= SECONDS for s in times)
-    return figure(
-        peer / designed, None, len(times), medians=[designed, peer], never=never
-    )
+    return figure(peer / designed, None, len(times), medians=[designed, peer], never=never)
 
 
 FIRST = 10.0  # s, of the first log
@@ -165,9 +151,7 @@ def _row(seed: int) -> dict:
         return {"seed": seed, "open": False}
     truth = Place(
         case.effect.name,
-        tuple(
-            number_reported_joints(case.effect.name, case.effect.joints, _robot().dof)
-        ),
+        tuple(number_reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
     ranking = rank_motions(case.search.question, _robot(), SECONDS, seed)
     assert ranking is not None
@@ -214,8 +198,7 @@ def _kept(spec: TrajectorySpec) -> bool:
         and (made.q <= robot.upper).all()
         and (np.abs(made.qd) <= robot.velocity_limit).all()
         and (np.abs(torque) <= robot.torque_limit).all()
-        and compute_clearances(build_arm_capsules(robot.model), made.q[::10]).min()
-        >= MARGIN
+        and compute_clearances(build_arm_capsules(robot.model), made.q[::10]).min() >= MARGIN
     )
 
 
@@ -297,9 +280,7 @@ def logged_products(
     return out
 
 
-def realised(
-    contest: RivalContest, gram: Array, products: Array, true: int, other: int
-) -> float:
+def realised(contest: RivalContest, gram: Array, products: Array, true: int, other: int) -> float:
     """Log Bayes factor that a log did bring [nats].
 
     Args:
@@ -308,9 +289,7 @@ def realised(
         true: Index of the rival that it speaks for where positive.
     """
     values = [
-        rival_log_evidence(
-            products[:, None], gram, RivalUpdate.of(contest.rivals[i], gram)
-        )[0]
+        rival_log_evidence(products[:, None], gram, RivalUpdate.of(contest.rivals[i], gram))[0]
         for i in (true, other)
     ]
     return float(values[0] - values[1])

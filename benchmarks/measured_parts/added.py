@@ -201,12 +201,7 @@ def summary(row: Mapping) -> str:
 def _names(findings: Iterable[Finding]) -> list[list]:
     """Name, joint, what cannot be told from it there, probability; of each member."""
     return [
-        [
-            e.name,
-            joint,
-            [a.name for a in e.equivalent if joint in (*a.joints, 0)],
-            e.probability,
-        ]
+        [e.name, joint, [a.name for a in e.equivalent if joint in (*a.joints, 0)], e.probability]
         for e in findings
         for joint in (e.joints or (0,))
     ]

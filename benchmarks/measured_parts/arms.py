@@ -175,9 +175,7 @@ def robot_of(arm: str) -> Robot:
     return load_robot(folder_of(arm) / f"{arm}.urdf")
 
 
-def read_logs(
-    arm: str, files: Iterable[str], columns: str = CURRENT
-) -> list[Recording]:
+def read_logs(arm: str, files: Iterable[str], columns: str = CURRENT) -> list[Recording]:
     """Read files of an arm, or windows of them, by its COLUMNS.toml if it has one."""
     known = folder_of(arm) / columns
     read = read_column_map(known) if known.exists() else None
@@ -208,9 +206,7 @@ def measure(name: str) -> dict:
         "split": name,
         "named": [[e.name, list(e.joints)] for e in found],
         "alike": [[[a.name, list(a.joints)] for a in e.equivalent] for e in found],
-        "mass": [
-            p.value for e in found for k, p in e.parameters.items() if k == "mass"
-        ],
+        "mass": [p.value for e in found for k, p in e.parameters.items() if k == "mass"],
         "verdict": verdict.verdict,
         "filtered": {k: v for k, v in errors.filtered.items() if v is not None},
         "moving": {k: v for k, v in errors.moving.items() if v is not None},

@@ -27,10 +27,7 @@ def split_figures(rows: Rows) -> Figures:
     # Our error over a peer's, by joint; NaN where a torque is too small.
     squares, paper = (
         np.concatenate(
-            [
-                np.array(row["filtered"]["augmented"], dtype=float) / row[peer]
-                for row in compared
-            ]
+            [np.array(row["filtered"]["augmented"], dtype=float) / row[peer] for row in compared]
             or [[]]
         )
         for peer in ("peer", "plsr")
@@ -87,16 +84,13 @@ def _is_twin(one: Sequence, other: Sequence) -> bool:
 
 def _friction(by_name: Mapping[str, Mapping]) -> Figures:
     """Return figures of friction that grows with load, on the UR10e."""
-    days = [
-        by_name[n] for d in arms.DAYS if (n := f"ur10e {d} | other days") in by_name
-    ]
+    days = [by_name[n] for d in arms.DAYS if (n := f"ur10e {d} | other days") in by_name]
     if not days:
         return {}
     named = [
         row
         for row in days
-        if {*LOADED_JOINTS}
-        <= {j for name, j, alike in _places(row) if FRICTION in (name, *alike)}
+        if {*LOADED_JOINTS} <= {j for name, j, alike in _places(row) if FRICTION in (name, *alike)}
     ]
     ratios = [
         row["moving"]["augmented"][j - 1] / row["moving"]["identified"][j - 1]
@@ -157,9 +151,7 @@ def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[
             sure ones.
     """
     before = {
-        row["split"]: [x for key in keys for x in row[key]]
-        for row in rows
-        if row["truth"] is None
+        row["split"]: [x for key in keys for x in row[key]] for row in rows if row["truth"] is None
     }
 
     def counted(row: Mapping) -> list:
@@ -168,11 +160,7 @@ def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[
         every = [x for key in keys for x in row[key] if (x[3] or 0.0) >= least]
         return sorted(every, key=lambda x: -x[3])
 
-    return [
-        _judged(row, before[row["split"]], counted(row), keys)
-        for row in rows
-        if row["truth"]
-    ]
+    return [_judged(row, before[row["split"]], counted(row), keys) for row in rows if row["truth"]]
 
 
 def curve(rows: Rows) -> list[str]:
@@ -181,9 +169,7 @@ def curve(rows: Rows) -> list[str]:
     Of the added effects that the oracle hears; other names also of all.
     """
     every = [x[3] for row in rows for key in OURS for x in row[key] if x[3] is not None]
-    levels = (
-        np.quantile(every, np.linspace(0, 1, 12), method="nearest") if every else ()
-    )
+    levels = np.quantile(every, np.linspace(0, 1, 12), method="nearest") if every else ()
     out = ["least probability, first, named, another of the heard, another of all"]
     for least in sorted({0.5, 0.9, *map(float, levels)}):
         answers = judged(rows, OURS, least)

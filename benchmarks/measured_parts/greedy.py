@@ -70,9 +70,7 @@ class _Selection:
         theta = plain_fit(base, tracks, moving)
         body = theta[: 10 * robot.dof]
         model = robot.model
-        load = [
-            compute_inertial_regressor(model, t.q, t.qd, t.qdd) @ body for t in tracks
-        ]
+        load = [compute_inertial_regressor(model, t.q, t.qd, t.qdd) @ body for t in tracks]
         blocks, named = [], {}
         for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
             named = dict(_named(track, torque))
@@ -117,9 +115,7 @@ class _Selection:
         miss = np.einsum("bp,bjpq,bq->bj", theta, gram, theta, optimize=True)
         return self.power - 2 * np.einsum("bjp,bp->bj", cross, theta) + miss
 
-    def left_out_with_one_more(
-        self, chosen: Sequence[int]
-    ) -> Iterator[tuple[int, Array]]:
+    def left_out_with_one_more(self, chosen: Sequence[int]) -> Iterator[tuple[int, Array]]:
         """Yield each further name and its `left_out`, by the Schur complement."""
         own = self._columns(chosen)
         gram, cross = self.gram[:, :, own[:, None], own], self.cross[:, :, own]
@@ -141,9 +137,7 @@ class _Selection:
             errors[:, j, i] += 2 * (of_name * both).sum(axis=(1, 2))
             yield k, errors[:, :, i]
 
-    def _with(
-        self, k: int, own: Array, inverse: Array, alone: Array
-    ) -> tuple[Array, Array]:
+    def _with(self, k: int, own: Array, inverse: Array, alone: Array) -> tuple[Array, Array]:
         """Coefficients of the columns so far and of one more name. (blocks, n, 1)."""
         slot, j = self.slots[k], self.names[k][1] - 1
         gram, cross = self.gram[:, j], self.cross[:, j, slot]
@@ -151,9 +145,7 @@ class _Selection:
         inner, _ = self._others(gram[:, slot[:, None], slot], cross, slot, slot)
         inner += RIDGE * self.rows * np.eye(len(slot))
         turned, seen = np.swapaxes(across, 1, 2), inverse @ across
-        of_name = np.linalg.solve(
-            inner - turned @ seen, right[..., None] - turned @ alone
-        )
+        of_name = np.linalg.solve(inner - turned @ seen, right[..., None] - turned @ alone)
         of_own = alone - seen @ of_name
         return self.scale[own][:, None] * of_own, self.scale[slot][:, None] * of_name
 
@@ -180,9 +172,7 @@ def base_columns(robot: Robot, track) -> Array:
 
 def left_of_joints(base, tracks, moving, theta: Array) -> Array:
     """What least squares leaves of each joint [N m]. Shape (dof,)."""
-    left = np.concatenate(
-        [t.tau - x @ theta for x, t in zip(base, tracks, strict=True)]
-    )
+    left = np.concatenate([t.tau - x @ theta for x, t in zip(base, tracks, strict=True)])
     moves = np.concatenate(moving)
     rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
     size = np.sqrt((left**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))

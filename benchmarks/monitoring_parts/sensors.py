@@ -69,9 +69,7 @@ def sensor_figures(quick: bool) -> Figures:
             for _, _, log in pool.map(record, still):
                 alarms += len(monitor.watch(log))
                 hours += _DURATION / 3600
-            for case, (joint, onset, log) in zip(
-                bad, pool.map(record, bad), strict=True
-            ):
+            for case, (joint, onset, log) in zip(bad, pool.map(record, bad), strict=True):
                 found = monitor.watch(log)
                 alarms += sum(a.time < onset for a in found)
                 hours += (onset - log.t[0]) / 3600
@@ -125,10 +123,6 @@ def record(case: Case) -> tuple[int, float, Recording]:
         effects = (PlantEffect(name, (joint,), scaled, onset),)
     plant = PlantSpec(effects, seed=case.arm)
     log = record_plant_log(
-        build_and_simulate(ROBOT, motion, plant, start),
-        motion,
-        plant,
-        SampleRates(),
-        start,
+        build_and_simulate(ROBOT, motion, plant, start), motion, plant, SampleRates(), start
     )
     return joint, start + onset, replace(log, id=f"{case.family} {case.number}")

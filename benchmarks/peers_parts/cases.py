@@ -92,9 +92,7 @@ def _rows(task: Task) -> dict:
         for e in effects
     )
     ask = partial(_answered, case=Case(robot, fit), kind=kind, there=there)
-    return {
-        "rows": [guarded({"group": k}, partial(ask, k)) for k in task.programs],
-    }
+    return {"rows": [guarded({"group": k}, partial(ask, k)) for k in task.programs]}
 
 
 def _answered(program: str, case: Case, kind: str, there: tuple[Name, ...]) -> dict:
@@ -118,9 +116,7 @@ def summary(row: Mapping) -> str:
 @lru_cache(maxsize=4)
 def _arm(seed: int) -> Robot:
     """Return the built-in arm for odd seeds, and a drawn one for even ones."""
-    return (
-        load_robot("irb140") if seed % 2 else draw_light_arm(derive_seed(seed, "arm/1"))
-    )
+    return load_robot("irb140") if seed % 2 else draw_light_arm(derive_seed(seed, "arm/1"))
 
 
 Motions = list[tuple[TrajectorySpec, float]]  # each with its start [s]
@@ -145,8 +141,7 @@ def _stages(seed: int, seconds: float) -> list[Stage]:
     """Return the motions, on which sizes are shares of a joint's torque."""
     robot, (motions, _) = _arm(seed), _excitation(seed, seconds)
     return [
-        Stage.of(robot, plan_reference_motion(robot, spec, RATE), start)
-        for spec, start in motions
+        Stage.of(robot, plan_reference_motion(robot, spec, RATE), start) for spec, start in motions
     ]
 
 

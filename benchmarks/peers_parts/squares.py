@@ -29,9 +29,7 @@ def answer(case: Case) -> Answer:
     for kind, joint in product(("body", *DRIVES), range(1, arm.dof + 1)):
         at = [order.index(i) for i in arm.places(kind, joint) if i in order]
         if at and _off(change[at], cover[np.ix_(at, at)]):
-            found.append(
-                body(arm, joint) if kind == "body" else (Name(kind, (joint,)),)
-            )
+            found.append(body(arm, joint) if kind == "body" else (Name(kind, (joint,)),))
     return Answer(tuple(found))
 
 

@@ -110,10 +110,7 @@ def _frozen_figures(calibration: Calibration) -> Figures:
     }
     out = {}
     for name, (scheme, model, at_most) in pairs.items():
-        one, ls = (
-            score(calibration.scores, scheme, model),
-            score(calibration.scores, scheme, LS),
-        )
+        one, ls = (score(calibration.scores, scheme, model), score(calibration.scores, scheme, LS))
         ratios = one.rmsev / ls.rmsev
         told = {"ratios": rounded(ratios), "percent": rounded(one.rmsev)}
         told |= {"ls_percent": rounded(ls.rmsev), "components": one.components}
@@ -152,9 +149,7 @@ def measured_figures(quick: bool) -> Figures:
         paths = sorted((folder / arm).glob("*.csv"))
         logs = [read_log(str(p), robot)[0] for p in paths if _LOADED not in p.stem]
         calibration = calibrate(
-            robot,
-            [CalibrationRun(log) for log in logs],
-            CalibrationSettings(with_figures=False),
+            robot, [CalibrationRun(log) for log in logs], CalibrationSettings(with_figures=False)
         )
         out[f"{arm}_default_over_none"] = over_none(calibration)
         out[f"{arm}_default_over_best"] = over_best(calibration)

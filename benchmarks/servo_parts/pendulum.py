@@ -100,9 +100,7 @@ def chain_figures(quick: bool) -> Figures:
                 for part in ("goal_speed", "delay", "gain", "limit")
             ]
     return {
-        "goal_speed_first": at_least(
-            share(speed, total, data=values), bars["goal_speed_first"]
-        ),
+        "goal_speed_first": at_least(share(speed, total, data=values), bars["goal_speed_first"]),
         "delay_next": at_least(share(delay, total), bars["delay_next"]),
     }
 
@@ -128,8 +126,7 @@ def mass_figures(quick: bool) -> Figures:
                 across[f"gain {gain}, {mass} g"] = round(value, 4)
     return {
         f"mass_{name}": at_least(
-            share(sum(abs(e) <= 0.1 for e in of.values()), len(of), data=of),
-            bars[f"mass_{name}"],
+            share(sum(abs(e) <= 0.1 for e in of.values()), len(of), data=of), bars[f"mass_{name}"]
         )
         for name, of in (("own_gain", errors), ("across_gains", across))
     }
@@ -160,9 +157,7 @@ def developed_change_figures(quick: bool) -> Figures:
     for mass in MASSES[1:2] if quick else MASSES:
         for first, then in permutations(GAINS[1:3] if quick else GAINS, 2):
             drive = find_drive(first, KNOWN, SHORTER)
-            logs = (
-                _driven(read_setting(k, mass, SHORTER), drive) for k in (then, first)
-            )
+            logs = (_driven(read_setting(k, mass, SHORTER), drive) for k in (then, first))
             named, _ = _compare(robot, *logs)
             loads.append(any(n & BODIES for n in named))
             data[f"{mass} g, gain {first} to {then}"] = [sorted(n) for n in named]
@@ -190,9 +185,7 @@ def _score_changes(length: int, quick: bool, bars: Mapping) -> Figures:
             data[f"gain {gain}, {KNOWN} to {mass} g"] = row
     drive = find_drive(8, KNOWN, length)
     for mass in MASSES[:1] if quick else MASSES:
-        first, again = (
-            _driven(read_setting(8, mass, length, k), drive) for k in (1, 2)
-        )
+        first, again = (_driven(read_setting(8, mass, length, k), drive) for k in (1, 2))
         named, _ = _compare(robot, again, first)
         hits["repeats_silent"].append(not named)
         data[f"{mass} g again"] = [sorted(n) for n in named]

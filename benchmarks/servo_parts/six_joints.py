@@ -107,13 +107,8 @@ def find_chain_part(evidence: str) -> str:
 def simulate(case: Case) -> tuple[list[Recording], Recording]:
     """Return the logs of one arm: two to be fitted, one held out."""
     rng = create_random_stream(case.seed, f"servo/{case.hidden}")
-    specs = [
-        TrajectorySpec("fourier", SECONDS, 2, int(s))
-        for s in rng.integers(2**31, size=3)
-    ]
-    motions = [
-        plan_reference_motion(ROBOT, spec, RATES.control, False) for spec in specs
-    ]
+    specs = [TrajectorySpec("fourier", SECONDS, 2, int(s)) for s in rng.integers(2**31, size=3)]
+    motions = [plan_reference_motion(ROBOT, spec, RATES.control, False) for spec in specs]
     chain = {"delay": np.full(6, DELAY)}
     # A goal stands until the next one: in the mean it is late by half a sample more.
     known = {"delay": tuple(chain["delay"] + 0.5 / RATES.log)}

@@ -128,9 +128,7 @@ def _write(place: Path, start: int, end: int) -> None:
     import warehouse.record_commit
     import warehouse.store_files
 
-    warehouse.store_files.flush_to_disk = warehouse.record_commit.flush_to_disk = (
-        lambda path: None
-    )
+    warehouse.store_files.flush_to_disk = warehouse.record_commit.flush_to_disk = lambda path: None
     for seed in range(start, end):
         log, manifest, twin = small(seed)
         commit_run(place, log, manifest, None, twin)

@@ -67,27 +67,17 @@ def compute_background_torque(
     """Return friction and cogging that the background adds to a motion."""
     b = background
     plain = motion.coulomb * motion.bristle + motion.viscous * motion.qd
-    dry = motion.coulomb + b.level * friction_laws.low_speed_friction_factor(
-        motion.qd, b.speed
-    )
+    dry = motion.coulomb + b.level * friction_laws.low_speed_friction_factor(motion.qd, b.speed)
     dry = dry + b.press * friction_laws.hertz_contact_torque(motion.load, b.span)
-    cold = (
-        dry
-        * motion.bristle
-        * friction_laws.directional_friction_factor(motion.bristle, b.lean)
-    )
+    cold = dry * motion.bristle * friction_laws.directional_friction_factor(motion.bristle, b.lean)
     cold += motion.viscous * motion.qd
     start = compute_start_warmth(b, motion.worked)
-    power_scale = compute_usual_friction_power(
-        motion.coulomb, motion.viscous, motion.usual_speed
-    )
+    power_scale = compute_usual_friction_power(motion.coulomb, motion.viscous, motion.usual_speed)
     times = np.array([b.oil, b.housing]) / (motion.t[1] - motion.t[0])
     share = np.ascontiguousarray(cold * motion.qd / power_scale)
     warm = friction_laws.mix_contact_warmth(*_warmths(start, share, times, b.growth))
     factor = friction_laws.grease_thinning_factor(warm, b.growth)
-    return BackgroundTorque(
-        factor * cold - plain + compute_cogging(b, motion.q), factor
-    )
+    return BackgroundTorque(factor * cold - plain + compute_cogging(b, motion.q), factor)
 
 
 def compute_cogging(background: JointBackground, q: Array) -> Array:

@@ -85,18 +85,14 @@ def compute_effect_torque(effect: ActingEffect, state: SyntheticMotion) -> Array
     return out
 
 
-def compute_push_torque(
-    effect: ActingEffect, model: pin.Model, q: Array, qd: Array
-) -> Array:
+def compute_push_torque(effect: ActingEffect, model: pin.Model, q: Array, qd: Array) -> Array:
     """Return what a push from outside takes, on all joints. Shape (n, dof)."""
     data = model.createData()
     states = (MovingArm(model, data, *x) for x in zip(q, qd, strict=True))
     return -np.array([effect.kind.push(effect.values, state) for state in states])
 
 
-def compute_motor_lead(
-    compliance: float, half_gap: float, load: Array, rate: float
-) -> Array:
+def compute_motor_lead(compliance: float, half_gap: float, load: Array, rate: float) -> Array:
     """Return by how much a motor leads its link [rad]. Shape (n,).
 
     Args:
@@ -182,9 +178,7 @@ def compute_bristle_states(x: Array, displacement: Array) -> Array:
     Returns:
         States, zero at the first sample. Shape (n, k).
     """
-    return _dahl(
-        np.ascontiguousarray(x, dtype=float), np.asarray(displacement, dtype=float)
-    )
+    return _dahl(np.ascontiguousarray(x, dtype=float), np.asarray(displacement, dtype=float))
 
 
 @njit(cache=True)

@@ -54,9 +54,7 @@ def draw_light_arm(seed: int) -> Robot:
         urdf.append(_written(i, body))
     # By unit, since the drive's effects have their names in their own files.
     known = {
-        unit: (e.name, key)
-        for e in list_drive_effects()
-        for key, unit in e.parameters.items()
+        unit: (e.name, key) for e in list_drive_effects() for key, unit in e.parameters.items()
     }
     declared = {
         name: {key: (np.array(values) * np.exp(0.2 * rng.normal(size=7))).tolist()}

@@ -4,12 +4,7 @@ from dataclasses import dataclass, replace
 
 from benchmarks.harness.logs import RATE, sensed
 from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import (
-    Plant,
-    background_of,
-    true_friction,
-    true_torque,
-)
+from benchmarks.synthetic.quasi_static import Plant, background_of, true_friction, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from sim.effect_draws import draw_effect

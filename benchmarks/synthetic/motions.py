@@ -27,11 +27,7 @@ _DWELL = (0.3, 0.9)  # s
 
 
 def make_motion(
-    family: str,
-    space: Space,
-    duration: float,
-    rate: float,
-    rng: np.random.Generator,
+    family: str, space: Space, duration: float, rate: float, rng: np.random.Generator
 ) -> ReferenceMotion:
     """Draw one motion of some seconds at a rate [Hz], which does not decide it.
 
@@ -63,9 +59,7 @@ def draw_fourier(space: Space, duration: float, rng: np.random.Generator) -> Ser
     return _within(space, Series(motion_centre(space, rng), sine, cosine, period), 1.0)
 
 
-def draw_cyclic(
-    space: Space, period: float, share: float, rng: np.random.Generator
-) -> Series:
+def draw_cyclic(space: Space, period: float, share: float, rng: np.random.Generator) -> Series:
     """Draw strokes back and forth: 1 to 3 per period and joint, nearly triangular."""
     dof = len(space.centre)
     strokes = rng.permutation(np.arange(dof) // 2 % 3 + 1)
@@ -123,6 +117,4 @@ def _within(space: Space, series: Series, share: float) -> Series:
         ],
         axis=0,
     )
-    return Series(
-        series.centre, scale * series.sine, scale * series.cosine, series.period
-    )
+    return Series(series.centre, scale * series.sine, scale * series.cosine, series.period)

@@ -98,11 +98,7 @@ EFFECTS = {
         Effect("hyperbolic_warmup", LEVEL | TIME),
         Effect("two_time_warmup", LEVEL | TIME),
         Effect("leaning_play", {"half_gap": "rad"}),
-        Effect(
-            "soft_limit",
-            LEVEL,
-            report=lambda tau, t, onset, p: soft_limit(tau, p["level"]),
-        ),
+        Effect("soft_limit", LEVEL, report=lambda tau, t, onset, p: soft_limit(tau, p["level"])),
         Effect("cubic_cable", {"stiffness": "N m/rad", "rest": "rad"}),
         Effect("one_way_viscous", {"coefficient": "N m s/rad"}),
     )

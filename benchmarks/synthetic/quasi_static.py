@@ -86,9 +86,7 @@ class Torque:
     hidden: tuple[Array, ...]
     tau: Array  # what is reported: the sum, times a hidden torque gain, late or cut
     reading: Array  # what the encoders read, noise apart [rad], (n, dof)
-    background: BackgroundTorque | None = (
-        None  # what the background adds, None on a clean arm
-    )
+    background: BackgroundTorque | None = None  # what the background adds, None on a clean arm
 
 
 def true_model(plant: Plant) -> pin.Model:
@@ -100,10 +98,7 @@ def true_model(plant: Plant) -> pin.Model:
 
 def true_friction(plant: Plant) -> Friction:
     """Return base friction and rotors of this arm without hidden effects."""
-    usual, rng = (
-        estimate_typical_sizes(plant.robot),
-        create_random_stream(plant.seed, "friction"),
-    )
+    usual, rng = (estimate_typical_sizes(plant.robot), create_random_stream(plant.seed, "friction"))
     relative = _DECLARED_SCATTER if plant.robot.declared else _UNKNOWN_SCATTER
     relative = relative if plant.scatter is None else plant.scatter
     factor = np.exp(relative * rng.normal(size=(3, plant.robot.dof)))
@@ -190,10 +185,7 @@ def resolve_synthetic_effects(
     kinds = [known.get(e.name) or load_effects()[e.name] for e in effects]
     return [
         ActingEffect(
-            kind,
-            {**kind.defaults, **dict(e.parameters)},
-            tuple(j - 1 for j in e.joints),
-            e.onset,
+            kind, {**kind.defaults, **dict(e.parameters)}, tuple(j - 1 for j in e.joints), e.onset
         )
         for kind, e in zip(kinds, effects, strict=True)
     ]

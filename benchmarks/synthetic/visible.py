@@ -25,11 +25,7 @@ from scipy.signal import butter, sosfiltfilt
 from benchmarks.hidden.draw import MOST
 from benchmarks.synthetic.amounts import compute_effect_amount, scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
-from benchmarks.synthetic.quasi_static import (
-    Plant,
-    resolve_synthetic_effects,
-    true_torque,
-)
+from benchmarks.synthetic.quasi_static import Plant, resolve_synthetic_effects, true_torque
 from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -41,10 +37,7 @@ from sim.engine.plant_records import HIDDEN, PlantEffect, TrajectorySpec
 from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import SyntheticEffect as Effect
 from sim.engine.plant_records import create_random_stream as make_rng
-from sim.plant.effect_catalogue import (
-    list_drive_effects,
-    list_plant_effects,
-)
+from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
 from sim.trajectories import plan_reference_motion
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least

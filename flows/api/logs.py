@@ -8,12 +8,7 @@ from typing import Any
 import numpy as np
 
 from flows.api.remedies import advise_in_python, name_arguments
-from flows.inputs.read import (
-    LogSets,
-    apply_known_values,
-    load_command_robot,
-    read_log_sets,
-)
+from flows.inputs.read import LogSets, apply_known_values, load_command_robot, read_log_sets
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
 from flows.settings import resolve_store_folder
@@ -31,22 +26,9 @@ from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.verdict.diagnosis import tabulate_errors
 from residual.verdict.result import ErrorTables
-from warehouse.logs import (
-    ColumnMap,
-    check_logs_distinct,
-    choose_column_map,
-    read_memory_log,
-)
+from warehouse.logs import ColumnMap, check_logs_distinct, choose_column_map, read_memory_log
 
-__all__ = [
-    "check",
-    "compare",
-    "export",
-    "import_logs",
-    "load_robot",
-    "read_logs",
-    "recording",
-]
+__all__ = ["check", "compare", "export", "import_logs", "load_robot", "read_logs", "recording"]
 load_robot = advise_in_python(load_command_robot)
 Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data frame
 
@@ -54,9 +36,7 @@ Log = str | Path | Mapping[str, Any] | Any  # file, id, columns by name, data fr
 def check_robot(robot: Any) -> None:
     """Refuse anything but a robot of ``load_robot``, such as its name."""
     if not isinstance(robot, Robot):
-        raise InputError(
-            f"robot: expected what mg.load_robot returns, got {_kind(robot)}."
-        )
+        raise InputError(f"robot: expected what mg.load_robot returns, got {_kind(robot)}.")
 
 
 def check_recordings(name: str, logs: Any) -> tuple[Recording, ...]:
@@ -65,8 +45,7 @@ def check_recordings(name: str, logs: Any) -> tuple[Recording, ...]:
     for entry in entries:
         if not isinstance(entry, Recording):
             raise InputError(
-                f"{name}: expected recordings, such as mg.read_logs returns, got "
-                f"{_kind(entry)}."
+                f"{name}: expected recordings, such as mg.read_logs returns, got {_kind(entry)}."
             )
     return entries
 
@@ -212,9 +191,7 @@ def recording(
 
 
 @advise_in_python
-def compare(
-    models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]
-) -> ErrorTables:
+def compare(models: Mapping[str, Model | CorrectedModel], logs: Sequence[Recording]) -> ErrorTables:
     """Return the errors of several models of one robot on the same logs.
 
     Args:
@@ -226,9 +203,7 @@ def compare(
     """
     logs = check_recordings("logs", logs)
     if not isinstance(models, Mapping) or not models or not logs:
-        raise InputError(
-            'Nothing to compare: give models by name, as {"with": model}, and a log.'
-        )
+        raise InputError('Nothing to compare: give models by name, as {"with": model}, and a log.')
     first = next(iter(models.values()))
     base = first.model if isinstance(first, CorrectedModel) else first
     held_out = prepare_held_out(logs, base)

@@ -12,11 +12,7 @@ from flows.outputs import Progress, write_files
 from flows.requests import Diagnose
 from flows.specs import parse_spec
 from flows.steps.diagnose import diagnose
-from flows.steps.experiment import (
-    compute_run_id,
-    format_reference_csv,
-    simulate_experiment,
-)
+from flows.steps.experiment import compute_run_id, format_reference_csv, simulate_experiment
 from flows.steps.monitor import MonitoringResult, monitor_recordings
 from flows.steps.next import check_duration, rank_motions
 from residual.errors import InputError
@@ -71,10 +67,7 @@ def simulate(spec: Mapping = _DEFAULT) -> Recording:
 
 @advise_in_python
 def monitor(
-    model: Model,
-    healthy: Sequence[Recording],
-    watched: Sequence[Recording],
-    per_hour: float = 1.0,
+    model: Model, healthy: Sequence[Recording], watched: Sequence[Recording], per_hour: float = 1.0
 ) -> MonitoringResult:
     """Set the limits of a monitor by healthy logs, and check other logs against them.
 

@@ -17,12 +17,7 @@ from flows.outputs import Progress, write_files
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
 from flows.steps.calibrate import calibrate as calibrate_request
-from flows.steps.diagnose import (
-    ROLES,
-    add_stored_runs,
-    read_stored_runs,
-    store_diagnosis,
-)
+from flows.steps.diagnose import ROLES, add_stored_runs, read_stored_runs, store_diagnosis
 from flows.steps.diagnose import diagnose as diagnose_request
 from flows.steps.identify import identify as identify_request
 from flows.steps.model_choice import choose_request_model
@@ -30,12 +25,7 @@ from flows.storage import calibration as calibrated
 from flows.storage import identification_record as identified
 from residual.calibration import calibrate as core
 from residual.calibration.calibration_rows import CalibrationRun
-from residual.calibration.validation_scores import (
-    DEFAULT,
-    NOTHING,
-    RUN,
-    find_model_score,
-)
+from residual.calibration.validation_scores import DEFAULT, NOTHING, RUN, find_model_score
 from residual.errors import InputError
 from residual.identification.estimate import Options
 from residual.identification.identify import ValidatedIdentification
@@ -77,9 +67,7 @@ def build_log_sets(
     """Return recordings by role; InputError for none to fit, or for shared samples."""
     check_robot(robot)
     named = {"fit": fit, "baseline": baseline, "held_out": held_out}
-    sets = LogSets(
-        robot, **{name: check_recordings(name, logs) for name, logs in named.items()}
-    )
+    sets = LogSets(robot, **{name: check_recordings(name, logs) for name, logs in named.items()})
     if not sets.fit:
         raise InputError("No log to fit: give one recording or more.")
     check_logs_distinct([*sets.fit, *sets.baseline, *sets.held_out])
@@ -192,13 +180,10 @@ def _names(declared: Sequence[str] | None) -> tuple[str, ...] | None:
     return None if declared is None else tuple(declared)
 
 
-def _diagnose_runs(
-    request: Diagnose, logs: LogSets, progress: Progress | None
-) -> Diagnosis:
+def _diagnose_runs(request: Diagnose, logs: LogSets, progress: Progress | None) -> Diagnosis:
     """Diagnose runs of a store by the steps of the command, and store the result."""
     ids = {
-        role: tuple(_find_run(log, request.store) for log in getattr(logs, role))
-        for role in ROLES
+        role: tuple(_find_run(log, request.store) for log in getattr(logs, role)) for role in ROLES
     }
     request = add_stored_runs(request, ids)
     choice = choose_request_model(request, logs.robot)
@@ -251,8 +236,7 @@ class Identification(ValidatedIdentification):
         )
         count = len(self.free.base)
         return (
-            f"Identification({self.robot.name}: {count} parameters; "
-            f"held-out {before} -> {after})"
+            f"Identification({self.robot.name}: {count} parameters; held-out {before} -> {after})"
         )
 
 
@@ -317,12 +301,8 @@ class Calibration(core.Calibration):
         return core.build_corrected_model(self)
 
     def __repr__(self) -> str:
-        ours, none = (
-            find_model_score(self.scores, RUN, model) for model in (DEFAULT, NOTHING)
-        )
-        error = (
-            f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
-        )
+        ours, none = (find_model_score(self.scores, RUN, model) for model in (DEFAULT, NOTHING))
+        error = f"{none.overall:.3g} % -> {ours.overall:.3g} %" if ours and none else "–"
         return f"Calibration({self.robot}: unseen runs {error})"
 
 
@@ -343,9 +323,7 @@ def calibrate(
             of the time.
     """
     sets = build_log_sets(robot, fit)
-    request = Calibrate(
-        robot=robot.name, declared=_names(declared), trust_log=trust_log
-    )
+    request = Calibrate(robot=robot.name, declared=_names(declared), trust_log=trust_log)
     runs = [CalibrationRun(log) for log in sets.fit]
     made = calibrate_request(request, sets, runs, with_figures=figures)
     return convert_to_subclass(Calibration, made.calibration, warnings=made.warnings)

@@ -137,9 +137,7 @@ class Outputs:
         console: For people; standard error where JSON takes standard output.
     """
 
-    def __init__(
-        self, options: Mapping[str, str | None], inputs: Iterable[Path] = ()
-    ) -> None:
+    def __init__(self, options: Mapping[str, str | None], inputs: Iterable[Path] = ()) -> None:
         """Check that every file can be written.
 
         Args:
@@ -200,8 +198,7 @@ _LONG_WORD = re.compile(rf"\S{{{2 * LINE},}}")
 _INSTEAD = {
     "a verdict": "Expected the id of a stored diagnosis: modelgap sql "
     "'SELECT diagnosis_id FROM diagnoses'.",
-    "a model": "modelgap predict takes it with --model, modelgap export as its first "
-    "word.",
+    "a model": "modelgap predict takes it with --model, modelgap export as its first word.",
     None: "modelgap import gives a log an id.",
 }
 # Options of other commands: what this one does instead.
@@ -263,9 +260,7 @@ def _explain(error: Exception) -> int:
     if number == errno.EROFS:
         place = getattr(error, "filename", None) or "The disk"
         return _print_error(f"{place} is read-only. Nothing was written or lost.", 1)
-    return _print_error(
-        f"unexpected failure: {message}\nSet {TRACEBACK}=1 to see where.", 1
-    )
+    return _print_error(f"unexpected failure: {message}\nSet {TRACEBACK}=1 to see where.", 1)
 
 
 def _describe_usage_error(error: CycloptsError, command: str) -> str:

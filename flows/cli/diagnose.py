@@ -81,10 +81,7 @@ def diagnose(
         return render_diagnosis_page(result, result.verdict.robot, origin=origin)
 
     out.write(
-        {
-            "--report": page,
-            "--save-model": lambda: format_model(result.models["augmented"]),
-        },
+        {"--report": page, "--save-model": lambda: format_model(result.models["augmented"])},
         lambda: to_json(result.verdict),
     )
     print_diagnosis(result, out.console)

@@ -7,14 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.app import (
-    FASTEST,
-    LONGEST,
-    MOST_PERIODS,
-    SEEDS,
-    Outputs,
-    check_option_range,
-)
+from flows.cli.app import FASTEST, LONGEST, MOST_PERIODS, SEEDS, Outputs, check_option_range
 from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.requests import (
     File,
@@ -71,18 +64,12 @@ def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) ->
     if not (dry_run or planned.stored):
         steps.simulate_and_store(planned.spec, place)
         print_plain(
-            console,
-            f"stored in {format_store_name(place)}: modelgap show {planned.run_id}",
+            console, f"stored in {format_store_name(place)}: modelgap show {planned.run_id}"
         )
 
 
 def campaign(
-    spec: str,
-    /,
-    *,
-    store: Store = None,
-    dry_run: DryRun = False,
-    json: Json = None,
+    spec: str, /, *, store: Store = None, dry_run: DryRun = False, json: Json = None
 ) -> None:
     """Run many experiments on the simulated arm, on all cores.
 
@@ -111,12 +98,8 @@ def campaign(
     refused = _list(planned, console, True) if dry_run else {}
     failing = len(refused)
     missing = sum(not p.stored for p in planned)
-    count_text = (
-        f"{missing} to run, {len(planned) - missing} in {format_store_name(place)}"
-    )
-    print_plain(
-        console, f"{count_text}; {failing} will fail" if failing else count_text
-    )
+    count_text = f"{missing} to run, {len(planned) - missing} in {format_store_name(place)}"
+    print_plain(console, f"{count_text}; {failing} will fail" if failing else count_text)
     if dry_run:
         summary = steps.CampaignSummary(tuple(planned), refused)
         out.write(document=lambda: steps.build_campaign_document(summary, done=False))
@@ -133,9 +116,7 @@ def campaign(
         raise RunError(steps.advise_on_failures(summary))
 
 
-def _list(
-    planned: list["PlannedExperiment"], console: Console, rehearsed: bool
-) -> dict[str, str]:
+def _list(planned: list["PlannedExperiment"], console: Console, rehearsed: bool) -> dict[str, str]:
     """List experiments, with their motions planned; returns why some will fail."""
     from flows.steps.experiment import explain_infeasible_motion
 
@@ -226,11 +207,7 @@ _DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
-    family: str,
-    /,
-    *,
-    request: Trajectory = _DEFAULT_MOTION,
-    out: OutCsv = None,
+    family: str, /, *, request: Trajectory = _DEFAULT_MOTION, out: OutCsv = None
 ) -> None:
     """Plan a motion within the limits of a robot.
 
@@ -316,9 +293,7 @@ def demo(
     # Before anything is started, so that a wrong word is answered at once.
     specs = demonstration.build_demo_specs(seed, effect, background)
     arm = f"the simulated {demonstration.ROBOT}, background {background}"
-    print_plain(
-        console, f"{len(specs)} experiments on {arm}, into {format_store_name(place)}"
-    )
+    print_plain(console, f"{len(specs)} experiments on {arm}, into {format_store_name(place)}")
     with show_progress_bar() as progress:
         runs = demonstration.run_experiments(specs, place, progress)
         ids = diagnose_stored_runs(build_diagnose_request(runs, place), progress)

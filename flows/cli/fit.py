@@ -4,22 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from flows.cli.app import Outputs
-from flows.outputs import (
-    check_new_folder,
-    list_input_files,
-    place_in_folder,
-    show_progress_bar,
-)
-from flows.requests import (
-    Calibrate,
-    File,
-    HeldOutWhere,
-    Identify,
-    Json,
-    Log,
-    OutFolder,
-    Where,
-)
+from flows.outputs import check_new_folder, list_input_files, place_in_folder, show_progress_bar
+from flows.requests import Calibrate, File, HeldOutWhere, Identify, Json, Log, OutFolder, Where
 
 
 def identify(
@@ -112,9 +98,7 @@ def calibrate(
     )
     from flows.report.document import print_parts, widen_piped_console
     from flows.steps import calibrate as calibration
-    from flows.storage.calibration import (
-        build_calibration_document as calibration_document,
-    )
+    from flows.storage.calibration import build_calibration_document as calibration_document
     from flows.storage.calibration import build_calibration_files
 
     request = select_request_runs(request, logs, where)
@@ -136,9 +120,7 @@ def calibrate(
         lambda: calibration_document(
             result, describe_calibration(result), done.warnings, done.stored
         ),
-        place_in_folder(out, build_calibration_files(result))
-        if out is not None
-        else {},
+        place_in_folder(out, build_calibration_files(result)) if out is not None else {},
     )
     print_parts(widen_piped_console(outputs.console), *build_terminal_parts(done))
     if done.stored:

@@ -10,9 +10,7 @@ from flows.settings import resolve_store_folder
 from residual.errors import RunError
 
 
-def diff(
-    one: str, two: str, /, *, format: TableFormat = "table", store: Store = None
-) -> None:
+def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store = None) -> None:
     """Compare two runs, models, diagnoses or validations.
 
     ```
@@ -36,9 +34,7 @@ def diff(
     if format == "json":
         print(json.dumps(build_diff_record(difference), indent=2, ensure_ascii=False))
     else:
-        print_parts(
-            widen_piped_console(Console(), 1000), *build_diff_tables(difference)
-        )
+        print_parts(widen_piped_console(Console(), 1000), *build_diff_tables(difference))
 
 
 def lineage(
@@ -83,12 +79,7 @@ def lineage(
 
 
 def rerun(
-    id: str,
-    /,
-    *,
-    verify: Flag = False,
-    format: TextFormat = "text",
-    store: Store = None,
+    id: str, /, *, verify: Flag = False, format: TextFormat = "text", store: Store = None
 ) -> None:
     """Repeat a run, model, diagnosis or validation, and compare bit for bit.
 

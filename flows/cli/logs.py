@@ -7,16 +7,7 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import list_input_files, print_plain
-from flows.requests import (
-    Check,
-    File,
-    Flag,
-    Import,
-    Json,
-    Log,
-    Name,
-    RobotRequest,
-)
+from flows.requests import Check, File, Flag, Import, Json, Log, Name, RobotRequest
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
 
@@ -48,9 +39,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     from flows.steps import check as checking
 
     request = replace(request, logs=logs)
-    out = Outputs(
-        {"--json": json}, list_input_files((*logs, request.robot), request.columns)
-    )
+    out = Outputs({"--json": json}, list_input_files((*logs, request.robot), request.columns))
     if not logs:
         robot, report = checking.check_robot_file(request)
         out.write(document=lambda: build_robot_document(robot, report))
@@ -64,9 +53,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     return out.finish()
 
 
-def map_(
-    log: Log, /, *, request: RobotRequest, format: Name = None, out: File = None
-) -> None:
+def map_(log: Log, /, *, request: RobotRequest, format: Name = None, out: File = None) -> None:
     """Draft the column map of a log.
 
     Uses the column names, the stated units, the joint names of the URDF and the
@@ -96,9 +83,7 @@ def map_(
         print(text, end="")
         return
     if Path(out).exists() and Path(out).read_bytes() != text.encode():
-        raise InputError(
-            f"--out {out} exists with other content. Name another file, or delete it."
-        )
+        raise InputError(f"--out {out} exists with other content. Name another file, or delete it.")
     unsure = [line[4:] for line in text.splitlines() if line.startswith("# ?")]
     outputs.say(*(f"not certain: {line}" for line in unsure))
     outputs.write({"--out": lambda: text})
@@ -142,8 +127,6 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     for log in () if dry_run else sound:
         id = imports.store_log(log, request, arm)
         word = "was in" if log.stored else "stored in"
-        print_plain(
-            console, f"{id}  {log.summary.id}: {word} {format_store_name(place)}"
-        )
+        print_plain(console, f"{id}  {log.summary.id}: {word} {format_store_name(place)}")
         if log.stored and (request.tags or request.recorded_at):
             print_plain(console, "  its tags and time stay as they were stored")

@@ -8,18 +8,7 @@ from rich.console import Console
 
 from flows.cli.app import Outputs
 from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
-from flows.requests import (
-    Columns,
-    File,
-    Flag,
-    Log,
-    ModelWord,
-    RobotName,
-    Store,
-    Text,
-    Which,
-    Words,
-)
+from flows.requests import Columns, File, Flag, Log, ModelWord, RobotName, Store, Text, Which, Words
 from flows.settings import resolve_store_folder
 
 
@@ -47,16 +36,13 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
         subject = f"{robot} has" if robot else "Every robot has"
         print_plain(
             console,
-            f"{subject} its nominal model in "
-            f"{format_store_name(resolve_store_folder(store))}.",
+            f"{subject} its nominal model in {format_store_name(resolve_store_folder(store))}.",
         )
         return
     print_parts(console, build_adoption_table(listed), ADOPTED_KEY)
 
 
-def adopt(
-    id: str, /, *, note: Text = "", force: Flag = False, store: Store = None
-) -> None:
+def adopt(id: str, /, *, note: Text = "", force: Flag = False, store: Store = None) -> None:
     """Make the augmented model of a diagnosis the current model of its robot.
 
     ```

@@ -85,7 +85,5 @@ def next_(
         },
         lambda: to_json(replace(opened.verdict, next_experiment=plan)),
     )
-    print_parts(
-        outputs.console, *describe_best_motion(ranking), build_ranking_table(ranking)
-    )
+    print_parts(outputs.console, *describe_best_motion(ranking), build_ranking_table(ranking))
     outputs.finish()

@@ -19,9 +19,7 @@ if TYPE_CHECKING:
 _PAUSE = 5.0  # s between two looks
 
 
-def init(
-    folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False
-) -> None:
+def init(folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False) -> None:
     """Create a project: modelgap.toml with robots, inboxes, schedules and store.
 
     ```
@@ -48,9 +46,7 @@ def init(
     print(f"edit it if you like, then{there}: modelgap up")
 
 
-def inbox(
-    folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
-) -> None:
+def inbox(folder: str = ".", /, *, once: Flag = False, import_only: Flag = False) -> None:
     """Import, monitor and diagnose the logs in the inboxes of a project.
 
     ```
@@ -69,14 +65,7 @@ def inbox(
         once: Return after the logs that are there now; default: run until Ctrl-C.
         import_only: Do not monitor or diagnose.
     """
-    from flows.inbox.import_logs import (
-        KNOWN,
-        REFUSED,
-        STORED,
-        WAITING,
-        list_inboxes,
-        list_logs,
-    )
+    from flows.inbox.import_logs import KNOWN, REFUSED, STORED, WAITING, list_inboxes, list_logs
     from flows.project.read import read_project
 
     project = read_project(folder)
@@ -97,9 +86,7 @@ def inbox(
             time.sleep(_PAUSE)
 
 
-def _import_round(
-    project: "Project", of: Sequence["Inbox"], import_only: bool
-) -> Counter:
+def _import_round(project: "Project", of: Sequence["Inbox"], import_only: bool) -> Counter:
     from flows.inbox.batches import diagnose_new_runs
     from flows.inbox.import_logs import import_inbox_logs, wait_for_unchanged_logs
     from flows.report.sentences import format_headline
@@ -109,9 +96,7 @@ def _import_round(
 
     def monitor(robot: str, runs: Sequence[str]) -> None:
         try:
-            outcome = monitor_new_runs(
-                runs, project.store, tag=project.robot(robot).healthy
-            )
+            outcome = monitor_new_runs(runs, project.store, tag=project.robot(robot).healthy)
         except InputError as error:
             _say(f"{robot}: not monitored: {error}")
             return

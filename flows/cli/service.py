@@ -62,9 +62,7 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
     request = replace(request, store=place, database=database, project=project)
     if project:
         port, workers = project.table.port, project.table.workers
-        request = replace(
-            request, port=request.port or port, workers=request.workers or workers
-        )
+        request = replace(request, port=request.port or port, workers=request.workers or workers)
     check_request(request)
     _prepare(prefect_home(place))
     from flows.service.up import start_service as bring_up

@@ -33,9 +33,7 @@ if TYPE_CHECKING:
 
     from warehouse.query.store import Store as Opened
 
-_COLUMNS = (
-    "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
-)
+_COLUMNS = "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 
 
 def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -> None:
@@ -194,8 +192,7 @@ def _relatives(store: "Opened", id: str) -> dict:
         "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
     }
     return {
-        name: store.sql(query, without_damaged=True).to_pylist()
-        for name, query in queries.items()
+        name: store.sql(query, without_damaged=True).to_pylist() for name, query in queries.items()
     }
 
 
@@ -262,9 +259,7 @@ def sql(
     if sum(choices) > 1 or (sys.stdin.isatty() and not any(choices)):
         raise InputError(_ONE_OF)
     if truth and query is None and (named or schema):
-        raise InputError(
-            "--truth is for a query of your own: no ready one reads truth."
-        )
+        raise InputError("--truth is for a query of your own: no ready one reads truth.")
     if with_ and named is None:
         raise InputError("--with sets a value of a ready query: --named NAME.")
     refuse_binary_on_terminal(format, out)

@@ -250,9 +250,7 @@ def list_inboxes(project: Project) -> tuple[Inbox, ...]:
     return tuple(Inbox(project, table) for table in project.table.inbox)
 
 
-def wait_for_unchanged_logs(
-    inboxes: Sequence[Inbox],
-) -> dict[int, Mapping[str, FileState]]:
+def wait_for_unchanged_logs(inboxes: Sequence[Inbox]) -> dict[int, Mapping[str, FileState]]:
     """Return the logs that do not change for `quiet` seconds, by index of the inbox.
 
     Returns at once if there are none.
@@ -295,10 +293,7 @@ def import_inbox_logs(
 def _import_chunks(jobs: Sequence[LogImport]) -> Iterator[list[ImportOutcome]]:
     """Import logs in processes; a log whose process dies is refused."""
     if len(jobs) <= _FEW:
-        yield [
-            _outcome_of(jobs, done)
-            for done in run_jobs(InlineExecutor(), import_log, jobs)
-        ]
+        yield [_outcome_of(jobs, done) for done in run_jobs(InlineExecutor(), import_log, jobs)]
         return
     with ProcessExecutor(min(count_cores(), len(jobs))) as processes:
         done = run_jobs(processes, import_log, jobs)

@@ -70,8 +70,7 @@ class LogSets:
             return tuple(notes)
         sets = {"fit": self.fit, "baseline": self.baseline, "held out": self.held_out}
         use = " | ".join(
-            f"{name}: {' '.join(log.id for log in logs) or '–'}"
-            for name, logs in sets.items()
+            f"{name}: {' '.join(log.id for log in logs) or '–'}" for name, logs in sets.items()
         )
         return (use, *notes, *merge_equal_lines(self.each))
 
@@ -159,9 +158,7 @@ def suggest_column_map(log: str, robot: str) -> Iterator[None]:
         yield
     except MissingColumnsError as error:
         words = ["modelgap", "map", log, "--robot", robot, "--out", "COLUMNS.toml"]
-        raise MissingColumnsError(
-            f"{error} A draft of it: {shlex.join(words)}"
-        ) from error
+        raise MissingColumnsError(f"{error} A draft of it: {shlex.join(words)}") from error
 
 
 def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> LogSets:
@@ -186,16 +183,11 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
 def require_logs(words: Sequence[str], purpose: str, command: str) -> None:
     """Refuse a command without any log."""
     if not words:
-        raise InputError(
-            f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R."
-        )
+        raise InputError(f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R.")
 
 
 def select_request_runs(
-    request: R,
-    words: Sequence[str],
-    where: str | None = None,
-    held_out_where: str | None = None,
+    request: R, words: Sequence[str], where: str | None = None, held_out_where: str | None = None
 ) -> R:
     """Return a request with its logs: words of the line, and runs chosen by query.
 
@@ -344,10 +336,7 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
                 f"{robot.serial} like the rest. Give runs of one arm."
             )
         # That of a plant is no part of its description, whose hash its runs have.
-        if run in plants:
-            robot = replace(robot, serial=serial)
-        else:
-            robot = set_serial_number(robot, serial)
+        robot = replace(robot, serial=serial) if run in plants else set_serial_number(robot, serial)
     return robot
 
 
@@ -361,9 +350,7 @@ def read_run_serial(run: str, store: str | Path | None) -> str | None:
     return read_manifest(resolve_store_folder(store), run).get("serial")
 
 
-def apply_known_values(
-    robot: Robot, known: Mapping[str, float], baseline: Sequence = ()
-) -> Robot:
+def apply_known_values(robot: Robot, known: Mapping[str, float], baseline: Sequence = ()) -> Robot:
     """Return the robot with values that are known for sure, checked.
 
     Raises:

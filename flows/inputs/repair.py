@@ -37,9 +37,7 @@ _EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit
 
 
-def format_repair_lines(
-    repairs: Iterable[Repair], robot: Robot, columns: ColumnMap
-) -> str | None:
+def format_repair_lines(repairs: Iterable[Repair], robot: Robot, columns: ColumnMap) -> str | None:
     """Return the lines that do some repairs, one for each signal.
 
     Returns:
@@ -72,13 +70,9 @@ def describe_repair_file(lines: str) -> str:
     return "robot.toml, [robot]" if lines.startswith("grav") else "--map"
 
 
-def _line(
-    name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
-) -> str | None:
+def _line(name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap) -> str | None:
     if name == "t":
-        return format_time_line(
-            math.prod(float(r.scale or 1.0) for r in repairs), columns
-        )
+        return format_time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
     if name == "robot":
         if any(r.gravcomp is False for r in repairs):
             return "gravcomp = false"
@@ -115,10 +109,7 @@ def format_time_line(scale: float, columns: ColumnMap) -> str:
     words = [f"column = {_quoted(columns.time)}"]
     if columns.nanoseconds:
         words.append(f"nanoseconds = {_quoted(columns.nanoseconds)}")
-    unit = next(
-        (u for u, f in TIME_UNITS.items() if math.isclose(whole, f, rel_tol=_SAME)),
-        None,
-    )
+    unit = next((u for u, f in TIME_UNITS.items() if math.isclose(whole, f, rel_tol=_SAME)), None)
     if unit is None:
         words.append(f"scale = {_number(whole)}")
     elif unit != "s":
@@ -126,9 +117,7 @@ def format_time_line(scale: float, columns: ColumnMap) -> str:
     return f"time = {{{', '.join(words)}}}"
 
 
-def _mended(
-    name: str, signal: SignalMap, repair: Repair, robot: Robot
-) -> SignalMap | None:
+def _mended(name: str, signal: SignalMap, repair: Repair, robot: Robot) -> SignalMap | None:
     """Return what is to be said of a signal so that it is repaired at the link side."""
     dof = robot.dof
     sign, scale = _each(repair.sign, repair, dof), _each(repair.scale, repair, dof)
@@ -282,10 +271,6 @@ def _quoted(text: str) -> str:
 def escape_unprintable(text: str) -> str:
     """Return a text in one line, what cannot be printed escaped as TOML does it."""
     return "".join(
-        c
-        if c.isprintable()
-        else f"\\U{ord(c):08x}"
-        if c > "\uffff"
-        else f"\\u{ord(c):04x}"
+        c if c.isprintable() else f"\\U{ord(c):08x}" if c > "\uffff" else f"\\u{ord(c):04x}"
         for c in text
     )

@@ -15,20 +15,11 @@ from flows.pipelines import tasks
 from flows.pipelines.proposals import cancel_settled_proposals
 from flows.pipelines.tasks import task
 from flows.project.deployments import PROPOSED
-from flows.report.models import (
-    describe_adoption,
-    render_proposal_markdown,
-    render_proposal_page,
-)
+from flows.report.models import describe_adoption, render_proposal_markdown, render_proposal_page
 from flows.report.page import read_record_origin
 from flows.report.store_index import write_index
 from flows.settings import resolve_store_folder
-from flows.steps.adopt import (
-    Proposal,
-    find_same_proposal,
-    judge_adoption,
-    store_proposal,
-)
+from flows.steps.adopt import Proposal, find_same_proposal, judge_adoption, store_proposal
 from flows.steps.adopt import adopt as give
 from flows.steps.model_choice import resolve_adopted_model
 from flows.storage.diagnosis import read_verdict
@@ -60,9 +51,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         log.info(f"proposed already: modelgap show {before}")
         return None
     sources = read_record_origin(place, diagnosis)
-    page = store_proposal(
-        place, proposal, render_proposal_page(proposal, sources).encode()
-    )
+    page = store_proposal(place, proposal, render_proposal_page(proposal, sources).encode())
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
     text = render_proposal_markdown(proposal)
@@ -79,9 +68,7 @@ def render_proposal(diagnosis: str, store: str) -> str:
     """Return a proposal as Markdown, with the current judgment of the gate."""
     place = Path(store)
     judgment = judge_adoption(place, diagnosis)
-    return render_proposal_markdown(
-        Proposal(judgment, read_verdict(place, judgment.diagnosis))
-    )
+    return render_proposal_markdown(Proposal(judgment, read_verdict(place, judgment.diagnosis)))
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])

@@ -29,9 +29,7 @@ _identify, _calibrate, _validate = (
     _analysis(step, task_run_name=step.__name__)
     for step in (tasks.identify, tasks.calibrate, tasks.validate)
 )
-_distributed = partial(
-    flow, timeout_seconds=_NIGHT, task_runner=tasks.choose_task_runner()
-)
+_distributed = partial(flow, timeout_seconds=_NIGHT, task_runner=tasks.choose_task_runner())
 
 
 @_distributed(name="nightly", flow_run_name="nightly {campaign_file}")
@@ -77,9 +75,7 @@ def nightly(
 
 
 @_distributed(name="campaign", flow_run_name="campaign {campaign_file}")
-def campaign(
-    campaign_file: str, seed: int | None = None, store: str | None = None
-) -> list[str]:
+def campaign(campaign_file: str, seed: int | None = None, store: str | None = None) -> list[str]:
     """Run the missing experiments of a campaign, each as a task; return all run ids.
 
     Raises:

@@ -31,13 +31,7 @@ from flows.report.experiments import build_alarm_table, describe_alarms
 from flows.report.models import build_identification_parts as identified_parts
 from flows.report.sentences import format_brief_claim, format_headline
 from flows.report.store_index import INDEX, title_diagnosis
-from flows.settings import (
-    HEALTHY,
-    PAGES,
-    build_page_address,
-    count_cores,
-    resolve_store_folder,
-)
+from flows.settings import HEALTHY, PAGES, build_page_address, count_cores, resolve_store_folder
 from flows.steps import calibrate as calibration
 from flows.steps import diagnose as diagnosis
 from flows.steps import experiment as campaigns
@@ -54,9 +48,7 @@ _TOGETHER = 1000  # ids in one event; the server refuses more than 1.5 MB
 _LONGEST = 200  # characters of the name of a flow run
 
 
-def publish_text(
-    key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]
-) -> None:
+def publish_text(key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]) -> None:
     """Show the outcome of a stage as one text, the same as its command prints.
 
     Args:
@@ -105,12 +97,7 @@ def send_event(name: str, payload: dict, about: str = STORE) -> None:
 
 
 def send_notice(
-    kind: str,
-    robot: str,
-    title: str,
-    text: str = "",
-    ids: Sequence[str] = (),
-    page: str = "",
+    kind: str, robot: str, title: str, text: str = "", ids: Sequence[str] = (), page: str = ""
 ) -> None:
     """Send an event for people, which [notify] of a project passes on to them.
 
@@ -168,19 +155,13 @@ def is_temporary_failure(_task: object, _run: object, state) -> bool:
 
 # What is in the store is not run twice.
 again = partial(
-    task,
-    retries=2,
-    retry_delay_seconds=[10, 60],
-    retry_condition_fn=is_temporary_failure,
+    task, retries=2, retry_delay_seconds=[10, 60], retry_condition_fn=is_temporary_failure
 )
 
 
 @again(name="experiment", task_run_name="{label}", tags=["simulation"])
 def experiment(
-    label: str,
-    batch: list[PlannedExperiment],
-    store: str,
-    executor: Executor | None = None,
+    label: str, batch: list[PlannedExperiment], store: str, executor: Executor | None = None
 ) -> list[str]:
     """Run experiments of a campaign; return the ids of their runs.
 
@@ -188,9 +169,7 @@ def experiment(
         executor: Processes of this machine; None on a cluster.
     """
     work = partial(campaigns.run_planned_experiment, store=store)
-    futures = [
-        (executor or InlineExecutor()).submit(run_job, work, each) for each in batch
-    ]
+    futures = [(executor or InlineExecutor()).submit(run_job, work, each) for each in batch]
     ids = [future.result() for future in futures]
     for each, id in zip(batch, ids, strict=True):
         if why := campaigns.explain_missing_run(each, id, resolve_store_folder(store)):
@@ -198,16 +177,11 @@ def experiment(
     return ids
 
 
-def identify(
-    fit: list[str], held_out: list[str] | None = None, store: str | None = None
-) -> None:
+def identify(fit: list[str], held_out: list[str] | None = None, store: str | None = None) -> None:
     """Identify the parameters of an arm from runs."""
     place = resolve_store_folder(store)
     request = requests.Identify(
-        tuple(fit),
-        robot=read_run_robot(fit, place),
-        held_out=tuple(held_out or ()),
-        store=place,
+        tuple(fit), robot=read_run_robot(fit, place), held_out=tuple(held_out or ()), store=place
     )
     logs = identification.read_logs(request)
     outcome, kept = identification.identify(request, logs)
@@ -224,9 +198,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     return list(done.stored.values())
 
 
-def validate(
-    runs: list[str], window: float = 0.25, store: str | None = None
-) -> list[str]:
+def validate(runs: list[str], window: float = 0.25, store: str | None = None) -> list[str]:
     """Validate the nominal model on runs; return the ids of the validations.
 
     Args:

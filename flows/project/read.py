@@ -169,9 +169,7 @@ class Project:
     def store(self) -> Path:
         """The folder of the store; of a bucket the local one."""
         word = self.table.store
-        return (
-            resolve_store_folder(word) if is_bucket_address(word) else self.path(word)
-        )
+        return resolve_store_folder(word) if is_bucket_address(word) else self.path(word)
 
     def path(self, name: str) -> Path:
         """Return a path of the file, relative to its folder."""
@@ -193,9 +191,7 @@ class Project:
     def arm(self, robot: RobotTable) -> Robot:
         """Load a robot, with its serial number."""
         try:
-            return set_serial_number(
-                load_command_robot(self.word(robot)), robot.serial or None
-            )
+            return set_serial_number(load_command_robot(self.word(robot)), robot.serial or None)
         except InputError as error:
             raise InputError(f"{PROJECT}: robot '{robot.name}': {error}") from error
 
@@ -220,9 +216,7 @@ def read_project(folder: str | Path) -> Project:
     file = Path(folder).resolve() / PROJECT
     if not file.is_file():
         raise InputError(f"No {PROJECT} in {file.parent}. Create one: modelgap init.")
-    project = Project(
-        file.parent, build_toml_record(ProjectTable, read_toml(file), PROJECT)
-    )
+    project = Project(file.parent, build_toml_record(ProjectTable, read_toml(file), PROJECT))
     for robot in project.table.robot:
         project.arm(robot)
         if robot.simulated:

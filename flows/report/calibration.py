@@ -65,8 +65,7 @@ def describe_calibration(result: Calibration) -> tuple[str, ...]:
     family, none = (score(FAMILY, model) for model in (DEFAULT, NOTHING))
     if family and none:
         lines.append(
-            f"On an unseen motion family: {_p(none)} → {_p(family)}."
-            f"{_above(family, none)}"
+            f"On an unseen motion family: {_p(none)} → {_p(family)}.{_above(family, none)}"
         )
     return tuple(lines)
 
@@ -107,22 +106,15 @@ def _errors(result: Calibration) -> ReportTable:
     first = [i for i, name in enumerate(schemes) if name not in schemes[:i]]
     rows = []
     for i, score in enumerate(result.scores):
-        scheme_errors = [
-            each.overall for each in result.scores if each.scheme == score.scheme
-        ]
-        kind = (
-            BoldText if score.overall == min(scheme_errors) else str
-        )  # the best of its scheme
+        scheme_errors = [each.overall for each in result.scores if each.scheme == score.scheme]
+        kind = BoldText if score.overall == min(scheme_errors) else str  # the best of its scheme
         cells = [
             kind(f"{_percent(v)} ({_percent(c)})")
             for v, c in zip(score.rmsev, score.rmsec, strict=True)
         ]
         means = [_percent(m) for m in score.mean] if paper else []
         count = "" if score.components is None else f", A = {score.components}"
-        start = [
-            SCHEMES[score.scheme] if i in first else "",
-            MODELS[score.model] + count,
-        ]
+        start = [SCHEMES[score.scheme] if i in first else "", MODELS[score.model] + count]
         rows.append([*start, *cells, kind(_percent(score.overall)), *means])
     return ReportTable(heads, rows, text_columns=(0, 1), sections=first[1:])
 
@@ -168,9 +160,7 @@ def describe_default_forms(result: Calibration) -> str:
 def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -> str:
     """Return the page of a calibration."""
 
-    def section(
-        id: str, heading: str, charts: Sequence[Chart], *more: ReportTable
-    ) -> Section:
+    def section(id: str, heading: str, charts: Sequence[Chart], *more: ReportTable) -> Section:
         parts = [charts, *more] if charts else ()
         return Section(id, heading, parts, _TEXT.get(id, ""))
 
@@ -184,8 +174,7 @@ def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -
         note += "; the mean over subsets, as in the paper, in the last columns"
     note = f"{note}. {_TEXT['newness']}"
     below = Note(
-        f"{capitalize_first(describe_default_forms(result))} {_TEXT['flatters']}",
-        "soft spaced",
+        f"{capitalize_first(describe_default_forms(result))} {_TEXT['flatters']}", "soft spaced"
     )
     loadings = [
         (
@@ -208,24 +197,12 @@ def render_calibration_page(result: Calibration, warnings: Sequence[str] = ()) -
             warnings=warnings,
             sections=(
                 Section("table", "Models and schemes", [_errors(result), below], note),
-                section(
-                    "bars",
-                    "Errors as bars (figure 10)",
-                    chart_validation_errors(result),
-                ),
-                section(
-                    "time",
-                    "Corrections over time (figure 9)",
-                    chart_torque_over_time(result),
-                ),
+                section("bars", "Errors as bars (figure 10)", chart_validation_errors(result)),
+                section("time", "Corrections over time (figure 9)", chart_torque_over_time(result)),
                 section("pca", "Principal components (figures 4 to 6)", pca, table),
                 section("curves", "Components (figure 8)", chart_lookup_curves(result)),
                 section("levels", "Levels (figure 12)", chart_lookup_levels(result)),
-                Section(
-                    "read",
-                    "How to read this page",
-                    [read_page_texts()["read_calibration"]],
-                ),
+                Section("read", "How to read this page", [read_page_texts()["read_calibration"]]),
                 Section("notes", "Notes", [result.notes]),
             ),
         )
@@ -245,9 +222,7 @@ _CLIP = 1.5  # times no compensation, above which bars are cut
 _RMSEV = charts.build_axis("RMSEV (%)", rangemode="tozero")
 
 
-def _chart(
-    title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None
-) -> Chart:
+def _chart(title: str, x: str, y: Mapping, data: list, alt: str, joint: int | None = None) -> Chart:
     plot = {"data": data, "layout": charts.build_layout(title, charts.build_axis(x), y)}
     return Chart(f"{title}: {alt}.", joint=joint, plot=plot)
 
@@ -298,11 +273,7 @@ def chart_torque_over_time(result: Calibration) -> list[Chart]:
             curves[MODELS[name]] = MODEL_COLORS[name], values[:, column]
         x = charts.encode_values(unseen.t)
         data = [
-            {
-                **charts.line_style(name, color, 1.0),
-                "x": x,
-                "y": charts.encode_values(values),
-            }
+            {**charts.line_style(name, color, 1.0), "x": x, "y": charts.encode_values(values)}
             for name, (color, values) in curves.items()
         ]
         reach = 1.5 * float(np.abs(residual).max()) or 1.0
@@ -320,18 +291,12 @@ def chart_components(result: Calibration) -> list[Chart]:
         for block in blocks:
             color = _BLOCKS.get(block.block, "#d55e00")
             x = {"x": list(range(1, len(block.limit) + 1))}
-            data.append(
-                charts.line_style(block.block, color)
-                | x
-                | {"y": block.explained.tolist()}
-            )
+            data.append(charts.line_style(block.block, color) | x | {"y": block.explained.tolist()})
             if block.block != WHITE:
                 name, dash = f"{block.block}, chance", {"dash": "dash"}
                 style = charts.line_style(name, color, 1.0, line=dash)
                 data.append(style | x | {"y": block.limit.tolist()})
-        alt = "; ".join(
-            f"{o.block}: {o.explained[0]:.0f} % in the first" for o in blocks
-        )
+        alt = "; ".join(f"{o.block}: {o.explained[0]:.0f} % in the first" for o in blocks)
         y = charts.build_axis("explained variance (%)", rangemode="tozero")
         out.append(_chart(family.replace("_", " "), "component", y, data, alt))
     return out
@@ -347,8 +312,7 @@ def chart_lookup_curves(result: Calibration) -> list[Chart]:
         if scores:
             curves = {SCHEMES[s.scheme]: s.curve for s in scores}
             alt = "; ".join(
-                f"{SCHEMES[o.scheme]}: least at {o.components} components"
-                for o in scores
+                f"{SCHEMES[o.scheme]}: least at {o.components} components" for o in scores
             )
             at = list(range(max(len(s.curve) for s in scores)))
             data = _by_joint(result, at, curves)
@@ -369,9 +333,7 @@ def chart_lookup_levels(result: Calibration) -> list[Chart]:
     y = charts.build_axis("processor time (s)", rangemode="tozero")
     return [
         _chart("Error", "levels", _RMSEV, data, alt),
-        _chart(
-            "Time", "levels", y, [charts.line_style("time", charts.SOFT) | times], alt
-        ),
+        _chart("Time", "levels", y, [charts.line_style("time", charts.SOFT) | times], alt),
     ]
 
 
@@ -383,9 +345,7 @@ def _by_joint(
     for (name, errors), dash in zip(curves.items(), ("solid", "dash"), strict=False):
         for column, joint in enumerate(result.rows.joints):
             color = charts.JOINTS[column % len(charts.JOINTS)]
-            style = charts.line_style(
-                f"joint {joint}, {name}", color, line={"dash": dash}
-            )
+            style = charts.line_style(f"joint {joint}, {name}", color, line={"dash": dash})
             y = [_number(v) for v in errors[:, column]]
             data.append({**style, "x": at[: len(y)], "y": y})
     return data

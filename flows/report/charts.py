@@ -10,12 +10,7 @@ from flows.report.document import Chart
 from flows.report.phrases import find_effect, format_effect_noun, join_with_and
 from flows.report.tables import METRICS, list_errors, list_metrics
 from residual.model.compare import FindingScatter, LogPrediction
-from residual.quantity import (
-    format_fraction,
-    format_percent,
-    format_percent_number,
-    is_number,
-)
+from residual.quantity import format_fraction, format_percent, format_percent_number, is_number
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import STAGES
 
@@ -133,15 +128,10 @@ def build_time_trace(t: Array, y: Array, most: int) -> Trace:
     gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1 if len(steps) else []
     xs, ys = [], []
     for rows in np.split(np.arange(len(t)), gaps):
-        x, values = thin_to_extremes(
-            t[rows], y[rows], max(8, most * len(rows) // (2 * len(t)))
-        )
+        x, values = thin_to_extremes(t[rows], y[rows], max(8, most * len(rows) // (2 * len(t))))
         xs += [x, [x[-1]]]
         ys += [values, [np.nan]]
-    return {
-        "x": encode_values(np.concatenate(xs)),
-        "y": encode_values(np.concatenate(ys)),
-    }
+    return {"x": encode_values(np.concatenate(xs)), "y": encode_values(np.concatenate(ys))}
 
 
 def line_style(name: str, color: str, width: float = 1.5, **more: Any) -> Trace:
@@ -245,9 +235,7 @@ def chart_errors(diagnosis: Diagnosis) -> Chart | None:
             "x": names,
             "y": [round(min(v, top), 4) if is_number(v) else None for v in values],
             "text": [
-                f"{format_percent_number(v)}{' ↑' if v > top else ''}"
-                if is_number(v)
-                else ""
+                f"{format_percent_number(v)}{' ↑' if v > top else ''}" if is_number(v) else ""
                 for v in values
             ],
             "textposition": "outside",
@@ -274,8 +262,7 @@ def chart_errors(diagnosis: Diagnosis) -> Chart | None:
     title = f"Error on unseen motion, {METRICS[metrics[0]]}"
     last = [*errors.values()][-1]
     alt = f"Bars of the {title[0].lower()}{title[1:]}: " + "; ".join(
-        f"joint {joint} {format_percent(error)}"
-        for joint, error in zip(joints, last, strict=True)
+        f"joint {joint} {format_percent(error)}" for joint, error in zip(joints, last, strict=True)
     )
     plot = {"data": data, "layout": build_layout(title, x, y, **more)}
     return Chart(alt, plot=plot, height=270)
@@ -314,10 +301,7 @@ def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Cha
         remaining = float(np.mean((cloud.residual - cloud.fitted) ** 2))
         share = format_fraction(max(0.0, 1 - remaining / power) if power else None)
         caption = f"It explains {share} of the squared residual."
-        alt = (
-            f"Residual torque of {over}, and {format_effect_noun(cloud.name)}. "
-            f"{caption}"
-        )
+        alt = f"Residual torque of {over}, and {format_effect_noun(cloud.name)}. {caption}"
     plot = _cloud_plot(cloud, min(_MOST_DOTS, _DOTS // count), unit)
     return Chart(alt, caption, cloud.joint, cloud.name or None, plot)
 
@@ -328,13 +312,9 @@ def _cloud_plot(cloud: FindingScatter, most: int, unit: str) -> Plot:
     data = [build_marker_trace("measured", x, y, color=SAMPLES, size=3.5, opacity=0.5)]
     if np.ptp(cloud.fitted) > 0:
         data.append(build_marker_trace("explained", x, fitted, color=EXPLAINED, size=4))
-    middles = compute_bin_medians(
-        cloud.x, cloud.residual, choose_bin_edges(cloud.x, cloud.fitted)
-    )
+    middles = compute_bin_medians(cloud.x, cloud.residual, choose_bin_edges(cloud.x, cloud.fitted))
     edge = {"color": MEASURED, "width": 1.2}
-    data.append(
-        build_marker_trace("median", *middles, size=7, color="#ffffff", line=edge)
-    )
+    data.append(build_marker_trace("median", *middles, size=7, color="#ffffff", line=edge))
     # Limits hold the fitted effect and 99 % of the points.
     low, high = np.quantile(cloud.residual, (0.005, 0.995))
     low, high = min(low, cloud.fitted.min()), max(high, cloud.fitted.max())
@@ -350,9 +330,7 @@ def _cloud_plot(cloud: FindingScatter, most: int, unit: str) -> Plot:
     return {"data": data, "layout": build_layout(title, x_axis, y_axis, **more)}
 
 
-def chart_held_out_motions(
-    diagnosis: Diagnosis,
-) -> tuple[list[tuple[str, list[Chart]]], int]:
+def chart_held_out_motions(diagnosis: Diagnosis) -> tuple[list[tuple[str, list[Chart]]], int]:
     """Return (label and figures of held-out logs, number of logs not drawn).
 
     Of many logs those that the model predicts worst are drawn.

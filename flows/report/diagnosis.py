@@ -43,13 +43,7 @@ from flows.report.phrases import (
     is_link_or_load,
     read_page_texts,
 )
-from residual.quantity import (
-    MISSING,
-    format_fraction,
-    format_number,
-    format_probability,
-    is_number,
-)
+from residual.quantity import MISSING, format_fraction, format_number, format_probability, is_number
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import Verdict
 
@@ -72,9 +66,7 @@ def render_diagnosis_page(
         origin: Where it comes from, and the command that makes it again.
         records: How often the arm's stored diagnoses had each finding, a sentence each.
     """
-    document = build_diagnosis_document(
-        result, robot_name, demonstration, origin, records=records
-    )
+    document = build_diagnosis_document(result, robot_name, demonstration, origin, records=records)
     return render_page(document)
 
 
@@ -130,14 +122,9 @@ def build_diagnosis_document(
         _alternatives(result),
         _evidence(result),
         _nominal_values(verdict),
-        _unexplained(
-            verdict,
-            charts.chart_clouds(result.residual_clouds, result) if drawn else (),
-        ),
+        _unexplained(verdict, charts.chart_clouds(result.residual_clouds, result) if drawn else ()),
         _detectable(verdict),
-        Section(
-            "notes", "Processing of the logs", [result.notes], open=False, printed=False
-        ),
+        Section("notes", "Processing of the logs", [result.notes], open=False, printed=False),
         _origin(verdict, origin),
         _terms(verdict),
     )
@@ -162,10 +149,7 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
         name, value = tables.format_first_size(f, verdict)
         of = f"of {tables.title_finding(f, verdict)}"
         size = HeadlineFigure(capitalize_first(name), value, of) if name else None
-        either = [
-            format_effect_noun(f.name),
-            *format_equivalent_phrases(f, verdict.dof),
-        ]
+        either = [format_effect_noun(f.name), *format_equivalent_phrases(f, verdict.dof)]
         note = f"that it is {' or '.join(either)}"
         sure = HeadlineFigure("Probability", format_probability(f.probability), note)
     elif named:
@@ -175,19 +159,13 @@ def build_tiles(result: Diagnosis) -> tuple[HeadlineFigure | None, ...]:
         likely = [f.probability for f in named if is_number(f.probability)]
         weakest = format_probability(min(likely, default=None))
         sure = HeadlineFigure("Probability", weakest, "of the least certain name")
-    stages = (
-        f"nominal → {sentences.format_augmented_label(verdict) if named else 'refit'}"
-    )
+    stages = f"nominal → {sentences.format_augmented_label(verdict) if named else 'refit'}"
     fall = sentences.format_error_change(verdict)
-    error = HeadlineFigure(
-        "Error on unseen motion", fall or MISSING, f"of the torque, {stages}"
-    )
+    error = HeadlineFigure("Error on unseen motion", fall or MISSING, f"of the torque, {stages}")
     if is_number(unexplained.fraction):
         noise = f"; noise alone is {format_fraction(unexplained.noise_floor)}"
         note = f"of the torque{noise if is_number(unexplained.noise_floor) else ''}"
-        remaining = HeadlineFigure(
-            "Unexplained", format_fraction(unexplained.fraction), note
-        )
+        remaining = HeadlineFigure("Unexplained", format_fraction(unexplained.fraction), note)
     return size, error, sure, remaining
 
 
@@ -202,9 +180,7 @@ def build_truth_parts(demonstration: Demonstration) -> list[Part]:
     title = "The seal, opened after the verdict was stored"
     text, hidden = read_page_texts()["judged"], demonstration.hidden
     return [
-        build_text_table(
-            ("", "hidden", "named"), build_truth_rows(demonstration), title
-        ),
+        build_text_table(("", "hidden", "named"), build_truth_rows(demonstration), title),
         Note(text[compare_with_truth(hidden, demonstration.verdict)], "callout"),
         *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
     ]
@@ -233,11 +209,7 @@ def _finding(
     effect, verdict = result.effects[at], result.verdict
     sentence = capitalize_first("".join(result.sentences[at : at + 1]).strip())
     sentence += "." if sentence and sentence[-1] not in ".!?" else ""
-    text: list[Part | None] = [
-        sentence,
-        tables.describe_impact(result, effect),
-        record or None,
-    ]
+    text: list[Part | None] = [sentence, tables.describe_impact(result, effect), record or None]
     if effect.equivalent:
         motion = "another motion may separate them"
         alike = Markup(
@@ -282,17 +254,13 @@ def _errors(result: Diagnosis, bars: Chart | None) -> Section:
     return Section("proof", heading, parts, note)
 
 
-def _curves(
-    result: Diagnosis, motions: Sequence[tuple[str, list[Chart]]], undrawn: int
-) -> Section:
+def _curves(result: Diagnosis, motions: Sequence[tuple[str, list[Chart]]], undrawn: int) -> Section:
     note, parts, count = _TEXT["curves"], [], len(motions)
     if undrawn:
         note += _TEXT["undrawn"].format(count, count + undrawn)
     for at, (label, figures) in enumerate(motions, 1):
         number_of = f" {at}" if count > 1 else ""
-        title = Markup("Held-out motion{} {}").format(
-            number_of, html_tag("code", label)
-        )
+        title = Markup("Held-out motion{} {}").format(number_of, html_tag("code", label))
         first = 1 if at == 1 else 0
         more = "The other joints" if first else "All joints"
         parts += [Heading(title), *figures[:first]]
@@ -366,20 +334,13 @@ def _origin(verdict: Verdict, origin: Pairs) -> Section:
         scale = f"{100 * verdict.nominal_scale:.3g} %"
         note += f" Assumed spread of the nominal parameters: {scale}."
     facts = Facts(origin) if origin else None
-    return Section(
-        "origin", "Origin of this page", [Note(note), facts], open=False, printed=False
-    )
+    return Section("origin", "Origin of this page", [Note(note), facts], open=False, printed=False)
 
 
 def _terms(verdict: Verdict) -> Section:
     """The terms of the page."""
     cutoff = format_number(verdict.error.cutoff_hz)
     at = "" if cutoff == MISSING else f" at {cutoff} Hz"
-    terms = {
-        word: text.format(cutoff=at)
-        for word, text in read_page_texts()["reading"].items()
-    }
+    terms = {word: text.format(cutoff=at) for word, text in read_page_texts()["reading"].items()}
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
-    return Section(
-        "read", "How to read this page", [terms, more], open=False, printed=False
-    )
+    return Section("read", "How to read this page", [terms, more], open=False, printed=False)

@@ -136,9 +136,9 @@ class SideBySide:
 
 
 # Also a list, charts side by side, terms and their definitions.
-Part = (
-    str | ReportTable | Chart | Note | Heading | Facts | FoldedParts | SideBySide
-) | (Sequence[Chart] | Sequence[str] | Mapping[str, str])
+Part = (str | ReportTable | Chart | Note | Heading | Facts | FoldedParts | SideBySide) | (
+    Sequence[Chart] | Sequence[str] | Mapping[str, str]
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -208,9 +208,7 @@ def print_parts(console: Console, *parts: Part | None, wrapped: bool = False) ->
             print_plain(console, part)
 
 
-def _list_printable(
-    parts: Sequence[Part | None],
-) -> Iterator[str | ReportTable | Heading]:
+def _list_printable(parts: Sequence[Part | None]) -> Iterator[str | ReportTable | Heading]:
     """Yield what a terminal shows of parts; sentences without the marks of a page."""
     for part in parts:
         if isinstance(part, ReportTable | Heading):

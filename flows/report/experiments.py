@@ -6,20 +6,12 @@ import numpy as np
 
 from flows.report.document import BoldText, Document, ReportTable, Section
 from flows.report.page import render_html
-from flows.report.phrases import (
-    capitalize_first,
-    count_noun,
-    format_joints,
-    read_page_texts,
-)
+from flows.report.phrases import capitalize_first, count_noun, format_joints, read_page_texts
 from flows.report.sentences import describe_place, describe_separation
 from flows.steps.monitor import MonitoringResult
 from flows.steps.next import Ranking, ReopenedDiagnosis
 from flows.steps.validate import Validation
-from residual.planning.next_experiment import (
-    describe_settling_time,
-    list_separable_rivals,
-)
+from residual.planning.next_experiment import describe_settling_time, list_separable_rivals
 from residual.quantity import MISSING, format_fraction, format_probability
 from residual.recording import Recording
 from residual.robot.robot import Robot
@@ -129,11 +121,7 @@ _NEAR = 0.95  # share of a limit, shown bold
 
 
 def build_motion_parts(
-    robot: Robot,
-    reference: ReferenceMotion,
-    spec: TrajectorySpec,
-    rate: float,
-    used: LimitUsage,
+    robot: Robot, reference: ReferenceMotion, spec: TrajectorySpec, rate: float, used: LimitUsage
 ) -> list[str | ReportTable]:
     """Return a motion in words: its kind, its use of the limits, its excitation.
 
@@ -187,9 +175,7 @@ def describe_alarms(result: MonitoringResult) -> str:
     return f"{count_noun(len(alarms), 'alarm')} in {where}: {sensors} ({basis})."
 
 
-def build_alarm_table(
-    result: MonitoringResult, watched: Mapping[str, Recording]
-) -> ReportTable:
+def build_alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]) -> ReportTable:
     """Return the alarms, one a row."""
     rows = [
         (
@@ -258,9 +244,7 @@ def build_ranking_table(ranking: Ranking) -> ReportTable:
     return ReportTable(heads, rows, title)
 
 
-def explain_no_experiment(
-    opened: ReopenedDiagnosis, ranking: Ranking | None
-) -> list[str]:
+def explain_no_experiment(opened: ReopenedDiagnosis, ranking: Ranking | None) -> list[str]:
     """Return why there is no experiment to propose.
 
     Args:

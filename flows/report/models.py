@@ -13,12 +13,7 @@ from flows.storage.adoptions import AdoptionEntry
 from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
-from residual.quantity import (
-    format_number,
-    format_percent,
-    format_percent_number,
-    format_unit,
-)
+from residual.quantity import format_number, format_percent, format_percent_number, format_unit
 from residual.verdict.result import ErrorTables
 
 _TEXT = read_page_texts()["proposal"]
@@ -27,9 +22,7 @@ METRICS = (("raw", "as logged"), ("filtered", "filtered"), ("moving", "moving"))
 ADOPTED_KEY = "* the current model of its robot"
 
 
-def build_identification_parts(
-    outcome: ValidatedIdentification,
-) -> list[str | ReportTable]:
+def build_identification_parts(outcome: ValidatedIdentification) -> list[str | ReportTable]:
     """Return an identification: parameters, fit, warnings, errors, consistency."""
     return [
         _parameters(outcome),
@@ -110,9 +103,7 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
     ]
 
 
-def build_prediction_table(
-    errors: ErrorTables, without: Sequence[str] = ()
-) -> ReportTable | str:
+def build_prediction_table(errors: ErrorTables, without: Sequence[str] = ()) -> ReportTable | str:
     """Return errors per joint, of the model and of the edited model.
 
     Args:
@@ -133,9 +124,7 @@ def build_prediction_table(
         for j in range(dof)
     ]
     every = (errors.overall, errors.overall_filtered, errors.overall_moving)
-    rows.append(
-        ("all", *(format_percent_number(of.get(n)) for of in every for n in names))
-    )
+    rows.append(("all", *(format_percent_number(of.get(n)) for of in every for n in names)))
     about = f"Error in % of torque ({', '.join(errors.logs)})"
     return ReportTable(["joint", *columns], rows, about)
 
@@ -206,11 +195,7 @@ def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     table = proposal.verdict.error.filtered
     before, after = (table.get(k) or () for k in ("nominal", "augmented"))
     return rows + [
-        (
-            f"error of joint {joint}, filtered, %",
-            format_percent_number(a),
-            format_percent_number(b),
-        )
+        (f"error of joint {joint}, filtered, %", format_percent_number(a), format_percent_number(b))
         for joint, (a, b) in enumerate(zip(before, after, strict=False), 1)
     ]
 
@@ -221,12 +206,8 @@ def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
     heads = ("", proposal.current_model, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
         Section("two", "Comparison", [build_text_table(heads, _compared(proposal))]),
-        Section(
-            "gate", "Result of the gate", [describe_gate_result(proposal.judgment)]
-        ),
-        Section(
-            "answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]
-        ),
+        Section("gate", "Result of the gate", [describe_gate_result(proposal.judgment)]),
+        Section("answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]),
     )
     return render_html(
         Document(
@@ -242,11 +223,7 @@ def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
 
 def render_proposal_markdown(proposal: Proposal) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
-    rows = [
-        ("", proposal.current_model, "proposed"),
-        ("---",) * 3,
-        *_compared(proposal),
-    ]
+    rows = [("", proposal.current_model, "proposed"), ("---",) * 3, *_compared(proposal)]
     table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
     gate = "\n".join(f"- {line}" for line in describe_gate_result(proposal.judgment))
     return "\n\n".join([*list_headline_sentences(proposal.verdict)[:1], table, gate])

@@ -57,9 +57,7 @@ _RECORD = """
 _LAST = 20  # diagnoses of other runs that a record goes back
 
 
-def describe_name_records(
-    store: Path, id: str, effects: Sequence[Finding]
-) -> tuple[str, ...]:
+def describe_name_records(store: Path, id: str, effects: Sequence[Finding]) -> tuple[str, ...]:
     """Return for each finding of a diagnosis how often its arm's diagnoses had it.
 
     Counts diagnoses up to this one, of the same runs only the last.

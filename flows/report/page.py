@@ -56,10 +56,7 @@ def read_record_origin(store: Path, id: str) -> Pairs:
     kinds = record.kind, read_record(store, record.id).get("kind")
     again = "show" if {"reports", "adoptions", "tracking"} & {*kinds} else "rerun"
     return [
-        (
-            _NOUNS.get(record.kind, record.kind[:-1]).capitalize(),
-            html_tag("code", record.id),
-        ),
+        (_NOUNS.get(record.kind, record.kind[:-1]).capitalize(), html_tag("code", record.id)),
         ("Stored", f"{row['created']:%Y-%m-%d %H:%M:%S} UTC"),
         ("Program", f"modelgap {program}"),
         *((capitalize_first(role), _ids(ids)) for role, ids in data.items()),
@@ -84,10 +81,7 @@ def describe_request_origin(request: Diagnose, page: str = "report.html") -> Pai
 
 def read_diagnosis_origin(store: Path, id: str) -> Pairs:
     """Return the origin of a diagnosis in the store, with the page made again."""
-    facts, request = (
-        read_record_origin(store, id),
-        read_record(store, id).get("request"),
-    )
+    facts, request = (read_record_origin(store, id), read_record(store, id).get("request"))
     if not request:
         return facts
     request = Diagnose.from_record(request, None)
@@ -112,15 +106,8 @@ def read_page_script(name: str) -> str:
 
 def list_page_scripts(body: str) -> list[str]:
     """Return the scripts that a page runs; none where nothing on it needs one."""
-    drawn = (
-        [read_plotly_script(), read_page_script("page.js")]
-        if 'class="plot"' in body
-        else []
-    )
-    return [
-        *drawn,
-        *([read_page_script("filter.js")] if "data-filters=" in body else []),
-    ]
+    drawn = [read_plotly_script(), read_page_script("page.js")] if 'class="plot"' in body else []
+    return [*drawn, *([read_page_script("filter.js")] if "data-filters=" in body else [])]
 
 
 @cache

@@ -111,9 +111,7 @@ def format_equivalent_phrases(effect: Finding, dof: int | None = None) -> list[s
     for other in effect.equivalent:
         same = other.joints == effect.joints
         same = same and "{joints}" in find_effect(other.name).place
-        words.append(
-            format_effect_noun(other.name) if same else format_effect_place(other, dof)
-        )
+        words.append(format_effect_noun(other.name) if same else format_effect_place(other, dof))
     return words
 
 
@@ -201,11 +199,7 @@ def build_truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]
     """Return rows (quantity, hidden, named): the effect, then its parameters."""
     named, rows = demonstration.verdict.effects, []
     for hidden in demonstration.hidden or (None,):
-        same = [
-            e
-            for e in named
-            if hidden and effect_joints_key(e) == effect_joints_key(hidden)
-        ]
+        same = [e for e in named if hidden and effect_joints_key(e) == effect_joints_key(hidden)]
         finding = next(iter([*same, *named]), None)
         pair = [format_effect_place(e) if e else "nothing" for e in (hidden, finding)]
         rows.append(("effect", *map(capitalize_first, pair)))

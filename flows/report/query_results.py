@@ -53,14 +53,10 @@ def print_query_result(rows: pa.Table, format: str) -> None:
         types = [field.type for field in rows.schema]
         number = [pa.types.is_integer(t) or pa.types.is_floating(t) for t in types]
         shown = rows.slice(0, MOST).columns
-        cells = zip(
-            *([_word(c.as_py()) for c in column] for column in shown), strict=True
-        )
+        cells = zip(*([_word(c.as_py()) for c in column] for column in shown), strict=True)
         text_columns = [i for i, is_number in enumerate(number) if not is_number]
         more = f"; the first {MOST} are shown, --format csv has all"
-        count = f"{len(rows)} row{'' if len(rows) == 1 else 's'}" + more * (
-            len(rows) > MOST
-        )
+        count = f"{len(rows)} row{'' if len(rows) == 1 else 's'}" + more * (len(rows) > MOST)
         # Into a file or a pipe: as wide as it needs, nothing is cut.
         table = ReportTable(rows.column_names, list(cells), text_columns=text_columns)
         print_parts(widen_piped_console(Console(), 10_000), table, count)
@@ -182,9 +178,7 @@ def list_named_queries() -> pa.Table:
         {
             "--named": name,
             "answers": about,
-            "--with": ", ".join(
-                f"{k}=... ({v})" for k, v in describe_query_values(name).items()
-            ),
+            "--with": ", ".join(f"{k}=... ({v})" for k, v in describe_query_values(name).items()),
         }
         for name, (about, _) in NAMED.items()
     ]

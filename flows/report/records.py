@@ -36,9 +36,7 @@ def build_diff_tables(difference) -> list[str | ReportTable]:
     rows = []
     for c in difference.channels:
         count = str(c.differing) if c.differing or not c.note else c.note
-        figures = [
-            "–" if v is None else f"{v:.4g}" for v in (c.first, c.largest, c.rms)
-        ]
+        figures = ["–" if v is None else f"{v:.4g}" for v in (c.first, c.largest, c.rms)]
         differ = "equal" if c.equal else count
         rows.append((c.name, c.unit or "–", str(c.rows), differ, *figures))
     heads = ("channel", "unit", "samples", "differ", "from [s]", "largest", "rms")
@@ -152,9 +150,7 @@ def build_rerun_record(rerun) -> Mapping:
 def build_channel_table(log: ImportedLog) -> ReportTable:
     """Return the column of a log behind each channel, and its conversion."""
     heads = ("channel", "column", "unit in the file", "conversion")
-    rows = [
-        (c, column, unit, done or "–") for c, column, unit, done in log.summary.channels
-    ]
+    rows = [(c, column, unit, done or "–") for c, column, unit, done in log.summary.channels]
     return build_text_table(heads, rows)
 
 

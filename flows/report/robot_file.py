@@ -58,9 +58,7 @@ def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
     return report.to_json() | {"robot": convert_to_plain_values(about)}
 
 
-def describe_robot_check(
-    robot: Robot, report: LogCheck
-) -> list[str | ReportTable | Heading]:
+def describe_robot_check(robot: Robot, report: LogCheck) -> list[str | ReportTable | Heading]:
     """Return the answer, the faults, and the tables of joints and bodies."""
     bodies = read_link_bodies(robot.model, robot.urdf)
     mass, count = sum(body.mass for body in bodies), len(report.faults)
@@ -111,14 +109,7 @@ def _bodies_table(robot: Robot, bodies: tuple[LinkBody, ...]) -> ReportTable:
         )
         for body in bodies
     ]
-    heads = (
-        "Link",
-        "Joint",
-        "Mass\n[kg]",
-        "Centre\n[m]",
-        "Radius\n[m]",
-        "Flaw",
-    )
+    heads = ("Link", "Joint", "Mass\n[kg]", "Centre\n[m]", "Radius\n[m]", "Flaw")
     return ReportTable(heads, rows, text_columns=(0, 5))
 
 

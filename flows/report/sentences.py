@@ -61,11 +61,7 @@ def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]
         name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
         row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
         size = "" if item.value is None else f"{item.value:.2g}"
-        size = (
-            format_number(item.value)
-            if is_number(item.value) and item.value >= 100
-            else size
-        )
+        size = format_number(item.value) if is_number(item.value) and item.value >= 100 else size
         row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
     columns = sorted({column for row in sizes.values() for column in row})
     heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
@@ -79,16 +75,9 @@ def describe_unexplained(verdict: Verdict) -> list[str]:
     words = []
     if is_number(unexplained.fraction):
         noise = f"; noise alone is {format_fraction(unexplained.noise_floor)}"
-        source = (
-            f" (estimated from {unexplained.noise_model})"
-            if unexplained.noise_model
-            else ""
-        )
+        source = f" (estimated from {unexplained.noise_model})" if unexplained.noise_model else ""
         noise = noise + source if is_number(unexplained.noise_floor) else ""
-        words.append(
-            f"Unexplained: {format_fraction(unexplained.fraction)} of the "
-            f"torque{noise}."
-        )
+        words.append(f"Unexplained: {format_fraction(unexplained.fraction)} of the torque{noise}.")
     if unexplained.joints:
         joints = format_joints(unexplained.joints, verdict.dof)
         kind = f" It is {unexplained.kind}." if unexplained.kind else ""
@@ -185,10 +174,7 @@ def describe_wrong_values(verdict: Verdict) -> str:
     shown = drives if len(drives) <= _SHOWN + 1 else drives[:_SHOWN]
     parts = []
     for c in shown:
-        values = (
-            f"{format_number(c.nominal)} → {format_number(c.identified)} "
-            f"{format_unit(c.unit)}"
-        )
+        values = f"{format_number(c.nominal)} → {format_number(c.identified)} {format_unit(c.unit)}"
         parts.append(f"{_value_name(c, verdict)} ({values.strip()})")
     if len(drives) > len(shown):
         parts.append(f"{spell_number(len(drives) - len(shown))} more")
@@ -200,9 +186,7 @@ def describe_wrong_values(verdict: Verdict) -> str:
     return f"{number_of} nominal {verb} with the logs: {join_with_and(parts)}."
 
 
-def build_value_rows(
-    changes: Sequence[Change], verdict: Verdict
-) -> list[tuple[str, ...]]:
+def build_value_rows(changes: Sequence[Change], verdict: Verdict) -> list[tuple[str, ...]]:
     """Return rows of values: name, nominal, identified, difference."""
     return [
         (
@@ -373,14 +357,10 @@ def list_headline_sentences(verdict: Verdict) -> list[str]:
         for f in verdict.suspected
     ]
     if names:
-        parts.append(
-            f"Suspected, but not certain enough to be named: {join_with_and(names)}."
-        )
+        parts.append(f"Suspected, but not certain enough to be named: {join_with_and(names)}.")
     if not verdict.trusted:
         words = join_with_and([title_fault(f) for f in verdict.log_check.certain])
-        parts.insert(
-            0, f"The logs have a fault ({words}): what follows may be due to it."
-        )
+        parts.insert(0, f"The logs have a fault ({words}): what follows may be due to it.")
     return [part for part in (*_more_motion(verdict.log_check), *parts) if part]
 
 
@@ -409,9 +389,7 @@ def format_claim(verdict: Verdict) -> str:
             "apply the fix that `modelgap check` proposes."
         )
     nominal, refit = map(verdict.error.overall_moving.get, STAGES[:2])
-    if (is_number(refit) and refit > _NO_MODEL) or (
-        is_number(nominal) and nominal > _NO_NOMINAL
-    ):
+    if (is_number(refit) and refit > _NO_MODEL) or (is_number(nominal) and nominal > _NO_NOMINAL):
         return (
             "The model does not describe these logs, so no effect can be named: check "
             "units, signs and joint order (`modelgap check`)."
@@ -429,8 +407,7 @@ def _effects(verdict: Verdict) -> str:
         words += f" (or {' or '.join(others)})" if others else ""
         (wrong if is_wrong_value(effect, verdict) else lacking).append(words)
     (wrong or lacking).extend(
-        [f"{spell_number(len(effects) - len(shown))} more"]
-        * (len(effects) > len(shown))
+        [f"{spell_number(len(effects) - len(shown))} more"] * (len(effects) > len(shown))
     )
     clauses = [f"lacks {join_with_and(lacking)}"] if lacking else []
     if wrong:
@@ -527,10 +504,7 @@ def _first_fitted(verdict: Verdict) -> str:
         return ""
     if nominal < _DIFFERS * refit:
         return ""
-    return (
-        f"The refit also fitted {join_with_and(nouns)}, for which the robot file has "
-        "no values."
-    )
+    return f"The refit also fitted {join_with_and(nouns)}, for which the robot file has no values."
 
 
 def describe_worse_joints(verdict: Verdict) -> list[str]:
@@ -563,10 +537,7 @@ def _drift(verdict: Verdict) -> str:
     by, std = (format_percent(100 * x) for x in (abs(d.factor - 1), d.std))
     side, arm = ("lower", "warmer") if d.factor < 1 else ("higher", "colder")
     joints = format_joints(d.joints, verdict.dof)
-    return (
-        f"Friction on {joints} is {by} (± {std}) {side} than in the baseline, as on a "
-        f"{arm} arm."
-    )
+    return f"Friction on {joints} is {by} (± {std}) {side} than in the baseline, as on a {arm} arm."
 
 
 def format_brief_claim(verdict: Verdict) -> str:
@@ -581,7 +552,5 @@ def format_error_change(verdict: Verdict) -> str:
     last = "augmented" if verdict.effects else "identified"
     if last not in levels:
         return ""
-    start = (
-        f"{format_percent_number(levels['nominal'])} → " if "nominal" in levels else ""
-    )
+    start = f"{format_percent_number(levels['nominal'])} → " if "nominal" in levels else ""
     return f"{start}{format_percent(levels[last])}"

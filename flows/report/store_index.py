@@ -13,13 +13,7 @@ from pathlib import Path
 from markupsafe import Markup
 
 from flows.outputs import write_files
-from flows.report.document import (
-    Document,
-    HeadlineFigure,
-    ReportTable,
-    Section,
-    html_tag,
-)
+from flows.report.document import Document, HeadlineFigure, ReportTable, Section, html_tag
 from flows.report.page import render_html
 from flows.report.phrases import count_noun
 from flows.report.record_page import render_record_page
@@ -183,11 +177,7 @@ def build_index_document(opened: Store, served: bool = False) -> Document:
     """Return the index of a store; `served` pages are also links to other records."""
     rows = sorted(_rows(opened, served), key=lambda row: row[0], reverse=True)
     cells = [
-        (
-            html_tag("time", f"{row[0]:%Y-%m-%d %H:%M}"),
-            f"{date_night(row[0])}",
-            *row[1:],
-        )
+        (html_tag("time", f"{row[0]:%Y-%m-%d %H:%M}"), f"{date_night(row[0])}", *row[1:])
         for row in rows
     ]
     waits = sum("waits" in str(row[2]) for row in rows)
@@ -195,12 +185,9 @@ def build_index_document(opened: Store, served: bool = False) -> Document:
         _HEADS, cells, text_columns=range(6), named=4, look="list", filters=(1, 2, 3)
     )
     none = Markup(
-        "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> "
-        "fills the store."
+        "Nothing is stored yet. <kbd>modelgap demo</kbd> or <kbd>modelgap up</kbd> fills the store."
     )
-    written = (
-        f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {format_version()}"
-    )
+    written = f"{datetime.now(UTC):%Y-%m-%d %H:%M:%S} UTC by modelgap {format_version()}"
     return Document(
         title="modelgap: reports",
         about=Markup("Store <b>{}</b>").format(opened.path.name),
@@ -208,9 +195,7 @@ def build_index_document(opened: Store, served: bool = False) -> Document:
         tiles=[
             HeadlineFigure("Robots", str(len({row[1] for row in rows})), ""),
             HeadlineFigure(
-                "Nights",
-                str(len({date_night(row[0]) for row in rows})),
-                "from noon to noon UTC",
+                "Nights", str(len({date_night(row[0]) for row in rows})), "from noon to noon UTC"
             ),
             HeadlineFigure("Waiting", str(waits), "for your decision"),
         ],
@@ -227,9 +212,7 @@ def date_night(time: datetime) -> date:
 def title_diagnosis(store: Path, diagnosis: str) -> str:
     """Return robot and number of a diagnosis, as "irb140 #2"."""
     with open_store(store) as opened:
-        rows = _ask(
-            opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis
-        )
+        rows = _ask(opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis)
     return _title(rows[0])
 
 
@@ -310,9 +293,7 @@ def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
         return "unknown", "its record cannot be read", MISSING
     words, pair = format_claim(verdict).removesuffix("."), format_error_change(verdict)
     state = (
-        "values"
-        if verdict.verdict == "none" and list_wrong_values(verdict)
-        else verdict.verdict
+        "values" if verdict.verdict == "none" and list_wrong_values(verdict) else verdict.verdict
     )
     weak = " (end of the fitted run)" if pair and verdict.error.same_run else ""
     return state, words, f"{pair}{weak}"

@@ -27,23 +27,11 @@ from residual.quantity import (
     is_number,
 )
 from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import (
-    PLAIN,
-    STAGES,
-    Change,
-    Finding,
-    Frames,
-    Number,
-    Verdict,
-)
+from residual.verdict.result import PLAIN, STAGES, Change, Finding, Frames, Number, Verdict
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
-_OVERALL = {
-    "moving": "overall_moving",
-    "filtered": "overall_filtered",
-    "held_out": "overall",
-}
+_OVERALL = {"moving": "overall_moving", "filtered": "overall_filtered", "held_out": "overall"}
 
 
 def list_metrics(verdict: Verdict) -> list[str]:
@@ -62,9 +50,7 @@ def list_errors(verdict: Verdict, metric: str) -> dict[str, tuple[Number, ...]]:
     return {stage: row for stage, row in every.items() if any(map(is_number, row))}
 
 
-def build_error_table(
-    diagnosis: Diagnosis, metrics: Sequence[str]
-) -> ReportTable | None:
+def build_error_table(diagnosis: Diagnosis, metrics: Sequence[str]) -> ReportTable | None:
     """Return errors by kind, then by model; None where none is known."""
     verdict, left = diagnosis.verdict, diagnosis.unexplained
     columns, groups = [], []
@@ -77,17 +63,14 @@ def build_error_table(
     if not columns:
         return None
     labels = [
-        f"{j}{', too small' if j in verdict.too_small else ''}"
-        for j in range(1, verdict.dof + 1)
+        f"{j}{', too small' if j in verdict.too_small else ''}" for j in range(1, verdict.dof + 1)
     ]
     cells = []
     for at, label in enumerate([*labels, "All"]):
         at = at if label != "All" else -1
         kinds = (BoldText if stage == "augmented" else str for stage, _ in columns)
         numbers = (format_percent_number(errors[at]) for _, errors in columns)
-        cells.append(
-            [label, *(kind(n) for kind, n in zip(kinds, numbers, strict=True))]
-        )
+        cells.append([label, *(kind(n) for kind, n in zip(kinds, numbers, strict=True))])
     heads = ["Joint", *(stage.replace("_", " ") for stage, _ in columns)]
     shares = (*left.per_joint, left.fraction)
     if any(map(is_number, shares)):
@@ -97,9 +80,7 @@ def build_error_table(
             percent = 100 * share if is_number(share) else None
             row.append(flag + format_percent_number(percent))
     sections, groups = (len(cells) - 1,), [("", 1), *groups]
-    return ReportTable(
-        heads, cells, sections=sections, groups=groups, look="tight errors"
-    )
+    return ReportTable(heads, cells, sections=sections, groups=groups, look="tight errors")
 
 
 def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
@@ -116,9 +97,7 @@ def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
         rows = [(row[0], row[-1]) for row in rows]
     heads = ("model", *(f"J{j}" for j in range(1, len(rows[0]) - 1)), "all")
     slides = any(diagnosis.torque_unit(j) == "N" for j in range(1, dof + 1))
-    about = (
-        f"Position of each model by itself, rms error [{'rad, m' if slides else 'rad'}]"
-    )
+    about = f"Position of each model by itself, rms error [{'rad, m' if slides else 'rad'}]"
     if position.left_out:
         nouns = [find_effect(name).noun for name in position.left_out]
         about += f", without {join_with_and(nouns)}"
@@ -162,8 +141,7 @@ def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
         rows = [(name, by_joint[None]) for name, by_joint in texts.items()]
         return ReportTable(("Parameter", "Value"), rows)
     rows = [
-        (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values()))
-        for j in joints
+        (f"Joint {j}", *(by_joint.get(j, MISSING) for by_joint in texts.values())) for j in joints
     ]
     return ReportTable(("On", *map(capitalize_first, texts)), rows)
 
@@ -210,8 +188,7 @@ def describe_impact(diagnosis: Diagnosis, effect: Finding) -> str:
         clouds = [c for c in clouds if c.joint in effect.joints] or clouds
     peaks = sorted((float(np.abs(c.fitted).max()), c.joint) for c in clouds)[-2:]
     words = " and ".join(
-        f"by up to {format_number(peak)} {diagnosis.torque_unit(joint)} on joint "
-        f"{joint}"
+        f"by up to {format_number(peak)} {diagnosis.torque_unit(joint)} on joint {joint}"
         for peak, joint in reversed(peaks)
     )
     return f"Without it the predicted torque is off {words}." if words else ""
@@ -312,9 +289,7 @@ def format_first_size(effect: Finding, verdict: Verdict) -> tuple[str, str]:
 
     Of several joints the smallest and the largest value.
     """
-    determined = [
-        size for size in list_finding_sizes(effect, verdict) if is_number(size.value)
-    ]
+    determined = [size for size in list_finding_sizes(effect, verdict) if is_number(size.value)]
     if not determined:
         return "", MISSING
     first = determined[0]
@@ -323,10 +298,7 @@ def format_first_size(effect: Finding, verdict: Verdict) -> tuple[str, str]:
         return first.name, first.text
     low, high = (f(size.value for size in same) for f in (min, max))
     sign = "+" if first.signed and low > 0 else ""
-    span = (
-        f"{sign}{format_number(low)} to {sign}{format_number(high)} "
-        f"{format_unit(first.unit)}"
-    )
+    span = f"{sign}{format_number(low)} to {sign}{format_number(high)} {format_unit(first.unit)}"
     return first.name, span.strip()
 
 

@@ -19,12 +19,7 @@ from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectExcep
 
 from flows.project.deployments import POOL
 from flows.report.store_index import INDEX, list_refused_logs
-from flows.service.state import (
-    PROCESSES,
-    is_process_running,
-    read_access_key,
-    read_running,
-)
+from flows.service.state import PROCESSES, is_process_running, read_access_key, read_running
 from residual.errors import RunError
 
 INBOX = "inbox"  # name of the flow of the inboxes
@@ -54,9 +49,7 @@ class Api:
             reason = " ".join(error.response.text.split())[:300]
             raise RunError(f"The server refused {place} ({code}): {reason}") from error
         except (httpx.HTTPError, PrefectException, OSError, RuntimeError) as error:
-            raise RunError(
-                f"The server at {self.url} does not answer: {error}"
-            ) from error
+            raise RunError(f"The server at {self.url} does not answer: {error}") from error
 
 
 def is_server_up(url: str, timeout: float = 10.0) -> bool:
@@ -67,9 +60,7 @@ def is_server_up(url: str, timeout: float = 10.0) -> bool:
         return False
 
 
-def create_work_pool(
-    client: SyncPrefectClient, max_runs: int, paused: bool = False
-) -> None:
+def create_work_pool(client: SyncPrefectClient, max_runs: int, paused: bool = False) -> None:
     """Create the work pool, and set its limit of concurrent flows and its pause."""
     with suppress(ObjectAlreadyExists):
         client.create_work_pool(WorkPoolCreate(name=POOL, type="process"))
@@ -116,9 +107,7 @@ def _list_last_runs(client: SyncPrefectClient, most: int) -> list[dict]:
     names = {flow.name for flow in client.read_flows()}
     runs = client.read_flow_runs(
         flow_filter=FlowFilter(name={"any_": sorted(names - {INBOX})}),
-        flow_run_filter=FlowRunFilter(
-            state={"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}
-        ),
+        flow_run_filter=FlowRunFilter(state={"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}),
         sort=FlowRunSort.START_TIME_DESC,
         limit=most,
     )

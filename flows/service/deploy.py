@@ -17,11 +17,7 @@ from prefect.events import AutomationCore, DeploymentEventTrigger
 from prefect.events.actions import CallWebhook, SendNotification
 from prefect.exceptions import ObjectNotFound
 from prefect.flows import load_flow_from_entrypoint
-from prefect.settings import (
-    PREFECT_API_AUTH_STRING,
-    PREFECT_API_URL,
-    temporary_settings,
-)
+from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.utilities.callables import parameter_schema
 
 from flows.project.deployments import NOTICE, POOL, build_deployments
@@ -104,10 +100,7 @@ def _deploy(client: SyncPrefectClient, each: dict) -> UUID:
 
 
 def schedule_every(
-    client: SyncPrefectClient,
-    deployment: str,
-    seconds: int,
-    parameters: dict | None = None,
+    client: SyncPrefectClient, deployment: str, seconds: int, parameters: dict | None = None
 ) -> None:
     """Replace the schedule of --every of a deployment; 0 s removes it."""
     target = client.read_deployment_by_name(deployment)
@@ -151,9 +144,7 @@ def _build_stale_run_rule() -> dict:
     return {"description": about, "trigger": trigger, "actions": [action]}
 
 
-def _build_notify_rule(
-    client: SyncPrefectClient, project: Project | None, key: str
-) -> dict | None:
+def _build_notify_rule(client: SyncPrefectClient, project: Project | None, key: str) -> dict | None:
     """Return the automation of [notify]; None where the project has none."""
     if (asked := _read_notify(project)) is None:
         return None

@@ -25,14 +25,7 @@ from pydantic import TypeAdapter
 
 from flows.outputs import json_text, write_files
 from flows.requests import Count, Flag, Request, Store
-from flows.settings import (
-    API,
-    ONE_THREAD,
-    PAGES,
-    ROOT,
-    STORE,
-    build_prefect_environment,
-)
+from flows.settings import API, ONE_THREAD, PAGES, ROOT, STORE, build_prefect_environment
 from residual.errors import InputError, RunError, build_missing_package_error
 from warehouse.bucket import is_loopback_host
 
@@ -45,9 +38,7 @@ _FILE, _LOCK = "up.json", "up.lock"
 _GRACE = 15.0  # s between SIGTERM and SIGKILL
 
 
-def start_process(
-    home: Path, name: str, command: Sequence[str], env: Mapping[str, str]
-) -> None:
+def start_process(home: Path, name: str, command: Sequence[str], env: Mapping[str, str]) -> None:
     """Start a process in its own session, with its output in a log file.
 
     Raises:
@@ -178,8 +169,7 @@ def read_access_key(home: Path) -> str:
     key = path.read_text(encoding="ascii", errors="replace").strip()
     if len(key) < _SHORTEST or not key.isprintable():
         raise InputError(
-            f"{path} is no key. Delete it, then modelgap down and modelgap up create a "
-            "new key."
+            f"{path} is no key. Delete it, then modelgap down and modelgap up create a new key."
         )
     return key
 
@@ -254,8 +244,7 @@ def database_url(url: str) -> str:
         usable = False
     if not usable:
         raise InputError(
-            f"${DATABASE} is not usable, expected "
-            "postgresql://USER:PASSWORD@HOST:PORT/NAME."
+            f"${DATABASE} is not usable, expected postgresql://USER:PASSWORD@HOST:PORT/NAME."
         )
     return _DRIVER + url[url.index("://") :]
 
@@ -269,9 +258,7 @@ def format_database_label(url: str | None) -> str:
     return f"postgresql://{place}{parts.path}"
 
 
-def build_server_environment(
-    running: RunningService, home: Path, database: str | None
-) -> dict:
+def build_server_environment(running: RunningService, home: Path, database: str | None) -> dict:
     """Return the environment of the server, with the key."""
     settings = {
         STORE: str(home.parent),
@@ -321,11 +308,7 @@ def build_worker_environment(running: RunningService, store: Path, home: Path) -
 
 def _base(home: Path) -> dict[str, str]:
     """Return our environment without the settings of another Prefect."""
-    kept = {
-        k: v
-        for k, v in os.environ.items()
-        if not k.startswith("PREFECT") and k != DATABASE
-    }
+    kept = {k: v for k, v in os.environ.items() if not k.startswith("PREFECT") and k != DATABASE}
     level = {"PREFECT_LOGGING_HANDLERS_CONSOLE_LEVEL": "WARNING"}
     # Python finds our code from any working directory.
     path = os.pathsep.join(filter(None, [str(ROOT), os.environ.get("PYTHONPATH")]))

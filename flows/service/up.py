@@ -18,11 +18,7 @@ from prefect.client.schemas.filters import FlowRunFilter, WorkPoolFilter
 from prefect.client.schemas.objects import State, StateType
 
 from flows.pipelines.proposals import cancel_settled_proposals
-from flows.project.deployments import (
-    POOL,
-    find_inbox_deployment,
-    list_nightly_deployments,
-)
+from flows.project.deployments import POOL, find_inbox_deployment, list_nightly_deployments
 from flows.service import api
 from flows.service.api import is_server_up, wait_until
 from flows.service.deploy import deploy, hash_deployments, schedule_every
@@ -110,9 +106,7 @@ def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bo
         return running, False
 
 
-def _settled(
-    request: ServiceRequest, before: RunningService | None, home: Path
-) -> RunningService:
+def _settled(request: ServiceRequest, before: RunningService | None, home: Path) -> RunningService:
     """Return host, port, database and workers; InputError where they contradict."""
     database = format_database_label(request.database)
     if before is None:
@@ -125,9 +119,7 @@ def _settled(
         ("--port", request.port, before.port),
     ):
         if serves and value not in (None, now):
-            raise InputError(
-                f"{served}, not with {option} {value}. Stop it first: modelgap down."
-            )
+            raise InputError(f"{served}, not with {option} {value}. Stop it first: modelgap down.")
     if database != before.database:
         if any(is_process_running(home, name) for name in PROCESSES):
             raise InputError(
@@ -148,18 +140,12 @@ def _settled(
     return RunningService(host, port, database, workers=before.workers)
 
 
-def _start_server(
-    running: RunningService, home: Path, request: ServiceRequest, say: Say
-) -> None:
+def _start_server(running: RunningService, home: Path, request: ServiceRequest, say: Say) -> None:
     if not is_process_running(home, "server"):
         # The worker of a killed server may have turned to another address.
         stop_process(home, "worker")
         if not port_is_free(running.host, running.port):
-            other = (
-                "another Prefect server"
-                if is_server_up(running.url)
-                else "another program"
-            )
+            other = "another Prefect server" if is_server_up(running.url) else "another program"
             raise InputError(
                 f"Port {running.port} of {running.host} is taken by {other}. Choose "
                 f"another: modelgap up --port {running.port + 1}."
@@ -214,9 +200,7 @@ def stop_service(home: Path, wait: float, say: Say) -> RunningService | None:
     """
     with lock_service(home):
         running = read_running(home)
-        if running is None or not any(
-            is_process_running(home, name) for name in PROCESSES
-        ):
+        if running is None or not any(is_process_running(home, name) for name in PROCESSES):
             return None
         if is_process_running(home, "server") and is_server_up(running.url):
             with api.Api(running.url, read_access_key(home)).client() as client:

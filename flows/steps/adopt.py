@@ -7,12 +7,7 @@ from flows.inputs.read import load_command_robot
 from flows.settings import read_user_name, resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
 from flows.storage.adoptions import AdoptionEntry, read_adoptions
-from flows.storage.diagnosis import (
-    read_adoptable_model,
-    read_models,
-    read_verdict,
-    store_report,
-)
+from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict, store_report
 from residual import one_blas_thread
 from residual.diagnosis.adoption import AdoptionCheck, check_adoption
 from residual.errors import InputError
@@ -125,9 +120,7 @@ def adopt(
     judgment = judge_adoption(place, word)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
-        raise InputError(
-            f"{robot.name} has that model already, by adoption {int(parent[0])}."
-        )
+        raise InputError(f"{robot.name} has that model already, by adoption {int(parent[0])}.")
     if judgment.doubts and not force:
         raise InputError(
             f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
@@ -191,9 +184,7 @@ def roll_back(
     return commit_adoption(place, adoption), adoption
 
 
-def list_adoptions(
-    store: str | Path | None = None, word: str | None = None
-) -> list[AdoptionEntry]:
+def list_adoptions(store: str | Path | None = None, word: str | None = None) -> list[AdoptionEntry]:
     """Return all adoptions, or those of a robot, the first one first."""
     place = resolve_store_folder(store)
     entries = read_adoptions(place)
@@ -230,8 +221,7 @@ def _robot_of(store: Path, word: str | None) -> tuple[str, str | None]:
         )
     names = ", ".join(f"{r} {s or ''}".strip() for r, s in sorted(keys, key=str))
     raise InputError(
-        f"Several robots have adopted models: {names}. Choose one: --robot 'NAME "
-        "SERIAL'."
+        f"Several robots have adopted models: {names}. Choose one: --robot 'NAME SERIAL'."
     )
 
 

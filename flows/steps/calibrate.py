@@ -5,13 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.read import (
-    LogSets,
-    check_declared,
-    load_run_robot,
-    read_log_sets,
-    require_logs,
-)
+from flows.inputs.read import LogSets, check_declared, load_run_robot, read_log_sets, require_logs
 from flows.outputs import Progress
 from flows.requests import Calibrate
 from flows.settings import resolve_store_folder
@@ -54,15 +48,11 @@ def read_logs(request: Calibrate) -> tuple[LogSets, tuple[CalibrationRun, ...]]:
     check_declared(request.declared)
     require_logs(request.logs, "to calibrate on", "calibrate")
     sets = (request.logs, (), ())
-    logs = read_log_sets(
-        sets, robot, request.columns, request.store, True, called=request.robot
-    )
+    logs = read_log_sets(sets, robot, request.columns, request.store, True, called=request.robot)
     store, runs, lines = resolve_store_folder(request.store), [], []
     for log, line in zip(logs.fit, logs.each, strict=True):
         id = logs.runs.get(log.id)
-        runs.append(
-            CalibrationRun(log, *_beside(store, id)) if id else CalibrationRun(log)
-        )
+        runs.append(CalibrationRun(log, *_beside(store, id)) if id else CalibrationRun(log))
         lines.append(_about(runs[-1]) if id else line)
     return replace(logs, each=tuple(lines)), tuple(runs)
 
@@ -91,10 +81,7 @@ def calibrate(
     settings = replace(_settings(request), with_figures=with_figures)
     # One thread: the products are small, two threads only wait for each other.
     made = fit_tables(robot, runs, settings, progress)
-    asked = request.to_record() | {
-        "logs": list(ids),
-        "robot_hash": logs.robot.content_hash,
-    }
+    asked = request.to_record() | {"logs": list(ids), "robot_hash": logs.robot.content_hash}
     stored = len(ids) == len(runs)
     seconds = {"calibrate": perf_counter() - begun}
     kept = store_calibration(store, made, asked, seconds) if stored else {}
@@ -123,7 +110,4 @@ def _beside(store: Path, id: str) -> tuple[str | None, dict]:
 
 def _about(run: CalibrationRun) -> str:
     log, family = run.log, run.family or "unknown motion"
-    return (
-        f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, "
-        f"{log.duration:.2f} s"
-    )
+    return f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, {log.duration:.2f} s"

@@ -105,9 +105,7 @@ def correct_mounting(logs: LogSets, report: LogCheck) -> LogSets:
 
 def _refusal(report: LogCheck) -> str:
     # Gravity first, then what a line can fix: the others may follow from it.
-    first, *more = sorted(
-        report.certain, key=lambda f: (f.kind != MOUNTING, not f.repair)
-    )
+    first, *more = sorted(report.certain, key=lambda f: (f.kind != MOUNTING, not f.repair))
     rest = f" {len(more)} more: see modelgap check." if more else ""
     evidence = " ".join(first.evidence.split())
     if first.repair:
@@ -145,8 +143,7 @@ def _faults_of_single_logs(
             lines = format_repair_lines(fault.repairs, logs.robot, logs.columns)
             fix = f" A map for this log alone has {lines}" if lines else ""
             evidence = (
-                f"Log {log.id}, not the others: {fault.evidence.rstrip()} Leave this "
-                f"log out.{fix}"
+                f"Log {log.id}, not the others: {fault.evidence.rstrip()} Leave this log out.{fix}"
             )
             joints = tuple(map(int, fault.joints))
             out.append(Fault(fault.kind, joints, True, evidence))

@@ -14,20 +14,11 @@ from pathlib import Path
 from flows.inputs.read import load_command_robot
 from flows.outputs import Progress
 from flows.specs import ExperimentSpec, derive_seed
-from flows.steps.experiment import (
-    parse_sealed_plant,
-    plan_experiments,
-    run_campaign_experiments,
-)
+from flows.steps.experiment import parse_sealed_plant, plan_experiments, run_campaign_experiments
 from residual.effects import number_reported_joints
 from residual.errors import InputError, RunError, check_name
 from sim.effect_draws import draw_plant_effect
-from sim.engine.plant_records import (
-    BACKGROUNDS,
-    CLEAN,
-    HIDDEN,
-    create_random_stream,
-)
+from sim.engine.plant_records import BACKGROUNDS, CLEAN, HIDDEN, create_random_stream
 from sim.plant.effect_catalogue import check_effect_name
 from sim.trajectories.excitation import draw_slow_coefficients
 from warehouse import runs as stored
@@ -72,9 +63,7 @@ def build_demo_specs(
             "trajectory": motion,
             "plant": plant,
         }
-        experiments.append(
-            (kind.replace("_", "-"), ExperimentSpec.model_validate(content))
-        )
+        experiments.append((kind.replace("_", "-"), ExperimentSpec.model_validate(content)))
     return experiments
 
 
@@ -116,9 +105,7 @@ def generate_motion_tables(
         motion: dict = {"kind": kind, "duration": DURATION, "seed": drawn}
         if kind == SLOW:
             rng = create_random_stream(drawn, f"trajectory/{SLOW}")
-            slow = draw_slow_coefficients(
-                load_command_robot(ROBOT), DURATION, CREEP, rng
-            )
+            slow = draw_slow_coefficients(load_command_robot(ROBOT), DURATION, CREEP, rng)
             motion |= {"kind": "fourier", "periods": 1, "coefficients": slow}
         yield kind, i * (DURATION + PAUSE), motion
 
@@ -139,12 +126,8 @@ def _hidden_effect(seed: int, name: str | None) -> list[dict]:
         if larger := entry["larger"].get(str(seed)):
             effect, joints, values = larger
             return [{"name": effect, "joints": joints, **dict(sorted(values.items()))}]
-    effect = draw_plant_effect(
-        load_command_robot(ROBOT), create_random_stream(seed, HIDDEN), name
-    )
-    return [
-        {"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}
-    ]
+    effect = draw_plant_effect(load_command_robot(ROBOT), create_random_stream(seed, HIDDEN), name)
+    return [{"name": effect.name, "joints": list(effect.joints), **dict(effect.parameters)}]
 
 
 @cache

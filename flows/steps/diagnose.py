@@ -6,13 +6,7 @@ from pathlib import Path
 from time import perf_counter
 
 from flows.inputs import read as inputs
-from flows.inputs.read import (
-    LogSets,
-    is_run_id,
-    read_file_serial,
-    read_run_robot,
-    read_run_serial,
-)
+from flows.inputs.read import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
@@ -120,9 +114,7 @@ def read_stored_runs(request: Diagnose) -> LogSets:
     return resolve_whole_runs(read_logs(request))
 
 
-def diagnose_stored_runs(
-    request: Diagnose, progress: Progress | None = None
-) -> tuple[str, str]:
+def diagnose_stored_runs(request: Diagnose, progress: Progress | None = None) -> tuple[str, str]:
     """Diagnose runs of the store and store the verdict.
 
     Nothing but the runs is read, so the verdict is the same without `sealed/`.

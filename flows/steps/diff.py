@@ -55,15 +55,10 @@ def diff_records(first: str, second: str, store: Path) -> Diff:
     return Diff(pair[0].kind, (pair[0].id, pair[1].id), tables, channels)
 
 
-def _runs(
-    store: Path, *pair: StoredRecord
-) -> tuple[dict, tuple[ChannelDifference, ...]]:
+def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[ChannelDifference, ...]]:
     manifests = [read_manifest(store, each.id) for each in pair]
     provenances = [each["provenance"] for each in manifests]
-    spec = [
-        {**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")}
-        for each in manifests
-    ]
+    spec = [{**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")} for each in manifests]
     others = [{k: v for k, v in each.items() if k not in _APART} for each in manifests]
     tables = {
         "spec": _pairs(*spec),
@@ -73,9 +68,7 @@ def _runs(
     return tables, compare_channels(*(read_channels(store, each.id) for each in pair))
 
 
-def _records(
-    store: Path, *pair: StoredRecord
-) -> tuple[dict, tuple[ChannelDifference, ...]]:
+def _records(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[ChannelDifference, ...]]:
     rows = [read_catalogue_row(each) for each in pair]
     provenances = [json.loads(row["provenance"]) for row in rows]
     records = [json.loads(row["record"]) for row in rows]
@@ -91,9 +84,7 @@ def _records(
 
 def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
     code = [{key: side.get(key) for key in _CODE} for side in (first, second)]
-    changes = [
-        (side.get("uncommitted") or {}).get("sha256") for side in (first, second)
-    ]
+    changes = [(side.get("uncommitted") or {}).get("sha256") for side in (first, second)]
     for side, sha256 in zip(code, changes, strict=True):
         side["uncommitted"] = sha256
     packages = list_package_changes(first, second, store)

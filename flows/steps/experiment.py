@@ -41,24 +41,14 @@ from residual.model.dynamics import (
 from residual.recording import Recording, apply_drive
 from residual.robot.robot import Robot
 from sim.effects import load_effects
-from sim.engine.plant_records import (
-    NAMES,
-    PlantSpec,
-    ReferenceMotion,
-    TrajectorySpec,
-)
+from sim.engine.plant_records import NAMES, PlantSpec, ReferenceMotion, TrajectorySpec
 from sim.experiment import compute_log_twin_errors, run_experiment
 from sim.plant.effect_catalogue import check_effect
 from sim.plant.servo import check_servo
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import (
-    SealedTruth,
-    commit_record,
-    commit_run,
-    hash_sealed_spec,
-)
+from warehouse.record_commit import SealedTruth, commit_record, commit_run, hash_sealed_spec
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
 from warehouse.robots import store_robot_description
@@ -119,9 +109,7 @@ def plan_experiments(
     return list(planned.values())
 
 
-def store_campaign(
-    planned: Sequence[PlannedExperiment], file: str, store: Path
-) -> str | None:
+def store_campaign(planned: Sequence[PlannedExperiment], file: str, store: Path) -> str | None:
     """Put the record of a campaign into the store, before its runs; return its id.
 
     It has the open points of all its runs, also of those that fail; of the sealed ones
@@ -186,14 +174,10 @@ def compute_run_id(spec: ExperimentSpec) -> str:
 
 def is_stored(store: Path, spec: ExperimentSpec, run_id: str) -> bool:
     """Return whether a run is in the store."""
-    return record_exists(
-        build_record_path(store, "runs", run_id, load_spec_robot(spec).name)
-    )
+    return record_exists(build_record_path(store, "runs", run_id, load_spec_robot(spec).name))
 
 
-def simulate_and_store(
-    spec: ExperimentSpec, store: Path, campaign: str | None = None
-) -> str:
+def simulate_and_store(spec: ExperimentSpec, store: Path, campaign: str | None = None) -> str:
     """Run one experiment and store it; one that is stored is not run again.
 
     Raises:
@@ -212,9 +196,7 @@ def simulate_and_store(
     return store_experiment(simulated, store)
 
 
-def simulate_experiment(
-    spec: ExperimentSpec, store: Path | None = None
-) -> SimulatedExperiment:
+def simulate_experiment(spec: ExperimentSpec, store: Path | None = None) -> SimulatedExperiment:
     """Run one experiment, whether or not it is stored; nothing is written.
 
     Args:
@@ -340,11 +322,7 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     if table.model != NOMINAL:
         if store is None:
             raise InputError(f"Model {table.model} of the controller needs a store.")
-        law = (
-            compute_feed_forward
-            if table.kind == "feed_forward"
-            else build_computed_torque_law
-        )
+        law = compute_feed_forward if table.kind == "feed_forward" else build_computed_torque_law
         given = law(
             read_controller_model(store, table.model, robot),
             reference.t,
@@ -377,9 +355,7 @@ def explain_infeasible_motion(planned: PlannedExperiment) -> str | None:
     """
     spec = planned.spec
     try:
-        plan_reference(
-            load_spec_robot(spec), spec.reference(), spec.log_rates().control
-        )
+        plan_reference(load_spec_robot(spec), spec.reference(), spec.log_rates().control)
     except InputError as error:
         return str(error)
     return None
@@ -396,9 +372,7 @@ def format_reference_csv(reference: ReferenceMotion) -> str:
     return text.getvalue()
 
 
-def add_twin_errors(
-    robot: Robot, runs: Sequence[CalibrationRun]
-) -> tuple[CalibrationRun, ...]:
+def add_twin_errors(robot: Robot, runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]:
     """Return runs with their errors against a twin on their own reference.
 
     Those that have a twin, and those that have no reference, stay as they are.
@@ -572,9 +546,7 @@ def explain_failures(
 
 def run_planned_experiment(planned: PlannedExperiment, store: str) -> str:
     """Run one experiment of a campaign; returns the id of its run."""
-    return simulate_and_store(
-        planned.spec, resolve_store_folder(store), planned.campaign
-    )
+    return simulate_and_store(planned.spec, resolve_store_folder(store), planned.campaign)
 
 
 def explain_missing_run(planned: PlannedExperiment, run_id: str, store: Path) -> str:

@@ -34,9 +34,7 @@ APP, CLOCK, ARM = "modelgap", "time", "arm"
 THICK = 0.02  # m, of the lines that stand for links
 
 
-def build_rerun_recording(
-    source: AnyModel, log: Recording | None = None
-) -> ModelExport:
+def build_rerun_recording(source: AnyModel, log: Recording | None = None) -> ModelExport:
     """Return a recording of a log, or of the exports' motion where there is none."""
     try:
         import rerun as rr
@@ -79,9 +77,7 @@ def _torque(source: AnyModel, state) -> dict[str, Array]:
     return parts
 
 
-def _draw(
-    rr, stream, source: AnyModel, t: Array, q: Array, torque: Mapping[str, Array]
-) -> None:
+def _draw(rr, stream, source: AnyModel, t: Array, q: Array, torque: Mapping[str, Array]) -> None:
     clock = [rr.TimeColumn(CLOCK, duration=t)]
     for name, values in torque.items():
         for j, column in enumerate(values.T):

@@ -14,10 +14,7 @@ from flows.storage.diagnosis import read_adoptable_model
 from flows.storage.identification_record import store_identification
 from residual import one_blas_thread
 from residual.identification.estimate import Options
-from residual.identification.identify import (
-    ValidatedIdentification,
-    identify_and_validate,
-)
+from residual.identification.identify import ValidatedIdentification, identify_and_validate
 from residual.robot.robot import Robot
 
 
@@ -28,9 +25,7 @@ def read_logs(request: Identify, robot: Robot | None = None) -> LogSets:
 
 
 @one_blas_thread
-def identify(
-    request: Identify, logs: LogSets
-) -> tuple[ValidatedIdentification, str | None]:
+def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification, str | None]:
     """Identify, prove it, and keep the model if it is from runs or a store was named.
 
     Returns:
@@ -42,12 +37,7 @@ def identify(
     report = refuse_faulty_logs(logs, request.trust_log)
     logs = correct_mounting(logs, report)
     result = identify_and_validate(
-        logs.robot,
-        logs.fit,
-        logs.held_out,
-        known,
-        _options(request),
-        request.consistent,
+        logs.robot, logs.fit, logs.held_out, known, _options(request), request.consistent
     )
     warnings = (*logs.warnings, *report.sentences, *result.warnings)
     result, runs = replace(result, warnings=warnings), logs.runs or {}

@@ -6,12 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.read import (
-    LogSets,
-    load_command_robot,
-    require_logs,
-    suggest_column_map,
-)
+from flows.inputs.read import LogSets, load_command_robot, require_logs, suggest_column_map
 from flows.requests import LONGEST_WORD, Import, check_tags, is_short_word
 from flows.settings import resolve_store_folder
 from flows.steps.check import refuse_faulty_logs
@@ -52,12 +47,9 @@ def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
         if word is not None and not is_short_word(word):
             raise InputError(
-                f"--{what} '{word[:LONGEST_WORD]}': expected a short name such as "
-                "'welding'."
+                f"--{what} '{word[:LONGEST_WORD]}': expected a short name such as 'welding'."
             )
-    robot = set_serial_number(
-        load_command_robot(request.robot, logs=request.logs), request.serial
-    )
+    robot = set_serial_number(load_command_robot(request.robot, logs=request.logs), request.serial)
     if request.recorded_at is not None and len(request.logs) > 1:
         raise InputError(
             f"--recorded-at is the time of one log, {len(request.logs)} are given. "
@@ -97,9 +89,7 @@ def check_logs(
     )
     report = refuse_faulty_logs(sets, request.trust_log)
     check_record = {"log_check": report.to_json()}
-    with_check = (
-        replace(log, manifest={**log.manifest, **check_record}) for log in read
-    )
+    with_check = (replace(log, manifest={**log.manifest, **check_record}) for log in read)
     return tuple(with_check), report
 
 

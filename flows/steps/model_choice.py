@@ -12,11 +12,7 @@ from flows.inputs.read import is_run_id, load_run_robot, read_run_robot
 from flows.requests import Diagnose, Identify
 from flows.settings import resolve_store_folder
 from flows.storage.calibration import CORRECTED
-from flows.storage.diagnosis import (
-    models_from_record,
-    read_adoptable_model,
-    read_models,
-)
+from flows.storage.diagnosis import models_from_record, read_adoptable_model, read_models
 from residual.calibration.calibrate import add_correction_tables
 from residual.calibration.calibration_rows import PAPER
 from residual.errors import InputError, check_name
@@ -24,11 +20,7 @@ from residual.export.model_export import AnyModel, remove_tables
 from residual.model.lookup import Lookup
 from residual.model.model import Model
 from residual.model.model_files import load_model, model_from_record
-from residual.model.nominal import (
-    build_free_nominal,
-    choose_declared_effects,
-    prepare_fit_logs,
-)
+from residual.model.nominal import build_free_nominal, choose_declared_effects, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import FilterSettings
@@ -78,9 +70,7 @@ def choose_model(
     place = resolve_store_folder(store)
     if model is not None and model != NOMINAL:
         if instead:
-            raise InputError(
-                f"--model and {instead} both set the nominal model. Give only one."
-            )
+            raise InputError(f"--model and {instead} both set the nominal model. Give only one.")
         id = resolve_diagnosis_id(place, model)
         _check_robot(robot, place, id)
         serial = read_record(place, id).get("serial")
@@ -102,8 +92,7 @@ def choose_model(
         return ModelChoice(line=f"model: {back}")
     serial = f" {robot.serial}" if robot.serial else ""
     name = (
-        f"adoption {int(number)} of {robot.name}{serial}, diagnosis "
-        f"{adoption.diagnosis_id[:8]}"
+        f"adoption {int(number)} of {robot.name}{serial}, diagnosis {adoption.diagnosis_id[:8]}"
     ) + (", against the gate" if adoption.action == "forced" else "")
     if model == NOMINAL or instead:
         why = instead or "--model nominal"
@@ -159,16 +148,13 @@ def resolve_diagnosis_id(store: Path, word: str) -> str:
         if id is None:
             raise InputError(f"Adoption {found.id} went back to the nominal model.")
         return id
-    if found.kind == "validations" and (
-        id := read_record(store, found.id).get("diagnosis")
-    ):
+    if found.kind == "validations" and (id := read_record(store, found.id).get("diagnosis")):
         return id
     if found.kind == "models":
         from warehouse.query.store import query_store_rows
 
         query = (
-            "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id "
-            "ORDER BY created LIMIT 1"
+            "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created LIMIT 1"
         )
         for row in query_store_rows(store, query, id=found.id):
             return row["id"]
@@ -191,9 +177,7 @@ def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
     """
     if Path(word).is_file():
         if which is not None:
-            raise InputError(
-                f"{word} holds one model; --which chooses among those of a diagnosis."
-            )
+            raise InputError(f"{word} holds one model; --which chooses among those of a diagnosis.")
         return load_model(word)
     if word.endswith(".json") or "/" in word:
         raise InputError(f"There is no file {word}. Name one that holds a model.")
@@ -214,8 +198,7 @@ def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
     content = record.get("model") or record.get("nominal")
     if content is None:
         raise InputError(
-            f"Model {word} was kept without its numbers. Make it again with this "
-            "version."
+            f"Model {word} was kept without its numbers. Make it again with this version."
         )
     return model_from_record(content)
 
@@ -267,9 +250,7 @@ def build_nominal_model(robot: Robot, logs: Sequence[Recording]) -> Model:
     return build_free_nominal(prepared, choose_declared_effects(robot, None)).model
 
 
-def check_description(
-    robot: Robot, run: Recording, manifest: Mapping, by: str | None
-) -> None:
+def check_description(robot: Robot, run: Recording, manifest: Mapping, by: str | None) -> None:
     """Refuse a robot that is described otherwise than when a run was made."""
     if robot.content_hash != manifest.get("robot_hash"):
         raise InputError(

@@ -5,12 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.read import (
-    is_run_id,
-    load_run_robot,
-    read_file_serial,
-    read_run_serial,
-)
+from flows.inputs.read import is_run_id, load_run_robot, read_file_serial, read_run_serial
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
 from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model
@@ -25,12 +20,7 @@ from warehouse.query.store import query_store_rows
 from warehouse.record_commit import commit_record
 from warehouse.remote_store import format_store_name
 from warehouse.runs import read_manifest, read_quarantine_reason, read_run
-from warehouse.store_catalogue import (
-    find_record,
-    find_run,
-    list_record_folders,
-    read_record,
-)
+from warehouse.store_catalogue import find_record, find_run, list_record_folders, read_record
 from warehouse.view_schema import build_view_table
 
 MOST_HEALTHY = 12  # of them are read
@@ -127,9 +117,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         "monitor": result.monitor.to_record(),
     }
     rows = [
-        {"run_id": id, **asdict(alarm)}
-        for id, alarms in result.alarms.items()
-        for alarm in alarms
+        {"run_id": id, **asdict(alarm)} for id, alarms in result.alarms.items() for alarm in alarms
     ]
     parents = {"calibration": list(healthy), "watched": list(watched)}
     if diagnosis:
@@ -189,14 +177,10 @@ def monitor_new_runs(
             these are too few for those of the diagnosis.
     """
     model = (
-        model
-        or resolve_adopted_model(runs, store).diagnosis
-        or find_latest_diagnosis(runs, store)
+        model or resolve_adopted_model(runs, store).diagnosis or find_latest_diagnosis(runs, store)
     )
     if model is None:
-        return NewRunsMonitoring(
-            why="No diagnosis of this arm yet: nothing to compare with."
-        )
+        return NewRunsMonitoring(why="No diagnosis of this arm yet: nothing to compare with.")
     healthy = tuple(healthy_ids) or find_healthy_runs(runs, store, tag)
     if not healthy_ids and len(healthy) < LEAST_RUNS:
         diagnosis = _diagnosis_in(model, store)
@@ -205,9 +189,7 @@ def monitor_new_runs(
     if not new:
         return NewRunsMonitoring(why="All runs are healthy reference runs.")
     if len(healthy) < LEAST_RUNS:
-        return NewRunsMonitoring(
-            why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed."
-        )
+        return NewRunsMonitoring(why=f"{len(healthy)} healthy runs, at least {LEAST_RUNS} needed.")
     return NewRunsMonitoring(*monitor(Request(model, new, good=healthy, store=store)))
 
 
@@ -220,9 +202,7 @@ def group_runs_by_arm(runs: Sequence[str], store: Path) -> list[list[str]]:
     return list(arms.values())
 
 
-def find_healthy_runs(
-    runs: Sequence[str], store: Path, tag: str = HEALTHY
-) -> tuple[str, ...]:
+def find_healthy_runs(runs: Sequence[str], store: Path, tag: str = HEALTHY) -> tuple[str, ...]:
     """Return the latest healthy runs of the arm of some runs, none of these."""
     query = """
         SELECT run_id FROM runs own
@@ -260,9 +240,7 @@ def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
         "serial IS NOT DISTINCT FROM $serial "
         "ORDER BY created DESC, diagnosis_id LIMIT 1"
     )
-    result = query_store_rows(
-        store, query, robot=robot, serial=read_run_serial(runs[0], store)
-    )
+    result = query_store_rows(store, query, robot=robot, serial=read_run_serial(runs[0], store))
     return result[0]["diagnosis_id"] if result else None
 
 

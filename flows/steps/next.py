@@ -70,9 +70,7 @@ class ReopenedDiagnosis:
         return one == other
 
 
-def reopen_diagnosis(
-    request: Next, progress: Progress | None = None
-) -> ReopenedDiagnosis:
+def reopen_diagnosis(request: Next, progress: Progress | None = None) -> ReopenedDiagnosis:
     """Diagnose the logs of a verdict again, and return the question that they leave.
 
     A comparison with a baseline leaves none: then the new logs are diagnosed alone.
@@ -94,9 +92,7 @@ def reopen_diagnosis(
 def check_duration(seconds: float) -> None:
     """Raise InputError unless a motion may be so long [s]."""
     if not SHORTEST <= seconds <= LONGEST:
-        raise InputError(
-            f"--seconds {seconds:g}: expected {SHORTEST:g} to {LONGEST:g}."
-        )
+        raise InputError(f"--seconds {seconds:g}: expected {SHORTEST:g} to {LONGEST:g}.")
 
 
 def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
@@ -191,9 +187,7 @@ class Ranking:
 
     question: OpenQuestion
     twins: frozenset[Pair]  # pairs that no motion tells apart
-    ranked: tuple[
-        RankedMotion, ...
-    ]  # those that were looked at closely, the best first
+    ranked: tuple[RankedMotion, ...]  # those that were looked at closely, the best first
 
     @property
     def best(self) -> RankedMotion:
@@ -208,19 +202,13 @@ class Ranking:
             shown["coefficients"] = [list(row) for row in spec.coefficients]
         else:
             shown["seed"] = spec.seed
-        plan = describe_plan(
-            self.question, best.outlook, best.prospect, spec.duration, best.after
-        )
+        plan = describe_plan(self.question, best.outlook, best.prospect, spec.duration, best.after)
         return plan | {"family": spec.kind, "parameters": shown, "program": program}
 
 
 @one_blas_thread
 def rank_motions(
-    question: OpenQuestion,
-    robot: Robot,
-    seconds: float,
-    seed: int,
-    tell: Progress | None = None,
+    question: OpenQuestion, robot: Robot, seconds: float, seed: int, tell: Progress | None = None
 ) -> Ranking | None:
     """Rank motions of both families; None where nothing is open, or none is found.
 
@@ -238,9 +226,7 @@ def rank_motions(
             course = _course(question, robot, spec, COARSER)
         except InputError:  # the arm finds no room for it
             continue
-        weighed.append(
-            (-expect_separation(question, course.gram(seconds), twins).share, i)
-        )
+        weighed.append((-expect_separation(question, course.gram(seconds), twins).share, i))
     looked = []
     for _, i in sorted(weighed)[:LOOKS]:
         course = _course(question, robot, every[i], FINER)

@@ -71,8 +71,7 @@ def describe_edited_model(prediction: Prediction, without: Sequence[str]) -> lis
     for word, (name, joints) in zip(without, parse_edits(without), strict=True):
         # An effect of the nominal model goes back to its value there.
         nominal = any(
-            term.effect.name == name
-            and (not joints or {j + 1 for j in term.joints} & set(joints))
+            term.effect.name == name and (not joints or {j + 1 for j in term.joints} & set(joints))
             for term in terms
         )
         words.append(f"{word} (at its nominal value)" if nominal else word)
@@ -103,8 +102,7 @@ def build_sample_table(prediction: Prediction) -> pa.Table:
         for name, values in (("tau", log.tau), *torque.items()):
             head = _NAMES.get(name, name)
             columns |= {
-                f"{head}{j + 1}": np.ascontiguousarray(values[:, j])
-                for j in range(log.dof)
+                f"{head}{j + 1}": np.ascontiguousarray(values[:, j]) for j in range(log.dof)
             }
         parts.append(pa.table(columns))
     return pa.concat_tables(parts)

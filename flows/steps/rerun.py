@@ -12,14 +12,7 @@ from tempfile import TemporaryDirectory
 import pyarrow as pa
 
 from flows.inputs.read import substitute_robot_files
-from flows.requests import (
-    Calibrate,
-    Diagnose,
-    Identify,
-    Monitor,
-    Request,
-    Validate,
-)
+from flows.requests import Calibrate, Diagnose, Identify, Monitor, Request, Validate
 from flows.specs import ExperimentSpec
 from flows.steps import calibrate, experiment, identify
 from flows.steps.diagnose import diagnose_stored_runs
@@ -110,11 +103,7 @@ class Rerun:
         """What differs and why, in one line."""
         if self.cause is None:
             return "same, bit for bit"
-        where = (
-            self.differences[0].words
-            if self.differences
-            else "the stored record is damaged"
-        )
+        where = self.differences[0].words if self.differences else "the stored record is damaged"
         more = len(self.differences) - 1
         where += f" (and {more} more)" if more > 0 else ""
         return f"{where}; cause: {self.cause.kind} ({self.cause.why})"
@@ -178,10 +167,7 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
 
 
 def _outcome(
-    record: StoredRecord,
-    store: Path,
-    then: Mapping,
-    differences: tuple[ChannelDifference, ...],
+    record: StoredRecord, store: Path, then: Mapping, differences: tuple[ChannelDifference, ...]
 ) -> Rerun:
     key = "code_hash" if record.kind == "runs" else "program_hash"
     now = asdict(read_code_provenance())
@@ -233,22 +219,17 @@ def find_cause(
     if then.get(key) != now[key]:
         code = "the plant's code" if key == "code_hash" else "the program's code"
         old, new = (
-            f"{(side.get(key) or 'unknown')[:12]} "
-            f"(commit {(side.get('commit') or 'unknown')[:12]})"
+            f"{(side.get(key) or 'unknown')[:12]} (commit {(side.get('commit') or 'unknown')[:12]})"
             for side in (then, now)
         )
         return DifferenceCause("code", f"{code} was {old}, is {new}")
     if packages := list_package_changes(then, now, store):
-        named = [
-            f"{k} {a or 'none'} -> {b or 'none'}" for k, (a, b) in packages.items()
-        ]
+        named = [f"{k} {a or 'none'} -> {b or 'none'}" for k, (a, b) in packages.items()]
         more = len(named) - _MOST_PACKAGES
         named[_MOST_PACKAGES:] = [f"{more} more"] if more > 0 else []
         return DifferenceCause("environment", ", ".join(named))
     if then.get("machine") not in (None, now["machine"]):
-        return DifferenceCause(
-            "machine", f"made on {then['machine']}, now on {now['machine']}"
-        )
+        return DifferenceCause("machine", f"made on {then['machine']}, now on {now['machine']}")
     same = "code, environment, machine, spec and seeds are the same"
     return DifferenceCause("nondeterminism", same)
 
@@ -277,9 +258,7 @@ def list_package_changes(
 # A run once more, from its manifest and its seal.
 
 
-def rerun_experiment(
-    store: Path, run_id: str, manifest: Mapping
-) -> SimulatedExperiment:
+def rerun_experiment(store: Path, run_id: str, manifest: Mapping) -> SimulatedExperiment:
     """Run the experiment of a run once more; nothing is written."""
     hidden = open_seal(store, run_id).spec
     word = find_used_robot(store, manifest["robot"], manifest.get("robot_hash"))
@@ -351,9 +330,7 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 
 @contextmanager
-def remake_record(
-    store: Path, record: StoredRecord
-) -> Iterator[tuple[Path, StoredRecord]]:
+def remake_record(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredRecord]]:
     """Make a record once more.
 
     Yields:
@@ -368,9 +345,7 @@ def remake_record(
             "monitor by this version do."
         )
     verb, step = _STEPS[request["step"]]
-    before = [
-        each for each in list_record_ancestry(store, record.id) if each.id != record.id
-    ]
+    before = [each for each in list_record_ancestry(store, record.id) if each.id != record.id]
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
     # Where to load each robot from, such that it is the one that was used.
     robots = {
@@ -389,9 +364,7 @@ def remake_record(
                 _link(store / seal, temporary / seal)
         with substitute_robot_files(robots):
             step(verb.from_record(request, temporary))
-        new = set(list_record_folders(temporary, record.kind)) - {
-            each.id for each in before
-        }
+        new = set(list_record_folders(temporary, record.kind)) - {each.id for each in before}
         if len(new) != 1:
             raise InputError(
                 f"Making {record.id} again gave {len(new)} records of {record.kind}, "
@@ -411,9 +384,7 @@ def _link(folder: Path, target: Path) -> None:
             shutil.copyfile(path, target / path.name)
 
 
-def commit_rerun(
-    temporary: Path, store: Path, old: StoredRecord, new: StoredRecord
-) -> str:
+def commit_rerun(temporary: Path, store: Path, old: StoredRecord, new: StoredRecord) -> str:
     """Put a record that was made again, and what was made with it, into the store.
 
     Returns:
@@ -453,13 +424,9 @@ def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]
     return tables, files
 
 
-def compare_records(
-    record: StoredRecord, other: StoredRecord
-) -> tuple[ChannelDifference, ...]:
+def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[ChannelDifference, ...]:
     """Return where two records of one kind differ, value by value."""
-    first, second = (
-        json.loads(read_catalogue_row(each)["record"]) for each in (record, other)
-    )
+    first, second = (json.loads(read_catalogue_row(each)["record"]) for each in (record, other))
     out = compare_values(first, second, "")
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
@@ -479,25 +446,15 @@ def _compare_tables(name: str, first: pa.Table | None, second: pa.Table | None) 
         or first.schema != second.schema
         or len(first) != len(second)
     ):
-        hashes = {
-            None if side is None else hash_table(side) for side in (first, second)
-        }
+        hashes = {None if side is None else hash_table(side) for side in (first, second)}
         note = "another number of rows or other columns"
-        return (
-            [ChannelDifference(name, "", False, note=note)] if len(hashes) > 1 else []
-        )
+        return [ChannelDifference(name, "", False, note=note)] if len(hashes) > 1 else []
     out = []
-    for column, a, b in zip(
-        first.column_names, first.columns, second.columns, strict=True
-    ):
+    for column, a, b in zip(first.column_names, first.columns, second.columns, strict=True):
         at = f"{name}.{column}"
         if pa.types.is_floating(a.type):
             sides = [{at: c.to_numpy(zero_copy_only=False)} for c in (a, b)]
-            out += [
-                channel for channel in compare_channels(*sides) if not channel.equal
-            ]
+            out += [channel for channel in compare_channels(*sides) if not channel.equal]
         elif not a.equals(b):
-            out.append(
-                ChannelDifference(at, "", False, len(first), note="other values")
-            )
+            out.append(ChannelDifference(at, "", False, len(first), note="other values"))
     return out

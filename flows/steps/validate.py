@@ -140,9 +140,7 @@ def validate(request: Request) -> tuple[str, Validation]:
         if find_record(store, request.model).kind == "diagnoses":
             models |= read_models(store, request.model) | models
         else:
-            models["model"] = read_controller_model(
-                store, request.model, robot, nominal
-            )
+            models["model"] = read_controller_model(store, request.model, robot, nominal)
     if request.adopted not in (NOMINAL, request.model):
         models["adopted"] = read_controller_model(store, request.adopted, robot)
     both = {name: validate_model(model, log) for name, model in models.items()}
@@ -161,11 +159,7 @@ def validate(request: Request) -> tuple[str, Validation]:
             build_and_simulate(robot, reference, plant),
         )
         tracked = {
-            name: _rms(
-                measure_tracking_errors(
-                    robot, reference, plant, trace.rows[:, at.DRIVE]
-                )
-            )
+            name: _rms(measure_tracking_errors(robot, reference, plant, trace.rows[:, at.DRIVE]))
             for name, trace in zip((NOMINAL, "arm"), sources, strict=True)
         }
         motion = reference.q, reference.qd, reference.qdd
@@ -174,9 +168,7 @@ def validate(request: Request) -> tuple[str, Validation]:
             error = measure_tracking_errors(robot, reference, plant, torque)
             both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
-        notes.insert(
-            0, f"The model diverges in windows of {window:g} s; they last {used:g} s."
-        )
+        notes.insert(0, f"The model diverges in windows of {window:g} s; they last {used:g} s.")
     notes += [
         f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
         f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
@@ -208,9 +200,7 @@ def validate(request: Request) -> tuple[str, Validation]:
 def validate_model(model: AnyModel, log: Recording) -> ModelValidation:
     """Return what a model makes of a log: torque of motion, motion of torque."""
     body = remove_tables(model)
-    errors, _ = compute_model_errors(
-        {NOMINAL: model}, prepare_held_out([log], body), body.filters
-    )
+    errors, _ = compute_model_errors({NOMINAL: model}, prepare_held_out([log], body), body.filters)
     torque = errors[NOMINAL].per_joint("moving")
     try:
         acceleration = compute_acceleration_error(model, [log]).per_joint
@@ -234,9 +224,7 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
     return replace(request, model=ids[0], adopted=ids[1])
 
 
-def compute_open_loop_error(
-    robot: Robot, log: Recording, window: float
-) -> tuple[Array, float]:
+def compute_open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
     """Return how far the model strays in free windows, each begun as measured.
 
     Where much is missing, a light wrist may turn right over within a window. Such
@@ -259,9 +247,7 @@ def compute_open_loop_error(
     motion, torque = _measured(log)
     while window >= _SHORTEST:
         try:
-            return _rms(
-                simulate_open_loop_windows(robot, motion, torque, window)
-            ), window
+            return _rms(simulate_open_loop_windows(robot, motion, torque, window)), window
         except SimulationDivergedError:
             window /= 2
     raise InputError(
@@ -280,9 +266,7 @@ def _measured(log: Recording) -> tuple[ReferenceMotion, Array]:
     rate = track.rate * max(1, round(_RATE / track.rate))
     since = np.arange(round((track.t[-1] - track.t[0]) * rate) + 1) / rate
     curve = CubicSpline(track.t - track.t[0], track.q)
-    motion = ReferenceMotion(
-        "measured", since, *(curve(since, d) for d in range(3)), None
-    )
+    motion = ReferenceMotion("measured", since, *(curve(since, d) for d in range(3)), None)
     now = track.t[0] + since
     return motion, np.column_stack([np.interp(now, log.t, c) for c in log.tau.T])
 

@@ -8,11 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from residual.calibration.calibrate import Calibration, build_corrected_model
-from residual.calibration.validation_scores import (
-    RUN,
-    ModelScore,
-    compute_relative_error,
-)
+from residual.calibration.validation_scores import RUN, ModelScore, compute_relative_error
 from residual.export.c99 import to_c99
 from residual.export.model_export import to_json
 from residual.model.lookup import build_lookup_files
@@ -23,10 +19,7 @@ STAGE, KIND, CORRECTED = "calibrated", "calibration", "corrected.json"
 
 
 def build_calibration_document(
-    calibration: Calibration,
-    words: Sequence[str],
-    warnings: Sequence[str],
-    kept: Mapping[str, str],
+    calibration: Calibration, words: Sequence[str], warnings: Sequence[str], kept: Mapping[str, str]
 ) -> dict:
     """Return all figures of a calibration; what is not known is null."""
     rows, sweep = calibration.rows, calibration.sweep
@@ -110,10 +103,7 @@ def build_calibration_files(calibration: Calibration) -> dict[str, bytes]:
 
 
 def store_calibration(
-    store: Path,
-    calibration: Calibration,
-    request: Mapping,
-    seconds: Mapping[str, float],
+    store: Path, calibration: Calibration, request: Mapping, seconds: Mapping[str, float]
 ) -> dict[str, str]:
     """Put the tables and the errors into the store.
 
@@ -129,9 +119,7 @@ def store_calibration(
         "mode": calibration.rows.mode,
         "declared": list(calibration.declared),
         # None for the simulated twin.
-        "nominal": None
-        if calibration.nominal is None
-        else calibration.nominal.to_record(),
+        "nominal": None if calibration.nominal is None else calibration.nominal.to_record(),
         "options": [asdict(o) for o in calibration.chosen],
         "variables": list(calibration.lookup.names),
         "joints": list(calibration.rows.joints),
@@ -151,9 +139,7 @@ def store_calibration(
     finite = [row for row in rows if row["value"] == row["value"]]  # no NaN
     tables = {"errors": build_view_table("errors", finite)}
     parents = {"model": [model_id], "run": list(ids)}
-    validation = commit_record(
-        store, "validations", record, tables, parents, seconds=seconds
-    )
+    validation = commit_record(store, "validations", record, tables, parents, seconds=seconds)
     return {"model": model_id, "validation": validation}
 
 
@@ -168,9 +154,7 @@ def _rows(score: ModelScore, ids: Sequence[str]) -> Iterator[dict]:
     yield {**same, "joint": None, "metric": metric, "value": score.overall}
     if score.scheme != RUN or len(ids) != len(score.miss):
         return
-    for id, values in zip(
-        ids, compute_relative_error(score.miss, score.power), strict=True
-    ):
+    for id, values in zip(ids, compute_relative_error(score.miss, score.power), strict=True):
         for joint, value in enumerate(values, 1):
             row_of_run = {**same, "run_id": id, "joint": joint}
             yield {**row_of_run, "metric": metric, "value": float(value)}

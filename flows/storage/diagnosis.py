@@ -57,9 +57,7 @@ def diagnosis_from_record(
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
     parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
     clouds = [
-        FindingScatter(
-            *header, part["x"], part["residual"], part["fitted"], part["log"]
-        )
+        FindingScatter(*header, part["x"], part["residual"], part["fitted"], part["log"])
         for header, part in zip(record["clouds"], parts, strict=True)
     ]
     return Diagnosis(
@@ -118,9 +116,7 @@ def build_run_error_rows(diagnosis: Diagnosis) -> list[dict]:
     units = {diagnosis.torque_unit(j) for j in range(1, diagnosis.verdict.dof + 1)}
     for proof in diagnosis.proofs:
         samples = {"filtered": np.ones_like(proof.moving), "moving": proof.moving}
-        for (stage, tau_hat), (metric, taken) in product(
-            proof.tau_hat.items(), samples.items()
-        ):
+        for (stage, tau_hat), (metric, taken) in product(proof.tau_hat.items(), samples.items()):
             miss = np.where(taken, proof.tau - tau_hat, 0.0)
             power = np.where(taken, proof.tau, 0.0)
             common = {"run_id": proof.id, "stage": stage, "metric": metric}
@@ -190,10 +186,7 @@ def build_states_table(recordings: Sequence[Recording]) -> pa.Table | None:
         A row per sample: ``log`` and ``robot``, ``t`` [s], ``q`` [rad] and ``tau``
         [N m], these two as lists of single precision.
     """
-    logs = [
-        resample_recording(own, FilterSettings())
-        for own in pick_spread_pieces(recordings)
-    ]
+    logs = [resample_recording(own, FilterSettings()) for own in pick_spread_pieces(recordings)]
     if not logs:
         return None
     count = [len(own.t) for own in logs]
@@ -305,8 +298,7 @@ def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedMo
     content = read_record(store, model_id).get("models")
     if not content:
         raise InputError(
-            f"Diagnosis {diagnosis_id} was stored without its models. Diagnose its "
-            "runs again."
+            f"Diagnosis {diagnosis_id} was stored without its models. Diagnose its runs again."
         )
     return models_from_record(content)
 
@@ -361,17 +353,11 @@ def models_to_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
 def models_from_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
     """The way back."""
     robot = record["robot"]
-    return {
-        name: read_model({**own, "robot": robot})
-        for name, own in record["models"].items()
-    }
+    return {name: read_model({**own, "robot": robot}) for name, own in record["models"].items()}
 
 
 def store_report(
-    store: Path,
-    header: Mapping[str, str],
-    diagnosis_id: str,
-    files: Mapping[str, bytes],
+    store: Path, header: Mapping[str, str], diagnosis_id: str, files: Mapping[str, bytes]
 ) -> Path:
     """Put the files of a report into the store."""
     parents = {"diagnosis": [diagnosis_id]}

@@ -52,9 +52,7 @@ def build_identification_document(outcome: ValidatedIdentification) -> dict:
                 "masses": consistent.model.inertial[::10],
                 "least_eigenvalue": consistent.least_eigenvalue,
                 "poses": consistent.poses,
-                "misfit": dict(
-                    zip(("identified", "consistent"), consistent.misfit, strict=True)
-                ),
+                "misfit": dict(zip(("identified", "consistent"), consistent.misfit, strict=True)),
             },
             "warnings": outcome.warnings,
         }

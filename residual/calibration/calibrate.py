@@ -69,13 +69,7 @@ from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import build_fitted_model, fit_jointly, fit_nominal
 from residual.evidence.priors import list_first_priors
-from residual.model.lookup import (
-    NEAREST,
-    CorrectedModel,
-    Lookup,
-    LookupTable,
-    TableVariable,
-)
+from residual.model.lookup import NEAREST, CorrectedModel, Lookup, LookupTable, TableVariable
 from residual.model.lookup import JointCorrection as JointTables
 from residual.model.model import Model
 from residual.model.nominal import (
@@ -125,18 +119,14 @@ def prepare_runs(
         robot, [run.log for run in runs], None, FilterSettings(), split_long=False
     )
     nominal = build_free_nominal(logs, choose_declared_effects(robot, declared))
-    blocks = cut_runs_into_blocks(
-        [track.t[select_row_samples(track)] for track in logs.tracks]
-    )
+    blocks = cut_runs_into_blocks([track.t[select_row_samples(track)] for track in logs.tracks])
     numbered = enumerate(map(compute_row_times, logs.tracks))
     places = tuple(blocks.places(run, t) for run, t in numbered)
     design = Design(logs.tracks, nominal.model, labels=list(places))
     return PreparedRuns(logs, nominal, blocks, places, design)
 
 
-def identify_without_blocks(
-    prepared: PreparedRuns, left_out: Collection[int] = ()
-) -> Model:
+def identify_without_blocks(prepared: PreparedRuns, left_out: Collection[int] = ()) -> Model:
     """Identify the model from all blocks of the runs but some, by number."""
     design, nominal = prepared.design, prepared.nominal
     if left_out:
@@ -237,10 +227,7 @@ def calibrate(
         InputError: If a log does not suit the mode, a column is constant, or there
             are too few rows.
     """
-    settings, tell = (
-        settings or CalibrationSettings(),
-        progress or (lambda stage, share: None),
-    )
+    settings, tell = (settings or CalibrationSettings(), progress or (lambda stage, share: None))
     notes = (_CUT,) if len(runs) == 1 else ()
     runs = cut_single_run(runs)
     tell("nominal model", 0.0)
@@ -271,16 +258,10 @@ def calibrate(
 
     schemes, more = build_validation_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, *(f"tau{j}" for j in rows.joints))
-    tables = choose_table_levels(
-        rows.X, rows.tau - rows.Y, rows.velocity_columns, names
-    )
-    scores, chosen, a_opt, unseen = _table(
-        schemes, rows, compute_residuals, tables, settings, tell
-    )
+    tables = choose_table_levels(rows.X, rows.tau - rows.Y, rows.velocity_columns, names)
+    scores, chosen, a_opt, unseen = _table(schemes, rows, compute_residuals, tables, settings, tell)
     training = build_training_rows(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(
-        training.X, training.Y, settings.form, allow_fewer_components=True
-    )
+    fitted = fit_nominal_pls(training.X, training.Y, settings.form, allow_fewer_components=True)
     best = fitted.components if settings.exact_components else a_opt
     components = min(best, fitted.components)
     calibration = Calibration(
@@ -326,9 +307,7 @@ def _table(
     options = list_correction_options(len(rows.names))
     first = BLOCK if len(rows.labels) < FEW else RUN
 
-    def tried(
-        scheme: ValidationScheme, options: Sequence[CorrectionOption]
-    ) -> SchemeErrors:
+    def tried(scheme: ValidationScheme, options: Sequence[CorrectionOption]) -> SchemeErrors:
         tell(SCHEMES[scheme.name], 0.1 + 0.7 * schemes.index(scheme) / len(schemes))
         paper = scheme.unseen or len(rows.names) <= WIDE
         form, fold = settings.form if paper else None, scheme.name == RUN
@@ -374,9 +353,7 @@ def build_corrected_model(calibration: Calibration) -> CorrectedModel | None:
     return add_correction_tables(model, lookup, calibration.rows.joints)
 
 
-def add_correction_tables(
-    model: Model, lookup: Lookup, joints: Sequence[int]
-) -> CorrectedModel:
+def add_correction_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> CorrectedModel:
     """Put the tables of a calibration on a model; its joints are from 1."""
     columns, tables = [], []
     for name in lookup.names:  # a column of the state: q1, qd1, qdd1, or tau1
@@ -396,9 +373,7 @@ def _of_joint(lookup: Lookup, m: int) -> Lookup:
     tables = [t for t in lookup.tables if t.values[..., m].any()]
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}
-    cut = (
-        LookupTable(tuple(place[a] for a in t.axes), t.values[..., [m]]) for t in tables
-    )
+    cut = (LookupTable(tuple(place[a] for a in t.axes), t.values[..., [m]]) for t in tables)
     return replace(
         lookup,
         joints=(lookup.joints[m],),

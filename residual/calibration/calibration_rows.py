@@ -53,9 +53,7 @@ class RunBlocks:
     @property
     def runs(self) -> Array:
         """Run of each block."""
-        return np.repeat(
-            np.arange(len(self.cut_times)), [len(c) + 1 for c in self.cut_times]
-        )
+        return np.repeat(np.arange(len(self.cut_times)), [len(c) + 1 for c in self.cut_times])
 
     def places(self, run: int, t: Array) -> Array:
         """Place of rows of a run, at times on the log's own clock [s]. Shape (n,)."""
@@ -158,9 +156,7 @@ class CalibrationRows:
 
 
 def build_paper_rows(
-    runs: Sequence[CalibrationRun],
-    joints: Sequence[int] | None = None,
-    thinning_factor: int = 1,
+    runs: Sequence[CalibrationRun], joints: Sequence[int] | None = None, thinning_factor: int = 1
 ) -> CalibrationRows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
@@ -291,9 +287,7 @@ def cut_single_run(runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]
     return tuple(parts)
 
 
-def choose_thinning_factor(
-    runs: Sequence[CalibrationRun],
-) -> tuple[int, tuple[str, ...]]:
+def choose_thinning_factor(runs: Sequence[CalibrationRun]) -> tuple[int, tuple[str, ...]]:
     """Return every how manieth row tables take of all logs, and that, a line.
 
     The model is identified from all of them, piece by piece.

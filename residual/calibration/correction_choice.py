@@ -47,9 +47,7 @@ class CorrectionOption:
 def list_correction_options(variable_count: int) -> tuple[CorrectionOption, ...]:
     """Return what a joint may get of so many states, nothing first."""
     lines = [CorrectionOption(PLSR, count=a) for a in range(variable_count)]
-    tables = [
-        CorrectionOption(kind, ridge) for kind in (MAIN, PAIRS) for ridge in RIDGES
-    ]
+    tables = [CorrectionOption(kind, ridge) for kind in (MAIN, PAIRS) for ridge in RIDGES]
     return (CorrectionOption(NONE), *lines, CorrectionOption(LEAST_SQUARES), *tables)
 
 
@@ -118,9 +116,7 @@ class CorrectionFits:
     pls: PlsModel
     effects: TableRegression
 
-    def forecasts(
-        self, rows: TrainingRows, options: Sequence[CorrectionOption]
-    ) -> Array:
+    def forecasts(self, rows: TrainingRows, options: Sequence[CorrectionOption]) -> Array:
         """Return the corrections of rows if all joints take each of some options.
 
         In N m. Shape (options, m, j).
@@ -157,9 +153,7 @@ class CorrectionFits:
             loads = self.effects.tables.load_levels
             names = (*names, *loads.names[1::2])
             slope = np.vstack([slope, np.zeros((joints, joints))])
-            low, high = (
-                np.r_[a, b[1::2]] for a, b in ((low, loads.low), (high, loads.high))
-            )
+            low, high = (np.r_[a, b[1::2]] for a, b in ((low, loads.low), (high, loads.high)))
         responses = check_column_names(None, joints, "joint ")
         linear = (make_read_only(offset), make_read_only(slope), low, high)
         return Lookup(names, responses, tuple(axes), tuple(tables), *linear)
@@ -181,8 +175,7 @@ class CorrectionFits:
 def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
     """Fit all forms to rows as taught; a ridge is solved for when it is asked for."""
     lines = [
-        fit_linear(rows.X[moves], rows.Y[moves][:, [j]])
-        for j, moves in enumerate(rows.counted.T)
+        fit_linear(rows.X[moves], rows.Y[moves][:, [j]]) for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
     effects = sum_table_rows(tables, rows.Z, rows.Y)
@@ -202,9 +195,7 @@ def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
 
 
 def choose_joint_options(
-    squared_errors: Array,
-    options: Sequence[CorrectionOption],
-    least_saving: float = 0.0,
+    squared_errors: Array, options: Sequence[CorrectionOption], least_saving: float = 0.0
 ) -> tuple[CorrectionOption, ...]:
     """Return the best option of each joint; the first, nothing, where it may be chance.
 
@@ -216,9 +207,7 @@ def choose_joint_options(
     total, chosen = squared_errors.sum(axis=1), []
     for j, i in enumerate(total.argmin(axis=0)):
         pays = total[i, j] < (1 - least_saving) * total[0, j]
-        sure = is_error_significant(
-            squared_errors[0, :, j], squared_errors[i, :, j], LIKELY
-        )
+        sure = is_error_significant(squared_errors[0, :, j], squared_errors[i, :, j], LIKELY)
         chosen.append(options[i if pays and sure else 0])
     return tuple(chosen)
 
@@ -241,9 +230,7 @@ def fit_chosen_tables(
     return fit_all_corrections(rows, tables).lookup(chosen), chosen
 
 
-def add_errors_by_second(
-    error_sums: Array, rows: TrainingRows, forecasts: Array
-) -> None:
+def add_errors_by_second(error_sums: Array, rows: TrainingRows, forecasts: Array) -> None:
     """Add squared errors of rows to those of each second. (options, seconds, j)."""
     for sums, forecast in zip(error_sums, forecasts, strict=True):
         np.add.at(sums, rows.second, rows.squared_errors(forecast))

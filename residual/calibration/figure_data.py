@@ -211,10 +211,7 @@ def sweep_level_counts(
     components: int,
 ) -> LevelSweep:
     """Validate every number of levels, on what the first folds of schemes hold out."""
-    every, torque = (
-        build_training_rows(rows, rows.Y, tables),
-        (rows.tau * rows.moving) ** 2,
-    )
+    every, torque = (build_training_rows(rows, rows.Y, tables), (rows.tau * rows.moving) ** 2)
     count = min(components, _COMPONENTS)
     errors: dict[str, list[Array]] = {scheme.name: [] for scheme in schemes}
     spent = []
@@ -224,12 +221,8 @@ def sweep_level_counts(
             miss, power = 0.0, 0.0
             for kept, held_out in islice(scheme.split(rows), _FOLDS):
                 new = every.rows(held_out)
-                guesses = fit_paper_forecast(
-                    every.rows(kept).with_fitted_standstill(), form
-                )(new)
-                miss += np.stack(
-                    [new.squared_errors(g).sum(axis=0) for g in guesses[1:]]
-                )
+                guesses = fit_paper_forecast(every.rows(kept).with_fitted_standstill(), form)(new)
+                miss += np.stack([new.squared_errors(g).sum(axis=0) for g in guesses[1:]])
                 power += torque[held_out].sum(axis=0)
             curve = compute_relative_error(miss, power)
             best = np.nansum(curve**2, axis=1).argmin()

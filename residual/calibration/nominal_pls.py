@@ -55,11 +55,7 @@ class PlsModel:
 
 
 def fit_pls(
-    X: Array,
-    Y: Array,
-    components: int | None = None,
-    *,
-    names: Sequence[str] | None = None,
+    X: Array, Y: Array, components: int | None = None, *, names: Sequence[str] | None = None
 ) -> PlsModel:
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
@@ -243,10 +239,7 @@ class NominalPls:
 
 
 def fit_nominal_pls(
-    X: Array,
-    Y: Array,
-    form: NominalPlsForm | None = None,
-    allow_fewer_components: bool = False,
+    X: Array, Y: Array, form: NominalPlsForm | None = None, allow_fewer_components: bool = False
 ) -> NominalPls:
     """Fit the paper's modified PLSR.
 
@@ -308,6 +301,4 @@ def fit_nominal_pls(
         )
         Q[a] = deflate_by_component(S, V[a], P[a], x_mean, energy, total)
         done = a + 1
-    return NominalPls(
-        levels, *map(make_read_only, (x_mean, y_mean, V[:done], Q[:done]))
-    )
+    return NominalPls(levels, *map(make_read_only, (x_mean, y_mean, V[:done], Q[:done])))

@@ -112,9 +112,7 @@ def build_levels(
             "one number for all, or one for each."
         )
     for levels in counts:
-        check_count(
-            levels, 2, MOST, "levels", "One level cannot tell two states apart."
-        )
+        check_count(levels, 2, MOST, "levels", "One level cannot tell two states apart.")
     if not allow_constant:
         check_varying(X, names)
     low, high = make_read_only(X.min(axis=0)), make_read_only(X.max(axis=0))
@@ -199,17 +197,13 @@ def choose_table_levels(
     states = build_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
     name_pairs = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
     named = [name for pair in name_pairs for name in pair]
-    pairs = build_levels(
-        both, PAIR_LEVELS, named, velocities=turns, allow_constant=True
-    )
+    pairs = build_levels(both, PAIR_LEVELS, named, velocities=turns, allow_constant=True)
     single = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]
     paired = []
     for a, b in zip(pairs.edges[::2], pairs.edges[1::2], strict=True):
         paired.append(sum(np.kron(_shared(a, w), _shared(b, w)) for w in PAIR_WIDTHS))
     penalty = block_diag(*map(np.linalg.inv, single))
-    return TableColumns(
-        states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, paired))
-    )
+    return TableColumns(states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, paired)))
 
 
 def _by_turns(speeds: Array, loads: Array) -> Array:
@@ -286,9 +280,7 @@ class TableRegression:
             out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
         return out
 
-    def build_lookup_tables(
-        self, coefficients: Array
-    ) -> tuple[list[LevelAxis], list[LookupTable]]:
+    def build_lookup_tables(self, coefficients: Array) -> tuple[list[LevelAxis], list[LookupTable]]:
         """Return coefficients as tables, those that are zero left out.
 
         Loads are variables behind all states, in the order of the joints.
@@ -297,11 +289,7 @@ class TableRegression:
         cut = np.split(coefficients, self.tables.starts[1:-1])
         axes = [LevelAxis(i, edges) for i, edges in enumerate(states.edges)]
         count = len(axes)
-        out = [
-            LookupTable((i,), make_read_only(t))
-            for i, t in enumerate(cut[:count])
-            if t.any()
-        ]
+        out = [LookupTable((i,), make_read_only(t)) for i, t in enumerate(cut[:count]) if t.any()]
         for j, values in enumerate(cut[count:]):
             if not values.any():
                 continue

@@ -85,11 +85,7 @@ class ValidationScheme:
         for fold, left_out in enumerate(self.left_out):
             held_out = self.fold == fold
             # What is close to a block is neither.
-            kept = (
-                rows.blocks.mask_kept_rows(rows.place, left_out)
-                if left_out
-                else ~held_out
-            )
+            kept = rows.blocks.mask_kept_rows(rows.place, left_out) if left_out else ~held_out
             yield kept, held_out
 
 
@@ -126,9 +122,7 @@ def build_validation_schemes(
     else:
         only = len(families) == 1 and families[0]
         unknown = "the kind of motion of the logs is not known"
-        notes.append(
-            f"no family left out: {'all runs are of one' if only else unknown}"
-        )
+        notes.append(f"no family left out: {'all runs are of one' if only else unknown}")
     blocks, drawn = np.arange(count) * BLOCKS // count, rng.permutation(count) % BLOCKS
     # A few dozen parameters from thousands of rows do not know one block of them.
     nothing = (frozenset(),) * BLOCKS
@@ -190,14 +184,10 @@ def cross_validate_corrections(
             every = build_training_rows(rows, Y, tables)
             # What stands says what all rows in motion say, where rows are held out.
             once = (
-                None
-                if scheme.unseen or paper_form is not None
-                else every.with_fitted_standstill()
+                None if scheme.unseen or paper_form is not None else every.with_fitted_standstill()
             )
         fit_rows, new = every.rows(kept), every.rows(out)
-        training = (
-            fit_rows.with_fitted_standstill() if once is None else once.rows(kept)
-        )
+        training = fit_rows.with_fitted_standstill() if once is None else once.rows(kept)
         fits = fit_all_corrections(training, tables)
         predicted = [fits.forecasts(part, options) for part in (fit_rows, new)]
         add_errors_by_second(seconds, new, predicted[1])
@@ -207,9 +197,7 @@ def cross_validate_corrections(
             predicted = [np.concatenate(pair) for pair in both]
         parts = zip((fit_rows, new), predicted, strict=True)
         errors.append([_squares(part, of_part) for part, of_part in parts])
-        power_fitted.append(
-            fit_rows.squared_errors(fit_rows.Y - fit_rows.tau).sum(axis=0)
-        )
+        power_fitted.append(fit_rows.squared_errors(fit_rows.Y - fit_rows.tau).sum(axis=0))
         if fold == shown_fold:
             forecasts = predicted[1]
     torque, folds = (rows.tau * rows.moving) ** 2, len(scheme.left_out)
@@ -226,17 +214,13 @@ def cross_validate_corrections(
     )
 
 
-def build_training_rows(
-    rows: CalibrationRows, Y: Array, tables: TableColumns
-) -> TrainingRows:
+def build_training_rows(rows: CalibrationRows, Y: Array, tables: TableColumns) -> TrainingRows:
     """Return all rows with what some nominal model leaves [N m]. Shape (n, j)."""
     Z = tables.encode(rows.X, rows.tau - Y)
     return TrainingRows(rows.X, Y, rows.tau, rows.second, Z, rows.moving)
 
 
-def fit_paper_forecast(
-    rows: TrainingRows, form: NominalPlsForm
-) -> Callable[[TrainingRows], Array]:
+def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[TrainingRows], Array]:
     """Fit the paper's form to rows as taught; predict by 0 to A components.
 
     Where the rows bear fewer, the last comes again. Shapes (A + 1, m, j).
@@ -346,9 +330,7 @@ def _score(trial: SchemeErrors, model: str, fitted: Array, unseen: Array) -> Mod
     )
 
 
-def find_model_score(
-    scores: Sequence[ModelScore], scheme: str, model: str
-) -> ModelScore | None:
+def find_model_score(scores: Sequence[ModelScore], scheme: str, model: str) -> ModelScore | None:
     """Return one cell of the table, None where it is not there."""
     same = (s for s in scores if (s.scheme, s.model) == (scheme, model))
     return next(same, None)

@@ -17,11 +17,7 @@ from residual.check.kinematics import (
     find_uneven_time_steps,
     find_velocity_faults,
 )
-from residual.check.physics_columns import (
-    CheckMotion,
-    compute_residual,
-    filter_check_motion,
-)
+from residual.check.physics_columns import CheckMotion, compute_residual, filter_check_motion
 from residual.check.readings import find_misreadings
 from residual.check.result import Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
@@ -36,11 +32,7 @@ from residual.check.slips import repair_motion, repair_torques
 from residual.check.thresholds import CHECK
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.limits import (
-    drop_placeholder_limits,
-    find_limit_flaws,
-    find_placeholder_limits,
-)
+from residual.robot.limits import drop_placeholder_limits, find_limit_flaws, find_placeholder_limits
 from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot
 from residual.robot.whole_file import find_gravity_flaw, find_unit_flaw
@@ -104,11 +96,7 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     return faults + _of_the_arm(robot, logs, speeds)
 
 
-def _of_the_arm(
-    robot: Robot,
-    logs: Sequence[Recording],
-    speeds: Sequence[Fault],
-) -> list[Fault]:
+def _of_the_arm(robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]) -> list[Fault]:
     """What the file, the motion and its physics say; the first that is certain wins.
 
     Physics is the same all along a log: of long ones seven minutes are looked at.

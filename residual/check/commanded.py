@@ -20,9 +20,7 @@ from residual.robot.dynamics import PER_LINK, compute_inertial_regressor
 from residual.robot.robot import Robot
 from residual.signals.track import FilterSettings, filter_motion, interpolate_signals
 
-_FILTERS = FilterSettings(
-    kinematics=25.0
-)  # Hz: derivatives of a reference have no noise
+_FILTERS = FilterSettings(kinematics=25.0)  # Hz: derivatives of a reference have no noise
 _EDGE = 0.5  # s
 _ROWS, _PER_COLUMN = 900, 4  # rows to use, and rows for each column at least
 _SLOW = 0.1  # of the largest speed: nearer to a reversal friction differs
@@ -36,9 +34,7 @@ def find_commanded_torque(robot: Robot, recordings: Sequence[Recording]) -> list
 def _repeated(recordings: Sequence[Recording]) -> list[Fault]:
     """Torques of two logs that are equal bit by bit while the angles are not."""
     rows = [tuple(set(map(bytes, x)) for x in (r.tau, r.q)) for r in recordings]
-    for (one, first), (other, second) in combinations(
-        zip(recordings, rows, strict=True), 2
-    ):
+    for (one, first), (other, second) in combinations(zip(recordings, rows, strict=True), 2):
         tau, q = (len(a & b) / len(a) for a, b in zip(first, second, strict=True))
         if len(first[0]) < 50 or tau < CHECK.repeated_share or q > tau / 2:
             continue
@@ -58,9 +54,7 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         return []
     planned, torque = _signal_rows(recordings, "q_ref")
     done, _ = _signal_rows(recordings, "q")
-    moves = (
-        np.max([np.ptp(r.q_ref, axis=0) for r in recordings], axis=0) > CHECK.moving_rad
-    )
+    moves = np.max([np.ptp(r.q_ref, axis=0) for r in recordings], axis=0) > CHECK.moving_rad
     worst, nearest = 0.0, np.inf
     for j in np.flatnonzero(moves):
         speed = np.abs(planned[1, :, j])

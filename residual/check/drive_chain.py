@@ -128,9 +128,7 @@ class ChainRows:
         return gains, errors
 
 
-def _refit(
-    columns: Array, y: Array, kept: Array, ridge: float = _RIDGE
-) -> tuple[Array, float]:
+def _refit(columns: Array, y: Array, kept: Array, ridge: float = _RIDGE) -> tuple[Array, float]:
     """Fit the kept rows; return the coefficients, and the rms that all rows leave."""
     size = compute_row_rms(columns[kept]) + 1e-12
     x = columns / size
@@ -151,9 +149,7 @@ def _as_parts(chain: Chain) -> dict[str, tuple[float, ...]]:
 def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | None:
     """Return the rows of some logs of an arm with drives; None where nothing moves."""
     logs = tuple(pick_spread_pieces(logs, _SECONDS, _SECONDS))
-    tracks, floor = build_tracks(
-        [replace(r, masked=None) for r in logs], FilterSettings()
-    )
+    tracks, floor = build_tracks([replace(r, masked=None) for r in logs], FilterSettings())
     parameters = _known_parameters(robot)
     parts: list[list[Array]] = [[] for _ in range(robot.dof)]
     for track in tracks:
@@ -208,18 +204,14 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Cha
     distance = [np.abs(r.q_ref - r.q).max(axis=0) for r in rows.logs]
     unit = {"goal_speed": speed, "delay": np.ones(dof), "limit": np.max(distance, 0)}
     grids = {
-        name: np.array(
-            [first[name], np.full(dof, IDEAL[name]), *np.outer(grid, unit[name])]
-        )
+        name: np.array([first[name], np.full(dof, IDEAL[name]), *np.outer(grid, unit[name])])
         for name, grid in _GRIDS.items()
     }
     chain = {name: np.full(dof, IDEAL[name]) for name in _GRIDS}
     chain, _ = _improve(rows, chain, "goal_speed", grids["goal_speed"], 6 * _SHIFTS)
     chain, free = _improve(rows, chain, "delay", grids["delay"])
     without = chain | {"goal_speed": first["goal_speed"]}
-    worth = {
-        "goal_speed": free - _try(rows, without, "delay", grids["delay"])[0].max(0)
-    }
+    worth = {"goal_speed": free - _try(rows, without, "delay", grids["delay"])[0].max(0)}
     # A limit passes for a speed, and a delay for a limit: from the map's chain, from
     # this speed and from none, limit and delay at once, then the speed once more.
     shifts, start = np.linspace(-0.04, 0.04, 9), chain
@@ -277,19 +269,13 @@ def _try(
 
 
 def _improve(
-    rows: ChainRows,
-    chain: Chain,
-    name: str,
-    tries: Array,
-    shifts: Array = _SHIFTS[1:2],
+    rows: ChainRows, chain: Chain, name: str, tries: Array, shifts: Array = _SHIFTS[1:2]
 ) -> tuple[Chain, Array]:
     """Return the chain with the best of some values of a part, and its score."""
     tries = np.array([chain[name], *tries])
     scores, delays = _try(rows, chain, name, tries, shifts)
     best = scores.argmax(axis=0)[None]
-    values, late, top = (
-        np.take_along_axis(x, best, 0)[0] for x in (tries, delays, scores)
-    )
+    values, late, top = (np.take_along_axis(x, best, 0)[0] for x in (tries, delays, scores))
     return chain | {"delay": late} | {name: values}, top
 
 
@@ -308,10 +294,7 @@ def _find_range(tries: Array, scores: Array, top: Array) -> Array:
         good = np.flatnonzero(below <= CHECK.odds_nats)
         for side, (at, way) in enumerate(((good[0], -1), (good[-1], 1))):
             out[side, j] = values[at]
-            if (
-                0 <= at + way < len(values)
-                and np.isfinite(values[[at, at + way]]).all()
-            ):
+            if 0 <= at + way < len(values) and np.isfinite(values[[at, at + way]]).all():
                 share = (CHECK.odds_nats - below[at]) / (below[at + way] - below[at])
                 out[side, j] += share * (values[at + way] - values[at])
     return out
@@ -369,12 +352,7 @@ def find_drive_faults(
 
 
 def _describe(
-    robot: Robot,
-    wrong: Chain,
-    worth: Chain,
-    chain: Chain,
-    ranges: Chain,
-    given: Array,
+    robot: Robot, wrong: Chain, worth: Chain, chain: Chain, ranges: Chain, given: Array
 ) -> str:
     """Return what is wrong with a chain in words."""
     parts = []
@@ -398,8 +376,7 @@ def _describe(
     if scaled.any():
         known = "payload.mass" in robot.known_values
         mapped, new = (
-            join_with_commas([f"{g:.3g}" for g in x[scaled]])
-            for x in (given, chain["gain"])
+            join_with_commas([f"{g:.3g}" for g in x[scaled]]) for x in (given, chain["gain"])
         )
         source = "the known mass" if known else "the masses of the robot file"
         out.append(f"By {source} its gain is {new} N m/rad, {mapped} in the map.")

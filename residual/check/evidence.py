@@ -206,9 +206,7 @@ def measure_strain(sums: ArmSums, fit: ArmFit) -> Array:
     Args:
         fit: Under a rough file.
     """
-    bend = np.array(
-        [0.5 * np.sum((fit.at[sums.link(j)] / ROUGH) ** 2) for j in range(sums.dof)]
-    )
+    bend = np.array([0.5 * np.sum((fit.at[sums.link(j)] / ROUGH) ** 2) for j in range(sums.dof)])
     bend[-1] *= (ROUGH / 3.0) ** 2
     missed = np.log(fit.sigma / np.maximum(CHECK.rough_rest * fit.size, _NOTHING))
     brakes = -(log_ndtr(fit.braking) + np.log(2))
@@ -240,9 +238,7 @@ class NominalShares:
         return self.load > least_share * self.load.max()
 
 
-def fit_nominal_shares(
-    sums: ArmSums, order: Array, weightless: bool = False
-) -> NominalShares:
+def fit_nominal_shares(sums: ArmSums, order: Array, weightless: bool = False) -> NominalShares:
     """Fit tau = share * nominal + friction + offset + rotor, joint by joint.
 
     A rough file, a load or a gear's losses leave the shares near one on the joints that

@@ -7,20 +7,14 @@ import numpy as np
 from residual.check.physics_columns import CheckMotion, compute_nominal_torque
 from residual.check.result import Fault, Repair
 from residual.errors import join_with_commas
-from residual.robot.dynamics import (
-    PER_LINK,
-    compute_robot_regressor,
-    read_inertial_parameters,
-)
+from residual.robot.dynamics import PER_LINK, compute_robot_regressor, read_inertial_parameters
 from residual.robot.robot import Robot
 
 _FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
 _NEAR = 0.2  # of that weight: a share so near to all or none of it is sure
 
 
-def find_weight_in_torque(
-    robot: Robot, motion: CheckMotion
-) -> tuple[Robot, list[Fault]]:
+def find_weight_in_torque(robot: Robot, motion: CheckMotion) -> tuple[Robot, list[Fault]]:
     """Return the arm whose drives carry what the logs show, and the fault if other.
 
     A file may say that a force beside the drives holds a part of the weight; whether a

@@ -42,9 +42,7 @@ def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | Non
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
     # In steps of twenty samples: seconds are not known yet.
-    fastest = [
-        compute_speed_quantile(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs
-    ]
+    fastest = [compute_speed_quantile(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs]
     speed = float(np.max(fastest / robot.velocity_limit))
     usual = CHECK.slowest_hz <= rate <= CHECK.fastest_hz
     if usual and speed < CHECK.clock_speed_ratio * 5:
@@ -52,8 +50,7 @@ def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | Non
     fits = {
         f: abs(np.log(rate / f / 300.0))  # Hz, a usual rate
         for f in _TIME_UNITS
-        if CHECK.slowest_hz <= rate / f <= CHECK.fastest_hz
-        and speed / f < CHECK.clock_speed_ratio
+        if CHECK.slowest_hz <= rate / f <= CHECK.fastest_hz and speed / f < CHECK.clock_speed_ratio
     }
     if not fits or (usual and max(fits) < 1):
         return None
@@ -71,9 +68,7 @@ def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
     Nothing is computed of such logs: a filter of a tenth of a second would have more
     values than any memory.
     """
-    rate = max(
-        (1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0
-    )
+    rate = max((1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0)
     if rate <= CHECK.fastest_hz:
         return []
     words = (
@@ -101,9 +96,7 @@ def find_uneven_time_steps(recording: Recording) -> list[Fault]:
         words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
     if not words:
         return []
-    evidence = (
-        f"The steps of time are {1000 * usual:.4g} ms but for {', and '.join(words)}."
-    )
+    evidence = f"The steps of time are {1000 * usual:.4g} ms but for {', and '.join(words)}."
     return [Fault("clock", (), False, evidence, (), recording.id)]
 
 
@@ -160,9 +153,7 @@ def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     return order, [Fault(_VELOCITY, joints, True, words, (repair,))]
 
 
-def _slopes(
-    change: Array, integral: Array, related: Array, moving: Array
-) -> list[Fault]:
+def _slopes(change: Array, integral: Array, related: Array, moving: Array) -> list[Fault]:
     """Velocities of another sign or size than the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
@@ -177,10 +168,7 @@ def _slopes(
     off = good & (np.abs(slope - 1) > error)
     turned = off & (np.abs(slope + 1) < error)
     if negated := list_true_joints(turned):
-        words = (
-            f"The velocity of joints {join_with_commas(negated)} runs against "
-            f"the angle."
-        )
+        words = f"The velocity of joints {join_with_commas(negated)} runs against the angle."
         repair = Repair("qd", negated, sign=(-1,) * len(negated))
         out.append(Fault(_VELOCITY, negated, True, words, (repair,)))
     if scaled := list_true_joints(off & ~turned):
@@ -270,9 +258,7 @@ def _peaks(log: Recording, torque: bool) -> Array:
     return compute_running_median(np.abs(values)).max(axis=0)
 
 
-def find_joints_in_degrees(
-    robot: Robot, recordings: Sequence[Recording]
-) -> list[Fault]:
+def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find single joints whose angles can be degrees but no radians."""
     speed = _speeds(recordings) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)

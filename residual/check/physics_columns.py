@@ -171,9 +171,7 @@ def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]
     root, out = get_inertial_root(robot), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
-        local = np.column_stack(
-            [size[j] * _local(motion, j, use), SHARE * weight[use, j]]
-        )
+        local = np.column_stack([size[j] * _local(motion, j, use), SHARE * weight[use, j]])
         bodies = np.zeros((int(use.sum()), PER_LINK * motion.dof))
         bodies[:, first:] = y[use, j, first:] @ root[first:, first:]
         values = np.column_stack([local, outer[use, j], bodies])

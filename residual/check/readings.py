@@ -223,9 +223,7 @@ class Search:
     def _list_torques(self, reading: Reading) -> Iterator[Reading]:
         dof, slips = self.robot.dof, list(reading.slips)
         plain = [slip for slip in slips if slip.kind not in (*_SCALED, "torque_scale")]
-        plain += [
-            slip for slip in slips if slip.kind in _SCALED and not slip.of_torques
-        ]
+        plain += [slip for slip in slips if slip.kind in _SCALED and not slip.of_torques]
         shares = replace(reading.shares, ratio=np.abs(reading.shares.ratio))
         for unit in self._list_factors(slips, shares):
             yield self.read([*plain, unit])
@@ -291,14 +289,10 @@ class Search:
             if not ahead.strained:
                 break
             kept = [s for s in ahead.slips if not s.of_torques]
-            orders = [
-                s for s in ahead.slips if s.of_torques and s.kind == "joint_order"
-            ]
+            orders = [s for s in ahead.slips if s.of_torques and s.kind == "joint_order"]
             bases = [kept, [*kept, *orders]] if orders else [kept]
             drawn = [
-                sketch.complete([*base, slip])
-                for base in bases
-                for slip in self._more(ahead, kept)
+                sketch.complete([*base, slip]) for base in bases for slip in self._more(ahead, kept)
             ]
             drawn.sort(key=lambda each: -each.sketched)
             tried = [self.polish(self.read(r.slips)) for r in drawn[:_POLISHED]]
@@ -396,9 +390,7 @@ def _beats(reading: Reading, other: Reading) -> bool:
     more = {slip.kind for slip in reading.slips} - {slip.kind for slip in other.slips}
     gain = reading.value - other.value + CHECK.odds_nats
     # What bends the file as far explains nothing: it is another cause that is missing.
-    left, before = (
-        np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other)
-    )
+    left, before = (np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other))
     eased = left < max(0.8 * before, CHECK.odds_nats)
     return gain > _find_least_gain(more) and bool(eased)
 
@@ -417,9 +409,7 @@ def _get_sketched(reading: Reading) -> float:
     return reading.sketched
 
 
-def find_misreadings(
-    robot: Robot, motion: CheckMotion, speeds_agree: bool
-) -> list[Fault]:
+def find_misreadings(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> list[Fault]:
     """Find what is wrong with the columns, the clock, or how the arm stands."""
     search = Search(robot, motion, speeds_agree)
     best, others = search.best()
@@ -456,10 +446,7 @@ def _decide(
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
     own = {slip.words for slip in group}
-    if (
-        kind == MOUNTING
-        and measure_angle(best.sums.gravity, search._down) < CHECK.tilted_rad
-    ):
+    if kind == MOUNTING and measure_angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
         return None
     near = [
         other

@@ -127,8 +127,7 @@ def read_log_check(document: Mapping) -> LogCheck:
     """Return the check of a document."""
     if document.get("schema") != SCHEMA:
         raise InputError(
-            f"A check of schema {quote_value(document.get('schema'))}, expected "
-            f"{SCHEMA}."
+            f"A check of schema {quote_value(document.get('schema'))}, expected {SCHEMA}."
         )
     try:
         return LogCheck(tuple(map(_read_fault, document["faults"])))

@@ -141,10 +141,7 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
 
 def _frozen(recording: Recording, name: str, j: int, run: slice, moves: str) -> Fault:
     first, last = recording.t[run.start], recording.t[run.stop - 1]
-    words = (
-        f"{name}{j + 1} is constant from t = {first:.6g} to {last:.6g} s, while "
-        f"{moves}."
-    )
+    words = f"{name}{j + 1} is constant from t = {first:.6g} to {last:.6g} s, while {moves}."
     return _suspected("frozen", recording, j, words)
 
 
@@ -188,13 +185,8 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
     out, rate = [], 1 / float(np.median(np.diff(recording.t)))
     tau, q = recording.tau[:, j], recording.q[:, j]
     step, size = _step(tau), float(np.std(tau))
-    if (
-        step > CHECK.torque_step_ratio * max(size, 1e-12)
-        and np.ptp(q) > CHECK.moving_rad
-    ):
-        words = (
-            f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
-        )
+    if step > CHECK.torque_step_ratio * max(size, 1e-12) and np.ptp(q) > CHECK.moving_rad:
+        words = f"tau{j + 1} comes in steps of {step:.3g} N m, its rms is {size:.3g} N m."
         out.append(_suspected("quantised", recording, j, words))
     step, cutoff = _step(q), 12.0
     if step and np.ptp(q) > CHECK.moving_rad:
@@ -249,10 +241,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
     every = build_prior_columns(robot, motion)
     for j in silent:
         tau, nominal, values = motion.tau[:, j], every[j].nominal, every[j].values
-        size, residual = (
-            float(np.std(tau)),
-            _residual_rms(motion.spread, tau - nominal, values),
-        )
+        size, residual = (float(np.std(tau)), _residual_rms(motion.spread, tau - nominal, values))
         noise = float(np.median(np.abs(np.diff(recording.tau[:, j])))) / 0.95
         noise = max(noise, find_least_step(recording.tau[:, j]))
         feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))

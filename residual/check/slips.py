@@ -26,10 +26,7 @@ SIGNS = ("angle_sign", "torque_sign")
 GEAR = 100.0  # a usual ratio: motors' torques are so much smaller
 _TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the one given
 _TURNS = (-np.pi / 2, np.pi / 2, np.pi)
-_ANGLE_UNITS = {
-    np.pi / 180: "degrees",
-    180 / np.pi: "radians that were taken for degrees",
-}
+_ANGLE_UNITS = {np.pi / 180: "degrees", 180 / np.pi: "radians that were taken for degrees"}
 # N m per unit: N mm, kN m, N cm, kgf cm.
 TORQUE_UNITS = (1e-3, 1e3, 1e-2, 0.0980665)
 
@@ -51,11 +48,7 @@ class Slip:
         return all(repair.signal == "tau" for repair in self.repairs)
 
 
-@cached(
-    LRUCache(32),
-    key=lambda robot, g: build_motion_key(robot, np.array(g, float)),
-    lock=Lock(),
-)
+@cached(LRUCache(32), key=lambda robot, g: build_motion_key(robot, np.array(g, float)), lock=Lock())
 def copy_with_gravity(robot: Robot, gravity: Sequence[float] | Array) -> Robot:
     """Return the arm under another gravity [m/s^2]. (3,)."""
     model = pin.Model(robot.model)
@@ -103,9 +96,7 @@ def compute_factors(repair: Repair, dof: int) -> Array:
     return out
 
 
-def list_arrangement_slips(
-    robot: Robot, motion: CheckMotion, speeds_agree: bool
-) -> Iterator[Slip]:
+def list_arrangement_slips(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> Iterator[Slip]:
     """Yield other orders, signs, units, zeros, clocks and directions of gravity.
 
     Args:
@@ -254,9 +245,7 @@ def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
     if len(joints) == 1:
         j = joints[0] - 1
         first, last = robot.lower[j] - low[j], robot.upper[j] - high[j]
-        for shift in np.linspace(
-            first, last, min(16, 2 + int(abs(last - first) / 0.3))
-        ):
+        for shift in np.linspace(first, last, min(16, 2 + int(abs(last - first) / 0.3))):
             slip = build_zero_slip(joints[0], -float(shift))
             yield replace(slip, kind="out_of_range", words="", odds=1.2)
 
@@ -326,15 +315,10 @@ def list_torque_units(robot: Robot) -> Iterator[Slip]:
         )
         yield Slip("torque_unit", (), words, (Repair("tau", scale=unit),))
     joints = tuple(range(1, robot.dof + 1))
-    for kind, factors in (
-        ("gear_ratio", robot.gear_ratio),
-        ("torque_unit", robot.torque_per_unit),
-    ):
+    for kind, factors in (("gear_ratio", robot.gear_ratio), ("torque_unit", robot.torque_per_unit)):
         if factors is not None:
             what = "those of the motors" if kind == "gear_ratio" else "currents"
-            words = (
-                f"The torques look like {what}; by the factors of robot.toml they fit"
-            )
+            words = f"The torques look like {what}; by the factors of robot.toml they fit"
             scale = tuple(float(abs(f)) for f in factors)
             yield Slip(kind, (), words, (Repair("tau", joints, scale=scale),))
 
@@ -353,9 +337,7 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     if strong.sum() < few:  # of the strongest, one may hide an effect
         strong = shows & shares.loaded(CHECK.weak_joint_share)
     own = size[strong]
-    if len(own) < few or (
-        own.max() > 1 / CHECK.unit_ratio and (own.min() < CHECK.unit_ratio)
-    ):
+    if len(own) < few or (own.max() > 1 / CHECK.unit_ratio and (own.min() < CHECK.unit_ratio)):
         return []
     sure = shows & shares.loaded(CHECK.weak_joint_share)
     middle = float(np.median(1 / own))
@@ -371,17 +353,13 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     if each[shown].max() < CHECK.factor_spread * each[shown].min():
         told = f"about {float(f'{middle:.2g}'):g}"
     else:
-        told = "about " + ", ".join(
-            f"{float(f'{each[j]:.2g}'):g} (joint {j + 1})" for j in shown
-        )
+        told = "about " + ", ".join(f"{float(f'{each[j]:.2g}'):g} (joint {j + 1})" for j in shown)
     silent = np.flatnonzero(~sure) + 1
     if len(silent):
         told += f"; too little shows of {format_joint_numbers(silent)}"
     out.append(_build_factor_slip(np.full(len(each), middle), told, 1.5))
     in_place = np.abs(np.log(each[shown])) < np.log(CHECK.unit_ratio)
-    if each[shown].max() > CHECK.factor_spread * each[shown].min() and not any(
-        in_place
-    ):
+    if each[shown].max() > CHECK.factor_spread * each[shown].min() and not any(in_place):
         # Factors of their own are more to ask for than one; beside a drive that is in
         # its unit they are those of single drives.
         out.append(_build_factor_slip(each, told, 3.0))

@@ -29,11 +29,7 @@ class Adequacy:
 
 
 def assess_adequacy(
-    design: Design,
-    tracks: tuple[Track, ...],
-    before: Fit,
-    after: Fit,
-    angles: Array | None = None,
+    design: Design, tracks: tuple[Track, ...], before: Fit, after: Fit, angles: Array | None = None
 ) -> Adequacy:
     """Compare what is left on the moving rows with the noise of torque and angles.
 
@@ -56,9 +52,7 @@ def assess_adequacy(
         or structured[j] > 2 * THRESHOLDS.flag_share
     ]
     periods = [find_motion_period(track) for track in tracks]
-    kinds = tuple(
-        _residual_kind(design, periods, after, noise, j) for j in range(design.dof)
-    )
+    kinds = tuple(_residual_kind(design, periods, after, noise, j) for j in range(design.dof))
     least = np.maximum(THRESHOLDS.doubt_share, THRESHOLDS.doubt_noises * noise)
     doubted = sorted({*flagged, *np.flatnonzero(structured > least).tolist()})
     kinds = tuple(k if j in doubted else None for j, k in enumerate(kinds))

@@ -61,9 +61,7 @@ class AdoptionCheck:
     doubts: tuple[str, ...]
 
 
-def check_adoption(
-    model: Model, before: Model, held_out: Sequence[Recording]
-) -> AdoptionCheck:
+def check_adoption(model: Model, before: Model, held_out: Sequence[Recording]) -> AdoptionCheck:
     """Hold a model against the one before it, on logs that neither was fitted to.
 
     Raises:
@@ -83,8 +81,7 @@ def check_adoption(
     doubts = [
         *_no_better(after, then),
         *(
-            f"the error of joint {j + 1} on held-out motion rises by "
-            f"{100 * larger[j]:.0f} %"
+            f"the error of joint {j + 1} on held-out motion rises by {100 * larger[j]:.0f} %"
             for j in np.flatnonzero(larger)
         ),
     ]
@@ -106,26 +103,22 @@ def _no_better(after: Array, before: Array) -> list[str]:
     ]
 
 
-def _visible_share(
-    model: Model, term: Term, logs: Sequence[HeldOutLog]
-) -> VisibleShare:
+def _visible_share(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> VisibleShare:
     """Weighted least squares of the residual without an effect on its torque."""
     without_term = replace(model, terms=tuple(t for t in model.terms if t is not term))
     torques, residuals = [], []
     for log in logs:
         track = log.track
-        with_term, without = (
-            track.filter(m.torque_on(track)) for m in (model, without_term)
-        )
+        with_term, without = (track.filter(m.torque_on(track)) for m in (model, without_term))
         torques.append((with_term - without) * track.moving)
         residuals.append((track.tau - without) * track.moving)
     effect, gap = np.concatenate(torques), np.concatenate(residuals)
     # Each joint counts by how well the model knows it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
     torque = np.sqrt(compute_moving_power(logs) / len(effect))
-    visible = np.sqrt(
-        np.mean(effect**2, axis=0)
-    ) > THRESHOLDS.silent_torque_share * np.maximum(torque, 1e-12)
+    visible = np.sqrt(np.mean(effect**2, axis=0)) > THRESHOLDS.silent_torque_share * np.maximum(
+        torque, 1e-12
+    )
     joints = tuple(j + 1 for j in term.joints)
     if not visible.any():
         return VisibleShare(term.effect.name, joints, None)

@@ -53,9 +53,7 @@ class Candidates:
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
 
-    def exclude_joints(
-        self, joints: Collection[int], bodies: bool = True
-    ) -> "Candidates":
+    def exclude_joints(self, joints: Collection[int], bodies: bool = True) -> "Candidates":
         """The same without what sits on some joints, alone or among others.
 
         Args:
@@ -65,8 +63,7 @@ class Candidates:
         kept = (
             g
             for g in self.groups
-            if not shut & set(g.joints)
-            or not (bodies or g.effect.portable.bodies is None)
+            if not shut & set(g.joints) or not (bodies or g.effect.portable.bodies is None)
         )
         return replace(self, groups=tuple(kept))
 
@@ -91,9 +88,7 @@ def collect_candidates(
     for g in groups:
         if EffectTrait.GROUPABLE in g.effect.traits and g.shape == ():
             single.setdefault(g.effect.name, []).append(g)
-    together = [
-        merge_groups(parts) for parts in single.values() if len(parts) == dof > 1
-    ]
+    together = [merge_groups(parts) for parts in single.values() if len(parts) == dof > 1]
     groups += together
     price = price_keys(groups)
     # A model that lacks all that every drive has must gain it in one step, since each
@@ -128,9 +123,7 @@ def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
     Only columns that read the model's torque are made anew.
     """
     reading = [
-        g
-        for g in candidates.groups
-        if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
+        g for g in candidates.groups if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
     ]
     recomputed = design.add([g.placed for g in reading])
     new = {_place(g): group for g, group in zip(reading, recomputed, strict=True)}
@@ -157,16 +150,12 @@ def build_candidates(
         clocked: Whether the order of the logs in time is known.
     """
     effects = list_present_effects(span, clocked)
-    barred = [
-        list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)
-    ]
+    barred = [list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)]
     allowed = [e for e in effects if not all(e.name in b for b in barred)]
     candidates = collect_candidates(design, allowed, span, design.dof)
     # Where all values of a kind are off, that is how good they are, and no effect.
     kinds = nominal.kinds
-    groups = [
-        g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)
-    ]
+    groups = [g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)]
     candidates = replace(candidates, groups=tuple(groups))
     # Of joints that hardly move the logs say nothing.
     return candidates.exclude_joints(

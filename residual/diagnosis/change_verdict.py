@@ -11,11 +11,7 @@ from residual.diagnosis.findings import NamedEffect, values_jacobian
 from residual.diagnosis.held_out import Proof
 from residual.diagnosis.rivals import RivalSet
 from residual.diagnosis.unexplained import JointRemainder, list_dependences
-from residual.diagnosis.verdict import (
-    build_finding,
-    collect_warnings,
-    list_alternatives,
-)
+from residual.diagnosis.verdict import build_finding, collect_warnings, list_alternatives
 from residual.evidence.fit import PossibleModel
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import pair_coefficient_slices
@@ -90,15 +86,11 @@ def build_change_verdict(
         frames=name_frames(outcome.logs.robot),
         changes=tuple(_compare_values(*epochs, outcome)),
         alternatives=list_alternatives(rivals),
-        suspected=tuple(
-            build_finding(f, i, proof, span) for i, f in enumerate(suspected, 1)
-        ),
+        suspected=tuple(build_finding(f, i, proof, span) for i, f in enumerate(suspected, 1)),
     )
 
 
-def _unexplained(
-    outcome: EpochOutcome, remains: Sequence[JointRemainder]
-) -> Unexplained:
+def _unexplained(outcome: EpochOutcome, remains: Sequence[JointRemainder]) -> Unexplained:
     left, design = outcome.adequacy, outcome.design
     power = design.rows * design.rms**2
     shares = (left.structured_share, left.noise)
@@ -126,9 +118,7 @@ def _describe_drift(outcome: EpochOutcome) -> Drift:
     )
 
 
-def _compare_values(
-    first: EpochFit, second: EpochFit, outcome: EpochOutcome
-) -> Iterator[Change]:
+def _compare_values(first: EpochFit, second: EpochFit, outcome: EpochOutcome) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
 
     Two fits may share out the same friction otherwise. So a value is off only where the

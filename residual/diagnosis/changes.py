@@ -12,39 +12,21 @@ import numpy as np
 from residual.check.result import LogCheck
 from residual.diagnosis.change_verdict import build_change_verdict
 from residual.diagnosis.epoch_outcome import conclude_epochs, fit_epoch
-from residual.diagnosis.epochs import (
-    Epochs,
-    search_epochs,
-)
+from residual.diagnosis.epochs import Epochs, search_epochs
 from residual.diagnosis.findings import merge_into_findings, residual_clouds
 from residual.diagnosis.held_out import prove, tabulate_held_out_errors
-from residual.diagnosis.outcome import (
-    Progress,
-)
+from residual.diagnosis.outcome import Progress
 from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_joint_remainders
 from residual.errors import format_joint_numbers
 from residual.evidence.design import Design
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import (
-    ErrorSums,
-    compute_model_errors,
-    prepare_held_out,
-)
+from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.model import Model
-from residual.model.nominal import (
-    FitLogs,
-    NominalModel,
-    prepare_fit_logs,
-    start_model,
-)
+from residual.model.nominal import FitLogs, NominalModel, prepare_fit_logs, start_model
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
-from residual.signals.splitting import (
-    find_session_start,
-    group_pieces_by_log,
-    pick_spread_pieces,
-)
+from residual.signals.splitting import find_session_start, group_pieces_by_log, pick_spread_pieces
 from residual.signals.track import FilterSettings
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.edit_test import fit_all_parameters, run_edit_tests
@@ -84,9 +66,7 @@ def compare_epochs(
     held = prepare_held_out(held_out, before.model)
     proof = prove(outcome, held)
     outcome = proof.outcome
-    remains = analyze_joint_remainders(
-        outcome.design, logs.sketch, outcome.fit, outcome.adequacy
-    )
+    remains = analyze_joint_remainders(outcome.design, logs.sketch, outcome.fit, outcome.adequacy)
     found = merge_into_findings(outcome, outcome.fit, outcome.named)
     refuted = proof.refuted
     suspects = (*refuted, *(m for m in outcome.suspected if m not in refuted))

@@ -65,9 +65,7 @@ class DetectionModel:
         sizes = np.geomspace(1, WIDEST, STEPS) / np.sqrt(along)
         pull, prior = known @ direction, group.precision
         nats = mixture_evidence(known, pull, prior, degrees, sizes)
-        enough = nats >= max(
-            THRESHOLDS.named_nats, self.search.least + self.search.cost(group)
-        )
+        enough = nats >= max(THRESHOLDS.named_nats, self.search.least + self.search.cost(group))
         if not enough.any():
             return np.inf
         i = int(np.argmax(enough))
@@ -100,18 +98,12 @@ def find_lookalikes(
     half = DetectionModel.of(search, fitted).half
     others = [g for g in search.candidates.groups if not g.parts]
     bases = [
-        (
-            [others[i] for i in stack.members],
-            stack.ids,
-            _root(stack.beyond(weight, half)),
-        )
+        ([others[i] for i in stack.members], stack.ids, _root(stack.beyond(weight, half)))
         for stack in stack_groups(design, others)
     ]
     out = []
     for group, theta in effects:
-        pull = _products(design, group, theta, weight) - half.T @ (
-            half[:, group.ids] @ theta
-        )
+        pull = _products(design, group, theta, weight) - half.T @ (half[:, group.ids] @ theta)
         every = theta @ pull[group.ids]
         lost: dict[tuple, float] = {}
         for members, ids, root in bases:
@@ -131,9 +123,7 @@ def find_lookalikes(
     return out
 
 
-def _products(
-    design: Design, group: CandidateColumns, theta: Array, weight: Array
-) -> Array:
+def _products(design: Design, group: CandidateColumns, theta: Array, weight: Array) -> Array:
     """Weighted products of an effect's torque with all columns. Shape (size,)."""
     out = np.zeros(design.size)
     for j in range(design.dof):
@@ -183,8 +173,7 @@ def find_detectable_sizes(search: Search, fitted: Fit) -> list[Detectable]:
         if smallest is not None:
             sizes.append(smallest)
     alike = find_lookalikes(
-        bench,
-        [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes],
+        bench, [(x.group, THRESHOLDS.confusable_size_factor * x.theta) for x in sizes]
     )
     return [
         Detectable(
@@ -226,9 +215,7 @@ def _smallest_effect(
     if _by_shape_alone(effect, middle):
         # The highest plateau of those tried at which a clip to its level is found.
         last = groups[-1]
-        levels = [
-            PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS
-        ]
+        levels = [PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS]
         for clip in bench.search.score.design.add(levels):
             if bench.smallest(clip, np.ones(1)) <= 1.0:
                 return _SmallestEffect(clip.shape[0], clip, np.ones(1))
@@ -266,9 +253,7 @@ def _with_direction(
 ) -> _SmallestEffect | None:
     if not np.isfinite(value):
         return None
-    return _SmallestEffect(
-        float(value), group, size * unit_effect_coefficients(bench, group)[0]
-    )
+    return _SmallestEffect(float(value), group, size * unit_effect_coefficients(bench, group)[0])
 
 
 def _smallest(bench: DetectionModel, group: CandidateColumns) -> float:
@@ -277,9 +262,7 @@ def _smallest(bench: DetectionModel, group: CandidateColumns) -> float:
     return float(np.median([bench.smallest(group, u) for u in directions]))
 
 
-def unit_effect_coefficients(
-    detection: DetectionModel, group: CandidateColumns
-) -> list[Array]:
+def unit_effect_coefficients(detection: DetectionModel, group: CandidateColumns) -> list[Array]:
     """Coefficients of an effect of size one, in the ways that it usually comes.
 
     Effects say so themselves where their coefficients differ in kind; those that are
@@ -287,9 +270,7 @@ def unit_effect_coefficients(
     """
     effect, count = group.effect, len(group.ids)
     if effect.unit_directions is not None:
-        return effect.unit_directions(
-            detection.search.score.design.states, group.joints
-        )
+        return effect.unit_directions(detection.search.score.design.states, group.joints)
     if not _one_vector(effect, group):
         return [np.eye(count)[0]]
     every = [np.array(u, dtype=float) for u in product((-1, 0, 1), repeat=count)]

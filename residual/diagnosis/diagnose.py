@@ -8,15 +8,8 @@ from collections.abc import Sequence
 
 from residual.check.result import LogCheck
 from residual.diagnosis.changes import compare_epochs
-from residual.diagnosis.errors_in_variables import (
-    check_angle_noise,
-    describe_angle_noise,
-)
-from residual.diagnosis.findings import (
-    merge_into_findings,
-    residual_clouds,
-    split_background,
-)
+from residual.diagnosis.errors_in_variables import check_angle_noise, describe_angle_noise
+from residual.diagnosis.findings import merge_into_findings, residual_clouds, split_background
 from residual.diagnosis.held_out import (
     build_three_models,
     fit_least_squares_model,
@@ -29,10 +22,7 @@ from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_unexplained
 from residual.diagnosis.verdict import build_verdict, describe_signals
 from residual.errors import InputError
-from residual.model.compare import (
-    compute_model_errors,
-    prepare_held_out,
-)
+from residual.model.compare import compute_model_errors, prepare_held_out
 from residual.model.model import Model
 from residual.model.nominal import (
     GIVEN,
@@ -154,9 +144,7 @@ def diagnose(
     )
 
 
-def _build_nominal_model(
-    logs: FitLogs, declared: Sequence[str] | Model | None
-) -> NominalModel:
+def _build_nominal_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> NominalModel:
     """Return what the search starts from: the declared effects or an adopted model."""
     if isinstance(declared, Model):
         return NominalModel(start_model(logs, declared), (GIVEN,) * len(declared.terms))

@@ -53,10 +53,7 @@ class EpochFit:
 
 
 def fit_epoch(
-    robot: Robot,
-    recordings: Sequence[Recording],
-    nominal: NominalModel,
-    like: Model | None = None,
+    robot: Robot, recordings: Sequence[Recording], nominal: NominalModel, like: Model | None = None
 ) -> EpochFit:
     """Fit the logs of one epoch.
 
@@ -74,9 +71,7 @@ def fit_epoch(
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
-        still = choose_standstill_behaviour(
-            replace(rough, terms=tuple(kept)), logs.sketch
-        )
+        still = choose_standstill_behaviour(replace(rough, terms=tuple(kept)), logs.sketch)
         rough = replace(rough, standstill=still.standstill)
     return EpochFit(logs, _with_tables(rough, nominal), joint)
 
@@ -157,9 +152,7 @@ class EpochOutcome(Outcome):
                 terms=_scale_friction(model.terms, factor),
                 tables=_scale_friction(model.tables, factor),
             )
-        return replace(
-            possible, model=replace(model, terms=(*model.terms, *terms[count:]))
-        )
+        return replace(possible, model=replace(model, terms=(*model.terms, *terms[count:])))
 
     def _find_possible(
         self, design: Design, common: Fit, full: Model, fitted: Fit
@@ -190,9 +183,7 @@ class EpochOutcome(Outcome):
         least = max(sure * found.deviation, THRESHOLDS.friction_spread)
         return found.warmth if abs(found.warmth or 0.0) > least else 0.0
 
-    def _friction_factors(
-        self, fitted: Fit, common: Fit, torques: Sequence[Array]
-    ) -> Array:
+    def _friction_factors(self, fitted: Fit, common: Fit, torques: Sequence[Array]) -> Array:
         """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
 
         The joint fit lies between the epochs, by how much of each there is; from what
@@ -209,16 +200,13 @@ class EpochOutcome(Outcome):
             left = raw.residual(j, common.ids, common.theta)[own.second]
             left, f = left - torques[j][own.second], epochs.friction[j][own.second]
             usual = epochs.drift.spread[j] ** -2
-            out[j] = (usual * drift + weight[j] * (f @ left)) / (
-                usual + weight[j] * (f @ f)
-            )
+            out[j] = (usual * drift + weight[j] * (f @ left)) / (usual + weight[j] * (f @ f))
         return out
 
 
 def _scale_friction(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
     return tuple(
-        replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t
-        for t in terms
+        replace(t, theta=factor[t.joints[0]] * t.theta) if _brakes(t) else t for t in terms
     )
 
 
@@ -228,9 +216,7 @@ def conclude_epochs(epochs: Epochs, run: SearchRun, like: Model) -> EpochOutcome
     members = judge_members(search, run, Weighted((run,), (1.0,)), set(), {})
     score = run.score
     fitted = score.fit([m.group for m in members], run.fit)
-    selection = Selection(
-        search, fitted, members, run.curves, score.prior.scale, score.prior
-    )
+    selection = Selection(search, fitted, members, run.curves, score.prior.scale, score.prior)
     named = tuple(m for m in members if m.probability >= THRESHOLDS.sure_probability)
     if len(named) < len(members):
         fitted = score.fit([m.group for m in named], fitted)
@@ -296,8 +282,7 @@ def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> fl
     usual, known = THRESHOLDS.usual_logs, len(means) - 1
     between = (spread + usual * THRESHOLDS.usual_log_spread**2) / (known + usual)
     sd = np.sqrt(
-        within * (1 / len(a) + 1 / len(b))
-        + between * (1 / len(means) + 1 / len(np.unique(fresh)))
+        within * (1 / len(a) + 1 / len(b)) + between * (1 / len(means) + 1 / len(np.unique(fresh)))
     )
     # Of Student's t, the share above.
     return float(stdtr(free, -(b.mean() - a.mean()) / max(sd, 1e-12)))

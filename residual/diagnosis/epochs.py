@@ -13,24 +13,14 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import psi
 
-from residual.diagnosis.candidates import (
-    Candidates,
-    list_present_effects,
-    price_keys,
-)
+from residual.diagnosis.candidates import Candidates, list_present_effects, price_keys
 from residual.diagnosis.score import Score, label_blocks
 from residual.diagnosis.search import Search, SearchRun, add_curves
 from residual.effects import load_effects
 from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.epoch_design import (
-    OWN,
-    EpochDesign,
-    EpochRows,
-    Whitening,
-    locate_rows,
-)
+from residual.evidence.epoch_design import OWN, EpochDesign, EpochRows, Whitening, locate_rows
 from residual.evidence.fit import (
     Fit,
     NominalPrior,
@@ -76,10 +66,7 @@ class CommonModelFit:
 
 
 def fit_common_model(
-    logs: FitLogs,
-    nominal: NominalModel,
-    scales: Sequence[float],
-    labels: Sequence[Array] = (),
+    logs: FitLogs, nominal: NominalModel, scales: Sequence[float], labels: Sequence[Array] = ()
 ) -> CommonModelFit:
     """Fit one arm to logs: its model, and what any arm has a little of.
 
@@ -93,20 +80,14 @@ def fit_common_model(
     design.set_torque_model(build_fitted_model(nominal, _fit(design, prior, groups)))
     groups = (*groups, *design.add(loaded))
     fits = [
-        CommonModelFit(
-            design, _fit(design, prior, firm_groups), tuple(firm_groups), prior
-        )
+        CommonModelFit(design, _fit(design, prior, firm_groups), tuple(firm_groups), prior)
         for prior in (build_relative_prior(design, nominal, scale) for scale in scales)
-        for firm_groups in (
-            [g.scale_precision(times) for g in groups] for times in FIRM
-        )
+        for firm_groups in ([g.scale_precision(times) for g in groups] for times in FIRM)
     ]
     return max(fits, key=lambda own: own.fitted.score)
 
 
-def _common_effects(
-    logs: FitLogs, model: Model
-) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
+def _common_effects(logs: FitLogs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
     """Effects that any arm has: those without and with the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
@@ -119,9 +100,7 @@ def _common_effects(
     return out
 
 
-def _fit(
-    design: Design, prior: NominalPrior, groups: Sequence[CandidateColumns]
-) -> Fit:
+def _fit(design: Design, prior: NominalPrior, groups: Sequence[CandidateColumns]) -> Fit:
     return refit_effective_rows(
         design, prior, fit_jointly(design, prior, groups, design.rows / 5, rounds=4)
     )
@@ -158,9 +137,7 @@ class Epochs:
         """The whitened rows."""
         return self.search.score.design
 
-    def fit_without(
-        self, changes: Sequence[Term]
-    ) -> tuple[Design, Fit, tuple[Array, ...]]:
+    def fit_without(self, changes: Sequence[Term]) -> tuple[Design, Fit, tuple[Array, ...]]:
         """One arm fitted to both epochs, the second without what changed.
 
         Returns:
@@ -237,9 +214,7 @@ def _build_epochs(
     friction = _friction_torque(raw, fitted, nominal.model)
     residuals = [raw.residual(j, fitted.ids, fitted.theta) for j in range(raw.dof)]
     joints = {
-        j: _SharedColumns.of(raw, fitted.ids, own, j)
-        for j, own in enumerate(rows)
-        if own.compared
+        j: _SharedColumns.of(raw, fitted.ids, own, j) for j, own in enumerate(rows) if own.compared
     }
     drift = _measure_friction(joints, residuals, friction, first)
     whiten = {
@@ -250,9 +225,7 @@ def _build_epochs(
     design.model = model
     candidates = _build_candidates(design, logs, list(joints))
     curves = add_curves(design, logs.tracks, centred=True)
-    design.unrest = _measure_unrest(
-        design, candidates.groups, joints, whiten, residuals, first
-    )
+    design.unrest = _measure_unrest(design, candidates.groups, joints, whiten, residuals, first)
     # Of fewer than three joints nobody can say what they have in common.
     width = THRESHOLDS.friction_spread if drift.warmth is None else THRESHOLDS.warmth
     precision = np.array([[width**-2]])
@@ -276,17 +249,12 @@ def _see_changes(
     body = replace(model, terms=tuple(bodies)).loaded()
     seen = replace(model, inertial=body, terms=(*model.terms, *others))
     raw.set_states(
-        [
-            (model if i < first else seen).observe(track)
-            for i, track in enumerate(logs.tracks)
-        ]
+        [(model if i < first else seen).observe(track) for i, track in enumerate(logs.tracks)]
     )
     reading = [g for g in groups if EffectTrait.USES_MODEL in g.effect.traits]
     made = iter(raw.add([g.placed for g in reading]))
     return tuple(
-        replace(g, ids=next(made).ids)
-        if EffectTrait.USES_MODEL in g.effect.traits
-        else g
+        replace(g, ids=next(made).ids) if EffectTrait.USES_MODEL in g.effect.traits else g
         for g in groups
     )
 
@@ -483,9 +451,7 @@ def _measure_unrest(
     return out
 
 
-def _build_candidates(
-    design: EpochDesign, logs: FitLogs, live: Sequence[int]
-) -> Candidates:
+def _build_candidates(design: EpochDesign, logs: FitLogs, live: Sequence[int]) -> Candidates:
     """Every effect that may have changed, on each joint and in each shape."""
     wanted = []
     for effect in list_present_effects(logs.span, logs.clock is not None):

@@ -85,9 +85,7 @@ def describe_angle_noise(
     """What noise of the angles did to the named effects: one sentence, or none."""
     if checks is None:
         return ()
-    corrected = ", ".join(
-        sorted({t.group.effect.name for t in tested if checks.differs(t)})
-    )
+    corrected = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
     if checks.method == EFFECTIVE:
         share = 100 * np.nanmax(checks.share)
         moved = f"parameters of {corrected} are corrected for it; " if corrected else ""
@@ -220,9 +218,7 @@ def _project(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
     size = np.sqrt(np.diag(zz))
     nonzero = np.flatnonzero(size > 0)
     unit = 1 / size[nonzero]
-    values, vectors = np.linalg.eigh(
-        zz[np.ix_(nonzero, nonzero)] * np.outer(unit, unit)
-    )
+    values, vectors = np.linalg.eigh(zz[np.ix_(nonzero, nonzero)] * np.outer(unit, unit))
     kept = values > FLAT * values.max(initial=0.0)
     basis = (vectors[:, kept] / np.sqrt(values[kept])) * unit[:, None]
     projected = basis.T @ zx[nonzero]

@@ -14,12 +14,7 @@ from residual.diagnosis.search import refine_last_shape
 from residual.diagnosis.select import Member
 from residual.effects.base import Effect, EffectTrait, PlacedEffect, Shape
 from residual.evidence.design import CandidateColumns, Design
-from residual.evidence.fit import (
-    Fit,
-    NominalPrior,
-    fit_jointly,
-    invert_scaled,
-)
+from residual.evidence.fit import Fit, NominalPrior, fit_jointly, invert_scaled
 from residual.evidence.priors import OF_NAMES, PriorSpace
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import FindingScatter
@@ -42,9 +37,7 @@ class MemberUncertainty:
 
 
 def estimate_uncertainties(
-    outcome: Outcome,
-    fitted: Fit,
-    sizes: Mapping[CandidateColumns, tuple[Array, Array]],
+    outcome: Outcome, fitted: Fit, sizes: Mapping[CandidateColumns, tuple[Array, Array]]
 ) -> dict[CandidateColumns, MemberUncertainty]:
     """Standard deviation of every parameter of every member.
 
@@ -114,9 +107,7 @@ def _doubt(
     return MemberUncertainty(std, prior, deviations)
 
 
-def _prior_std(
-    group: CandidateColumns, slope: CandidateColumns | None, jacobian: Array
-) -> Array:
+def _prior_std(group: CandidateColumns, slope: CandidateColumns | None, jacobian: Array) -> Array:
     """Standard deviation of the parameters by the prior alone. Shape (parameters,)."""
     parts = [group, *([] if slope is None else [slope])]
     blocks = [invert_scaled(part.precision) for part in parts]
@@ -153,9 +144,7 @@ def _form_doubt(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> Array
     """
     score, effect = outcome.score, group.effect
     robot = outcome.logs.robot
-    values = np.asarray(
-        effect.values(fitted.of(group), group.shape, robot), dtype=float
-    )
+    values = np.asarray(effect.values(fitted.of(group), group.shape, robot), dtype=float)
     anchor = group.joints[0] if group.joints else 0
     forms = {shape[1:] for shape in effect.shapes(outcome.logs.span, anchor)}
     units = np.array(list(effect.parameters.values()))
@@ -167,15 +156,11 @@ def _form_doubt(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> Array
         others = [g for g in fitted.members if g is not group]
         *_, best = refine_last_shape(score, (*others, *groups), fitted)
         theta = score.fit((*others, best), fitted).of(best)
-        doubt = np.maximum(
-            doubt, abs(effect.values(theta, best.shape, robot) - values) / 2
-        )
+        doubt = np.maximum(doubt, abs(effect.values(theta, best.shape, robot) - values) / 2)
     return doubt
 
 
-def _slope(
-    design: Design, group: CandidateColumns, theta: Array
-) -> CandidateColumns | None:
+def _slope(design: Design, group: CandidateColumns, theta: Array) -> CandidateColumns | None:
     """Column of the derivative with respect to the searched shape, as a group."""
     effect = group.effect
     if effect.refine is None:
@@ -300,10 +285,7 @@ def merge_into_findings(
                 _equivalents(
                     members,
                     [
-                        [
-                            *t.equivalent,
-                            *find_load_alternatives(search, fitted, t.group),
-                        ]
+                        [*t.equivalent, *find_load_alternatives(search, fitted, t.group)]
                         for t in members
                     ],
                 ),
@@ -351,9 +333,7 @@ def _torque(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> float:
     return out
 
 
-def _size(
-    fitted: Fit, tested: Member, checks: AngleNoiseCheck | None
-) -> tuple[Array, Array]:
+def _size(fitted: Fit, tested: Member, checks: AngleNoiseCheck | None) -> tuple[Array, Array]:
     """Reported coefficients of a member, and the covariance of their doubt."""
     if checks:
         return checks.estimate(tested)
@@ -374,8 +354,7 @@ def _merge_joints(tested: Sequence[Member], robot: Robot) -> list[list[Member]]:
         for members in out:
             merged = members[-1].group
             same = merged.effect.name == group.effect.name and (
-                group.effect.units(merged.joints, robot)
-                == group.effect.units(group.joints, robot)
+                group.effect.units(merged.joints, robot) == group.effect.units(group.joints, robot)
             )
             if same and group.effect.scope == "local" and merged.joints != group.joints:
                 members.append(t)
@@ -406,9 +385,7 @@ def _equivalents(members, near) -> tuple:
 def _parameters(outcome: Outcome, members, sizes, sure) -> dict:
     robot = outcome.logs.robot
     effect = members[0].group.effect
-    values = np.array(
-        [effect.values(sizes[t.group][0], t.group.shape, robot) for t in members]
-    )
+    values = np.array([effect.values(sizes[t.group][0], t.group.shape, robot) for t in members])
     sds = np.array([s.doubt.std for s in sure])
     keys = list(effect.units(members[0].group.joints, robot).items())
     clear = np.array([s.determined for s in sure]).all(axis=0)
@@ -472,9 +449,7 @@ def _drawn_on(design: Design, fitted: Fit, tested: Member) -> Sequence[int]:
         for j, torque in torques.items()
         if len(torque)  # a joint may log no torque
     }
-    return [j for j in shares if shares[j] > THRESHOLDS.plotted_torque_share] or [
-        tested.joint
-    ]
+    return [j for j in shares if shares[j] > THRESHOLDS.plotted_torque_share] or [tested.joint]
 
 
 def _cloud(outcome: Outcome, fitted: Fit, tested: Member, j: int) -> FindingScatter:
@@ -484,9 +459,7 @@ def _cloud(outcome: Outcome, fitted: Fit, tested: Member, j: int) -> FindingScat
     anchor = j if group.effect.scope == "local" else tested.joint
     x, label, log = _variable(outcome, group.effect, anchor, j)
     x = torque if x is None else x[rows]
-    return FindingScatter(
-        group.effect.name, j + 1, label, x, left + torque, torque, log[rows]
-    )
+    return FindingScatter(group.effect.name, j + 1, label, x, left + torque, torque, log[rows])
 
 
 def _variable(
@@ -497,11 +470,7 @@ def _variable(
     None where that is the torque that it explains.
     """
     prismatic = outcome.logs.robot.prismatic[j]
-    values, labels, label = (
-        [],
-        [],
-        convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED,
-    )
+    values, labels, label = ([], [], convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED)
     states = outcome.design.states
     for track, state in zip(outcome.logs.sketch, states, strict=True):
         rows = track.moving[:, j]
@@ -526,9 +495,7 @@ def split_background(
     if not named:
         return tuple(named), ()
     largest = max(f.torque.max() for f in named)
-    small = [
-        f for f in named if _is_background(f, THRESHOLDS.background_share * largest)
-    ]
+    small = [f for f in named if _is_background(f, THRESHOLDS.background_share * largest)]
     if len({j for f in small for j in f.joints}) < max(
         THRESHOLDS.usual_joint_share * dof, THRESHOLDS.usual_min_joints
     ):

@@ -10,22 +10,10 @@ from residual.diagnosis.select import Member
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
-from residual.evidence.fit import (
-    FitEquations,
-    PossibleModel,
-    solve_minimum_norm,
-)
-from residual.evidence.priors import (
-    SCALES,
-    build_relative_prior,
-)
+from residual.evidence.fit import FitEquations, PossibleModel, solve_minimum_norm
+from residual.evidence.priors import SCALES, build_relative_prior
 from residual.evidence.thresholds import THRESHOLDS
-from residual.model.compare import (
-    ErrorSums,
-    HeldOutLog,
-    compute_error_rise,
-    find_worse_joints,
-)
+from residual.model.compare import ErrorSums, HeldOutLog, compute_error_rise, find_worse_joints
 from residual.model.model import Model
 from residual.model.nominal import (
     DEFAULT_DECLARED,
@@ -78,10 +66,7 @@ def classify_gain(gain: float) -> str:
 
 
 def _gain(
-    outcome: Outcome,
-    member: Member,
-    held_out: Sequence[HeldOutLog],
-    with_it: Array,
+    outcome: Outcome, member: Member, held_out: Sequence[HeldOutLog], with_it: Array
 ) -> float:
     """What of the error vanishes with a name, on joints where it acts or shows.
 
@@ -91,15 +76,11 @@ def _gain(
     without = outcome.error(outcome.refit(rest), held_out)
     fall = _error_fall(outcome.design, member, with_it, without)
     if fall < THRESHOLDS.confirmed_gain and (held := outcome.fit_at_nominal(member)):
-        fall = _error_fall(
-            outcome.design, member, with_it, outcome.error(held, held_out)
-        )
+        fall = _error_fall(outcome.design, member, with_it, outcome.error(held, held_out))
     return round(fall, ROUND)
 
 
-def _error_fall(
-    design: Design, member: Member, with_it: Array, without: Array
-) -> float:
+def _error_fall(design: Design, member: Member, with_it: Array, without: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
     Parameters that bend without the name may predict the same: a rise by chance is
@@ -107,9 +88,7 @@ def _error_fall(
     """
     effect = member.group.effect
     joints = sorted({*effect.rows(member.group.joints, design.dof), member.shown_joint})
-    after, before = (
-        (e / design.rms**2)[:, joints].sum(axis=1) for e in (with_it, without)
-    )
+    after, before = ((e / design.rms**2)[:, joints].sum(axis=1) for e in (with_it, without))
     if after.sum() > before.sum():
         return -compute_error_rise(after, before)
     return float(1 - np.sqrt(after.sum() / before.sum())) if before.sum() > 0 else 0.0
@@ -167,12 +146,9 @@ def describe_unproven_joints(outcome: Outcome, augmented: ErrorSums) -> list[str
                 "small to diagnose"
             )
         elif design.rows[j] < THRESHOLDS.standing_row_share * samples:
-            out.append(
-                f"joint {j + 1} hardly moves in the fit logs and is not diagnosed"
-            )
+            out.append(f"joint {j + 1} hardly moves in the fit logs and is not diagnosed")
         elif held_out_errors[j] > max(
-            THRESHOLDS.held_out_error_ratio * fit_errors[j],
-            THRESHOLDS.held_out_error_share,
+            THRESHOLDS.held_out_error_ratio * fit_errors[j], THRESHOLDS.held_out_error_share
         ):
             times = held_out_errors[j] / max(fit_errors[j], 1e-6)
             out.append(
@@ -194,14 +170,10 @@ def describe_unproven_joints(outcome: Outcome, augmented: ErrorSums) -> list[str
 
 def fit_least_squares_model(logs: FitLogs) -> Model:
     """Fit a robot's logs by plain least squares."""
-    constant = (
-        e.name for e in load_effects().values() if EffectTrait.CONSTANT in e.traits
-    )
+    constant = (e.name for e in load_effects().values() if EffectTrait.CONSTANT in e.traits)
     nominal = build_free_nominal(logs, (*DEFAULT_DECLARED, *constant))
     design = Design(logs.tracks, nominal.model)
-    whole = FitEquations.of(
-        design, build_relative_prior(design, nominal, SCALES[-1]), ()
-    )
+    whole = FitEquations.of(design, build_relative_prior(design, nominal, SCALES[-1]), ())
     least = solve_minimum_norm(whole.gram.sum(axis=0), whole.cross.sum(axis=0))
     model = nominal.model.with_coefficients(nominal.model.coefficients() + least)
     return choose_standstill_behaviour(model, logs.sketch)

@@ -11,12 +11,7 @@ from residual.diagnosis.rivals import RivalSet
 from residual.diagnosis.search import Search
 from residual.effects.base import PlacedEffect
 from residual.evidence.design import CandidateColumns
-from residual.evidence.fit import (
-    Fit,
-    FitEquations,
-    build_fitted_model,
-    keep_physical_terms,
-)
+from residual.evidence.fit import Fit, FitEquations, build_fitted_model, keep_physical_terms
 from residual.evidence.priors import screen_candidates
 from residual.evidence.thresholds import THRESHOLDS
 from residual.planning.next_experiment import (
@@ -72,9 +67,7 @@ def find_member_swaps(
     return [MemberSwap(gone, tuple(instead)) for gone, instead in found.values()]
 
 
-def _without(
-    members: Sequence[CandidateColumns], removed: Sequence[CandidateColumns]
-) -> Groups:
+def _without(members: Sequence[CandidateColumns], removed: Sequence[CandidateColumns]) -> Groups:
     keys = {g.key for g in removed}
     return tuple(g for g in members if g.key not in keys)
 
@@ -147,10 +140,7 @@ class SharedColumns:
         )
 
     def contest(
-        self,
-        shared: Sequence[CandidateColumns],
-        options: Sequence[Groups],
-        enough: float,
+        self, shared: Sequence[CandidateColumns], options: Sequence[Groups], enough: float
     ) -> RivalContest:
         """Return the contest of some sets beside a set of other effects.
 
@@ -164,10 +154,7 @@ class SharedColumns:
 
 
 def build_open_question(
-    outcome: Outcome,
-    fitted: Fit,
-    named: Sequence[NamedEffect],
-    rivals: Sequence[RivalSet],
+    outcome: Outcome, fitted: Fit, named: Sequence[NamedEffect], rivals: Sequence[RivalSet]
 ) -> OpenQuestion:
     """Return what a diagnosis leaves open.
 
@@ -179,15 +166,9 @@ def build_open_question(
     Args:
         rivals: Sets that the logs cannot tell from the one that is named.
     """
-    equal = [
-        (t.group, t.equivalent)
-        for finding in named
-        for t in finding.tested
-        if t.equivalent
-    ]
+    equal = [(t.group, t.equivalent) for finding in named for t in finding.tested if t.equivalent]
     classes: dict[tuple, MemberSwap] = {
-        (group.key,): MemberSwap((group,), tuple((g,) for g in near))
-        for group, near in equal
+        (group.key,): MemberSwap((group,), tuple((g,) for g in near)) for group, near in equal
     }
     for swap in find_member_swaps(fitted, equal, rivals):
         key = tuple(g.key for g in swap.gone)
@@ -208,8 +189,7 @@ def build_open_question(
     ]
     threshold = THRESHOLDS.named_nats
     contests += [
-        basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold)
-        for groups in strong
+        basis.contest(fitted.members, [*((g,) for g in groups), ()], threshold) for groups in strong
     ]
     return build_question(basis, contests)
 
@@ -219,18 +199,14 @@ def list_places(groups: Sequence[CandidateColumns]) -> list[Place]:
     return [Place(g.effect.name, joint_numbers(g)) for g in groups]
 
 
-def build_question(
-    basis: SharedColumns, contests: Sequence[RivalContest]
-) -> OpenQuestion:
+def build_question(basis: SharedColumns, contests: Sequence[RivalContest]) -> OpenQuestion:
     """Return contests with all that it takes to look at a motion."""
     outcome, model = basis.outcome, basis.outcome.nominal.model
     terms = [PlacedEffect(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
     return OpenQuestion(
         nominal=model,
-        seen_with=keep_physical_terms(
-            build_fitted_model(outcome.nominal, basis.fitted)
-        ),
+        seen_with=keep_physical_terms(build_fitted_model(outcome.nominal, basis.fitted)),
         effects=(*terms, *groups),
         signals=_signals(basis),
         contests=tuple(c for c in contests if all(map(_has_spread, c.rivals))),
@@ -272,9 +248,7 @@ def _strongest(outcome: Outcome, fitted: Fit, joint: int) -> list[CandidateColum
     """
     search, design, dof = outcome.selection.search, outcome.design, outcome.design.dof
     groups = [
-        g
-        for g in search.candidates.groups
-        if not g.parts and joint in g.effect.rows(g.joints, dof)
+        g for g in search.candidates.groups if not g.parts and joint in g.effect.rows(g.joints, dof)
     ]
     price = np.array([search.cost(g) for g in groups])
     own = FitEquations.of(design, outcome.prior, fitted.members)

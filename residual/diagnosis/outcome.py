@@ -3,11 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
-from residual.diagnosis.adequacy import (
-    Adequacy,
-    assess_adequacy,
-    torque_from_angle_noise,
-)
+from residual.diagnosis.adequacy import Adequacy, assess_adequacy, torque_from_angle_noise
 from residual.diagnosis.candidates import Candidates
 from residual.diagnosis.score import Score
 from residual.diagnosis.select import Member, Selection, select_names
@@ -21,10 +17,7 @@ from residual.evidence.fit import (
     fit_jointly,
     fit_possible_bodies,
 )
-from residual.evidence.priors import (
-    hold_coefficients,
-    list_contradicted_coefficients,
-)
+from residual.evidence.priors import hold_coefficients, list_contradicted_coefficients
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import HeldOutLog, compute_moving_error
 from residual.model.model import Model
@@ -132,9 +125,7 @@ class Outcome:
         base = replace(self.nominal.model, standstill=rough.standstill)
         design = Design(self.logs.tracks, base, seen_with=rough)
         members = design.add([g.placed for g in fitted.members])
-        final = fit_jointly(
-            design, self.prior, members, fitted.counted, fitted.variance
-        )
+        final = fit_jointly(design, self.prior, members, fitted.counted, fitted.variance)
         model = build_fitted_model(replace(self.nominal, model=base), final)
         return fit_possible_bodies(design, final, model)
 
@@ -169,7 +160,5 @@ def leave_out_impossible_bodies(outcome: Outcome) -> Outcome:
 def _assess(
     logs: FitLogs, nominal: NominalModel, design: Design, plain: Fit, fitted: Fit
 ) -> Adequacy:
-    angles = torque_from_angle_noise(
-        build_fitted_model(nominal, fitted), logs.sketch, logs.shaken
-    )
+    angles = torque_from_angle_noise(build_fitted_model(nominal, fitted), logs.sketch, logs.shaken)
     return assess_adequacy(design, logs.sketch, plain, fitted, angles)

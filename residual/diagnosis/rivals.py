@@ -14,12 +14,7 @@ from itertools import combinations
 import numpy as np
 
 from residual.diagnosis.score import Score
-from residual.diagnosis.search import (
-    Search,
-    is_curve,
-    places_of,
-    refine_last_shape,
-)
+from residual.diagnosis.search import Search, is_curve, places_of, refine_last_shape
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.fit import Fit, FitEquations, find_group_limits
 from residual.evidence.priors import project_columns, stack_groups
@@ -126,10 +121,7 @@ def _additions(
 
 
 def _fit_with(
-    score: Score,
-    others: Sequence[CandidateColumns],
-    candidate: CandidateColumns,
-    like: Fit,
+    score: Score, others: Sequence[CandidateColumns], candidate: CandidateColumns, like: Fit
 ) -> Fit:
     members = refine_last_shape(score, (*others, candidate), like)
     return score.fit_like(members, like)

@@ -19,13 +19,7 @@ from scipy.linalg.lapack import dposv
 
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
-from residual.evidence.fit import (
-    Fit,
-    FitEquations,
-    NominalPrior,
-    count_effective_rows,
-    fit_jointly,
-)
+from residual.evidence.fit import Fit, FitEquations, NominalPrior, count_effective_rows, fit_jointly
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 from residual.signals.splitting import group_pieces_by_log
@@ -141,10 +135,7 @@ class Score:
         # there the worse may come to be the better, so it is fitted on from there.
         fits = settle(first), settle(second)
         rows = np.maximum(fits[0].counted, fits[1].counted)
-        common = [
-            fit_jointly(design, prior, members, rows, f.variance, 3, system)
-            for f in fits
-        ]
+        common = [fit_jointly(design, prior, members, rows, f.variance, 3, system) for f in fits]
         return settle(max(common, key=lambda fitted: fitted.score))
 
     def fit_like(self, members: Sequence[CandidateColumns], like: Fit) -> Fit:
@@ -179,10 +170,7 @@ class Score:
         return out
 
     def nats(
-        self,
-        fitted: Fit,
-        group: CandidateColumns,
-        covariances: Sequence[tuple[Array, float]] = (),
+        self, fitted: Fit, group: CandidateColumns, covariances: Sequence[tuple[Array, float]] = ()
     ) -> float:
         """Evidence of a member of a fit, or of several, against none [nats]."""
         parts = group.parts or (group,)
@@ -224,11 +212,7 @@ class Score:
 
 
 def mixture_evidence(
-    information: Array,
-    pull: Array,
-    prior: Array,
-    degrees: float,
-    sizes: Sequence[float] = (1.0,),
+    information: Array, pull: Array, prior: Array, degrees: float, sizes: Sequence[float] = (1.0,)
 ) -> Array:
     """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
 

@@ -42,8 +42,7 @@ def _build_curve(name: str, signal: str) -> Effect:
 
     def hats(state, joint: int, shape: tuple[float, ...]) -> list[Array]:
         return list(
-            _hats(getattr(state, signal)[:, joint], shape[:2]).T
-            - np.array(shape[2:])[:, None]
+            _hats(getattr(state, signal)[:, joint], shape[:2]).T - np.array(shape[2:])[:, None]
         )
 
     return Effect(name, "", {}, build_joint_columns(hats))
@@ -56,10 +55,7 @@ def _hats(values: Array, ends: tuple[float, ...]) -> Array:
     return np.maximum(1 - abs(x - knots) / (knots[1] - knots[0]), 0)
 
 
-CURVES = {
-    "q": _build_curve("curve over q", "q"),
-    "qd": _build_curve("curve over qd", "qd"),
-}
+CURVES = {"q": _build_curve("curve over q", "q"), "qd": _build_curve("curve over qd", "qd")}
 CURVE_RIVALS = 3  # names of its joint that are looked at beside a curve
 ENDS = 1e-3  # quantiles of a signal where its curve ends
 
@@ -69,9 +65,7 @@ def is_curve(group: CandidateColumns) -> bool:
     return group.effect in CURVES.values()
 
 
-def add_curves(
-    design: Design, tracks: Sequence[Track], centred: bool
-) -> list[CandidateColumns]:
+def add_curves(design: Design, tracks: Sequence[Track], centred: bool) -> list[CandidateColumns]:
     """Append the free curves of each joint that moves.
 
     Args:
@@ -80,9 +74,7 @@ def add_curves(
     placed = []
     moving = np.concatenate([track.moving for track in tracks])
     for signal, effect in CURVES.items():
-        values = np.concatenate(
-            [getattr(track, signal)[:: track.step] for track in tracks]
-        )
+        values = np.concatenate([getattr(track, signal)[:: track.step] for track in tracks])
         for j in range(design.dof):
             own = values[moving[:, j], j]
             if design.rows[j] < THRESHOLDS.min_rows or np.ptp(own) == 0:
@@ -154,8 +146,7 @@ class Search:
         """Whether a set has more evidence less its price, counted like another."""
         rows = replace(other, counted=np.maximum(fitted.counted, other.counted))
         ours, theirs = (
-            self.set_score(self.score.fit_like(f.members, rows))
-            for f in (fitted, other)
+            self.set_score(self.score.fit_like(f.members, rows)) for f in (fitted, other)
         )
         return ours > theirs
 
@@ -179,10 +170,7 @@ class Search:
         return SearchRun(self.score, fitted, self.score.left_out(fitted))
 
     def look(
-        self,
-        base: Fit,
-        instead: CandidateColumns | None = None,
-        most: int | None = None,
+        self, base: Fit, instead: CandidateColumns | None = None, most: int | None = None
     ) -> list[Trial]:
         """Candidates with evidence enough beside a fit, most evidence first.
 
@@ -245,17 +233,12 @@ class Search:
         for i in np.argsort(-quick):
             if quick[i] < THRESHOLDS.min_quick_nats:
                 break
-            if groups[i].key not in chosen and self._fits_in(
-                groups[i], base.members, instead
-            ):
+            if groups[i].key not in chosen and self._fits_in(groups[i], base.members, instead):
                 chosen[groups[i].key] = float(quick[i]), groups[i]
         return list(chosen.values())
 
     def _fits_in(
-        self,
-        group: CandidateColumns,
-        members: Members,
-        instead: CandidateColumns | None,
+        self, group: CandidateColumns, members: Members, instead: CandidateColumns | None
     ) -> bool:
         """Whether a candidate may stand beside some members, in place of another."""
         taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
@@ -267,13 +250,10 @@ class Search:
         if taken & {group.key, *(p.key for p in group.parts)}:
             return False
         family = group.effect.family, group.joints
-        if group.effect.family and family in {
-            (g.effect.family, g.joints) for g in members
-        }:
+        if group.effect.family and family in {(g.effect.family, g.joints) for g in members}:
             return False
         return not any(
-            _cancel(group, x) or _draws(group, x) or self._is_same_body(group, x)
-            for x in members
+            _cancel(group, x) or _draws(group, x) or self._is_same_body(group, x) for x in members
         )
 
     def _is_same_body(self, first: CandidateColumns, second: CandidateColumns) -> bool:
@@ -380,9 +360,7 @@ class Search:
         """Drop members that no longer carry their price, weakest first."""
         while True:
             known = self.score.covariances(fitted)
-            worth = [
-                self.score.nats(fitted, g, known) - self.cost(g) for g in fitted.members
-            ]
+            worth = [self.score.nats(fitted, g, known) - self.cost(g) for g in fitted.members]
             if not worth or min(worth) >= 0:
                 return fitted
             weakest = fitted.members[int(np.argmin(worth))]
@@ -390,9 +368,7 @@ class Search:
             fitted = self.score.fit(rest, fitted)
 
 
-def refine_last_shape(
-    score: Score, members: Sequence[CandidateColumns], like: Fit
-) -> Members:
+def refine_last_shape(score: Score, members: Sequence[CandidateColumns], like: Fit) -> Members:
     """The set with the last member's nonlinear parameter searched off the grid."""
     *others, last = members
     how = last.effect.refine
@@ -406,9 +382,7 @@ def refine_last_shape(
     for _ in range(3):
         points = centre * np.exp(offsets) if how.step == "ratio" else centre + offsets
         points = np.unique(np.clip(points, how.lower, how.upper))
-        shapes = [
-            last.placed._replace(shape=(float(x), *last.shape[1:])) for x in points
-        ]
+        shapes = [last.placed._replace(shape=(float(x), *last.shape[1:])) for x in points]
         for group in design.add(shapes):
             trial = fit_jointly(
                 design,

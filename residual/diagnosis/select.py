@@ -11,25 +11,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.diagnosis.adequacy import assess_adequacy, torque_from_angle_noise
-from residual.diagnosis.candidates import (
-    Candidates,
-    build_candidates,
-    recompute_candidates,
-)
-from residual.diagnosis.score import (
-    LeftOut,
-    Score,
-    compute_scatter,
-    is_alike,
-    label_blocks,
-)
-from residual.diagnosis.search import (
-    Search,
-    SearchRun,
-    add_curves,
-    is_curve,
-    refine_last_shape,
-)
+from residual.diagnosis.candidates import Candidates, build_candidates, recompute_candidates
+from residual.diagnosis.score import LeftOut, Score, compute_scatter, is_alike, label_blocks
+from residual.diagnosis.search import Search, SearchRun, add_curves, is_curve, refine_last_shape
 from residual.effects.base import Effect, EffectTrait
 from residual.evidence.columns import CandidateColumns
 from residual.evidence.design import Design
@@ -142,9 +126,7 @@ def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
 def _reads_torque(found: SearchRun) -> bool:
     """Whether something was found that shifts what reads the model's torque."""
     design = found.score.design
-    shares = [
-        float(design.torque_shares(g, found.fit.of(g)).max()) for g in found.named
-    ]
+    shares = [float(design.torque_shares(g, found.fit.of(g)).max()) for g in found.named]
     uses = [EffectTrait.USES_MODEL in g.effect.traits for g in found.named]
     return any(uses) or max(shares, default=0.0) > THRESHOLDS.large_torque_share
 
@@ -182,9 +164,7 @@ class Weighted:
         return self.runs[0]
 
 
-def _weigh(
-    design: Design, candidates: Candidates, runs: Sequence[SearchRun]
-) -> Weighted:
+def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
     """Weigh runs by evidence, each name priced."""
     power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
@@ -232,9 +212,7 @@ def _other_widths(space: PriorSpace, weighted: Weighted) -> list[NominalPrior]:
     out = [space.at(prior.scale, widths) for widths in space.even]
     kinds = prior.widths if len(prior.widths) > 1 else ()
     trials = [
-        space.at(prior.scale, {**prior.widths, kind: width})
-        for kind in kinds
-        for width in WIDTHS
+        space.at(prior.scale, {**prior.widths, kind: width}) for kind in kinds for width in WIDTHS
     ]
     fitted, members = weighted.best.fit, weighted.best.fit.members
 
@@ -256,10 +234,7 @@ class _Constants:
 
     @classmethod
     def of(
-        cls,
-        design: Design,
-        nominal: NominalModel,
-        curves: Sequence[CandidateColumns],
+        cls, design: Design, nominal: NominalModel, curves: Sequence[CandidateColumns]
     ) -> "_Constants":
         """Take the constants out of the model; no column is computed anew."""
         count = nominal.constants
@@ -338,9 +313,7 @@ def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
 
 
 def _join_constants(
-    look: Search,
-    found: Sequence[CandidateColumns],
-    constants: Sequence[CandidateColumns],
+    look: Search, found: Sequence[CandidateColumns], constants: Sequence[CandidateColumns]
 ) -> tuple[SearchRun, dict[CandidateColumns, Effect]]:
     """The names with the constants that carry their price.
 
@@ -378,18 +351,14 @@ def _replace_constants(
         The set, and of each new name the constant's effect.
     """
     fallen = {g.joints: g.effect for g in constants if g not in best.fit.members}
-    groups = tuple(
-        g for g in look.candidates.groups if g.joints in fallen and not g.parts
-    )
+    groups = tuple(g for g in look.candidates.groups if g.joints in fallen and not g.parts)
     candidates = replace(look.candidates, groups=groups)
     found = replace(look, candidates=candidates, curves=()).run(best.fit.members)
     new = (g for g in found.named if g not in best.fit.members)
     return found, {g: fallen[g.joints] for g in new}
 
 
-def _find_doubted_joints(
-    logs: FitLogs, nominal: NominalModel, best: SearchRun
-) -> tuple[int, ...]:
+def _find_doubted_joints(logs: FitLogs, nominal: NominalModel, best: SearchRun) -> tuple[int, ...]:
     """Joints (from 0) on which more than noise is left beside the names."""
     named = _without_curves(best.score, best.fit)
     model = build_fitted_model(nominal, named)
@@ -472,8 +441,7 @@ def judge_members(
     """
     parts = _fit_parts(best.score, best.fit)
     members = (
-        _judge(look, best, weighted, g, doubted, parts, former.get(g, g.effect))
-        for g in best.named
+        _judge(look, best, weighted, g, doubted, parts, former.get(g, g.effect)) for g in best.named
     )
     return tuple(sorted(members, key=lambda m: -m.probability))
 
@@ -524,11 +492,7 @@ def _judge(
         float(stands) * name_probability(nats, bool(doubted & set(look.rows(group)))),
         tuple(near),
         Splits(
-            sum(
-                p.score.nats(p.fit, group, p.covariances) > look.cost(group)
-                for p in parts
-            ),
-            PARTS,
+            sum(p.score.nats(p.fit, group, p.covariances) > look.cost(group) for p in parts), PARTS
         ),
     )
 

@@ -115,9 +115,7 @@ def fit_residual_curves(
         The curves, and what they leave [N m]. Shape (n,).
     """
     residual, found_curves = joint_residual.residual, []
-    tables = [
-        _CellTable.of(joint_residual, v, bins) for v in variables for bins in BINS
-    ]
+    tables = [_CellTable.of(joint_residual, v, bins) for v in variables for bins in BINS]
     while tables and len(found_curves) < THRESHOLDS.max_curves:
         # A mean is no dependence: what it explains is no curve's merit.
         mean = _CellTable.of(joint_residual, None, 1)
@@ -134,9 +132,7 @@ def fit_residual_curves(
         if (1 + np.sum(most >= gains[best])) / (1 + DRAWS) > THRESHOLDS.curve_chance:
             break
         fitted = tables[best].curve(residual)
-        found_curves.append(
-            ResidualCurve(tables[best].variable, min(float(share), 1.0), fitted)
-        )
+        found_curves.append(ResidualCurve(tables[best].variable, min(float(share), 1.0), fitted))
         residual = residual - fitted
         tables = [t for t in tables if t.variable is not tables[best].variable]
     return found_curves, residual
@@ -154,9 +150,7 @@ def draw_surrogate_residuals(rows: JointResidual, residual: Array) -> Array:
         rows_of_log = rows.log == log
         line = residual[rows_of_log] - residual[rows_of_log].mean()
         spectrum = np.repeat(np.fft.rfft(line)[:, None], DRAWS, axis=1)
-        out[rows_of_log] = residual[rows_of_log].mean() + randomise_phases(
-            spectrum, len(line), rng
-        )
+        out[rows_of_log] = residual[rows_of_log].mean() + randomise_phases(spectrum, len(line), rng)
     return out
 
 
@@ -171,9 +165,7 @@ class _CellTable:
     memory: float  # weight of the belief that a cell's mean is zero, in rows
 
     @classmethod
-    def of(
-        cls, rows: JointResidual, variable: StateVariable | None, bins: int
-    ) -> "_CellTable":
+    def of(cls, rows: JointResidual, variable: StateVariable | None, bins: int) -> "_CellTable":
         """Sort the rows into cells."""
         n, folds = len(rows.residual), int(rows.fold.max()) + 1
         codes, cells = np.zeros(n, dtype=int), 1
@@ -284,8 +276,7 @@ def _left_out_line(
         train = [(g.sum(0) - g[out], c.sum(0) - c[out]) for g, c in sums]
         fits = [_amplitudes(g, c) for g, c in train]
         served = sum(
-            np.einsum("ifb,ifb->fb", theta, c)
-            for theta, (_, c) in zip(fits, train, strict=True)
+            np.einsum("ifb,ifb->fb", theta, c) for theta, (_, c) in zip(fits, train, strict=True)
         )
         best = np.argmax(served, axis=0)
         every = np.arange(block.shape[1])
@@ -367,9 +358,7 @@ def list_dependences(remainders: Sequence[JointRemainder]) -> tuple[Dependence, 
             of = tuple(k + 1 for k in v.of)
             entries.append(Dependence(joint, v.on, of, v.form, c.share, None))
         if (wave := leftover.wave) is not None:
-            entries.append(
-                Dependence(joint, "frequency", (), PLAIN, wave.share, wave.frequency)
-            )
+            entries.append(Dependence(joint, "frequency", (), PLAIN, wave.share, wave.frequency))
         out += sorted(entries, key=lambda entry: -entry.share)
     return tuple(out)
 
@@ -384,20 +373,12 @@ def analyze_joint_remainders(
         power = (adequacy.structured_share[j] * design.rms[j]) ** 2 * len(residual)
         log = _stack(tracks, j, [np.full(len(t.tau), k) for k, t in enumerate(tracks)])
         rows = JointResidual(
-            residual,
-            _stack(tracks, j, folds),
-            log,
-            design.rows[j] / fitted.counted[j],
-            power,
+            residual, _stack(tracks, j, folds), log, design.rows[j] / fitted.counted[j], power
         )
-        found_curves, remaining = fit_residual_curves(
-            rows, _variables(design, tracks, j)
-        )
+        found_curves, remaining = fit_residual_curves(rows, _variables(design, tracks, j))
         times = [s.t[:: t.step] for s, t in zip(design.states, tracks, strict=True)]
         cutoff = min(t.cutoff for t in tracks)
-        line = ResidualTimeSeries(
-            _stack(tracks, j, times), remaining, log, power, cutoff
-        )
+        line = ResidualTimeSeries(_stack(tracks, j, times), remaining, log, power, cutoff)
         wave = find_spectral_line(line)
         kind = _kind(adequacy.kind[j], found_curves, wave, tracks)
         # Over the variable that it depends on most; over time where there is none.
@@ -516,9 +497,7 @@ def _tables(logs, leftover: JointRemainder) -> JointCorrection | None:
     for track, state, torque in logs:
         rows = slice(None, None, track.step)
         load = track.filter(torque[:, j])[track.valid]
-        X.append(
-            np.column_stack(compute_table_variables(state, columns))[rows][track.valid]
-        )
+        X.append(np.column_stack(compute_table_variables(state, columns))[rows][track.valid])
         tau.append(track.tau[track.valid, j])
         Y.append(tau[-1] - load)
         t = track.t[rows][: len(track.valid)][track.valid]
@@ -577,9 +556,7 @@ class UnexplainedAnalysis:
     sentences: tuple[str, ...]  # sentences
 
 
-def analyze_unexplained(
-    outcome: Outcome, fitted: Fit, augmented: Model
-) -> UnexplainedAnalysis:
+def analyze_unexplained(outcome: Outcome, fitted: Fit, augmented: Model) -> UnexplainedAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
     told, tracks = outcome.adequacy, outcome.logs.sketch
     found = analyze_joint_remainders(outcome.design, tracks, fitted, told)

@@ -15,19 +15,11 @@ from residual.diagnosis.findings import (
     rougher_body_prior,
     values_jacobian,
 )
-from residual.diagnosis.held_out import (
-    Proof,
-    classify_gain,
-    describe_unproven_joints,
-)
+from residual.diagnosis.held_out import Proof, classify_gain, describe_unproven_joints
 from residual.diagnosis.open_question import list_places
 from residual.diagnosis.outcome import Outcome
 from residual.diagnosis.rivals import RivalSet
-from residual.diagnosis.unexplained import (
-    JointRemainder,
-    UnexplainedAnalysis,
-    list_dependences,
-)
+from residual.diagnosis.unexplained import JointRemainder, UnexplainedAnalysis, list_dependences
 from residual.effects import load_effects
 from residual.effects.base import Effect, EffectTrait, MotionSpan
 from residual.errors import format_joint_numbers
@@ -38,10 +30,7 @@ from residual.evidence.fit import (
     invert_scaled,
     select_coefficients,
 )
-from residual.evidence.priors import (
-    compute_inertial_precision,
-    compute_inertial_sd,
-)
+from residual.evidence.priors import compute_inertial_precision, compute_inertial_sd
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums
 from residual.model.model import Term, pair_coefficient_slices
@@ -57,11 +46,7 @@ from residual.robot.dynamics import (
     compute_inertial_regressor,
     read_inertial_parameters,
 )
-from residual.verdict.diagnosis import (
-    add_motor_class,
-    name_frames,
-    replace_by_model_values,
-)
+from residual.verdict.diagnosis import add_motor_class, name_frames, replace_by_model_values
 from residual.verdict.result import (
     LOAD,
     MOTION,
@@ -107,10 +92,7 @@ def build_verdict(
     outcome = proof.outcome
     search, robot = outcome.selection.search, outcome.logs.robot
     unlikely = outcome.impossible or bodies
-    contradicted = (
-        *describe_contradictions(outcome, outcome.fit, errors),
-        *unlikely.doubts,
-    )
+    contradicted = (*describe_contradictions(outcome, outcome.fit, errors), *unlikely.doubts)
     doubtful = len(outcome.adequacy.doubted) or contradicted
     least = _clear_links(outcome, find_detectable_sizes(search, outcome.fit))
 
@@ -178,19 +160,14 @@ def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
     return out
 
 
-def build_finding(
-    named: NamedEffect, order: int, proof: Proof, span: MotionSpan
-) -> Finding:
+def build_finding(named: NamedEffect, order: int, proof: Proof, span: MotionSpan) -> Finding:
     """A finding as the verdict has it."""
     gains = [proof.gains[m] for m in named.tested if m in proof.gains]
     gain = float(np.mean(gains)) if gains else None
     splits = [m.splits for m in named.tested]
     parameters = {}
     for key, (values, stds, unit, clear) in named.parameters.items():
-        row, std = (
-            tuple(convert_to_plain_values(values)),
-            tuple(convert_to_plain_values(stds)),
-        )
+        row, std = (tuple(convert_to_plain_values(values)), tuple(convert_to_plain_values(stds)))
         if len(named.tested) == 1:
             row, std = row[0], std[0]
         parameters[key] = Parameter(row, std, unit, clear)
@@ -206,9 +183,7 @@ def build_finding(
         ),
         parameters=parameters,
         combinations={
-            key: Parameter(
-                convert_to_plain_values(value), convert_to_plain_values(std), unit
-            )
+            key: Parameter(convert_to_plain_values(value), convert_to_plain_values(std), unit)
             for key, (value, std, unit) in named.combined.items()
         },
         evidence=Evidence(
@@ -234,9 +209,7 @@ def _unexplained(outcome: Outcome, leftovers: Sequence[JointRemainder]) -> Unexp
         fraction=convert_to_plain_values(np.sqrt(weight @ a.structured_share**2))
         if alike
         else None,
-        noise_floor=convert_to_plain_values(np.sqrt(weight @ a.noise**2))
-        if alike
-        else None,
+        noise_floor=convert_to_plain_values(np.sqrt(weight @ a.noise**2)) if alike else None,
         depends_on=list_dependences(leftovers),
         kind=max(sorted(set(kinds)), key=kinds.count) if kinds else None,
         per_joint=tuple(convert_to_plain_values(per_joint)),
@@ -259,10 +232,7 @@ def describe_contradictions(
     """Return in sentences what of a fit no arm can be; empty where nothing is."""
     if not outcome.design.fold_rows.any():
         return (STILL,)
-    friction, inertia = (
-        _driving_friction(outcome, fitted),
-        _negative_inertia(outcome, fitted),
-    )
+    friction, inertia = (_driving_friction(outcome, fitted), _negative_inertia(outcome, fitted))
     out = []
     if friction:
         out.append(
@@ -312,10 +282,7 @@ def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
 def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
     """Joints (from 1) whose fitted inertia is negative on average."""
     design, covariance = outcome.design, fitted.covariance()
-    theta, model = (
-        add_nominal_values(outcome.nominal.model, fitted),
-        outcome.logs.robot.model,
-    )
+    theta, model = (add_nominal_values(outcome.nominal.model, fitted), outcome.logs.robot.model)
     q = np.concatenate([t.q for t in outcome.logs.tracks])
     q = q[:: max(1, len(q) // PLACES)]
     zero, out = np.zeros_like(q), []
@@ -440,16 +407,11 @@ class _Covariances:
             at = fitted.slots(g)
             before[np.ix_(at, at)] = invert_scaled(g.precision)
         return cls(
-            fitted.theta,
-            before,
-            fitted.covariance(),
-            covariance_between_logs(design, fitted),
+            fitted.theta, before, fitted.covariance(), covariance_between_logs(design, fitted)
         )
 
 
-def _value_changes(
-    state: _Covariances, values: _Values, sure: float
-) -> Iterator[Change]:
+def _value_changes(state: _Covariances, values: _Values, sure: float) -> Iterator[Change]:
     a, p = values.added, values.slope.shape[1]
     after = invert_scaled(a @ state.after @ a.T)
     prior = a @ state.before @ a.T
@@ -518,9 +480,7 @@ def _findings_of(fitted: Fit, effect: Effect, term: Term) -> list[Array]:
     return [
         fitted.slots(g)
         for g in fitted.members
-        if g.effect.name == effect.name
-        and g.joints == term.joints
-        and g.shape == term.shape
+        if g.effect.name == effect.name and g.joints == term.joints and g.shape == term.shape
     ]
 
 

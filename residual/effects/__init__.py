@@ -72,9 +72,7 @@ def map_joint_properties() -> dict[str, tuple[str, str]]:
     }
 
 
-def number_reported_joints(
-    name: str, joints: Iterable[int], dof: int
-) -> tuple[int, ...]:
+def number_reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ...]:
     """Joints (from 1) as a verdict has them: what is at the flange is on the last.
 
     What an effect that nobody looks for sits on stays where it is.

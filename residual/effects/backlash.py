@@ -9,13 +9,7 @@ controller that is stiff against the link hold it, it crosses with its load, at 
 import numpy as np
 from scipy.ndimage import gaussian_filter1d
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    ExportedLaw,
-    ShapeRefinement,
-    against_load,
-)
+from residual.effects.base import Effect, EffectTrait, ExportedLaw, ShapeRefinement, against_load
 from residual.effects.sensitivity import (
     compute_shift_torque,
     compute_time_derivatives,

@@ -78,9 +78,7 @@ def dissipates_with_speed(theta: Array, shape: Shape, limits: JointLimits) -> bo
     return positive and stays_within_torque(theta * limits.speed, shape, limits)
 
 
-Property = Literal[
-    "damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"
-]
+Property = Literal["damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"]
 BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its memory
 
 
@@ -122,9 +120,7 @@ class ExportedLaw:
     obstacle: str = ""
 
 
-def build_formula_law(
-    *rows: str, joint: tuple[Property, ...] = (), memory: int = 0
-) -> ExportedLaw:
+def build_formula_law(*rows: str, joint: tuple[Property, ...] = (), memory: int = 0) -> ExportedLaw:
     """An effect that its torque says, and what its coefficients are to a joint."""
     return ExportedLaw(formula=rows, joint=joint, memory=memory)
 
@@ -323,29 +319,24 @@ class Effect:
     columns: Columns
     noun: str = ""
     equation: str = ""
-    variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: (
-        plot_over_signal("qd", "qd{} [rad/s]")(state, j)
-    )
+    variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: plot_over_signal(
+        "qd", "qd{} [rad/s]"
+    )(state, j)
     portable: ExportedLaw = NOWHERE
     traits: EffectTrait = EffectTrait.NONE
     scope: Scope = "local"
     sliding: Mapping[str, str] = field(default_factory=dict)
     place: str = "on {joints}"
-    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: (
-        np.array([*theta, *shape])
+    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: np.array(
+        [*theta, *shape]
     )
-    from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (
-        values,
-        (),
-    )
+    from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (values, ())
     shapes: Callable[[MotionSpan, int], Sequence[Shape]] = lambda span, joint: ((),)
     refine: ShapeRefinement | None = None
     drive_order: int = 0
     carries: Carried = ""
     prior_sd: Callable[[Robot], Array] | None = None
-    possible: Callable[[Array, Shape, JointLimits], bool] = (
-        lambda theta, shape, limits: True
-    )
+    possible: Callable[[Array, Shape, JointLimits], bool] = lambda theta, shape, limits: True
     reports: Callable[[str, Array, Array], bool] | None = None
     combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
     unit_directions: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
@@ -371,19 +362,14 @@ class Effect:
 
     def units(self, joints: Joints, robot: Robot) -> dict[str, str]:
         """Return the unit of each parameter on some joints (from 0) of an arm."""
-        own = self.scope in ("local", "pair") and all(
-            robot.prismatic[j] for j in joints
-        )
+        own = self.scope in ("local", "pair") and all(robot.prismatic[j] for j in joints)
         if not own:
             return dict(self.parameters)
         return {
-            k: self.sliding.get(k, convert_to_sliding_unit(u))
-            for k, u in self.parameters.items()
+            k: self.sliding.get(k, convert_to_sliding_unit(u)) for k, u in self.parameters.items()
         }
 
-    def candidates(
-        self, dof: int, prismatic: Sequence[bool] = ()
-    ) -> tuple[Joints, ...]:
+    def candidates(self, dof: int, prismatic: Sequence[bool] = ()) -> tuple[Joints, ...]:
         """Joints (from 0) on which the effect may sit, for an arm of dof joints.
 
         Args:
@@ -393,9 +379,7 @@ class Effect:
         return tuple(
             joints
             for joints in self._places(dof)
-            if not (
-                EffectTrait.NEEDS_TURN in self.traits and any(slides[j] for j in joints)
-            )
+            if not (EffectTrait.NEEDS_TURN in self.traits and any(slides[j] for j in joints))
             and (self.scope != "pair" or len({slides[j] for j in joints}) == 1)
         )
 
@@ -417,9 +401,7 @@ class Effect:
         return tuple(range(dof))
 
 
-def build_joint_columns(
-    feature: Callable[[State, int, Shape], Sequence[Array]],
-) -> Columns:
+def build_joint_columns(feature: Callable[[State, int, Shape], Sequence[Array]]) -> Columns:
     """Columns of a local effect from its features on one joint."""
 
     def columns(state: State, joints: Joints, shape: Shape) -> Array:
@@ -459,10 +441,7 @@ def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[st
             out[:, 0, k] = eval(code, _FUNCTIONS, names)
         return out
 
-    terms = (
-        f"a[{k}]" + f" * {feature}" * (feature != "1")
-        for k, feature in enumerate(features)
-    )
+    terms = (f"a[{k}]" + f" * {feature}" * (feature != "1") for k, feature in enumerate(features))
     law = build_formula_law(" + ".join(terms), joint=joint)
     return {"columns": columns, "portable": law}
 
@@ -483,9 +462,7 @@ def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
     return display
 
 
-def plot_over_signal(
-    signal: str, label: str
-) -> Callable[[State, int], tuple[Array, str]]:
+def plot_over_signal(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
     """Draw over a signal of the joint, whose number goes into the label."""
 
     def variable(state: State, j: int) -> tuple[Array, str]:

@@ -1,11 +1,6 @@
 """Coulomb friction: torque of constant size against the direction of motion."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    build_local_law,
-    dissipates,
-)
+from residual.effects.base import Effect, EffectTrait, build_local_law, dissipates
 
 EFFECT = Effect(
     name="coulomb",

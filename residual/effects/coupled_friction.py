@@ -49,12 +49,7 @@ EFFECT = Effect(
         "w = qd_i + sign * qd_j; tau_i = level * sgn(w) + coefficient * w + "
         "inertia * w'; tau_j = sign * tau_i"
     ),
-    parameters={
-        "level": "N m",
-        "coefficient": "N m s/rad",
-        "inertia": "kg m^2",
-        "sign": "1",
-    },
+    parameters={"level": "N m", "coefficient": "N m s/rad", "inertia": "kg m^2", "sign": "1"},
     columns=_columns,
     scope="pair",
     values=lambda theta, shape, robot: np.array([*theta, shape[0]]),

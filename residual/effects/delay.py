@@ -6,13 +6,7 @@ bends it as a delay of that size does.
 
 import numpy as np
 
-from residual.effects.base import (
-    EARLIER,
-    Effect,
-    EffectTrait,
-    ExportedLaw,
-    ShapeRefinement,
-)
+from residual.effects.base import EARLIER, Effect, EffectTrait, ExportedLaw, ShapeRefinement
 
 LARGEST = 0.05  # s: beyond it the two channels have lost each other
 LEAST = 1e-4  # s: below it the difference is a derivative
@@ -39,12 +33,7 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values, (float(values[0]),)),
     shapes=lambda span, j: tuple((a,) for a in FIRST),
     refine=ShapeRefinement("shift", 0.015, lower=LEAST, upper=LARGEST),
-    traits=(
-        EffectTrait.USES_MODEL
-        | EffectTrait.MEMORY
-        | EffectTrait.REPORT
-        | EffectTrait.CHAIN
-    ),
+    traits=(EffectTrait.USES_MODEL | EffectTrait.MEMORY | EffectTrait.REPORT | EffectTrait.CHAIN),
     prior_sd=lambda robot: np.array([0.01]),
     # No report comes before what it reports, and the bend must be of that size.
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 4 * max(shape[0], LEAST)),

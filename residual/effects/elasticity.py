@@ -19,9 +19,7 @@ SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
 def _columns(state, joints, shape):
     (j,) = joints
     lag = -filter_before_differentiation(state, state.rigid[:, j])
-    return compute_shift_torque(state, j, lag, compute_time_derivatives(state, lag))[
-        :, :, None
-    ]
+    return compute_shift_torque(state, j, lag, compute_time_derivatives(state, lag))[:, :, None]
 
 
 EFFECT = Effect(

@@ -22,8 +22,7 @@ def _columns(state, joints, shape):
         (sin, (cos * qd, -sin * qd**2 + cos * qdd)),
     )
     return np.stack(
-        [compute_drive_shift_torque(state, j, x, speeds) for x, speeds in shifts],
-        axis=2,
+        [compute_drive_shift_torque(state, j, x, speeds) for x, speeds in shifts], axis=2
     )
 
 

@@ -14,9 +14,7 @@ EFFECT = Effect(
     sentence="an encoder that is off by a constant angle",
     equation="d tau = dtau/dq_j * angle",
     parameters={"angle": "rad"},
-    columns=lambda state, joints, shape: compute_torque_derivatives(state)[0][
-        :, :, list(joints)
-    ],
+    columns=lambda state, joints, shape: compute_torque_derivatives(state)[0][:, :, list(joints)],
     scope="link",
     traits=EffectTrait.USES_MODEL,
     prior_sd=lambda robot: np.full(1, np.deg2rad(1.0)),

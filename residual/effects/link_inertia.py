@@ -37,10 +37,7 @@ EFFECT = Effect(
     noun="the inertia",
     place="of {links}",
     sentence="a link that is heavier or lighter than in the model",
-    equation=(
-        "tau = scale * (torque that the link's mass, centre and inertia need in "
-        "the model)"
-    ),
+    equation=("tau = scale * (torque that the link's mass, centre and inertia need in the model)"),
     parameters={"scale": "1"},
     columns=_columns,
     scope="link",

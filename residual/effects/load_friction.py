@@ -1,11 +1,6 @@
 """Friction that grows with the load the gear carries (Bittencourt et al. 2010)."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    against_load,
-    build_local_law,
-)
+from residual.effects.base import Effect, EffectTrait, against_load, build_local_law
 
 EFFECT = Effect(
     name="load_friction",

@@ -1,11 +1,6 @@
 """Constant torque: current-sensor bias, or a constant load."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    build_local_law,
-    stays_within_torque,
-)
+from residual.effects.base import Effect, EffectTrait, build_local_law, stays_within_torque
 
 EFFECT = Effect(
     name="offset",

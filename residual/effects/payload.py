@@ -18,18 +18,12 @@ EFFECT = Effect(
     noun="a payload",
     place="at the flange",
     sentence="a load on the flange that the model does not have",
-    equation=(
-        "tau = Y_flange(q, qd, qdd) * (mass, mass * com, inertia about the flange)"
-    ),
+    equation=("tau = Y_flange(q, qd, qdd) * (mass, mass * com, inertia about the flange)"),
     parameters=_body.PARAMETERS,
     columns=_body.columns,
     scope="flange",
-    values=lambda theta, shape, robot: _body.values_in(
-        find_flange_placement(robot.model), theta
-    ),
-    from_values=lambda values, robot: _body.theta_from(
-        find_flange_placement(robot.model), values
-    ),
+    values=lambda theta, shape, robot: _body.values_in(find_flange_placement(robot.model), theta),
+    from_values=lambda values, robot: _body.theta_from(find_flange_placement(robot.model), values),
     traits=EffectTrait.PARAMETER | EffectTrait.BODY,
     carries="body",
     prior_sd=_body.prior_sd,
@@ -41,9 +35,7 @@ EFFECT = Effect(
     variable=None,
     # No heavier than the arm, no lighter than the load the model has, within reach.
     possible=lambda theta, shape, limits: _body.possible(
-        theta,
-        limits,
-        -limits.nominal_coefficients[0] if len(limits.nominal_coefficients) else 0.0,
+        theta, limits, -limits.nominal_coefficients[0] if len(limits.nominal_coefficients) else 0.0
     ),
     portable=ExportedLaw(bodies=_body.bodies),
     frame="in the axes of {flange}, from its origin; inertia about the centre",

@@ -1,11 +1,6 @@
 """Friction that grows with the square of speed (churning oil)."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    build_local_law,
-    dissipates_with_speed,
-)
+from residual.effects.base import Effect, EffectTrait, build_local_law, dissipates_with_speed
 
 EFFECT = Effect(
     name="quadratic_viscous",

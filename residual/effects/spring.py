@@ -2,12 +2,7 @@
 
 import numpy as np
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    against_position,
-    build_local_law,
-)
+from residual.effects.base import Effect, EffectTrait, against_position, build_local_law
 
 MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
 

@@ -25,9 +25,7 @@ EFFECT = Effect(
         3, 0.03 * 9.81 * sum(body.mass for body in robot.model.inertias)
     ),
     variable=None,
-    possible=lambda theta, shape, limits: bool(
-        np.linalg.norm(theta) < 9.81 * limits.weight
-    ),
+    possible=lambda theta, shape, limits: bool(np.linalg.norm(theta) < 9.81 * limits.weight),
     portable=ExportedLaw(force=np.array),
     frame="in the axes of the base",
 )

@@ -1,11 +1,6 @@
 """Viscous friction: torque proportional to speed."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    build_local_law,
-    dissipates_with_speed,
-)
+from residual.effects.base import Effect, EffectTrait, build_local_law, dissipates_with_speed
 
 EFFECT = Effect(
     name="viscous",

@@ -1,11 +1,6 @@
 """Viscous friction that differs between the two directions of motion."""
 
-from residual.effects.base import (
-    Effect,
-    EffectTrait,
-    build_local_law,
-    stays_within_torque,
-)
+from residual.effects.base import Effect, EffectTrait, build_local_law, stays_within_torque
 
 EFFECT = Effect(
     name="viscous_asymmetry",
@@ -14,9 +9,7 @@ EFFECT = Effect(
     equation="tau = coefficient * |qd|",
     parameters={"coefficient": "N m s/rad"},
     **build_local_law("fabs(qd)"),
-    possible=lambda theta, shape, limits: stays_within_torque(
-        theta * limits.speed, shape, limits
-    ),
+    possible=lambda theta, shape, limits: stays_within_torque(theta * limits.speed, shape, limits),
     traits=EffectTrait.FRICTION,
     in_any_arm=lambda span, j: ((),),
 )

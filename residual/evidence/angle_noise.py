@@ -31,9 +31,7 @@ class AngleNoise:
         self._surplus: dict[int, Array] = {}  # by log, (dof,)
         self._pulls: list[Array] = [np.zeros(0)] * dof
 
-    def take_torque(
-        self, i: int, moved: Sequence[Array], driven: Sequence[Array]
-    ) -> None:
+    def take_torque(self, i: int, moved: Sequence[Array], driven: Sequence[Array]) -> None:
         """What the noise moves in the torque of each joint of a log. Shapes (rows,).
 
         Args:

@@ -204,11 +204,7 @@ class FoldGrams:
     """
 
     def __init__(
-        self,
-        columns: ColumnCache,
-        shelves: Mapping[object, Array],
-        folds: int,
-        lead: int,
+        self, columns: ColumnCache, shelves: Mapping[object, Array], folds: int, lead: int
     ) -> None:
         """Make empty ones.
 
@@ -340,9 +336,7 @@ def regularize_precision(precision: Array) -> tuple[Array, float]:
     return precision, float(log_det)
 
 
-def merge_groups(
-    parts: Sequence[CandidateColumns], label: str = ""
-) -> CandidateColumns:
+def merge_groups(parts: Sequence[CandidateColumns], label: str = "") -> CandidateColumns:
     """One candidate of several groups, such as an effect on all joints."""
     parts = [replace(g, fellows=len(parts)) for g in parts]
     sizes = [len(g.ids) for g in parts]
@@ -391,9 +385,7 @@ def select_moving_rows(tracks: Sequence[Track]) -> list[Array]:
     return out
 
 
-def sum_squares_per_fold(
-    values: Sequence[Array], labels: Sequence[Array], folds: int
-) -> Array:
+def sum_squares_per_fold(values: Sequence[Array], labels: Sequence[Array], folds: int) -> Array:
     """Sum of squares per fold and joint, of rows and folds. Shape (folds, dof)."""
     pairs = zip(labels, values, strict=True)
     sums = [np.bincount(own, x**2, minlength=folds) for own, x in pairs]

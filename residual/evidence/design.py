@@ -156,9 +156,7 @@ class Design:
         self._blocks = [self._fold_grams(j) for j in range(self.dof)]
 
     def _fold_grams(self, j: int) -> FoldGrams:
-        shelves = {
-            (j, c): self._rows_labels(j, chunk) for c, chunk in enumerate(self._chunks)
-        }
+        shelves = {(j, c): self._rows_labels(j, chunk) for c, chunk in enumerate(self._chunks)}
         lead = int((self._sums.place[j][self.nominal] >= 0).sum())
         return FoldGrams(self._columns, shelves, self.folds, lead)
 
@@ -188,10 +186,7 @@ class Design:
         self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
     def _append(
-        self,
-        columns_of: Made,
-        bodies: bool,
-        widths: Callable[[int], Sequence[int]] = lambda j: (),
+        self, columns_of: Made, bodies: bool, widths: Callable[[int], Sequence[int]] = lambda j: ()
     ) -> list[Array]:
         """Append columns of all logs, and return their numbers part by part.
 

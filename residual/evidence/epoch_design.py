@@ -15,12 +15,7 @@ import numpy as np
 
 from residual.effects.base import Joints, MotionSpan
 from residual.evidence.angle_noise import AngleNoise
-from residual.evidence.columns import (
-    CandidateColumns,
-    ColumnCache,
-    GramSums,
-    sum_squares_per_fold,
-)
+from residual.evidence.columns import CandidateColumns, ColumnCache, GramSums, sum_squares_per_fold
 from residual.evidence.design import Design
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
@@ -118,9 +113,7 @@ class EpochDesign(Design):
         out.unrest = np.ones(out.dof)
         out.target = [out._whitened(j, y) for j, y in enumerate(target)]
         out._targets = [[y] for y in out.target]
-        out._squares = sum_squares_per_fold(
-            out.target, [own.block for own in epochs], out.folds
-        )
+        out._squares = sum_squares_per_fold(out.target, [own.block for own in epochs], out.folds)
         out.rows = np.ones(out.dof)
         for j, own in whiten.items():
             out.rows[j] = max(len(epochs[j].block) - own.degrees, 1.0)

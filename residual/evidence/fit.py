@@ -131,18 +131,7 @@ def fit_jointly(
         + 0.5 * system.log_det
     )
     bent = 0.5 * theta[:p] @ prior.precision @ theta[:p]
-    return Fit(
-        tuple(members),
-        system.ids,
-        theta,
-        lower,
-        sigma,
-        sse,
-        counted,
-        share,
-        score,
-        bent,
-    )
+    return Fit(tuple(members), system.ids, theta, lower, sigma, sse, counted, share, score, bent)
 
 
 def _share_rows(design: Design, counted: Array) -> Array:
@@ -176,10 +165,7 @@ class FitEquations:
 
     @classmethod
     def of(
-        cls,
-        design: Design,
-        prior: NominalPrior,
-        members: Sequence[CandidateColumns],
+        cls, design: Design, prior: NominalPrior, members: Sequence[CandidateColumns]
     ) -> "FitEquations":
         """Gather from the design."""
         ids = np.concatenate([design.nominal, *(g.ids for g in members)])
@@ -482,10 +468,7 @@ class SeparateTerm:
 
 
 def fit_possible_bodies(
-    design: Design,
-    fitted: Fit,
-    model: Model,
-    separate_terms: Sequence[SeparateTerm] = (),
+    design: Design, fitted: Fit, model: Model, separate_terms: Sequence[SeparateTerm] = ()
 ) -> PossibleModel:
     """Move a fitted model to the nearest one whose bodies can exist.
 
@@ -514,14 +497,10 @@ def fit_possible_bodies(
     large = (price >= THRESHOLDS.min_fall).any()
     # Of so many bodies one is always the worst, as of links.
     sure = chance < THRESHOLDS.link_zero_chance
-    return PossibleModel(
-        model.with_coefficients(nearest), correction, bool(large and sure)
-    )
+    return PossibleModel(model.with_coefficients(nearest), correction, bool(large and sure))
 
 
-def _mean_squares(
-    design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array
-) -> Array:
+def _mean_squares(design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array) -> Array:
     """Mean square residual of each joint after a move [N^2 m^2]. (dof,)."""
     ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
     own, *others = np.split(gap, len(fitted.ids) + ends)

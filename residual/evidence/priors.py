@@ -10,13 +10,7 @@ from scipy.linalg import solve_triangular
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 from residual.evidence.design import CandidateColumns, Design
-from residual.evidence.fit import (
-    Fit,
-    FitEquations,
-    NominalPrior,
-    build_fitted_model,
-    fit_nominal,
-)
+from residual.evidence.fit import Fit, FitEquations, NominalPrior, build_fitted_model, fit_nominal
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.model import Model, pair_coefficient_slices
 from residual.model.nominal import (
@@ -124,19 +118,14 @@ class PriorSpace:
         return list_forbidden_effects(prior, self.nominal)
 
 
-def list_first_priors(
-    design: Design, nominal: NominalModel
-) -> tuple[NominalPrior, ...]:
+def list_first_priors(design: Design, nominal: NominalModel) -> tuple[NominalPrior, ...]:
     """The priors to compare first: each even width at each scale, the widest last."""
     space = PriorSpace(design, nominal, SCALES)
     return tuple(space.at(s, widths) for widths in space.even for s in space.scales)
 
 
 def build_relative_prior(
-    design: Design,
-    nominal: NominalModel,
-    scale: float,
-    widths: Mapping[str, float] | None = None,
+    design: Design, nominal: NominalModel, scale: float, widths: Mapping[str, float] | None = None
 ) -> NominalPrior:
     """Inertial parameters within a relative scale, declared effects as given.
 
@@ -170,9 +159,7 @@ def build_relative_prior(
             sd = width * np.abs(term.theta) + 1e-3 / np.sqrt(np.diag(flat))
             precision[own, own] = np.diag(1 / sd**2)
         known = select_effect_values(robot, term.effect, term.joints)
-        precision[own, own] += compute_known_value_information(
-            known, precision[own, own], True
-        )[0]
+        precision[own, own] += compute_known_value_information(known, precision[own, own], True)[0]
     return _prior(precision, scale, dict(widths))
 
 
@@ -226,9 +213,7 @@ def hold_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
 NEARLY_ALL = 0.999  # of the squares of a joint: more is rounding
 
 
-def build_first_design(
-    logs: FitLogs, nominal: NominalModel, named: Model | None = None
-) -> Design:
+def build_first_design(logs: FitLogs, nominal: NominalModel, named: Model | None = None) -> Design:
     """Nominal columns, and features seen with a model that fits these logs roughly.
 
     Args:
@@ -246,10 +231,7 @@ def build_first_design(
 
 
 def screen_candidates(
-    design: Design,
-    fitted: Fit,
-    groups: Sequence[CandidateColumns],
-    system: FitEquations,
+    design: Design, fitted: Fit, groups: Sequence[CandidateColumns], system: FitEquations
 ) -> Array:
     """Evidence gain of every group on top of a fit, by one projection [nats]. (g,).
 
@@ -284,9 +266,7 @@ def weight_target_products(design: Design, weight: Array) -> Array:
     return out
 
 
-def weight_column_products(
-    design: Design, system: FitEquations, weight: Array
-) -> Array:
+def weight_column_products(design: Design, system: FitEquations, weight: Array) -> Array:
     """Weighted products of a fit's columns with all columns. Shape (m, size)."""
     out = np.zeros((len(system.ids), design.size))
     for j in range(design.dof):
@@ -331,24 +311,18 @@ class GroupStack:
         return known - own.transpose(0, 2, 1) @ own
 
 
-def stack_groups(
-    design: Design, groups: Sequence[CandidateColumns]
-) -> list[GroupStack]:
+def stack_groups(design: Design, groups: Sequence[CandidateColumns]) -> list[GroupStack]:
     """Return groups, put together where they are alike; kept by the design."""
     key = tuple(groups)
     if key not in design.stacks:
         alike: dict[int, list[int]] = {}
         for i, g in enumerate(groups):
             alike.setdefault(len(g.ids), []).append(i)
-        design.stacks[key] = [
-            _stack(design, groups, np.array(m)) for m in alike.values()
-        ]
+        design.stacks[key] = [_stack(design, groups, np.array(m)) for m in alike.values()]
     return design.stacks[key]
 
 
-def _stack(
-    design: Design, groups: Sequence[CandidateColumns], members: Array
-) -> GroupStack:
+def _stack(design: Design, groups: Sequence[CandidateColumns], members: Array) -> GroupStack:
     own = [groups[i] for i in members]
     ids = np.stack([g.ids for g in own])
     grams = np.zeros((design.dof, *ids.shape, ids.shape[1]))

@@ -58,9 +58,7 @@ class EvidenceThresholds:
     min_fall: float = 0.005  # least fall of a joint's error, as a share of torque rms
 
     # What two epochs share, and what logs of an arm differ by without a change.
-    min_epoch_rows: float = (
-        60  # rows of each epoch without which a joint is not compared
-    )
+    min_epoch_rows: float = 60  # rows of each epoch without which a joint is not compared
     # of torque rms: what a column of one joint may differ by from the fit of all joints
     shared_share: float = 0.03
     friction_spread: float = 0.01  # of its friction: what a joint differs by at least
@@ -71,9 +69,7 @@ class EvidenceThresholds:
     gain_share: float = 0.05  # of a large change: what a drive may misreport of it
     load_precision: float = 0.1  # of that of a usual load: one that is hung on
     link_nats: float = 3.0  # price of a link that changed where a load would do
-    usual_joints: float = (
-        2.0  # joints, or logs, that what is usual of friction counts as
-    )
+    usual_joints: float = 2.0  # joints, or logs, that what is usual of friction counts as
     few_logs: int = 3  # logs from which their differences are known
     few_logs_factor: float = 1.2  # least unrest where they are fewer
     kept_ratios: float = 0.9  # of the differences of logs: no single one decides

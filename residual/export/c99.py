@@ -16,13 +16,7 @@ from residual.export.model_export import (
     remove_tables,
     split_exportable_terms,
 )
-from residual.model.lookup import (
-    DIFFERENCE,
-    NONE,
-    NOTHING,
-    CorrectedModel,
-    JointCorrection,
-)
+from residual.model.lookup import DIFFERENCE, NONE, NOTHING, CorrectedModel, JointCorrection
 from residual.model.model import LEAST_SPEED, Model, Term
 from residual.recording import Array
 from residual.robot.dynamics import build_kinematic_chain
@@ -53,9 +47,7 @@ def to_c99(source: AnyModel) -> ModelExport:
     refuse_carried_weight(remove_tables(source).robot, "a C header")
     made = split_exportable_terms(source, explain_missing_formula)
     text, _ = write_c_header(made.carried, made.omissions)
-    return replace(
-        made, files={f"{make_c_identifier(make_file_stem(source))}.h": text.encode()}
-    )
+    return replace(made, files={f"{make_c_identifier(make_file_stem(source))}.h": text.encode()})
 
 
 def explain_missing_formula(term: Term) -> str:
@@ -102,20 +94,14 @@ def write_c_header(
         size = "".join(f"[{n}]" for n in flat.shape)
         pieces.append(f"static const double @P@_{name}{size} = {_list(flat)};")
     helpers = read_template("helpers.h")
-    pieces += [
-        "",
-        helpers,
-        fill_template(read_template("body.h"), body | {"CROSS": "@P@_cross"}),
-    ]
+    pieces += ["", helpers, fill_template(read_template("body.h"), body | {"CROSS": "@P@_cross"})]
     if shifts:
         # The same for complex numbers: their imaginary part carries a derivative.
         real, start = "double complex", "static inline void @P@_"
         cross = helpers.split(f"{start}cross")[1].replace("double", real)
         body = {"REAL": real, "BODY": "change", "COS": "ccos", "SIN": "csin"}
         pieces.append(f"{start}ccross{cross}")
-        pieces.append(
-            fill_template(read_template("body.h"), body | {"CROSS": "@P@_ccross"})
-        )
+        pieces.append(fill_template(read_template("body.h"), body | {"CROSS": "@P@_ccross"}))
     text = "\n".join([*pieces, *torque, "\n#endif"])
     return fill_template(text, words) + "\n", memory
 
@@ -198,9 +184,7 @@ def _torque(
         lines.append(_part(dof, f"{p}_loaded, {p}_tilt, 0, angle, at_rest, at_rest"))
     if "force" in arrays:
         lines.append(f"    static const double no_body[{dof}][10] = {{{{0.0}}}};")
-        lines.append(
-            f"    static const double no_gravity[3], unmoved[{dof}] = {{0.0}};"
-        )
+        lines.append(f"    static const double no_gravity[3], unmoved[{dof}] = {{0.0}};")
         push = f"no_body, no_gravity, {p}_force, angle, unmoved, unmoved"
         lines.append(_part(dof, push))
     if shifts:
@@ -212,9 +196,7 @@ def _torque(
         for k, row in enumerate(rows):
             formula = form.formula[k if len(form.formula) > 1 else 0]
             block = _block(term, row, formula, memory)
-            (report if EffectTrait.REPORT in term.effect.traits else lines).append(
-                block
-            )
+            (report if EffectTrait.REPORT in term.effect.traits else lines).append(block)
             memory += form.memory
     lines += [_each(dof, "out[i] = total[i];"), *report, *_tables(tables), "}"]
     return lines, memory
@@ -286,9 +268,7 @@ def _tables(every: Sequence[JointCorrection]) -> Iterator[str]:
     for number, tables in enumerate(every):
         lookup = tables.lookup
         reads = [
-            (" - " if form == DIFFERENCE else " + ").join(
-                f"{_ARRAYS[on]}[{j}]" for j in of
-            )
+            (" - " if form == DIFFERENCE else " + ").join(f"{_ARRAYS[on]}[{j}]" for j in of)
             for on, of, form in tables.columns
         ]
         reads = [*reads, f"out[{tables.joint}]"][: len(lookup.names)]

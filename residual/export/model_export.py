@@ -115,9 +115,7 @@ def split_exportable_terms(
     terms = remove_tables(source).terms
     reasons = {term: why for term in terms if (why := explain_refusal(term))}
     kept = replace_terms(source, (t for t in terms if t not in reasons))
-    corrected = (
-        source if tables_refusal and isinstance(source, CorrectedModel) else None
-    )
+    corrected = source if tables_refusal and isinstance(source, CorrectedModel) else None
     if corrected:
         kept = remove_tables(kept)
     elif not reasons:
@@ -175,9 +173,7 @@ def add_effect_bodies(model: Model) -> Array:
 
 def measure_torque_difference(difference: Array) -> tuple[float, float]:
     """Return a torque's rms on its strongest joint, and its largest value [N m]."""
-    return float(np.sqrt((difference**2).mean(axis=0)).max()), float(
-        np.abs(difference).max()
-    )
+    return float(np.sqrt((difference**2).mean(axis=0)).max()), float(np.abs(difference).max())
 
 
 def to_json(source: AnyModel) -> ModelExport:

@@ -42,9 +42,7 @@ def to_table(source: AnyModel) -> ModelExport:
     """Return support points of each joint as CSV files; tables go along as they are."""
     made = split_exportable_terms(
         source,
-        lambda t: (
-            "" if _file(t) else "it is not a function of one joint's speed or position"
-        ),
+        lambda t: "" if _file(t) else "it is not a function of one joint's speed or position",
     )
     files = {file: _csv(remove_tables(made.carried), file) for file in _OF}
     files = {file: text for file, text in files.items() if text}
@@ -54,9 +52,7 @@ def to_table(source: AnyModel) -> ModelExport:
             files[f"tables_{own.joint + 1}.csv"] = text
     body = replace(remove_tables(source), terms=())
     motion = build_reference_motion(body.robot)
-    full, kept, rigid = (
-        m.along(motion.t, motion.parts) for m in (source, made.carried, body)
-    )
+    full, kept, rigid = (m.along(motion.t, motion.parts) for m in (source, made.carried, body))
     why = "the controller computes it"
     omissions = (
         OmittedTerm("rigid body", (), why, *measure_torque_difference(rigid)),

@@ -42,23 +42,13 @@ from residual.robot.urdf import format_numbers
 
 NOT_NEGATIVE = ("damping", "quadratic_damping", "friction", "armature", "stiffness")
 URDF_CAN = ("damping", "friction")
-MJCF_CAN = (
-    "damping",
-    "quadratic_damping",
-    "friction",
-    "armature",
-    "stiffness",
-    "constant",
-)
+MJCF_CAN = ("damping", "quadratic_damping", "friction", "armature", "stiffness", "constant")
 STEP = 0.001  # s
 THICK = 0.03  # m, of the lines that stand for links
 
 
 def split_joint_properties(
-    source: AnyModel,
-    target: str,
-    supported_properties: Collection[str],
-    gravity: bool = False,
+    source: AnyModel, target: str, supported_properties: Collection[str], gravity: bool = False
 ) -> ModelExport:
     """Separate what the joints and bodies of a target can represent from the rest."""
     model = remove_tables(source)
@@ -105,9 +95,7 @@ def to_urdf(source: AnyModel) -> ModelExport:
     """
     made = split_joint_properties(source, "URDF", URDF_CAN)
     model = remove_tables(made.carried)
-    root = ET.fromstring(
-        write_urdf_with_inertias(model.robot, add_effect_bodies(model))
-    )
+    root = ET.fromstring(write_urdf_with_inertias(model.robot, add_effect_bodies(model)))
     joints = {j.get("name"): j for j in root.findall("joint")}
     values = sum_joint_properties(model)
     for number, name in enumerate(model.robot.joints):
@@ -122,15 +110,10 @@ def to_urdf(source: AnyModel) -> ModelExport:
 
 
 # Twice the time step is the fastest that MuJoCo lets a constraint be.
-FRICTION = {
-    "solreffriction": f"{2 * STEP} 1",
-    "solimpfriction": "0.9999 0.9999 0.001 0.5 2",
-}
+FRICTION = {"solreffriction": f"{2 * STEP} 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 
 
-def to_mjcf(
-    source: AnyModel, supported_properties: Collection[str] = MJCF_CAN
-) -> ModelExport:
+def to_mjcf(source: AnyModel, supported_properties: Collection[str] = MJCF_CAN) -> ModelExport:
     """Return a model as an MJCF, with a motor on each joint and no shape but lines.
 
     Args:
@@ -166,18 +149,12 @@ def to_mjcf(
 
 
 def _bodies(parent: ET.Element, model: Model) -> None:
-    chain, values = (
-        build_kinematic_chain(model.robot.model),
-        sum_joint_properties(model),
-    )
+    chain, values = (build_kinematic_chain(model.robot.model), sum_joint_properties(model))
     bodies = add_effect_bodies(model).reshape(-1, 10)
     for i, name in enumerate(model.robot.joints):
         if i:
             _line(parent, chain.place[i])
-        place = {
-            "pos": format_numbers(chain.place[i]),
-            "quat": _quaternion(chain.rotation[i]),
-        }
+        place = {"pos": format_numbers(chain.place[i]), "quat": _quaternion(chain.rotation[i])}
         parent = ET.SubElement(parent, "body", {"name": f"link_{i + 1}", **place})
         ET.SubElement(parent, "inertial", _inertial(bodies[i], i + 1))
         kind = "slide" if chain.slides[i] else "hinge"
@@ -185,9 +162,7 @@ def _bodies(parent: ET.Element, model: Model) -> None:
         joint |= {
             "armature": repr(float(values["armature"][i])),
             "frictionloss": repr(float(values["friction"][i])),
-            "damping": format_numbers(
-                [values["damping"][i], values["quadratic_damping"][i]]
-            ),
+            "damping": format_numbers([values["damping"][i], values["quadratic_damping"][i]]),
         }
         if stiffness := float(values["stiffness"][i]):
             rest = -float(values["constant"][i]) / stiffness
@@ -196,10 +171,7 @@ def _bodies(parent: ET.Element, model: Model) -> None:
         if np.isfinite(lower):
             joint |= {"limited": "true", "range": format_numbers([lower, upper])}
         ET.SubElement(parent, "joint", joint)
-    place = {
-        "pos": format_numbers(chain.flange),
-        "quat": _quaternion(chain.flange_rotation),
-    }
+    place = {"pos": format_numbers(chain.flange), "quat": _quaternion(chain.flange_rotation)}
     _line(parent, chain.flange)
     ET.SubElement(parent, "site", {"name": "flange", **place})
 
@@ -217,11 +189,7 @@ def _inertial(body: Array, number: int) -> dict[str, str]:
         )
     places = ((0, 0), (1, 1), (2, 2), (0, 1), (0, 2), (1, 2))
     full = format_numbers([tensor[at] for at in places])
-    return {
-        "pos": format_numbers(centre),
-        "mass": repr(float(mass)),
-        "fullinertia": full,
-    }
+    return {"pos": format_numbers(centre), "mass": repr(float(mass)), "fullinertia": full}
 
 
 def _line(parent: ET.Element, end: Array) -> None:
@@ -258,11 +226,7 @@ def to_mujoco(source: AnyModel) -> ModelExport:
     """
     made = split_exportable_terms(
         source,
-        lambda t: (
-            REPORT
-            if EffectTrait.REPORT in t.effect.traits
-            else explain_missing_formula(t)
-        ),
+        lambda t: REPORT if EffectTrait.REPORT in t.effect.traits else explain_missing_formula(t),
     )
     mjcf, stem = to_mjcf(made.carried, NATIVE), make_file_stem(source)
     robot = replace(remove_tables(source).robot, name=f"{stem}_native")
@@ -302,9 +266,7 @@ def find_stable_time_step(model: Model, native_part: Model) -> float:
     slope, still = np.zeros_like(q), np.zeros_like(q)
     t = np.arange(float(len(q)))
     for part, sign in ((model, 1.0), (native_part, -1.0)):
-        terms = tuple(
-            t for t in part.terms if EffectTrait.REPORT not in t.effect.traits
-        )
+        terms = tuple(t for t in part.terms if EffectTrait.REPORT not in t.effect.traits)
         part = replace(part.replace_bristles_by_sign(), terms=terms)
         for j in range(q.shape[1]):
             qd = still.copy()

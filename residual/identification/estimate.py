@@ -84,9 +84,7 @@ class Estimate:
     theta: Array  # base parameters [SI], (b,)
     covariance: Array  # of theta; 0 where held or dropped, (b, b)
     noise: Array  # standard deviation of each joint's residual [N m], (dof,)
-    independent_rows: (
-        Array  # rows of each joint over their autocorrelation time, (dof,)
-    )
+    independent_rows: Array  # rows of each joint over their autocorrelation time, (dof,)
     weight: Array  # w_j, (dof,)
     condition: float  # condition number of the weighted, column-normalised rows
     outliers: Array  # share of each joint's rows that weigh less than half, (dof,)
@@ -104,9 +102,7 @@ class Estimate:
         return self.sd / np.maximum(np.abs(self.theta), 1e-300)
 
 
-def compress_joint_rows(
-    rows: JointRows, weights: tuple[Array, ...] | None = None
-) -> Blocks:
+def compress_joint_rows(rows: JointRows, weights: tuple[Array, ...] | None = None) -> Blocks:
     """Return R_j of every joint, (at most b + 1, b + 1), of rows or weighted rows."""
     out = []
     for j, (x, y) in enumerate(zip(rows.x, rows.y, strict=True)):
@@ -152,9 +148,7 @@ def compute_weighted_gram(blocks: Blocks, joint_weights: Array) -> Array:
     return sum(w * r[:, :-1].T @ r[:, :-1] for w, r in pairs)
 
 
-def compute_condition_number(
-    blocks: Blocks, joint_weights: Array, free_indices: Array
-) -> float:
+def compute_condition_number(blocks: Blocks, joint_weights: Array, free_indices: Array) -> float:
     """Return the condition number of the weighted, column-normalised rows."""
     rows = stack_weighted_blocks(blocks, joint_weights)[:, free_indices]
     size = np.linalg.norm(rows, axis=0)
@@ -168,9 +162,7 @@ def compute_joint_residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
 
 
-def compute_autocorrelation_times(
-    rows: JointRows, residual: tuple[Array, ...]
-) -> Array:
+def compute_autocorrelation_times(rows: JointRows, residual: tuple[Array, ...]) -> Array:
     """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
     out = np.ones(len(residual))
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
@@ -193,9 +185,7 @@ def estimate_parameters(
     theta = solve_least_squares(blocks, np.ones(len(rows.y)), free)
     for _ in range(_ROUNDS):
         before = theta
-        weight, noise, memory = compute_joint_weights(
-            rows, theta, options.method, len(start.free)
-        )
+        weight, noise, memory = compute_joint_weights(rows, theta, options.method, len(start.free))
         theta = solve_least_squares(blocks, weight, free)
         if np.all(np.abs(theta - before) <= 1e-9 * start.size):
             break
@@ -208,9 +198,7 @@ def estimate_parameters(
         theta, noise, weights = fit_reweighted(rows, start, theta, memory)
         # Mean psi' and mean psi^2 of each joint's standardised residuals turn the
         # covariance of least squares into that of the robust fit.
-        for j, (r, s) in enumerate(
-            zip(compute_joint_residuals(rows, theta), noise, strict=True)
-        ):
+        for j, (r, s) in enumerate(zip(compute_joint_residuals(rows, theta), noise, strict=True)):
             if len(r) == 0:
                 continue
             u = r / s
@@ -281,9 +269,7 @@ def fit_reweighted(
         weights = tuple(_weight(r / s) for r, s in zip(residual, noise, strict=True))
         before = theta
         theta = solve_least_squares(
-            compress_joint_rows(rows, weights),
-            1 / (noise**2 * autocorrelation_times),
-            start,
+            compress_joint_rows(rows, weights), 1 / (noise**2 * autocorrelation_times), start
         )
         if np.all(np.abs(theta - before) <= 1e-7 * start.size):
             break

@@ -32,11 +32,7 @@ from residual.identification.observability import (
     compute_nominal_covariance,
     find_unobserved_parameters,
 )
-from residual.model.bodies import (
-    build_body_sums,
-    compute_link_eigenvalues,
-    find_nearest_possible,
-)
+from residual.model.bodies import build_body_sums, compute_link_eigenvalues, find_nearest_possible
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.dynamics import (
     POSES,
@@ -219,9 +215,7 @@ def find_consistent_parameters(
     q, upper = np.linalg.qr(np.concatenate([left, root]))
     target = q.T @ np.concatenate([right, np.zeros(len(root))])
     best = unconstrained.nominal.coefficients() + unit * np.linalg.solve(upper, target)
-    bodies = build_body_sums(
-        unconstrained.nominal.with_coefficients(best), friction=True
-    )
+    bodies = build_body_sums(unconstrained.nominal.with_coefficients(best), friction=True)
     model = unconstrained.nominal.with_coefficients(
         find_nearest_possible(bodies, best, upper / unit)
     )
@@ -255,9 +249,7 @@ def compute_torque_errors(
     if not models or not recordings:
         raise InputError("Validation needs at least one model and one held-out log.")
     some = next(iter(models.values()))
-    errors, _ = compute_model_errors(
-        models, prepare_held_out(recordings, some), some.filters
-    )
+    errors, _ = compute_model_errors(models, prepare_held_out(recordings, some), some.filters)
     return errors
 
 
@@ -343,9 +335,5 @@ def identify_and_validate(
         fit=tuple(r.id for r in fit),
         held_out=tuple(r.id for r in held_out),
         same_run=same_run,
-        warnings=(
-            *((SAME_RUN,) if same_run else ()),
-            *free.preflight.lines(free.base),
-            *doubts,
-        ),
+        warnings=(*((SAME_RUN,) if same_run else ()), *free.preflight.lines(free.base), *doubts),
     )

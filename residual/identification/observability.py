@@ -67,13 +67,8 @@ def compute_model_base_parameters(model: Model) -> BaseParameters:
     rows = columns.reshape(-1, columns.shape[2])
     rigid = compute_base_parameters(model.robot.model).columns
     effects = range(len(model.inertial), rows.shape[1])
-    names = (
-        *list_inertial_parameters(model.robot.dof),
-        *name_effect_coefficients(model),
-    )
-    return reduce_to_base_parameters(
-        rows, extend_independent_columns(rows, rigid, effects), names
-    )
+    names = (*list_inertial_parameters(model.robot.dof), *name_effect_coefficients(model))
+    return reduce_to_base_parameters(rows, extend_independent_columns(rows, rigid, effects), names)
 
 
 def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
@@ -94,9 +89,7 @@ def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
             keys = list(term.effect.units(term.joints, model.robot).items())[:count]
         for key, unit in keys:
             name = words if words.endswith(key) else f"{words} {key}"
-            out.append(
-                StandardParameter(f"{name}{place}", unit, joints[0] if joints else 1)
-            )
+            out.append(StandardParameter(f"{name}{place}", unit, joints[0] if joints else 1))
     return tuple(out)
 
 
@@ -111,9 +104,7 @@ def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State
     return State(*own, enabled=on)
 
 
-def build_joint_rows(
-    model: Model, tracks: tuple[Track, ...], base: BaseParameters
-) -> JointRows:
+def build_joint_rows(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> JointRows:
     """Filter torque and base columns alike, and keep the rows that count.
 
     Rows of joint j are samples at which joint j moves (``signals``).
@@ -130,15 +121,11 @@ def build_joint_rows(
             x[:, some] = track.filter(active[:, some])[use]
             series = np.column_stack([np.full(len(use), number), use])
             joint_rows[j].append((x, track.tau[use, j], series))
-    parts = (
-        [np.concatenate(p) for p in zip(*active, strict=True)] for active in joint_rows
-    )
+    parts = ([np.concatenate(p) for p in zip(*active, strict=True)] for active in joint_rows)
     return JointRows(*map(tuple, zip(*parts, strict=True)))
 
 
-def compute_nominal_covariance(
-    model: Model, torque_rms: Array, columns: Array
-) -> Array:
+def compute_nominal_covariance(model: Model, torque_rms: Array, columns: Array) -> Array:
     """Return how much each nominal coefficient is doubted, at a relative scale of 1.
 
     A covariance (s, s): inertia as in ``prior``; the coefficient of an effect by its
@@ -194,9 +181,7 @@ class Observability:
         out = []
         if self.standing:
             joints = ", ".join(map(str, self.standing))
-            out.append(
-                f"joint {joints} never moves: nothing acts on it that can be told"
-            )
+            out.append(f"joint {joints} never moves: nothing acts on it that can be told")
         for parameter in self.fixed:
             lead = base.leading[parameter.index]
             out.append(
@@ -229,21 +214,13 @@ def find_unobserved_parameters(
             break
         fixed.append((free.pop(worst), float(doubts[worst])))
     remedies = _remedies(
-        model,
-        base,
-        scaled,
-        parameter_scale,
-        joint_weights_and_counts,
-        free,
-        [i for i, _ in fixed],
+        model, base, scaled, parameter_scale, joint_weights_and_counts, free, [i for i, _ in fixed]
     )
     unseen = (
         UnobservedParameter(i, doubt * parameter_scale[i], remedies[i])
         for i, doubt in sorted(fixed)
     )
-    standing = tuple(
-        int(j) + 1 for j in np.flatnonzero(joint_weights_and_counts[1] == 0)
-    )
+    standing = tuple(int(j) + 1 for j in np.flatnonzero(joint_weights_and_counts[1] == 0))
     return Observability(np.array(free, dtype=int), tuple(unseen), standing)
 
 

@@ -16,12 +16,7 @@ from residual.signals.splitting import (
     group_pieces_by_log,
     split_long_logs,
 )
-from residual.signals.track import (
-    FilterSettings,
-    Track,
-    build_tracks,
-    interpolate_torque,
-)
+from residual.signals.track import FilterSettings, Track, build_tracks, interpolate_torque
 
 # Whether a model predicts worse than another beyond chance: one rule for all of them.
 #
@@ -160,9 +155,7 @@ class ErrorSums:
         """The same without what some joints (from 0) have."""
         keep = np.ones(len(self.miss["raw"]))
         keep[list(joints)] = 0.0
-        miss, power = (
-            {k: v * keep for k, v in part.items()} for part in (self.miss, self.power)
-        )
+        miss, power = ({k: v * keep for k, v in part.items()} for part in (self.miss, self.power))
         return replace(self, miss=miss, power=power)
 
     def overall(self, kind: str) -> float:
@@ -178,9 +171,7 @@ class ErrorSums:
 
 
 def compute_model_errors(
-    models: Mapping[str, AnyModel],
-    held_out: Sequence[HeldOutLog],
-    filters: FilterSettings,
+    models: Mapping[str, AnyModel], held_out: Sequence[HeldOutLog], filters: FilterSettings
 ) -> tuple[dict[str, ErrorSums], tuple[LogPrediction, ...]]:
     """Errors of every model on the held-out logs, and the curves behind them.
 
@@ -253,8 +244,7 @@ def find_worse_joints(
 ) -> tuple[int, ...]:
     """Joints (from 1) on which "augmented" is worse than "identified" beyond chance."""
     after, before = (
-        compute_moving_error(models[name], held_out)
-        for name in ("augmented", "identified")
+        compute_moving_error(models[name], held_out) for name in ("augmented", "identified")
     )
     larger = compute_joint_error_rises(after, before, compute_moving_power(held_out))
     return tuple(int(j) + 1 for j in np.flatnonzero(larger))
@@ -307,9 +297,7 @@ class Prediction:
     cutoff: float  # of the identification filter [Hz]
 
 
-def predict_logs(
-    model: AnyModel, logs: Sequence[Recording], without: Edits = ()
-) -> Prediction:
+def predict_logs(model: AnyModel, logs: Sequence[Recording], without: Edits = ()) -> Prediction:
     """Compute the torque of a model on logs, and with effects taken out of it.
 
     Args:

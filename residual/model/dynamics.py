@@ -98,10 +98,7 @@ def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
             "than 0: it has no acceleration. Use consistent parameters (--consistent)."
         )
     return _solved(
-        lambda qdd: now.torque_on(replace(track, qdd=qdd)),
-        own_mass,
-        tau - beside,
-        track.qdd,
+        lambda qdd: now.torque_on(replace(track, qdd=qdd)), own_mass, tau - beside, track.qdd
     )
 
 
@@ -109,9 +106,7 @@ def _of_now(term) -> bool:
     return not term.effect.traits & (EffectTrait.MEMORY | EffectTrait.REPORT)
 
 
-def _solved(
-    torque: Callable[[Array], Array], mass: Array, target: Array, start: Array
-) -> Array:
+def _solved(torque: Callable[[Array], Array], mass: Array, target: Array, start: Array) -> Array:
     """Return accelerations that give a target torque, by Newton steps with M(q).
 
     What else depends on acceleration (a load that rubs, a gain) is small beside M, so
@@ -232,10 +227,7 @@ AS_MEASURED = FrictionReversal()
 
 
 def compute_feed_forward(
-    model: AnyModel,
-    t: Array,
-    motion: Sequence[Array],
-    reversal: FrictionReversal = AS_MEASURED,
+    model: AnyModel, t: Array, motion: Sequence[Array], reversal: FrictionReversal = AS_MEASURED
 ) -> Array:
     """Return the torque of a model for a reference [N m]. Shape (n, dof).
 
@@ -281,10 +273,7 @@ def _turned(base: Model, state: State, sign: Array | float) -> State:
 
 
 def build_computed_torque_law(
-    model: AnyModel,
-    t: Array,
-    motion: Sequence[Array],
-    reversal: FrictionReversal = AS_MEASURED,
+    model: AnyModel, t: Array, motion: Sequence[Array], reversal: FrictionReversal = AS_MEASURED
 ) -> Law:
     """Return the law of computed torque, with the mass matrix of that model.
 

@@ -167,8 +167,7 @@ def _json(lookup: Lookup) -> bytes:
         "offset": lookup.offset.tolist(),
         "slope": lookup.slope.tolist(),
         "axes": [
-            {"variable": lookup.names[a.variable], "edges": a.edges.tolist()}
-            for a in lookup.axes
+            {"variable": lookup.names[a.variable], "edges": a.edges.tolist()} for a in lookup.axes
         ],
         "tables": [
             {
@@ -176,9 +175,7 @@ def _json(lookup: Lookup) -> bytes:
                 "axes": list(t.axes),
                 "variables": [lookup.names[lookup.axes[a].variable] for a in t.axes],
                 "levels": list(t.values.shape[:-1]),
-                "largest": np.abs(t.values)
-                .max(axis=(*range(t.values.ndim - 1),))
-                .tolist(),
+                "largest": np.abs(t.values).max(axis=(*range(t.values.ndim - 1),)).tolist(),
             }
             for number, t in enumerate(lookup.tables)
         ],
@@ -227,9 +224,7 @@ class CorrectedModel:
     """A model with tables on top of it."""
 
     model: Model  # the model
-    tables: tuple[
-        JointCorrection, ...
-    ]  # one entry per unexplained joint that could be checked
+    tables: tuple[JointCorrection, ...]  # one entry per unexplained joint that could be checked
 
     def __repr__(self) -> str:
         joints = ", ".join(f"J{t.joint + 1}" for t in self.tables if t.kind != NONE)
@@ -277,9 +272,7 @@ class CorrectedModel:
             "tables": [
                 {
                     "joint": t.joint + 1,
-                    "columns": [
-                        [on, [j + 1 for j in of], f] for on, of, f in t.columns
-                    ],
+                    "columns": [[on, [j + 1 for j in of], f] for on, of, f in t.columns],
                     "kind": t.kind,
                     "lookup": t.lookup.to_record(),
                     **({"beyond": t.beyond} if t.beyond != NOTHING else {}),
@@ -298,10 +291,7 @@ class CorrectedModel:
         tables = [
             JointCorrection(
                 t["joint"] - 1,
-                tuple(
-                    TableVariable(on, tuple(j - 1 for j in of), f)
-                    for on, of, f in t["columns"]
-                ),
+                tuple(TableVariable(on, tuple(j - 1 for j in of), f) for on, of, f in t["columns"]),
                 Lookup.from_record(t["lookup"]),
                 t["kind"],
                 t.get("beyond", NOTHING),
@@ -314,9 +304,7 @@ class CorrectedModel:
 AnyModel = Model | CorrectedModel
 
 
-def compute_table_variables(
-    state: State, columns: Sequence[TableVariable]
-) -> list[Array]:
+def compute_table_variables(state: State, columns: Sequence[TableVariable]) -> list[Array]:
     """Values of the columns of a table along a log. Shapes (n,)."""
     out = []
     for on, of, form in columns:

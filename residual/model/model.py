@@ -95,9 +95,7 @@ class Term:
         return read(record, None if nominal is None else read(nominal))
 
 
-def pair_coefficient_slices(
-    terms: Iterable[Term], start: int
-) -> Iterator[tuple[Term, slice]]:
+def pair_coefficient_slices(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]]:
     """Terms with where their coefficients stand, behind ``start`` inertial ones."""
     for term in terms:
         stop = start + len(term.theta)
@@ -105,9 +103,7 @@ def pair_coefficient_slices(
         start = stop
 
 
-def _terms_of(
-    terms: Sequence[Term], name: str, joints: Sequence[int] | None
-) -> list[Term]:
+def _terms_of(terms: Sequence[Term], name: str, joints: Sequence[int] | None) -> list[Term]:
     names = dict.fromkeys(t.effect.name for t in terms)
     check_name(name, names, "effect of this model")
     matching = [t for t in terms if t.effect.name == name]
@@ -115,9 +111,7 @@ def _terms_of(
         matching = [t for t in matching if {j + 1 for j in t.joints} <= set(joints)]
     if not matching:
         has = sorted({j + 1 for t in terms if t.effect.name == name for j in t.joints})
-        raise InputError(
-            f"The model has no {name} on joints {list(joints or ())}, but on {has}."
-        )
+        raise InputError(f"The model has no {name} on joints {list(joints or ())}, but on {has}.")
     return matching
 
 
@@ -248,9 +242,7 @@ class Model:
 
     def replace_bristles_by_sign(self) -> "Model":
         """The same with the sign of velocity for the state of a bristle."""
-        shapes = [
-            replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill
-        ]
+        shapes = [replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill]
         return replace(self, standstill=tuple(shapes), speed_floor=self._floor())
 
     def _floor(self) -> Array:
@@ -264,11 +256,7 @@ class Model:
         return self.state(track.rate, t, motion, track.enabled)
 
     def state(
-        self,
-        rate: float,
-        t: Array,
-        motion: Sequence[Array],
-        enabled: Array | None = None,
+        self, rate: float, t: Array, motion: Sequence[Array], enabled: Array | None = None
     ) -> State:
         """What the effects see of a motion that is known, with this model's own torque.
 
@@ -299,9 +287,7 @@ class Model:
         standstill = self.standstill or (SMOOTH,) * self.robot.dof
         return self.replace_standstill(state, standstill)
 
-    def replace_standstill(
-        self, state: State, standstill: Sequence[StandstillFriction]
-    ) -> State:
+    def replace_standstill(self, state: State, standstill: Sequence[StandstillFriction]) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
         motion = state.q, state.qd, self._floor()
         sign = compute_friction_directions(*motion, tuple(standstill))
@@ -436,9 +422,7 @@ class Model:
         """
         if record.get("form") != FORM:
             form = quote_value(record.get("form"))
-            raise InputError(
-                f"A model of form {form}, expected {FORM}: write it again."
-            )
+            raise InputError(f"A model of form {form}, expected {FORM}: write it again.")
         floor = record["speed_floor"]
         return cls(
             robot=_robot_of(record["robot"]),

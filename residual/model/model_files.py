@@ -70,11 +70,7 @@ def _numbers(shape) -> bool:
 
 def _is(values: Array, shape: tuple[int, ...]) -> bool:
     """Whether these are finite numbers in that shape; truth values are none."""
-    return (
-        values.dtype.kind in "if"
-        and values.shape == shape
-        and bool(np.isfinite(values).all())
-    )
+    return values.dtype.kind in "if" and values.shape == shape and bool(np.isfinite(values).all())
 
 
 # What lists and tables of other sizes and kinds make Python say.
@@ -98,9 +94,7 @@ def model_from_record(record: Mapping) -> AnyModel:
     except _DAMAGED as error:
         lacks, size = f"it lacks the key {error}", "a value has another kind or size"
         wrong = lacks if isinstance(error, KeyError) else size
-        raise InputError(
-            f"The record of a model is damaged: {wrong}. {_AGAIN}"
-        ) from error
+        raise InputError(f"The record of a model is damaged: {wrong}. {_AGAIN}") from error
     if wrong:
         raise InputError(f"The record of a model is damaged: {wrong}. {_AGAIN}")
     return model
@@ -126,9 +120,7 @@ def load_model(path: str | Path) -> AnyModel:
             f"{path} is not the file of a model: expected JSON, got {got}. {_AGAIN}"
         ) from error
     if not isinstance(content, dict):
-        raise InputError(
-            f"{path} is not the file of a model: expected a JSON object. {_AGAIN}"
-        )
+        raise InputError(f"{path} is not the file of a model: expected a JSON object. {_AGAIN}")
     check_nesting(content, str(path))
     kind = _kind(content)
     if kind == TABLES:

@@ -15,13 +15,7 @@ import numpy as np
 
 from residual.effects import load_effects
 from residual.effects.base import Effect, EffectTrait, Joints, MotionSpan, State
-from residual.errors import (
-    InputError,
-    check_keys,
-    check_name,
-    join_with_commas,
-    quote_value,
-)
+from residual.errors import InputError, check_keys, check_name, join_with_commas, quote_value
 from residual.model.model import Model, Term
 from residual.recording import Array, Recording
 from residual.robot.dynamics import PER_LINK, read_inertial_parameters
@@ -79,9 +73,7 @@ def refuse_known_values_with_baseline(robot: Robot) -> None:
         )
 
 
-def select_effect_values(
-    robot: Robot, effect: Effect, joints: Joints
-) -> list[KnownValue]:
+def select_effect_values(robot: Robot, effect: Effect, joints: Joints) -> list[KnownValue]:
     """Return what is known of an effect on given joints."""
     every = [k for k in list_known_values(robot) if k.name == effect.name]
     # What is at the flange has one place, whichever joint it is counted with.
@@ -223,9 +215,7 @@ class NominalModel:
         return tuple(dict.fromkeys(t.effect.name for t, _ in self.declared))
 
 
-def choose_declared_effects(
-    robot: Robot, names: Sequence[str] | None
-) -> tuple[str, ...]:
+def choose_declared_effects(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
     """What the model has: the user's list, else robot.toml's, else the usual three.
 
     Raises:
@@ -238,11 +228,7 @@ def choose_declared_effects(
 
 
 def build_nominal(
-    robot: Robot,
-    names: Sequence[str],
-    span: MotionSpan,
-    speed_floor,
-    filters: FilterSettings,
+    robot: Robot, names: Sequence[str], span: MotionSpan, speed_floor, filters: FilterSettings
 ) -> NominalModel:
     """Nominal model with the robot's values where given, else zero and free.
 
@@ -287,8 +273,7 @@ def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term
         )
     anchor = joints[0] if joints else 0
     numbers = [
-        float(np.asarray(values[k])[anchor]) if k in values else 0.0
-        for k in effect.parameters
+        float(np.asarray(values[k])[anchor]) if k in values else 0.0 for k in effect.parameters
     ]
     theta, shape = effect.from_values(np.array(numbers), robot)
     return Term(effect, joints, shape, np.asarray(theta, dtype=float)).as_nominal()
@@ -364,8 +349,7 @@ def prepare_fit_logs(
         torque=np.quantile(np.abs(tau), 0.995, axis=0),
         prismatic=robot.prismatic,
         switched=_find_switched_joints(tracks),
-        one_drive=recordings[0].drive is not None
-        and len({r.drive for r in recordings}) == 1,
+        one_drive=recordings[0].drive is not None and len({r.drive for r in recordings}) == 1,
     )
     noisier = add_angle_noise(some, [tracks[i] for i in shown], filters)
     places = tuple(np.flatnonzero(small).tolist())
@@ -374,11 +358,7 @@ def prepare_fit_logs(
 
 def _find_switched_joints(tracks: Sequence[Track]) -> tuple[bool, ...]:
     """Which joints' drives are off in a part of the logs; () for none."""
-    logged = [
-        t.enabled[:: t.step][t.moving.any(axis=1)]
-        for t in tracks
-        if t.enabled is not None
-    ]
+    logged = [t.enabled[:: t.step][t.moving.any(axis=1)] for t in tracks if t.enabled is not None]
     if not logged:
         return ()
     on = np.concatenate(logged) > 0.5

@@ -25,10 +25,7 @@ from residual.effects.base import EffectTrait, Shape
 from residual.model.model import Model
 from residual.model.records import PositionErrors
 from residual.recording import Array, Recording
-from residual.robot.dynamics import (
-    compute_flange_jacobian,
-    replace_inertial_parameters,
-)
+from residual.robot.dynamics import compute_flange_jacobian, replace_inertial_parameters
 from residual.signals.splitting import slice_recording
 
 STEP = 2e-3  # s: ten steps in a radian of the stiffest servo (50 rad/s)
@@ -91,9 +88,7 @@ class _Arm:
     formulas: tuple[_Formula, ...]
     left_out: tuple[str, ...]
 
-    def resist(
-        self, data: pin.Data, q: Array, qd: Array, enabled: Array, t: float
-    ) -> Array:
+    def resist(self, data: pin.Data, q: Array, qd: Array, enabled: Array, t: float) -> Array:
         """Return torque, damping and dry friction of the effects. Shape (3, dof)."""
         dof, out = len(q), np.zeros((3, len(q)))
         if self.force.any():

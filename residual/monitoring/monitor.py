@@ -277,9 +277,7 @@ def calibrate_monitor(
     peaks = [maxima_per_block(log.t, compute_scores(log, size)) for log in logs]
     # The false alarms are shared among the kinds.
     probability = per_hour * MONITOR.block / 3600 / len(KINDS)
-    limits = np.array(
-        [fit_score_limits(own, probability) for own in zip(*peaks, strict=True)]
-    )
+    limits = np.array([fit_score_limits(own, probability) for own in zip(*peaks, strict=True)])
     limits[BIAS:SCALE] *= MONITOR.wider_bias
     limits[SCALE:] *= MONITOR.wider_motion
     # A reading without noise rests while its joint does, however long that is.
@@ -379,9 +377,7 @@ def _alarms(log: MonitorSignals, values: Array, limits: Array) -> tuple[Alarm, .
     return tuple(out)
 
 
-def _named(
-    t: Array, ratio: Array, values: Array, first: int, stop: int
-) -> tuple[int, int]:
+def _named(t: Array, ratio: Array, values: Array, first: int, stop: int) -> tuple[int, int]:
     """Return the kind and the joint from 0 that name an alarm of some rows.
 
     The surest kind that crosses within the next moment, else the collected error that

@@ -166,9 +166,7 @@ def rival_log_evidence(products: Array, gram: Array, b: RivalUpdate) -> Array:
     return 0.5 * (fit + np.einsum("kd,kd->d", left, b.solve(left)) - b.log_det)
 
 
-def draw_log_products(
-    gram: Array, a: RivalUpdate, rng: np.random.Generator, draws: int
-) -> Array:
+def draw_log_products(gram: Array, a: RivalUpdate, rng: np.random.Generator, draws: int) -> Array:
     """X' y of logs that A would give on a motion. Shape (m, draws)."""
     rival = a.rival
     scaled = rival.precision * np.outer(a.scale, a.scale)
@@ -229,10 +227,7 @@ class SimulatedDecision(NamedTuple):
 
 
 def simulate_decision(
-    question: OpenQuestion,
-    gram: Array,
-    twins: frozenset[Pair],
-    rng: np.random.Generator,
+    question: OpenQuestion, gram: Array, twins: frozenset[Pair], rng: np.random.Generator
 ) -> SimulatedDecision:
     """Draw logs of every rival, as probable as the logs so far make it.
 
@@ -251,9 +246,7 @@ def simulate_decision(
                 continue
             products = draw_log_products(gram, after[a], rng, DRAWS)
             own = before[a] + rival_log_evidence(products, gram, after[a])
-            best = [
-                before[b] + rival_log_evidence(products, gram, after[b]) for b in others
-            ]
+            best = [before[b] + rival_log_evidence(products, gram, after[b]) for b in others]
             leads.append(own - np.max(best, axis=0))
             odds.append(np.full(DRAWS, share))
         if leads:
@@ -295,11 +288,7 @@ class MotionInformation:
 
     @classmethod
     def of(
-        cls,
-        question: OpenQuestion,
-        motion: Sequence[Array],
-        rate: float,
-        opening: float = 0.0,
+        cls, question: OpenQuestion, motion: Sequence[Array], rate: float, opening: float = 0.0
     ) -> "MotionInformation":
         """Look at q, qd and qdd of a motion's opening and first period. (n, dof) each.
 
@@ -307,12 +296,8 @@ class MotionInformation:
         """
         signals = question.signals
         t = signals.start + np.arange(len(motion[0])) / rate
-        columns = all_torque_columns(
-            question, question.seen_with.state(rate, t, motion)
-        )
-        weight = np.sqrt(
-            signals.information * ~find_standstill_samples(question, motion[1], rate)
-        )
+        columns = all_torque_columns(question, question.seen_with.state(rate, t, motion))
+        weight = np.sqrt(signals.information * ~find_standstill_samples(question, motion[1], rate))
         rows = np.sqrt(signals.rate / rate) * (weight[:, :, None] * columns)
         return cls(rows, rate, opening, signals.edge)
 
@@ -381,10 +366,7 @@ def describe_settling_time(seconds: float, after: float | None, chance: float) -
     end = f"{format_number(seconds)} s with a chance of {chance_text}"
     if after is None:
         return f"settled after {end}"
-    return (
-        f"settled after {after:.1f} s with a chance of {format_probability(SURE)}, "
-        f"after {end}"
-    )
+    return f"settled after {after:.1f} s with a chance of {format_probability(SURE)}, after {end}"
 
 
 def predict_best_motion(question: OpenQuestion) -> dict | None:
@@ -407,10 +389,7 @@ def predict_best_motion(question: OpenQuestion) -> dict | None:
 
 
 def find_settling_time(
-    question: OpenQuestion,
-    motion: MotionInformation,
-    seconds: float,
-    twins: frozenset[Pair],
+    question: OpenQuestion, motion: MotionInformation, seconds: float, twins: frozenset[Pair]
 ) -> tuple[SimulatedDecision, float | None]:
     """Return what a motion brings, and after how long it settles the question surely.
 
@@ -420,9 +399,7 @@ def find_settling_time(
 
     def at(length: float) -> SimulatedDecision:
         # The same draws at every length, so that more of a motion is no matter of luck.
-        return simulate_decision(
-            question, motion.gram(length), twins, np.random.default_rng(0)
-        )
+        return simulate_decision(question, motion.gram(length), twins, np.random.default_rng(0))
 
     whole = at(seconds)
     if whole.chance < SURE:
@@ -463,9 +440,7 @@ def mark_inseparable_alternatives(
     question: OpenQuestion, named: Sequence[Place], sets: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
     """Return the equally good sets; marks those that no motion separates."""
-    twins = (
-        find_inseparable_pairs(question) if sets and question.contests else frozenset()
-    )
+    twins = find_inseparable_pairs(question) if sets and question.contests else frozenset()
     same = {
         tuple(question.contests[c].rivals[i].place for i in (a, b))
         for c, a, b in twins
@@ -474,9 +449,7 @@ def mark_inseparable_alternatives(
 
     def difference(alternative: Alternative) -> tuple[Place, Place]:
         gone = merge_places([place for place in named if place not in alternative.set])
-        return gone, merge_places(
-            [place for place in alternative.set if place not in named]
-        )
+        return gone, merge_places([place for place in alternative.set if place not in named])
 
     return tuple(
         replace(alternative, separated_by=UNTOLD)
@@ -495,16 +468,12 @@ def evidence_beyond_columns(gram: Array, a: Rival, b: Rival) -> float:
     value = a.mean[found] / size[at]
     mixed = scaled[np.ix_(b.effect_columns, at)] @ value
     inner = np.linalg.pinv(
-        scaled[np.ix_(b.effect_columns, b.effect_columns)],
-        rcond=1e-9,
-        hermitian=True,
+        scaled[np.ix_(b.effect_columns, b.effect_columns)], rcond=1e-9, hermitian=True
     )
     return 0.5 * float(value @ scaled[np.ix_(at, at)] @ value - mixed @ inner @ mixed)
 
 
-def list_separable_rivals(
-    question: OpenQuestion, expected: ExpectedSeparation
-) -> tuple:
+def list_separable_rivals(question: OpenQuestion, expected: ExpectedSeparation) -> tuple:
     """Return the rivals that a motion tells apart, each once."""
     contests = question.contests
     parted = {contests[c].rivals[i].place for c, a, b in expected.nats for i in (a, b)}
@@ -518,9 +487,7 @@ def draw_free_motions(question: OpenQuestion) -> list[MotionInformation]:
     count = round(SECONDS / PERIODS * question.signals.rate)
     robot = question.nominal.robot
     motions = [draw_fourier_motion(robot, count, rng) for _ in range(MOTIONS)]
-    return [
-        MotionInformation.of(question, m, count * PERIODS / SECONDS) for m in motions
-    ]
+    return [MotionInformation.of(question, m, count * PERIODS / SECONDS) for m in motions]
 
 
 def draw_fourier_motion(

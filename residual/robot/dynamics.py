@@ -43,9 +43,7 @@ def _over(shape: tuple[int, ...], solve: Callable, model: pin.Model, *motion) ->
     return out
 
 
-def compute_inverse_dynamics(
-    model: pin.Model, q: Array, qd: Array, qdd: Array
-) -> Array:
+def compute_inverse_dynamics(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the joint torques of the rigid body [N m]. Shape (n, dof).
 
     tau = M(q) qdd + C(q, qd) qd + g(q)    (paper eq. 3 without F)
@@ -53,9 +51,7 @@ def compute_inverse_dynamics(
     return _over((model.nv,), pin.rnea, model, q, qd, qdd)
 
 
-def compute_inertial_regressor(
-    model: pin.Model, q: Array, qd: Array, qdd: Array
-) -> Array:
+def compute_inertial_regressor(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the inertial regressor: inverse_dynamics = regressor @ parameters.
 
     In SI units, of the same motion. Shape (n, dof, 10 * dof).
@@ -337,9 +333,7 @@ def _kept_links(lazy: LazyRegressor) -> tuple[Array, ...]:
     return lazy._by_link()
 
 
-def split_regressor_by_link(
-    regressor: Array | LazyRegressor, dof: int
-) -> Iterator[Array]:
+def split_regressor_by_link(regressor: Array | LazyRegressor, dof: int) -> Iterator[Array]:
     """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
     if isinstance(regressor, LazyRegressor):
         yield from regressor.links()
@@ -420,9 +414,7 @@ class BaseParameters:
             text += f" {sign} {factor}{self.standard[k].name}"
         return text
 
-    def expand_to_standard(
-        self, theta: Array, nominal: Array, covariance: Array
-    ) -> Array:
+    def expand_to_standard(self, theta: Array, nominal: Array, covariance: Array) -> Array:
         """Standard parameters that have these base parameters, nearest to the nominal.
 
         pi = pi_0 + S K' (K S K')^-1 (theta_b - K pi_0): of all that move the same
@@ -515,9 +507,7 @@ def reduce_to_base_parameters(
     return BaseParameters(tuple(standard), np.array(independent), mapping, gap)
 
 
-def extend_independent_columns(
-    rows: Array, independent: Array, candidates: Sequence[int]
-) -> Array:
+def extend_independent_columns(rows: Array, independent: Array, candidates: Sequence[int]) -> Array:
     """Return those kept, and the candidates that are no sum of them, one by one.
 
     Rows are of the regressor on states of every kind, columns kept already, and those

@@ -32,13 +32,7 @@ from residual.errors import (
     shorten_value,
 )
 from residual.recording import Array
-from residual.robot.urdf import (
-    GRAVCOMP,
-    ArmChoice,
-    abbreviate_list,
-    format_numbers,
-    write_origin,
-)
+from residual.robot.urdf import GRAVCOMP, ArmChoice, abbreviate_list, format_numbers, write_origin
 
 
 def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> str:
@@ -63,8 +57,7 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
         name, sign, value = word.partition(":=")
         if not sign or not name:
             raise InputError(
-                f"--xacro-arg '{shorten_value(word)}': expected name:=value, such as "
-                "ur_type:=ur5e."
+                f"--xacro-arg '{shorten_value(word)}': expected name:=value, such as ur_type:=ur5e."
             )
         arguments[name] = value
     finder.reset()
@@ -104,9 +97,7 @@ def build_pinocchio_model(text: str, where: str) -> pin.Model:
     # The parser goes on with a point mass where it cannot read an inertia.
     if model is None or "nertia" in noise[0]:
         reasons = re.findall(r"Error:\s+(.*)", "\n".join(noise))
-        raise RobotError(
-            f"{where} is not a usable URDF: {'; '.join(reasons[:2])[:180]}"
-        )
+        raise RobotError(f"{where} is not a usable URDF: {'; '.join(reasons[:2])[:180]}")
     return model
 
 
@@ -195,8 +186,7 @@ def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
     joints = chain.get("joints", [])
     if not isinstance(joints, list) or not all(isinstance(j, str) for j in joints):
         raise RobotError(
-            f"{where}: joints of [chain] is {quote_value(joints)}, expected a list "
-            f"of names."
+            f"{where}: joints of [chain] is {quote_value(joints)}, expected a list of names."
         )
     for joint, value in locked.items():
         if not _is_number(value):
@@ -289,9 +279,7 @@ def _coupling(table: dict, dof: int, where: str) -> Array | None:
         return None
     matrix = _array(table["motor_from_joint"], (dof, dof), f"{where}: motor_from_joint")
     if np.linalg.matrix_rank(matrix) < dof or (np.diag(matrix) == 0).any():
-        raise RobotError(
-            f"{where}: motor_from_joint must be invertible with no 0 on its diagonal."
-        )
+        raise RobotError(f"{where}: motor_from_joint must be invertible with no 0 on its diagonal.")
     return matrix
 
 

@@ -93,9 +93,7 @@ def read_link_bodies(model: pin.Model, urdf: str) -> tuple[LinkBody, ...]:
             continue
         mass, tensor = node.find("mass"), node.find("inertia")
         mass = 0.0 if mass is None else float(mass.get("value", "0"))
-        given = tuple(
-            0.0 if tensor is None else float(tensor.get(key, "0")) for key in _KEYS
-        )
+        given = tuple(0.0 if tensor is None else float(tensor.get(key, "0")) for key in _KEYS)
         if not mass and not any(given):
             continue
         origin = node.find("origin")
@@ -119,9 +117,7 @@ def read_link_bodies(model: pin.Model, urdf: str) -> tuple[LinkBody, ...]:
     return tuple(out)
 
 
-def find_body_flaws(
-    model: pin.Model, bodies: Sequence[LinkBody]
-) -> tuple[BodyFlaw, ...]:
+def find_body_flaws(model: pin.Model, bodies: Sequence[LinkBody]) -> tuple[BodyFlaw, ...]:
     """Return what is wrong with the bodies of an arm, one flaw for each link."""
     felt = _felt_inertias(model, bodies)
     moving = sum(body.mass for body in bodies)
@@ -164,9 +160,7 @@ def repair_impossible_bodies(
     return model
 
 
-def _judge(
-    body: LinkBody, bodies: Sequence[LinkBody], moving: float
-) -> tuple[str, str]:
+def _judge(body: LinkBody, bodies: Sequence[LinkBody], moving: float) -> tuple[str, str]:
     """Kind and words of the worst that is wrong with a body; "" for nothing."""
     least, middle, most = body.moments
     given = _words(body)

@@ -18,13 +18,7 @@ from urllib.parse import parse_qsl, urlencode
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import (
-    InputError,
-    RobotError,
-    UnknownNameError,
-    check_name,
-    shorten_value,
-)
+from residual.errors import InputError, RobotError, UnknownNameError, check_name, shorten_value
 from residual.recording import Array, Recording
 from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
@@ -304,11 +298,7 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
     # file that is kept has the same bits.
     declared = {name: robot_new.declared[name] for name in robot.declared}
     return replace(
-        robot_new,
-        columns=robot.columns,
-        declared=declared,
-        locked=robot.locked,
-        notes=robot.notes,
+        robot_new, columns=robot.columns, declared=declared, locked=robot.locked, notes=robot.notes
     )
 
 
@@ -350,9 +340,7 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
         except (FileNotFoundError, NotADirectoryError, ValueError):
             pass  # said below
         except OSError as error:
-            raise RobotError(
-                f"Robot '{shorten_value(spec)}': {error.strerror}."
-            ) from error
+            raise RobotError(f"Robot '{shorten_value(spec)}': {error.strerror}.") from error
         if path.is_dir():
             return _only_file(path)
         if path.is_file():
@@ -406,9 +394,7 @@ def _read(file: Traversable) -> str:
     try:
         return file.read_text(encoding="utf-8")
     except UnicodeDecodeError as error:
-        raise RobotError(
-            f"{file.name} is not a text file, expected UTF-8 text."
-        ) from error
+        raise RobotError(f"{file.name} is not a text file, expected UTF-8 text.") from error
     except OSError as error:
         raise RobotError(f"Cannot read {file.name}: {error.strerror}.") from error
 

@@ -107,18 +107,14 @@ class _Tree:
                         root.remove(element)
             kept = {j.get("name", "?") for j in self.above.values()}
             self.joints = {n: j for n, j in self.joints.items() if n in kept}
-            self.notes.append(
-                f"left out, since it hangs on no joint: {abbreviate_list(lost)}"
-            )
+            self.notes.append(f"left out, since it hangs on no joint: {abbreviate_list(lost)}")
             bases = moving
         if len(bases) != 1 and not self.faults:
             which = f"{len(bases)} ({', '.join(bases)})" if bases else "none"
             self.faults.append(f"expected one base link, got {which}")
         ring = set(self.links).difference(*map(self.carried, bases))
         if ring:
-            self.faults.append(
-                f"links hang on each other: {abbreviate_list(sorted(ring))}"
-            )
+            self.faults.append(f"links hang on each other: {abbreviate_list(sorted(ring))}")
 
     def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
         """The link and all that hang on it, without what is beyond some joints."""
@@ -157,9 +153,7 @@ class _Tree:
             link = read_joint_link(joint, "parent")
         return names
 
-    def vector(
-        self, node: ET.Element | None, key: str, default: str, name: str
-    ) -> Array:
+    def vector(self, node: ET.Element | None, key: str, default: str, name: str) -> Array:
         """Three numbers of an attribute. Shape (3,)."""
         text = default if node is None else node.get(key, default)
         try:
@@ -215,9 +209,7 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
         limit, kind = joint.find("limit"), joint.get("type")
         short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
         follows = joint.find("mimic") is not None
-        if kind in ("floating", "planar") or (
-            kind not in MOVING and (short or follows)
-        ):
+        if kind in ("floating", "planar") or (kind not in MOVING and (short or follows)):
             _fix(joint)
             stale = True
     _refuse(tree.faults, where)
@@ -242,13 +234,9 @@ def _parse(text: str, where: str) -> ET.Element:
             f"{where} does not parse as a URDF: {error}. Give a well-formed URDF file."
         ) from error
     if root.tag != "robot":
-        raise RobotError(
-            f"{where} is not a URDF: its root is <{root.tag}>, expected <robot>."
-        )
+        raise RobotError(f"{where} is not a URDF: its root is <{root.tag}>, expected <robot>.")
     if any("xacro" in element.tag for element in root.iter()):
-        raise RobotError(
-            f"{where} is a xacro. Name it .xacro, and it is expanded as it is read."
-        )
+        raise RobotError(f"{where} is a xacro. Name it .xacro, and it is expanded as it is read.")
     if root.find("link") is None:
         raise RobotError(f"{where} has no link, expected a URDF with links and joints.")
     return root
@@ -276,8 +264,7 @@ def _chain(
     ]
     if not free:
         raise RobotError(
-            f"{where} has no revolute, continuous or prismatic joint that is free, "
-            "expected an arm."
+            f"{where} has no revolute, continuous or prismatic joint that is free, expected an arm."
         )
     if choice.joints:
         chain = _named(tree, mimics, choice, where)
@@ -308,10 +295,7 @@ def _named(tree: _Tree, mimics: Mapping, choice: ArmChoice, where: str) -> list[
     for name in choice.joints:
         check_name(name, tree.joints, f"joint of the chain in {where}")
     named = set(choice.joints)
-    last = max(
-        named,
-        key=lambda name: len(tree.path(read_joint_link(tree.joints[name], "child"))),
-    )
+    last = max(named, key=lambda name: len(tree.path(read_joint_link(tree.joints[name], "child"))))
     path = tree.path(read_joint_link(tree.joints[last], "child"))
     for name in choice.joints:
         if tree.joints[name].get("type") == "fixed":
@@ -368,9 +352,7 @@ def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
     return [c for c in once if not any(set(c) < set(other) for other in once)]
 
 
-def _without_hand(
-    tree: _Tree, mimics: Mapping, free: Sequence[str], last: ET.Element
-) -> list[str]:
+def _without_hand(tree: _Tree, mimics: Mapping, free: Sequence[str], last: ET.Element) -> list[str]:
     """The joints that lead to one, up to where fingers begin.
 
     Fingers are joints that move on one link, or lead others, each with fewer joints
@@ -541,9 +523,7 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
             f"no link that joint '{chain[0]}' moves has a mass: give each an <inertial>"
         )
     elif light:
-        tree.notes.append(
-            f"no mass between these joints and the next: {abbreviate_list(light)}"
-        )
+        tree.notes.append(f"no mass between these joints and the next: {abbreviate_list(light)}")
     if hollow:
         tree.notes.append(f"inertia tensor of zero: {abbreviate_list(hollow)}")
 

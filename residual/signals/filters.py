@@ -16,9 +16,7 @@ REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
 BLOCK = 16  # rows that are made at once
 
 
-def filter_low_pass(
-    x: Array, cutoff: float, rate: float, step: int = 1, order: int = 0
-) -> Array:
+def filter_low_pass(x: Array, cutoff: float, rate: float, step: int = 1, order: int = 0) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 
     As a product with the filter's own impulse response: what is thrown away is not

@@ -55,8 +55,7 @@ def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
     over = round(compute_piece_overlap(min(cutoff, 0.08 * rate), rate) * rate)
     edges = np.linspace(0, n, count + 1).astype(int)
     return tuple(
-        slice_recording(recording, max(a - over, 0), min(b + over, n))
-        for a, b in pairwise(edges)
+        slice_recording(recording, max(a - over, 0), min(b + over, n)) for a, b in pairwise(edges)
     )
 
 
@@ -118,9 +117,7 @@ def exceeds_memory_length(seconds: Sequence[float]) -> bool:
 
 
 def choose_spread_pieces(
-    seconds: Sequence[float],
-    max_seconds: float | None = None,
-    kept_seconds: float | None = None,
+    seconds: Sequence[float], max_seconds: float | None = None, kept_seconds: float | None = None
 ) -> list[int]:
     """Choose pieces, evenly spread, of long logs, by number; of short ones all.
 
@@ -147,9 +144,7 @@ def find_session_start(recordings: Sequence[Recording]) -> float | None:
     return spans[0][0] if ordered else None
 
 
-def split_off_last_quarter(
-    fit: Sequence[Recording],
-) -> tuple[list[Recording], list[Recording]]:
+def split_off_last_quarter(fit: Sequence[Recording]) -> tuple[list[Recording], list[Recording]]:
     """Cut the last quarter off the longest log and hold it out."""
     longest = max(fit, key=lambda r: r.duration)
     cut = longest.t[0] + 0.75 * longest.duration

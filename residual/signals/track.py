@@ -210,10 +210,7 @@ def build_tracks(
 
 
 def _signals(
-    recordings: Sequence[Recording],
-    filters: FilterSettings,
-    full_rate: bool,
-    again: bool,
+    recordings: Sequence[Recording], filters: FilterSettings, full_rate: bool, again: bool
 ) -> Callable[[], Iterable]:
     """Return what gives each log resampled, with its kinematics.
 
@@ -292,15 +289,11 @@ def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
     return np.column_stack([np.interp(times, sampled, column) for column in values.T])
 
 
-def _kinematics(
-    u: _Uniform, filters: FilterSettings, step: int
-) -> tuple[Array, Array, Array]:
+def _kinematics(u: _Uniform, filters: FilterSettings, step: int) -> tuple[Array, Array, Array]:
     """Filtered angles and their derivatives, every so many samples."""
     cutoff = min(filters.kinematics, 0.12 * u.rate)
     if step > 1:  # no sample is made that is not kept
-        q, qd, qdd = (
-            filter_low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3)
-        )
+        q, qd, qdd = (filter_low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
         return q, qd, qdd
     q = filter_low_pass(u.q, cutoff, u.rate)
     qd = np.gradient(q, 1 / u.rate, axis=0)
@@ -374,9 +367,7 @@ def _thinned(u: _Uniform, first: int) -> Array:
     return filter_low_pass(u.tau, 0.4 * u.rate / first, u.rate, first)
 
 
-def filter_torque(
-    t: Array, tau: Array, masked: Array, track: Track
-) -> tuple[Array, Array]:
+def filter_torque(t: Array, tau: Array, masked: Array, track: Track) -> tuple[Array, Array]:
     """Return another torque of a log as its track has it, and its masked rows.
 
     Args:
@@ -440,9 +431,7 @@ def add_angle_noise(
     return tuple(out)
 
 
-def keep_measured_rows(
-    measured: Sequence[Track], shaken: Sequence[Track]
-) -> tuple[Track, ...]:
+def keep_measured_rows(measured: Sequence[Track], shaken: Sequence[Track]) -> tuple[Track, ...]:
     """Other angles in the place of the measured ones, on the very same rows."""
     return tuple(
         replace(t, tau=m.tau, valid=m.valid, moving=m.moving)
@@ -454,9 +443,7 @@ STEPS = 5.0  # of its sensor's step that the rms of a torque must be
 NOISES = 2.0  # of its noise behind the filter, where the joint moves
 
 
-def find_unresolved_torques(
-    recordings: Sequence[Recording], tracks: Sequence[Track]
-) -> Array:
+def find_unresolved_torques(recordings: Sequence[Recording], tracks: Sequence[Track]) -> Array:
     """Return which joints' torque is but its quantisation or noise. (dof,), bool.
 
     A torque of that size has no error in per cent: a model that says nothing of it is

@@ -123,8 +123,7 @@ def replace_by_model_values(finding: Finding, possible: PossibleModel) -> Findin
 
     def with_values(parameters: Mapping[str, Parameter]) -> dict[str, Parameter]:
         return {
-            k: replace(p, value=convert_to_plain_values(values[k]))
-            for k, p in parameters.items()
+            k: replace(p, value=convert_to_plain_values(values[k])) for k, p in parameters.items()
         }
 
     return replace(

@@ -52,9 +52,7 @@ def from_json(document: Mapping) -> Verdict:
         error, check = document["error"], document["log_check"]
         error = {**error, "cutoff_hz": error["filter"]["cutoff_hz"]}
         check = None if check is None else read_check(check)
-        found = _form().validate_python(
-            {**document, "error": error, "log_check": check}
-        )
+        found = _form().validate_python({**document, "error": error, "log_check": check})
     except ValidationError as error:
         first = error.errors(include_url=False)[0]
         place = ".".join(map(str, first["loc"]))

@@ -139,11 +139,7 @@ def measure_errors(
     some = {name: model for name, model in models.items() if model is not None}
     first = next(iter(some.values()))
     found, _ = compute_model_errors(some, prepare_held_out(logs, first), first.filters)
-    known = {
-        n: convert_to_plain_values(e.overall("filtered"))
-        for n, e in found.items()
-        if e.alike
-    }
+    known = {n: convert_to_plain_values(e.overall("filtered")) for n, e in found.items() if e.alike}
     return {name: known.get(name) for name in models}
 
 
@@ -180,9 +176,7 @@ def run_edit_tests(
             tuple(effect.joints),
             errors["bare"],
             errors[f"kept {i}"],
-            None
-            if reset_effect_parameters(dense, nominal, effect) is None
-            else errors["dense"],
+            None if reset_effect_parameters(dense, nominal, effect) is None else errors["dense"],
             errors["nominal"],
         )
         for i, effect in enumerate(effects)

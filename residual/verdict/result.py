@@ -7,10 +7,7 @@ from typing import Literal
 from residual.check.result import LogCheck
 from residual.errors import format_joint_numbers
 from residual.model.records import BodyCorrection, PositionErrors
-from residual.quantity import (
-    format_percent,
-    format_uncertain_value,
-)
+from residual.quantity import format_percent, format_uncertain_value
 
 METRIC = "100*||tau-tau_hat||/||tau||"
 STILL = "the logs show no motion, so the arm cannot be diagnosed"

@@ -36,9 +36,7 @@ def _seen() -> tuple[State, MotionSpan]:
     )
     span = _span(motion, np.zeros(robot.dof))
     names = choose_declared_effects(robot, None)
-    model = build_nominal(
-        robot, names, span, np.full(robot.dof, 1e-3), FilterSettings()
-    ).model
+    model = build_nominal(robot, names, span, np.full(robot.dof, 1e-3), FilterSettings()).model
     state = model.state(RATE, t, motion)
     return state, _span(motion, np.abs(state.tau_model).max(axis=0))
 
@@ -56,11 +54,7 @@ def points(effect: Effect) -> tuple[np.ndarray, np.ndarray, str]:
     shapes = effect.shapes(span, on[0] if on else 1)
     shape = shapes[(len(shapes) - 1) // 2] if shapes else ()
     count = effect.columns(state, on, shape).shape[2]
-    theta = (
-        effect.unit_directions([state], on)[0]
-        if effect.unit_directions
-        else np.ones(count)
-    )
+    theta = effect.unit_directions([state], on)[0] if effect.unit_directions else np.ones(count)
     torque = Term(effect, on, shape, theta).torque(state)
     # Of an effect on many rows, the row that it moves most.
     row = int(np.argmax(np.square(torque).sum(axis=0)))
@@ -78,9 +72,7 @@ def svg(effect: Effect) -> str:
     wide = max(high - low, 1e-12)
     px = LEFT + (x[keep] - low) / wide * (WIDTH - LEFT - RIGHT)
     middle, half = (TOP + HEIGHT - LOW) / 2, (HEIGHT - LOW - TOP) / 2
-    dots = "".join(
-        f"M{a:.1f} {b:.1f}h0" for a, b in zip(px, middle - half * y[keep], strict=True)
-    )
+    dots = "".join(f"M{a:.1f} {b:.1f}h0" for a, b in zip(px, middle - half * y[keep], strict=True))
     return "\n".join(
         [
             f'<svg class="curve" role="img" viewBox="0 0 {WIDTH} {HEIGHT}" '

@@ -111,9 +111,7 @@ def chart_levels(rows: list[dict]) -> Chart:
     x = charts.build_axis("hidden dry friction on joint 2 (N m)")
     y = charts.build_axis("error (% of torque)", rangemode="tozero")
     layout = charts.build_layout("Joint 2, unseen motion, moving", x, y)
-    return Chart(
-        "", "Error by level", plot={"data": data, "layout": layout}, height=340
-    )
+    return Chart("", "Error by level", plot={"data": data, "layout": layout}, height=340)
 
 
 def photograph(chart: Chart, name: str) -> None:

@@ -109,10 +109,7 @@ def _units(effect) -> str:
 
 def named_queries_table() -> str:
     """Return a row per named query of the store."""
-    rows = [
-        f"| `{name}` | {about} | {_values(name)} |"
-        for name, (about, _) in NAMED.items()
-    ]
+    rows = [f"| `{name}` | {about} | {_values(name)} |" for name, (about, _) in NAMED.items()]
     return "\n".join(["| name | answer | takes |", "| --- | --- | --- |", *rows])
 
 
@@ -148,8 +145,7 @@ def _effect(name: str) -> str:
     wrong = _WRONG_VALUE if EffectTrait.PARAMETER in effect.traits else ""
     law = "\n".join(f"    {line.strip()}" for line in effect.law.split(";"))
     caption = (
-        "Its torque on made-up motion of the built-in arm, at a size whose largest "
-        "torque is one."
+        "Its torque on made-up motion of the built-in arm, at a size whose largest torque is one."
     )
     drawn = (
         f'<figure class="effect">\n{curve.svg(effect)}\n'
@@ -166,8 +162,7 @@ def _effect(name: str) -> str:
             f"## What it is\n\n{about}",
             f"## What it is confused with\n\n{confused_with(name)}",
             f"## How often it is found\n\n{how_often_found(name)}",
-            "What the rows mean, and all other figures: "
-            "[what was measured](../benchmarks.md).",
+            "What the rows mean, and all other figures: [what was measured](../benchmarks.md).",
             f"Its file: `residual/effects/{name}.py`.",
         ]
     )
@@ -292,9 +287,7 @@ def _on_the_example() -> dict[str, tuple[int, Counter[str]]]:
 
 def confused_with(name: str) -> str:
     """Return the section of an effect's page."""
-    return "\n\n".join(
-        part for part in (_family(name), _example(name), _recorded(name)) if part
-    )
+    return "\n\n".join(part for part in (_family(name), _example(name), _recorded(name)) if part)
 
 
 def _family(name: str) -> str:

@@ -64,11 +64,7 @@ def _verdict() -> Schema:
 
 
 def _table(properties: Schema, every: bool = False) -> Schema:
-    table = {
-        "type": "object",
-        "properties": properties,
-        "additionalProperties": False,
-    }
+    table = {"type": "object", "properties": properties, "additionalProperties": False}
     return table | ({"required": sorted(properties)} if every else {})
 
 
@@ -93,9 +89,7 @@ def _robot() -> Schema:
             "robot": _table(about),
             "chain": _table({"joints": {"type": "array", "items": _TEXT}}),
             "locked": {"type": "object", "additionalProperties": _NUMBER},
-            "joints": _table(
-                dict.fromkeys(gear, _ROW) | dict.fromkeys(limits, positive)
-            ),
+            "joints": _table(dict.fromkeys(gear, _ROW) | dict.fromkeys(limits, positive)),
             "couplings": _table({"motor_from_joint": {"type": "array", "items": _ROW}}),
             "declared": _table(
                 {

@@ -16,9 +16,7 @@ def load_effects() -> dict[str, Effect]:
     """Return every effect by name, in alphabetical order of the files."""
     names = sorted(m.name for m in iter_modules(__path__))
     modules = (
-        import_module(f"{__name__}.{name}")
-        for name in names
-        if name != "base" and name[0] != "_"
+        import_module(f"{__name__}.{name}") for name in names if name != "base" and name[0] != "_"
     )
     kin = (getattr(m, "EFFECTS", None) or (m.EFFECT,) for m in modules)
     return {effect.name: effect for effects in kin for effect in effects}

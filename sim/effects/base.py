@@ -188,9 +188,7 @@ class Effect:
         return any((self.torque, self.series, self.push))
 
 
-def build_row_function(
-    kind: int, *keys: str
-) -> Callable[[Values, object], tuple[float, ...]]:
+def build_row_function(kind: int, *keys: str) -> Callable[[Values, object], tuple[float, ...]]:
     """Return a function of (p, anything) that makes a row of that kind from values."""
     return lambda p, _: (kind, *(p[key] for key in keys))
 
@@ -205,9 +203,7 @@ def draw_angle(rng: Rng) -> float:
     return rng.uniform(0.0, 2 * np.pi)
 
 
-def split_into_components(
-    size: float, angle: float, keys: Sequence[str] = ("cos", "sin")
-) -> dict:
+def split_into_components(size: float, angle: float, keys: Sequence[str] = ("cos", "sin")) -> dict:
     """Return a vector of that length and direction by its two components."""
     parts = size * float(np.cos(angle)), size * float(np.sin(angle))
     return dict(zip(keys, parts, strict=True))
@@ -219,9 +215,7 @@ CENTRE = ("com_x", "com_y", "com_z")
 
 # What every body that is added to an arm is told by, as fields of an `Effect`.
 BODY = {
-    "parameters": {"mass": "kg"}
-    | dict.fromkeys(CENTRE, "m")
-    | dict.fromkeys(TENSOR, "kg m^2"),
+    "parameters": {"mass": "kg"} | dict.fromkeys(CENTRE, "m") | dict.fromkeys(TENSOR, "kg m^2"),
     "defaults": dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
     "above": {"mass": 0.0},
     "together": TENSOR,

@@ -32,18 +32,14 @@ EFFECTS = (
         name="x_fault_drift",
         parameters={"rate": "rad/s"},
         **_SENSOR,
-        draw=lambda rng, sizes: {
-            "rate": draw_sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))
-        },
+        draw=lambda rng, sizes: {"rate": draw_sign(rng) * np.deg2rad(rng.uniform(0.02, 0.2))},
         drift=lambda p: p["rate"],
     ),
     Effect(
         name="x_fault_torque_bias",
         parameters={"torque": "N m"},
         **_SENSOR,
-        draw=lambda rng, sizes: {
-            "torque": draw_sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque
-        },
+        draw=lambda rng, sizes: {"torque": draw_sign(rng) * rng.uniform(0.1, 0.2) * sizes.torque},
         report=lambda tau, t, onset, p: tau + p["torque"],
     ),
     Effect(
@@ -61,9 +57,7 @@ EFFECTS = (
         defaults={"interval": 0.5, "width": 0.004},
         above={"interval": 0.0, "width": 0.0},
         **_SENSOR,
-        draw=lambda rng, sizes: {
-            "size": draw_sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque
-        },
+        draw=lambda rng, sizes: {"size": draw_sign(rng) * rng.uniform(0.5, 1.0) * sizes.torque},
         report=_spikes,
     ),
 )

@@ -7,8 +7,6 @@ EFFECT = Effect(
     name="coulomb_asymmetry",
     parameters={"level": "N m"},
     amount=("level",),
-    draw=lambda rng, sizes: {
-        "level": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.coulomb
-    },
+    draw=lambda rng, sizes: {"level": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.coulomb},
     friction=build_row_function(friction_laws.ASYMMETRY, "level"),
 )

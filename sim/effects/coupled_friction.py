@@ -7,12 +7,7 @@ from sim.effects.base import Effect, draw_sign
 
 EFFECT = Effect(
     name="coupled_friction",
-    parameters={
-        "level": "N m",
-        "coefficient": "N m s/rad",
-        "inertia": "kg m^2",
-        "sign": "1",
-    },
+    parameters={"level": "N m", "coefficient": "N m s/rad", "inertia": "kg m^2", "sign": "1"},
     defaults={"coefficient": 0.0, "inertia": 0.0, "sign": 1.0},
     scope="pair",
     signs=("sign",),

@@ -10,8 +10,6 @@ EFFECT = Effect(
     amount=("angle",),
     traits=frozenset({PlantEffectTrait.RARE}),
     where=draw_any_joint,
-    draw=lambda rng, sizes: {
-        "angle": draw_sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))
-    },
+    draw=lambda rng, sizes: {"angle": draw_sign(rng) * np.deg2rad(rng.uniform(0.5, 2.0))},
     encoder=lambda p: (p["angle"], 0.0, 0.0),
 )

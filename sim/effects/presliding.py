@@ -1,11 +1,6 @@
 """level z of another contact, whose bristles yield further."""
 
-from sim.effects.base import (
-    Effect,
-    PlantEffectTrait,
-    build_row_function,
-    draw_any_joint,
-)
+from sim.effects.base import Effect, PlantEffectTrait, build_row_function, draw_any_joint
 from sim.engine import friction_laws
 
 EFFECT = Effect(
@@ -16,9 +11,6 @@ EFFECT = Effect(
     # level z = level sgn(qd) + level (z - sgn(qd)), and the first is that friction.
     also=("coulomb",),
     where=draw_any_joint,
-    draw=lambda rng, sizes: {
-        "level": sizes.coulomb,
-        "displacement": rng.uniform(0.003, 0.03),
-    },
+    draw=lambda rng, sizes: {"level": sizes.coulomb, "displacement": rng.uniform(0.003, 0.03)},
     friction=build_row_function(friction_laws.BRISTLE, "level", "displacement"),
 )

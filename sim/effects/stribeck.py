@@ -13,7 +13,5 @@ EFFECT = Effect(
         "level": rng.uniform(0.2, 0.6) * sizes.coulomb,
         "velocity": rng.uniform(0.03, 0.15),
     },
-    friction=build_row_function(
-        friction_laws.STRIBECK, "level", "velocity", "exponent"
-    ),
+    friction=build_row_function(friction_laws.STRIBECK, "level", "velocity", "exponent"),
 )

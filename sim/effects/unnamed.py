@@ -73,16 +73,8 @@ EFFECTS = (
         name="x_cogging_sum",
         parameters={"amplitude": "N m", "order": "1"},
         scope="pair",
-        draw=lambda rng, sizes: {
-            "amplitude": _size(rng, sizes),
-            "order": rng.uniform(8.0, 14.0),
-        },
-        torque=lambda p, joints: (
-            friction_laws.COGGING_SUM,
-            p["amplitude"],
-            p["order"],
-            joints[1],
-        ),
+        draw=lambda rng, sizes: {"amplitude": _size(rng, sizes), "order": rng.uniform(8.0, 14.0)},
+        torque=lambda p, joints: (friction_laws.COGGING_SUM, p["amplitude"], p["order"], joints[1]),
     ),
     Effect(
         name="x_friction_jump",

@@ -7,8 +7,6 @@ EFFECT = Effect(
     name="viscous_asymmetry",
     parameters={"coefficient": "N m s/rad"},
     amount=("coefficient",),
-    draw=lambda rng, sizes: {
-        "coefficient": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.viscous
-    },
+    draw=lambda rng, sizes: {"coefficient": draw_sign(rng) * rng.uniform(0.1, 0.4) * sizes.viscous},
     friction=build_row_function(friction_laws.VISCOUS_ASYMMETRY, "coefficient"),
 )

@@ -84,9 +84,7 @@ def build_arm_capsules(model: pin.Model) -> ArmCapsules:
     if abs(jacobian.reshape(6, -1)[5, 0]) <= 0.99:
         low = ()  # the first axis is not upright in the base frame
     names = [f"{_end(model, kept[k])} above the floor" for k in low]
-    names += [
-        f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs
-    ]
+    names += [f"{_piece(model, kept, j)} from {_piece(model, kept, i)}" for i, j in pairs]
     return ArmCapsules(chain, tuple(kept), float(radius), low, pairs, tuple(names))
 
 
@@ -107,9 +105,7 @@ def compute_clearances(capsules: ArmCapsules, q: Array) -> Array:
 
 def compute_capsule_ends(capsules: ArmCapsules, q: Array) -> Array:
     """Return the ends of the capsules in the base frame [m]. Shape (n, ends, 3)."""
-    return capsules.chain.compute_joint_origins(np.asarray(q, dtype=float))[
-        :, capsules.kept
-    ]
+    return capsules.chain.compute_joint_origins(np.asarray(q, dtype=float))[:, capsules.kept]
 
 
 def _distance(a: Array, b: Array, c: Array, d: Array) -> Array:
@@ -163,9 +159,7 @@ def build_tool_kinematics(robot: Robot, family: str) -> ToolKinematics:
     steps = [model.jointPlacements[j].translation for j in range(1, model.njoints)]
     steps.append(model.frames[find_flange_frame(model)].placement.translation)
     length = float(sum(np.linalg.norm(step) for step in steps))
-    return ToolKinematics(
-        model, find_flange_frame(model), length, find_flange_axis(model)
-    )
+    return ToolKinematics(model, find_flange_frame(model), length, find_flange_axis(model))
 
 
 def compute_flange_pose(arm: ToolKinematics, q: Array) -> pin.SE3:

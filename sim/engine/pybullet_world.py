@@ -120,9 +120,7 @@ class _Client:
         with tempfile.TemporaryDirectory() as folder, silence_c_output():
             path = Path(folder) / "arm.urdf"
             path.write_text(urdf, encoding="utf-8")
-            self._arm = bullet.loadURDF(
-                str(path), useFixedBase=True, flags=flags, **self._on
-            )
+            self._arm = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._on)
 
     def close(self) -> None:
         """Let go of the physics client; twice is once."""
@@ -166,9 +164,7 @@ class BulletWorld(_Client):
             bullet.changeDynamics(self._arm, link, **limits, **self._on)
         still = [0.0] * len(self._joints)
         motors = bullet.VELOCITY_CONTROL
-        bullet.setJointMotorControlArray(
-            self._arm, self._joints, motors, forces=still, **self._on
-        )
+        bullet.setJointMotorControlArray(self._arm, self._joints, motors, forces=still, **self._on)
 
     def reset(self, q: Array, qd: Array) -> None:
         """Put the arm into a state."""
@@ -177,9 +173,7 @@ class BulletWorld(_Client):
 
     def state(self) -> tuple[Array, Array]:
         """Return positions [rad] and velocities [rad/s], shapes (dof,)."""
-        states = bullet.getJointStates(
-            self._arm, self._joints, physicsClientId=self._client
-        )
+        states = bullet.getJointStates(self._arm, self._joints, physicsClientId=self._client)
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
     def step(self, torque: Array) -> None:

@@ -69,9 +69,7 @@ def choose_controller(
     return torque
 
 
-def build_computed_torque_controller(
-    robot: Robot, reference: ReferenceMotion
-) -> Controller:
+def build_computed_torque_controller(robot: Robot, reference: ReferenceMotion) -> Controller:
     """Return the controller of the paper, with the nominal model of the robot."""
     model, data = robot.model, robot.model.createData()
     maker, goal = np.array(read_nominal_drives(robot)), _goal(reference)
@@ -271,9 +269,7 @@ def compute_external_torques(phase: ArmPhase, arm: MovingArm) -> dict[str, Array
     return out
 
 
-def _start(
-    phase: ArmPhase, reference: ReferenceMotion, state: PlantState
-) -> tuple[Array, Array]:
+def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tuple[Array, Array]:
     """Return where the arm is when its encoders read the beginning of the motion."""
     motor = invert_encoder_error(reference.q[0], phase.errors)
     q, data = motor, phase.model.createData()

@@ -280,9 +280,7 @@ def sum_explicit_torques(table, q, motor_q, motor, series_torques, channels):
         row, joint = table[e], int(table[e, 1])
         inside = row[0] in friction_laws.AT_MOTOR
         angles = motor_q if inside else q
-        torque = compute_row_torque(
-            row, angles[joint], angles, motor[joint], series_torques
-        )
+        torque = compute_row_torque(row, angles[joint], angles, motor[joint], series_torques)
         channels[int(row[2]), joint] += torque
         if inside:
             at_motor[joint] += torque
@@ -511,7 +509,5 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth
             state.memory[slot] = _heated(warmth, power[c] / arm.power[c], row[4], dt)
-    step_background_warmth(
-        arm.used, state.memory, power, arm.power, now[at.TEMPERATURE], dt
-    )
+    step_background_warmth(arm.used, state.memory, power, arm.power, now[at.TEMPERATURE], dt)
     return friction

@@ -49,9 +49,7 @@ def list_drive_effects() -> list[Effect]:
     return sorted(found, key=lambda effect: get_args(OfDrive).index(effect.of_drive))
 
 
-def resolve_effects(
-    effects: Iterable[PlantEffect | SyntheticEffect],
-) -> list[ActingEffect]:
+def resolve_effects(effects: Iterable[PlantEffect | SyntheticEffect]) -> list[ActingEffect]:
     """Return checked effects with what the catalogue has of them."""
     return [
         ActingEffect(
@@ -105,18 +103,12 @@ def _check_values(kind: Effect, given: Mapping[str, float]) -> None:
     for key, value in given.items():
         limit = kind.above.get(key, -math.inf)
         if not math.isfinite(value) or value <= limit:
-            expected = (
-                f"number above {limit:g}" if key in kind.above else "finite number"
-            )
-            raise InputError(
-                f"Effect '{kind.name}': {key} is {value:g}, expected a {expected}."
-            )
+            expected = f"number above {limit:g}" if key in kind.above else "finite number"
+            raise InputError(f"Effect '{kind.name}': {key} is {value:g}, expected a {expected}.")
     if any(abs(given.get(key, 1.0)) != 1.0 for key in kind.signs):
         raise InputError(f"Effect '{kind.name}': a sign is 1 or -1, nothing else.")
     if 0 < sum(key in given for key in kind.together) < len(kind.together):
-        raise InputError(
-            f"Effect '{kind.name}': give all of {', '.join(kind.together)} or none."
-        )
+        raise InputError(f"Effect '{kind.name}': give all of {', '.join(kind.together)} or none.")
 
 
 def _check_joints(effect: PlantEffect, dof: int) -> None:
@@ -129,9 +121,7 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
         "global": (joints == (), "none"),
     }[load_effects()[effect.name].scope]
     if len(set(joints)) < len(joints):
-        raise InputError(
-            f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice."
-        )
+        raise InputError(f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice.")
     if not (inside and fits):
         raise InputError(
             f"Effect '{effect.name}' is on joints {list(joints)}, expected {expected}."

@@ -133,9 +133,7 @@ def compute_usual_friction_power(coulomb: Array, viscous: Array, speed: Array) -
     return coulomb * speed + viscous * speed**2 + 1e-9
 
 
-def simulate_torque_logging(
-    background: JointBackground | None, tau: Array, rate: float
-) -> Array:
+def simulate_torque_logging(background: JointBackground | None, tau: Array, rate: float) -> Array:
     """Return what is logged of a torque: through a low pass, in whole steps [N m].
 
     Args:

@@ -10,12 +10,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.robot import Robot, refuse_carried_weight
 from sim.engine import friction_laws
-from sim.engine.plant_records import (
-    DriveParameters,
-    PlantEffect,
-    PlantSpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import DriveParameters, PlantEffect, PlantSpec, create_random_stream
 from sim.plant import step_tables as at
 from sim.plant.drive_train_step import SLOW, combine_springs, compute_warmth_after
 from sim.plant.effect_catalogue import (
@@ -52,9 +47,7 @@ def list_torque_channels(
     effects: Effects, background: JointBackground | None = None
 ) -> tuple[str, ...]:
     """Return what has a torque channel: effects by name, then that of a background."""
-    names = sorted(
-        {e.kind.name for e in resolve_effects(effects) if e.kind.has_channel}
-    )
+    names = sorted({e.kind.name for e in resolve_effects(effects) if e.kind.has_channel})
     return (*names, COGGING) if background is not None else tuple(names)
 
 
@@ -100,16 +93,10 @@ def build_friction_rows(
             rows.append(_row(gears[i], 0, (friction_laws.LEVEL, level)))
             rows.append(_row(gears[i], 0, (friction_laws.VISCOUS, coefficient)))
         if kind.friction:
-            rows += [
-                _row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints
-            ]
+            rows += [_row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints]
     for j in range(dof if background is not None else 0):
-        rows.append(
-            _row(j, 0, (friction_laws.FADING, background.level[j], background.speed[j]))
-        )
-        rows.append(
-            _row(j, 0, (friction_laws.PRESSED, background.press[j], background.span[j]))
-        )
+        rows.append(_row(j, 0, (friction_laws.FADING, background.level[j], background.speed[j])))
+        rows.append(_row(j, 0, (friction_laws.PRESSED, background.press[j], background.span[j])))
     return np.array(rows)
 
 
@@ -123,18 +110,14 @@ def build_torque_rows(
         kind, p, joints, _ = hidden[i]
         if kind.series:
             channel = channels.index(kind.name)
-            rows += [
-                _row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints
-            ]
+            rows += [_row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints]
         if kind.torque:
             channel, numbers = channels.index(kind.name), kind.torque(p, joints)
             on = joints[:1] if kind.scope == "pair" else joints
             rows += [_row(j, channel, numbers) for j in on]
     for wave in background.waves if background is not None else ():
         channel = channels.index(COGGING)
-        rows += [
-            _row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)
-        ]
+        rows += [_row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)]
     return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
 
 
@@ -219,10 +202,7 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
     rng = create_random_stream(plant.seed, "friction")
     factors = 1.0 + plant.scatter * rng.normal(size=(3, robot.dof))
     base = DriveParameters(
-        *(
-            f * value
-            for f, value in zip(factors, read_nominal_drives(robot), strict=True)
-        )
+        *(f * value for f, value in zip(factors, read_nominal_drives(robot), strict=True))
     )
     if plant.drive is not None and plant.drive.damping:
         # Of the motor, not of its gears; to the arm it is the same.
@@ -249,9 +229,7 @@ def build_initial_state(arm: PlantArm, start: float) -> PlantState:
     return PlantState(np.zeros((3, dof)), np.zeros(dof + gears), memory)
 
 
-def split_into_phases(
-    arm: PlantArm, steps: int, dt: float, series: Array
-) -> list[ArmPhase]:
+def split_into_phases(arm: PlantArm, steps: int, dt: float, series: Array) -> list[ArmPhase]:
     """Return the arm between the onsets of its effects.
 
     Args:
@@ -327,9 +305,7 @@ def _springs(
     springs = np.zeros((3, len(rotor)))
     for j in range(len(rotor)):
         soft = [
-            e.kind.transmission(e.values)
-            for e in effects
-            if j in e.joints and e.kind.transmission
+            e.kind.transmission(e.values) for e in effects if j in e.joints and e.kind.transmission
         ]
         compliances = [compliance for compliance, _ in soft if compliance]
         gaps = [gap for _, gap in soft if gap]

@@ -23,17 +23,13 @@ SLACK = 1e-9  # s: an onset on a sample acts on that sample
 FAST, FAR = 60.0, 1.0  # rad/s, rad: beyond them a real arm has been stopped
 
 
-def simulate_encoder(
-    q: Array, rng: np.random.Generator, step: float = ENCODER_STEP
-) -> Array:
+def simulate_encoder(q: Array, rng: np.random.Generator, step: float = ENCODER_STEP) -> Array:
     """Return positions with noise of half a step, rounded to whole steps [rad]."""
     noisy = q + step / 2 * rng.normal(size=q.shape)
     return np.round(noisy / step) * step
 
 
-def draw_torque_noise(
-    samples: int, span: Array, rate: float, rng: np.random.Generator
-) -> Array:
+def draw_torque_noise(samples: int, span: Array, rate: float, rng: np.random.Generator) -> Array:
     """Return the noise of the torque sensors: white, and a slow AR(1) process.
 
     n_i = span (0.015 w_i + 0.005 x_i), x_i = a x_(i-1) + sqrt(1 - a^2) v_i,
@@ -48,9 +44,7 @@ def draw_torque_noise(
     return span * (WHITE_TORQUE * white + SLOW_TORQUE * slow)
 
 
-def simulate_torque_report(
-    tau: Array, t: Array, effects: Sequence[ActingEffect]
-) -> Array:
+def simulate_torque_report(tau: Array, t: Array, effects: Sequence[ActingEffect]) -> Array:
     """Return the torque as it is reported, noise apart [N m]. Shape (n, dof).
 
     The drive itself works; its report ends at the range of its sensor, then it comes
@@ -64,10 +58,7 @@ def simulate_torque_report(
 
     def order(effect: ActingEffect) -> tuple[bool, bool]:
         """Drives first, then what all joints have, then broken sensors."""
-        return (
-            PlantEffectTrait.SENSOR in effect.kind.traits,
-            effect.kind.scope == "global",
-        )
+        return (PlantEffectTrait.SENSOR in effect.kind.traits, effect.kind.scope == "global")
 
     for kind, p, joints, onset in sorted(effects, key=order):
         if kind.report:
@@ -157,9 +148,7 @@ class EncoderFaults(NamedTuple):
             now[at.READING_RATE, joint] = 0.0
 
 
-def collect_encoder_faults(
-    effects: Sequence[ActingEffect], dt: float
-) -> EncoderFaults | None:
+def collect_encoder_faults(effects: Sequence[ActingEffect], dt: float) -> EncoderFaults | None:
     """Return the encoder faults among the effects that act, None if there are none."""
     frozen, drift = [], []
     for kind, p, joints, onset in effects:
@@ -173,9 +162,7 @@ def collect_encoder_faults(
     return EncoderFaults(tuple(frozen), tuple(drift))
 
 
-def repeat_frozen_readings(
-    q: Array, t: Array, effects: Sequence[ActingEffect]
-) -> Array:
+def repeat_frozen_readings(q: Array, t: Array, effects: Sequence[ActingEffect]) -> Array:
     """Return the log of the encoders where a frozen one repeats its last word.
 
     What is frozen is the number itself: the noise of the reading stands still too.

@@ -26,9 +26,7 @@ def check_servo(servo: ServoDrive | None, robot: Robot) -> None:
             )
 
 
-def follow_goal(
-    servo: ServoDrive, reference: ReferenceMotion, stride: int
-) -> ReferenceMotion:
+def follow_goal(servo: ServoDrive, reference: ReferenceMotion, stride: int) -> ReferenceMotion:
     """Return the motion that the servos walk along, at the rate of the controller.
 
     Args:

@@ -59,11 +59,7 @@ def compute_usual_motion_range(robot: Robot) -> UsualMotionRange:
 def draw_motion_centre(usual: UsualMotionRange, rng: np.random.Generator) -> Array:
     """Return the middle of one motion, up to 0.3 rad off the usual one [rad]."""
     centre = usual.centre + rng.uniform(-0.3, 0.3, len(usual.centre))
-    return np.clip(
-        centre,
-        usual.lower + usual.amplitude,
-        usual.upper - usual.amplitude,
-    )
+    return np.clip(centre, usual.lower + usual.amplitude, usual.upper - usual.amplitude)
 
 
 def estimate_typical_sizes(robot: Robot) -> TypicalSizes:
@@ -89,9 +85,7 @@ def estimate_typical_sizes(robot: Robot) -> TypicalSizes:
         shares = dict(coulomb=0.2 * torque, viscous=0.15 * torque, rotor=0.02 * torque)
         table = {"torque": torque, **shares}
     for effect in list_drive_effects():
-        table[effect.of_drive] = read_declared_values(
-            robot, effect, table[effect.of_drive]
-        )
+        table[effect.of_drive] = read_declared_values(robot, effect, table[effect.of_drive])
     return TypicalSizes(**table, loaded=tuple(int(j) for j in loaded))
 
 
@@ -110,9 +104,7 @@ def read_declared_values(robot: Robot, effect: Effect, default: Array) -> Array:
     return np.broadcast_to(np.asarray(value, dtype=float), (robot.dof,)).copy()
 
 
-def scatter_inertias(
-    model: pin.Model, relative: float, rng: np.random.Generator
-) -> pin.Model:
+def scatter_inertias(model: pin.Model, relative: float, rng: np.random.Generator) -> pin.Model:
     """Return a copy whose bodies differ a little from the nominal ones.
 
     Mass and centre of mass are scaled, and each body is stretched about its centre:

@@ -41,11 +41,7 @@ from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, compute_clearances
 from sim.engine.plant_records import DriveParameters, ReferenceMotion
 from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
-from sim.trajectories.motion_curves import (
-    FourierSeries,
-    bound_series_peaks,
-    differentiate_series,
-)
+from sim.trajectories.motion_curves import FourierSeries, bound_series_peaks, differentiate_series
 from sim.trajectories.planning_limits import (
     MotionPlan,
     MotionWorkspace,
@@ -91,9 +87,7 @@ def sample_series(series: FourierSeries, t: Array) -> tuple[Array, Array, Array]
     return series.centre + q, qd, qdd
 
 
-def draw_feasible_series(
-    workspace: MotionWorkspace, rng: np.random.Generator
-) -> FourierSeries:
+def draw_feasible_series(workspace: MotionWorkspace, rng: np.random.Generator) -> FourierSeries:
     """Draw a random motion, made as large as the limits let it."""
     for number in range(_TRIES):
         # Around the zero posture first, and anywhere where that is a bad place.
@@ -123,14 +117,11 @@ def draw_unchecked_series(
     far = limits.middle + rng.uniform(-_APART, _APART, len(near)) * limits.half
     centre = far if anywhere else near
     return scale_series_to_limits(
-        workspace,
-        FourierSeries(centre, *expand_free_coefficients(free), workspace.period),
+        workspace, FourierSeries(centre, *expand_free_coefficients(free), workspace.period)
     )
 
 
-def scale_series_to_limits(
-    workspace: MotionWorkspace, series: FourierSeries
-) -> FourierSeries:
+def scale_series_to_limits(workspace: MotionWorkspace, series: FourierSeries) -> FourierSeries:
     """Scale every joint to the end of its range, speed or acceleration."""
     return scale_series(series, compute_growth_factors(workspace, series))
 
@@ -156,13 +147,9 @@ def scale_series(series: FourierSeries, scale: Array | float) -> FourierSeries:
     return replace(series, sine=scale * series.sine, cosine=scale * series.cosine)
 
 
-def shrink_to_feasible(
-    workspace: MotionWorkspace, series: FourierSeries
-) -> FourierSeries | None:
+def shrink_to_feasible(workspace: MotionWorkspace, series: FourierSeries) -> FourierSeries | None:
     """Make a motion so much smaller that it keeps all limits, those of bodies too."""
-    series = scale_series(
-        series, np.minimum(compute_growth_factors(workspace, series), 1.0)
-    )
+    series = scale_series(series, np.minimum(compute_growth_factors(workspace, series), 1.0))
     t, size = np.arange(_GRID) / _GRID * workspace.period, 1.0
     while size > _LEAST:
         smaller = scale_series(series, size)
@@ -191,19 +178,12 @@ def export_series_coefficients(series: FourierSeries) -> tuple[tuple[float, ...]
     Returns:
         Centre, then the free coefficients: 9 rows of dof numbers [rad].
     """
-    rows = (
-        np.vstack([series.centre, extract_free_coefficients(series)]).round(DIGITS)
-        + 0.0
-    )
+    rows = np.vstack([series.centre, extract_free_coefficients(series)]).round(DIGITS) + 0.0
     return tuple(tuple(row) for row in rows.tolist())
 
 
 def draw_excitation(
-    robot: Robot,
-    duration: float,
-    periods: int,
-    rng: np.random.Generator,
-    optimised: bool = True,
+    robot: Robot, duration: float, periods: int, rng: np.random.Generator, optimised: bool = True
 ) -> Iterator[Iterable[MotionPlan]]:
     """Search for the most exciting motion, or draw one."""
     space = build_workspace(robot, duration / periods)
@@ -244,9 +224,7 @@ def draw_slow_coefficients(
     place = build_workspace(robot, period)
     for _ in range(_SLOW_TRIES):
         series = draw_feasible_series(place, rng)
-        slow = scale_series(
-            series, np.minimum(1.0, speed / bound_series_peaks(series)[1])
-        )
+        slow = scale_series(series, np.minimum(1.0, speed / bound_series_peaks(series)[1]))
         fitted = shrink_to_feasible(place, slow)
         if fitted is not None:
             return export_series_coefficients(fitted)
@@ -288,9 +266,7 @@ def measure_excitation(model: pin.Model, q: Array, qd: Array, qdd: Array) -> Exc
     """Return how well some samples excite the base parameters."""
     columns = find_independent_columns(model)
     count = len(columns)
-    stacked = compute_inertial_regressor(model, q, qd, qdd)[:, :, columns].reshape(
-        -1, count
-    )
+    stacked = compute_inertial_regressor(model, q, qd, qdd)[:, :, columns].reshape(-1, count)
     size = np.linalg.norm(stacked, axis=0)
     if len(stacked) < count or size.min() == 0:
         return Excitation(float("inf"), float("-inf"), count)
@@ -389,9 +365,7 @@ class ExcitationProblem:
         """Return the unknowns of a motion that is at rest at its ends."""
         limits = self.place.limits
         both = np.vstack([series.sine, series.cosine])
-        free = np.linalg.lstsq(np.vstack(expand_free_coefficients(np.eye(FREE))), both)[
-            0
-        ]
+        free = np.linalg.lstsq(np.vstack(expand_free_coefficients(np.eye(FREE))), both)[0]
         centre = (series.centre - limits.middle) / limits.half
         return np.vstack([centre, free / limits.half]).ravel()
 
@@ -433,19 +407,13 @@ class ExcitationProblem:
 
     def _shares(self, x: Array) -> tuple[Array, Array, Array]:
         limits, (q, qd, qdd) = self.place.limits, self._motion(x)
-        return (
-            (q - limits.middle) / limits.half,
-            qd / limits.velocity,
-            qdd / limits.acceleration,
-        )
+        return ((q - limits.middle) / limits.half, qd / limits.velocity, qdd / limits.acceleration)
 
     def _excitation(self, q: Array, qd: Array, qdd: Array) -> tuple[float, list]:
         """Return the cost of excitation and torque, and its slopes by q, qd, qdd."""
         n, dof = q.shape
         rows = self._regressors(q, qd, qdd)
-        value, slope = compute_excitation_cost(
-            rows[0][:, :, self.columns].reshape(n * dof, -1)
-        )
+        value, slope = compute_excitation_cost(rows[0][:, :, self.columns].reshape(n * dof, -1))
         by_row = np.zeros(rows.shape[1:])
         by_row[:, :, self.columns] = slope.reshape(n, dof, -1)
         own = self.friction
@@ -480,9 +448,7 @@ class ExcitationProblem:
             for joint in range(q.shape[1]):
                 moved = q[near]
                 moved[:, joint] += _STEP
-                change = (
-                    _SPACE - compute_clearances(arm, moved)
-                ) / arm.radius - missing[near]
+                change = (_SPACE - compute_clearances(arm, moved)) / arm.radius - missing[near]
                 slope[near, joint] = (by_missing[near] * change).sum(axis=1) / _STEP
         return value, slope
 
@@ -490,9 +456,7 @@ class ExcitationProblem:
 def build_excitation_problem(workspace: MotionWorkspace) -> ExcitationProblem:
     """Return the search for the best motion in a workspace."""
     t = (np.arange(_SAMPLES) + 0.5) / _SAMPLES * workspace.period
-    unit = FourierSeries(
-        np.zeros(FREE), *expand_free_coefficients(np.eye(FREE)), workspace.period
-    )
+    unit = FourierSeries(np.zeros(FREE), *expand_free_coefficients(np.eye(FREE)), workspace.period)
     model = workspace.robot.model
     return ExcitationProblem(
         workspace,
@@ -522,9 +486,7 @@ def _largest(values: Array) -> tuple[Array, Array]:
     return top * total ** (1 / _PEAKED), slope * np.sign(values)
 
 
-def optimize_excitation(
-    workspace: MotionWorkspace, rng: np.random.Generator
-) -> FourierSeries:
+def optimize_excitation(workspace: MotionWorkspace, rng: np.random.Generator) -> FourierSeries:
     """Return the best motion that a seeded search from several starts finds.
 
     Random motions are ranked by cost; sequential quadratic programming improves the
@@ -532,18 +494,13 @@ def optimize_excitation(
     limits exactly, between samples too.
     """
     search = build_excitation_problem(workspace)
-    drawn = [
-        draw_unchecked_series(workspace, rng, anywhere=bool(i % 2))
-        for i in range(_DRAWN)
-    ]
+    drawn = [draw_unchecked_series(workspace, rng, anywhere=bool(i % 2)) for i in range(_DRAWN)]
     drawn = [search.encode_series(series) for series in drawn]
     drawn.sort(key=lambda x: search.cost(x)[0])
     points = [_improved(search, x, _STEPS[0]) for x in drawn[:_STARTS]]
     points.sort(key=lambda x: search.cost(x)[0])
     points.append(_improved(search, points[0], _STEPS[1]))
-    found = [
-        s for x in points if (s := shrink_to_feasible(workspace, search.series(x)))
-    ]
+    found = [s for x in points if (s := shrink_to_feasible(workspace, search.series(x)))]
     found = [s for series in found if (s := _stirred(workspace, series))]
     return min(
         found or [draw_feasible_series(workspace, rng)],
@@ -568,12 +525,6 @@ def compute_series_condition(space: MotionWorkspace, series: FourierSeries) -> f
 
 
 def _improved(search: ExcitationProblem, x: Array, steps: int) -> Array:
-    bounds = {
-        "type": "ineq",
-        "fun": search.compute_margins,
-        "jac": search.compute_margin_gradients,
-    }
+    bounds = {"type": "ineq", "fun": search.compute_margins, "jac": search.compute_margin_gradients}
     options = {"maxiter": steps, "ftol": _ENOUGH}
-    return minimize(
-        search.cost, x, jac=True, method="SLSQP", constraints=bounds, options=options
-    ).x
+    return minimize(search.cost, x, jac=True, method="SLSQP", constraints=bounds, options=options).x

@@ -69,9 +69,7 @@ def differentiate_series(series: FourierSeries, s: Array, order: int) -> Array:
     rate = 2 * np.pi / series.period * np.arange(1, len(series.sine) + 1)
     angle = np.outer(s, rate) + order * np.pi / 2
     factor = rate[:, None] ** order
-    return np.sin(angle) @ (factor * series.sine) + np.cos(angle) @ (
-        factor * series.cosine
-    )
+    return np.sin(angle) @ (factor * series.sine) + np.cos(angle) @ (factor * series.cosine)
 
 
 def compute_ramped_time(
@@ -145,9 +143,7 @@ def build_dwell(q: Array, time: float) -> MotionStage:
 
 def build_joint_move(start: Array, end: Array, time: float) -> MotionStage:
     """Return a move of all joints together, by a polynomial of fifth order."""
-    return MotionStage(
-        time, lambda t: evaluate_quintic_move(start, end, time, t[:, None] / time)
-    )
+    return MotionStage(time, lambda t: evaluate_quintic_move(start, end, time, t[:, None] / time))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -186,9 +182,7 @@ def build_path_stage(path: JointPath, time: float, constant_speed: bool) -> Moti
             ramp = _STROKE_RAMP * time
             x, xd, xdd = (v / (time - ramp) for v in compute_ramped_time(t, time, ramp))
         else:
-            unit = evaluate_quintic_move(
-                np.zeros(1), np.ones(1), time, t[:, None] / time
-            )
+            unit = evaluate_quintic_move(np.zeros(1), np.ones(1), time, t[:, None] / time)
             x, xd, xdd = (v[:, 0] for v in unit)
         first, second = path.at(x, 1), path.at(x, 2)
         xd, xdd = xd[:, None], xdd[:, None]
@@ -197,9 +191,7 @@ def build_path_stage(path: JointPath, time: float, constant_speed: bool) -> Moti
     return MotionStage(time, motion)
 
 
-def find_shortest_stage_time(
-    stage: MotionStage, velocity: Array, acceleration: Array
-) -> float:
+def find_shortest_stage_time(stage: MotionStage, velocity: Array, acceleration: Array) -> float:
     """Return the time in which a stage just keeps speeds and accelerations [s].
 
     Slower by a factor, a stage from rest to rest has speeds lower by that factor and

@@ -12,12 +12,7 @@ from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot
-from sim.engine.geometry import (
-    MARGIN,
-    ArmCapsules,
-    build_arm_capsules,
-    compute_clearances,
-)
+from sim.engine.geometry import MARGIN, ArmCapsules, build_arm_capsules, compute_clearances
 from sim.engine.plant_records import DriveParameters
 from sim.plant.effect_catalogue import list_drive_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, read_declared_values
@@ -59,9 +54,7 @@ class MotionLimitError(InputError):
         limit: What it may need.
     """
 
-    def __init__(
-        self, message: str, joint: int, time: float, value: float, limit: float
-    ) -> None:
+    def __init__(self, message: str, joint: int, time: float, value: float, limit: float) -> None:
         super().__init__(message)
         self.joint, self.time, self.value, self.limit = joint, time, value, limit
 
@@ -105,16 +98,11 @@ def build_workspace(robot: Robot, period: float) -> MotionWorkspace:
 def read_declared_drives(robot: Robot) -> DriveParameters:
     """Return what a robot declares with values; zero where nothing."""
     nothing = np.zeros(robot.dof)
-    known = {
-        e.of_drive: read_declared_values(robot, e, nothing)
-        for e in list_drive_effects()
-    }
+    known = {e.of_drive: read_declared_values(robot, e, nothing) for e in list_drive_effects()}
     return DriveParameters(**known)
 
 
-def compute_torque_without_coulomb(
-    robot: Robot, q: Array, qd: Array, qdd: Array
-) -> Array:
+def compute_torque_without_coulomb(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the nominal torque without Coulomb friction [N m]. Shape (n, dof)."""
     own = read_declared_drives(robot)
     rigid = compute_inverse_dynamics(robot.model, q, qd, qdd)

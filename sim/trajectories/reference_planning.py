@@ -8,11 +8,7 @@ import numpy as np
 from residual import one_blas_thread
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
-from sim.engine.plant_records import (
-    ReferenceMotion,
-    TrajectorySpec,
-    create_random_stream,
-)
+from sim.engine.plant_records import ReferenceMotion, TrajectorySpec, create_random_stream
 from sim.trajectories.excitation import build_given_series, draw_excitation
 from sim.trajectories.motion_curves import RAMP
 from sim.trajectories.planning_limits import (
@@ -55,8 +51,7 @@ FAMILIES = {
     "welding": MotionFamily(draw_weldings, _PIECE, patience=3),
     "move_stop_move": MotionFamily(
         draw_place_routes,
-        "places that {} can move between within its limits and clear of the floor and "
-        "itself",
+        "places that {} can move between within its limits and clear of the floor and itself",
         plan_given_places,
     ),
 }
@@ -90,9 +85,7 @@ def plan_reference_motion(
 
 
 @one_blas_thread
-def plan_motion(
-    robot: Robot, spec: TrajectorySpec, optimised: bool = True
-) -> MotionPlan:
+def plan_motion(robot: Robot, spec: TrajectorySpec, optimised: bool = True) -> MotionPlan:
     """Plan a motion and check it, as `plan_reference_motion` before it is sampled."""
     _check_spec(spec)
     family, errors = FAMILIES[spec.kind], []
@@ -120,8 +113,7 @@ def plan_motion(
     if errors:
         raise errors[0]
     raise InputError(
-        f"{spec.kind}: found no {family.absent.format(robot.name)}. "
-        "Try another seed, or fourier."
+        f"{spec.kind}: found no {family.absent.format(robot.name)}. Try another seed, or fourier."
     )
 
 
@@ -142,8 +134,7 @@ def _check_spec(spec: TrajectorySpec) -> None:
     given = [kind for kind, family in FAMILIES.items() if family.build]
     if spec.coefficients and spec.kind not in given:
         raise InputError(
-            f"{spec.kind} has no coefficients; leave them out, or use kind "
-            f"{' or '.join(given)}."
+            f"{spec.kind} has no coefficients; leave them out, or use kind {' or '.join(given)}."
         )
     if spec.seed < 0:
         raise InputError(f"seed must be 0 or more, got {spec.seed}.")

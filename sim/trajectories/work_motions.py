@@ -129,9 +129,7 @@ def plan_given_places(
             f"{duration:g} s. Lengthen the duration, or ask for fewer periods."
         )
     ways = zip(places, np.roll(places, -1, axis=0), times, strict=True)
-    going = repeat_stages(
-        [build_joint_move(start, end, time) for start, end, time in ways]
-    )
+    going = repeat_stages([build_joint_move(start, end, time) for start, end, time in ways])
 
     def curve(t: Array) -> Motion:
         return going(np.clip(t - stand, 0.0, None))
@@ -140,9 +138,7 @@ def plan_given_places(
     return MotionPlan("move_stop_move", curve, duration, sum(times), once)
 
 
-def _draw_waypoints(
-    space: MotionWorkspace, rng: np.random.Generator
-) -> _Waypoints | None:
+def _draw_waypoints(space: MotionWorkspace, rng: np.random.Generator) -> _Waypoints | None:
     """Draw more places than fit into a period, but two at least; None for fewer."""
     space_used = compute_usual_motion_range(space.robot)
     for number in range(_CENTRES):
@@ -213,9 +209,7 @@ def _closed_route(
     stages, places = [], [*route.places[:count], route.places[0]]
     for i in range(count):
         stages.append(build_dwell(places[i], route.dwells[i] * period / needed))
-        stages.append(
-            build_joint_move(places[i], places[i + 1], moves[i] * period / needed)
-        )
+        stages.append(build_joint_move(places[i], places[i + 1], moves[i] * period / needed))
     return MotionPlan("move_stop_move", repeat_stages(stages), duration, period, period)
 
 
@@ -264,9 +258,7 @@ class ToolWorkspace(MotionWorkspace):
 def build_tool_workspace(robot: Robot, family: str, period: float) -> ToolWorkspace:
     """Return the cell of a robot; the error of `kinematics` for a short arm."""
     limits, arm = read_planning_limits(robot), build_arm_capsules(robot.model)
-    return ToolWorkspace(
-        robot, limits, arm, period, build_tool_kinematics(robot, family)
-    )
+    return ToolWorkspace(robot, limits, arm, period, build_tool_kinematics(robot, family))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -323,16 +315,12 @@ def draw_weldings(
             yield _weldings(space, piece, seams, duration)
 
 
-def _draw_pieces(
-    space: ToolWorkspace, rng: np.random.Generator
-) -> Iterator["WorkPiece"]:
+def _draw_pieces(space: ToolWorkspace, rng: np.random.Generator) -> Iterator["WorkPiece"]:
     drawn = (draw_work_piece(space, rng) for _ in range(_PIECES))
     return filter(None, drawn)
 
 
-def _paintings(
-    space: ToolWorkspace, piece: WorkPiece, duration: float
-) -> Iterator[MotionPlan]:
+def _paintings(space: ToolWorkspace, piece: WorkPiece, duration: float) -> Iterator[MotionPlan]:
     """Return plans of fewer and fewer strokes, as far as the arm can follow."""
     period = space.period
     for strokes in range(int(np.clip(period / _STROKE, 1, _STROKES)), 0, -1):
@@ -379,9 +367,7 @@ def draw_work_piece(cell: ToolWorkspace, rng: np.random.Generator) -> WorkPiece 
     return WorkPiece(pin.SE3(rotation, place), across, along, half, posture)
 
 
-def _best_posture(
-    space: ToolWorkspace, target: pin.SE3, rng: np.random.Generator
-) -> Array | None:
+def _best_posture(space: ToolWorkspace, target: pin.SE3, rng: np.random.Generator) -> Array | None:
     """Return the posture for a pose that is farthest from singular ones. (dof,)."""
     limits, postures, room = space.limits, [], compute_usual_motion_range(space.robot)
     for share in rng.uniform(-1, 1, (_GUESSES, space.robot.dof)):
@@ -393,22 +379,16 @@ def _best_posture(
         q = q - 2 * np.pi * np.round((q - limits.middle) / (2 * np.pi))
         if space.fits(q[None]):
             postures.append(q)
-    free = [
-        float(measure_singularity_distance(space.ways, q[None])[0]) for q in postures
-    ]
+    free = [float(measure_singularity_distance(space.ways, q[None])[0]) for q in postures]
     return postures[int(np.argmax(free))] if postures else None
 
 
-def _series(
-    space: ToolWorkspace, piece: WorkPiece, strokes: int
-) -> FourierSeries | None:
+def _series(space: ToolWorkspace, piece: WorkPiece, strokes: int) -> FourierSeries | None:
     """Return the joint angles of painting, None where the arm cannot follow."""
     count = _STROKE_NODES * max(strokes, 4)
     angle = 2 * np.pi * np.arange(count) / count
     targets = [_gun(piece, a, strokes) for a in angle]
-    q = solve_pose_path(
-        space.ways, [*targets, targets[0]], piece.posture, piece.posture
-    )
+    q = solve_pose_path(space.ways, [*targets, targets[0]], piece.posture, piece.posture)
     # An arm may end in another posture than it began in, or one turn farther.
     if q is None or not space.fits(q) or np.abs(q[-1] - q[0]).max() > 1e-6:
         return None
@@ -462,9 +442,7 @@ def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> _Routes | No
     last = piece.posture
     for (start, end), (after, _) in zip(seams, [*seams[1:], seams[0]], strict=True):
         for points, height in (((start, end), 0.0), ((end, after), lift)):
-            targets = [
-                _torch(piece, *points, height, x) for x in compute_path_nodes(_NODES)
-            ]
+            targets = [_torch(piece, *points, height, x) for x in compute_path_nodes(_NODES)]
             q = solve_pose_path(space.ways, targets, last, piece.posture)
             if q is None or not space.fits(q):
                 return None
@@ -478,9 +456,7 @@ def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> _Routes | No
     )
 
 
-def _torch(
-    piece: WorkPiece, start: _Point, end: _Point, height: float, x: float
-) -> pin.SE3:
+def _torch(piece: WorkPiece, start: _Point, end: _Point, height: float, x: float) -> pin.SE3:
     """Return the pose of the flange on the way between two points, x from 0 to 1."""
     place = start.place + x * (end.place - start.place)
     lean = start.lean + x * (end.lean - start.lean)
@@ -498,16 +474,10 @@ def _timed(
     """
     bounds = (limits.velocity, limits.acceleration)
     seams = np.array(
-        [
-            find_shortest_stage_time(build_path_stage(r, 1.0, True), *bounds)
-            for r in routes.seams
-        ]
+        [find_shortest_stage_time(build_path_stage(r, 1.0, True), *bounds) for r in routes.seams]
     )
     moves = np.array(
-        [
-            find_shortest_stage_time(build_path_stage(r, 1.0, False), *bounds)
-            for r in routes.moves
-        ]
+        [find_shortest_stage_time(build_path_stage(r, 1.0, False), *bounds) for r in routes.moves]
     )
     seams = np.maximum(_EASE * seams, _SEAM)
     moves, still = np.maximum(_EASE * moves, _AIR), _DWELL
@@ -521,12 +491,6 @@ def _timed(
     stages = []
     for i, (seam, air) in enumerate(zip(routes.seams, routes.moves, strict=True)):
         begin, end = (seam.at(np.array([x]))[0] for x in (0.0, 1.0))
-        stages += [
-            build_dwell(begin, still),
-            build_path_stage(seam, float(seams[i]), True),
-        ]
-        stages += [
-            build_dwell(end, still),
-            build_path_stage(air, float(moves[i]), False),
-        ]
+        stages += [build_dwell(begin, still), build_path_stage(seam, float(seams[i]), True)]
+        stages += [build_dwell(end, still), build_path_stage(air, float(moves[i]), False)]
     return stages

@@ -16,11 +16,7 @@ ROW = {
     "listed": False,
     "unexplained": [],
 }
-FALSE = {
-    "exact": False,
-    "true": 1,
-    "said": [[["payload", [6]]], [["offset", [1]]]],
-}
+FALSE = {"exact": False, "true": 1, "said": [[["payload", [6]]], [["offset", [1]]]]}
 
 
 def figures_of(rows, deciding=True):

@@ -27,9 +27,7 @@ def test_every_kind_of_fault_can_be_made():
 
 
 @pytest.mark.parametrize("kind", cases.FAULTS)
-@pytest.mark.parametrize(
-    "size", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))]
-)
+@pytest.mark.parametrize("size", [0, *(pytest.param(n, marks=pytest.mark.long) for n in (1, 2))])
 def test_a_fault_changes_logs_or_robot_and_leaves_the_host_as_it_was(six, kind, size):
     before = [table_of(log) for log in six.logs]
     faulty = spoil(six, kind, size)

@@ -33,9 +33,7 @@ def verdict(*effects, unexplained=()):
         "verdict": "effects" if effects else nothing,
         "effects": list(effects),
         "unexplained": {"joints": list(unexplained)},
-        "error": {
-            "overall_filtered": {"nominal": 20.0, "identified": 8.0, "augmented": 4.4}
-        },
+        "error": {"overall_filtered": {"nominal": 20.0, "identified": 8.0, "augmented": 4.4}},
     }
     return typed(part)
 
@@ -77,14 +75,10 @@ JUDGED = [
 ]
 
 
-@pytest.mark.parametrize(
-    ("drawn", "truth", "words", "outcome", "found", "extra", "joint"), JUDGED
-)
+@pytest.mark.parametrize(("drawn", "truth", "words", "outcome", "found", "extra", "joint"), JUDGED)
 def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, joint):
     pairs = map(str.split, filter(None, truth.split(";")))
-    judged = score(
-        drawn, [Name(n, (int(j),)) for n, j in pairs], verdict_in_words(words)
-    )
+    judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], verdict_in_words(words))
     assert (judged.outcome, judged.count, judged.extra) == (outcome, found, extra)
     assert judged.joint_right is joint
 

@@ -22,11 +22,7 @@ def test_the_right_effect_predicts_better_than_another_and_than_none():
     recordings = make(Plant(robot, (hidden,), 4), PLAN, 4)
     right, other, nothing = (
         oracle(robot, recordings[:2], recordings[2:], effects)[1].overall("filtered")
-        for effects in (
-            [("position_friction", (2,))],
-            [("position_friction", (3,))],
-            [],
-        )
+        for effects in ([("position_friction", (2,))], [("position_friction", (3,))], [])
     )
     assert right < 0.8 * min(other, nothing)
     with pytest.raises(UnknownNameError):

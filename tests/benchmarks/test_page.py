@@ -52,10 +52,7 @@ def test_a_value_is_shown_with_its_unit(figure, words):
 @pytest.mark.parametrize(
     ("figure", "words"),
     [
-        (
-            _figure("share", value=0.9, bar=0.95, ok=False, at_least=True),
-            "≥ 95 % **missed**",
-        ),
+        (_figure("share", value=0.9, bar=0.95, ok=False, at_least=True), "≥ 95 % **missed**"),
         (_figure("share", value=20, bar=16, ok=True, at_least=True), "≥ 16"),
         (_figure("share", value=0.5, bar=0.65, ok=True, low=0.35), "35 % to 65 %"),
         (_figure("s", value=1.1, bar=1.0, ok=None), "≤ 1 *undecided*"),

@@ -5,13 +5,7 @@ from argparse import Namespace
 import pytest
 
 from benchmarks.harness.cases import crash_figures, guarded
-from benchmarks.harness.figures import (
-    figure,
-    finish,
-    missing,
-    read_options,
-    undecided,
-)
+from benchmarks.harness.figures import figure, finish, missing, read_options, undecided
 
 
 def test_a_quick_run_takes_seeds_of_its_own(monkeypatch):
@@ -44,9 +38,7 @@ def test_a_crash_is_a_row_that_says_its_case():
 
 def test_only_a_crash_is_decided_by_too_few_draws():
     entry = {"value": 2, "bar": 1, "ok": False, "n": 1}
-    figures = undecided(
-        {"crashes": entry, "missed": entry, "due": {**entry, "why": "x"}}
-    )
+    figures = undecided({"crashes": entry, "missed": entry, "due": {**entry, "why": "x"}})
     assert figures["crashes"] == entry
     assert figures["missed"]["ok"] is None
     assert "full run" in figures["missed"]["why"]

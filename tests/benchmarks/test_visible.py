@@ -2,14 +2,7 @@
 
 import pytest
 
-from benchmarks.synthetic.visible import (
-    OF_A_NAME,
-    SEEDS,
-    VISIBLE,
-    Stage,
-    draw_visible,
-    share,
-)
+from benchmarks.synthetic.visible import OF_A_NAME, SEEDS, VISIBLE, Stage, draw_visible, share
 from flows.steps import demo
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.plant_records import HIDDEN, TrajectorySpec

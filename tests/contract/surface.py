@@ -83,9 +83,7 @@ def _command(name: str) -> dict:
         "group": next(group.name for group in command.group),
         "options": {one.name: _option(one) for one in options if one.show},
         "meaning": {
-            one.name: " ".join((one.parameter.help or "").split())
-            for one in options
-            if one.show
+            one.name: " ".join((one.parameter.help or "").split()) for one in options if one.show
         },
     }
 

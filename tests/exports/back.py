@@ -94,9 +94,7 @@ def fast_states(model: Model, count: int = STATES) -> NoiselessMotion:
     shapes = model.standstill or (SMOOTH,) * model.robot.dof
     times = [max(s.reach, FULL * s.size if s.kind == "smooth" else 0) for s in shapes]
     states, slow = random_states(model.robot, count), floor * np.array(times)
-    return NoiselessMotion(
-        states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd
-    )
+    return NoiselessMotion(states.t, states.q, states.qd + np.sign(states.qd) * slow, states.qdd)
 
 
 def _along(made: ModelExport, got: Callable[[NoiselessMotion], Array]) -> Pair:

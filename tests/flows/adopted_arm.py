@@ -28,9 +28,7 @@ def spec(kind, night, number, effects=(SPRING,)):
 
 
 # Of the arm of all nights, by the seed of its plant.
-SERIAL = experiment.name_arm(
-    parse_spec(spec("cyclic", 1, 0), "SPEC.toml"), load_robot(ROBOT)
-)
+SERIAL = experiment.name_arm(parse_spec(spec("cyclic", 1, 0), "SPEC.toml"), load_robot(ROBOT))
 
 
 def night(store, number, effects=(SPRING,)):

@@ -78,10 +78,7 @@ class Tab:
     def resize(self, width: int, height: int) -> None:
         size = {"width": width, "height": height}
         self._call(
-            "Emulation.setDeviceMetricsOverride",
-            **size,
-            deviceScaleFactor=1,
-            mobile=width < 600,
+            "Emulation.setDeviceMetricsOverride", **size, deviceScaleFactor=1, mobile=width < 600
         )
 
     def prefer(self, scheme: str) -> None:

@@ -114,9 +114,7 @@ def calls(monkeypatch):
         requests.append({"robot": robot.name, "fit": fit, **options})
         if options["progress"]:
             options["progress"]("search", 0.5)
-        verdict = typed(
-            {"robot": robot.name, "warnings": [*options["warnings"], "core"]}
-        )
+        verdict = typed({"robot": robot.name, "warnings": [*options["warnings"], "core"]})
         return Diagnosis(verdict, notes=("core note",))
 
     def print_diagnosis(found, console):

@@ -47,11 +47,7 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
-        (
-            adoption_flow,
-            "resolve_adopted_model",
-            ModelChoice("11" * 10, "model: adoption 3"),
-        ),
+        (adoption_flow, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
         (adoption_flow, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)

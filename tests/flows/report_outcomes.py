@@ -57,9 +57,7 @@ COULOMB_ALL = effect(
     [1, 2, 3, 4, 5, 6],
     {
         "level": parameter(
-            [412.0, 388.1, 296.4, 41.22, 38.05, 22.9],
-            [9.1, 12.0, 7.7, 0.61, 0.55, 0.32],
-            "N m",
+            [412.0, 388.1, 296.4, 41.22, 38.05, 22.9], [9.1, 12.0, 7.7, 0.61, 0.55, 0.32], "N m"
         )
     },
     nats=4120.0,
@@ -133,9 +131,7 @@ def verdict(kind: str, effects: list[dict], **changes: object) -> dict:
     return whole_document(part, DOF)
 
 
-def bare_diagnosis(
-    result: dict, sentences: tuple, proofs: tuple, clouds: tuple
-) -> Diagnosis:
+def bare_diagnosis(result: dict, sentences: tuple, proofs: tuple, clouds: tuple) -> Diagnosis:
     verdict = typed(result, DOF)
     return Diagnosis(verdict, {}, proofs, clouds, NOTES, sentences=sentences)
 
@@ -168,9 +164,7 @@ def cloud(
     log = np.where(np.arange(3000) < 1600, "A", "B")
     axis = "q" if name in ("balancer", "spring", "ripple") else "qd"
     unit = "rad" if axis == "q" else "rad/s"
-    return FindingScatter(
-        name, joint, f"{axis}{joint} [{unit}]", x, residual, fitted, log
-    )
+    return FindingScatter(name, joint, f"{axis}{joint} [{unit}]", x, residual, fitted, log)
 
 
 def balancer_shape(x: np.ndarray) -> np.ndarray:
@@ -199,10 +193,7 @@ def several() -> Diagnosis:
     result["declared"] = []
     result["minimum_detectable"] = detectable()
     result["next_experiment"] = {
-        "rivals": [
-            {"name": "offset", "joints": [4]},
-            {"name": "balancer", "joints": [4]},
-        ],
+        "rivals": [{"name": "offset", "joints": [4]}, {"name": "balancer", "joints": [4]}],
         "family": "cyclic",
         "parameters": {"periods": 2, "seed": 3},
         "seconds": 20.0,
@@ -212,8 +203,7 @@ def several() -> Diagnosis:
     }
     levels = COULOMB_ALL["parameters"]["level"]["value"]
     clouds = [
-        cloud(rng, "coulomb", j + 1, lambda x, a=a: a * np.sign(x))
-        for j, a in enumerate(levels)
+        cloud(rng, "coulomb", j + 1, lambda x, a=a: a * np.sign(x)) for j, a in enumerate(levels)
     ]
     clouds += [
         cloud(rng, "balancer", 2, balancer_shape, (-0.9, 0.2)),

@@ -9,11 +9,7 @@ import pytest
 from flows.cli import main
 from flows.inputs.read import load_run_robot
 from flows.steps import rerun as reruns
-from flows.steps.adopt import (
-    adopt,
-    list_adoptions,
-    roll_back,
-)
+from flows.steps.adopt import adopt, list_adoptions, roll_back
 from flows.steps.model_choice import choose_model, choose_monitor_model
 from flows.storage import diagnosis as keep
 from flows.storage.adoptions import describe_diagnosis_adoption

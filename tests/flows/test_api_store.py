@@ -8,9 +8,7 @@ import modelgap as mg
 from residual.errors import InputError
 
 
-def test_what_python_imports_and_diagnoses_is_what_the_commands_store(
-    folder, calls, cli
-):
+def test_what_python_imports_and_diagnoses_is_what_the_commands_store(folder, calls, cli):
     robot = mg.load_robot("irb140")
     words = {"store": "store", "tags": ["cell=4"], "trajectory": "sine"}
     ids = mg.import_logs(["A.csv", "B.csv"], "irb140", **words)
@@ -22,9 +20,7 @@ def test_what_python_imports_and_diagnoses_is_what_the_commands_store(
     fit, held_out = (mg.read_logs(id, robot, store="store") for id in ids)
     done = mg.diagnose(robot, fit, held_out=held_out, store="store")
     assert [log.id for log in calls[-1]["fit"]] == [ids[0]]
-    code, out, err = cli(
-        f"diagnose {ids[0]} --holdout {ids[1]} --robot irb140 --store store"
-    )
+    code, out, err = cli(f"diagnose {ids[0]} --holdout {ids[1]} --robot irb140 --store store")
     assert code == 0, err
     assert f"modelgap show {done.id}" in out + err
     assert mg.diagnose(robot, fit).id is None  # nothing is stored

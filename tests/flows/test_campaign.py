@@ -92,9 +92,7 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
     assert not store.exists()
 
 
-def test_a_campaign_with_a_failure_ends_with_1_and_says_which(
-    tmp_path, done, monkeypatch, capsys
-):
+def test_a_campaign_with_a_failure_ends_with_1_and_says_which(tmp_path, done, monkeypatch, capsys):
     monkeypatch.setattr(campaign, "ProcessExecutor", lambda workers: InlineExecutor())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]

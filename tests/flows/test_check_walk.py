@@ -42,8 +42,6 @@ def test_three_commands_lead_from_a_log_as_it_is_to_the_right_verdict(name, own_
     words = f"diagnose {' '.join(logs[:-1])} {arm} --holdout {logs[-1]}"
     assert main(words.split()) == 0
     verdict = json.loads((tmp_path / "out.json").read_text())
-    assert [(e["name"], e["joints"]) for e in verdict["effects"]] == [
-        ("payload", [dof])
-    ]
+    assert [(e["name"], e["joints"]) for e in verdict["effects"]] == [("payload", [dof])]
     mass = verdict["effects"][0]["parameters"]["mass"]
     assert abs(mass["value"] - case.truth.parameters["mass"]) < 4 * mass["std"]

@@ -7,11 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.sentences import (
-    MEANING,
-    summarize_check,
-    title_fault,
-)
+from flows.report.sentences import MEANING, summarize_check, title_fault
 from flows.steps import check as steps
 from residual.check.result import KINDS, Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
@@ -91,9 +87,7 @@ def test_two_faults_of_one_signal_have_one_line_for_both(log, fake_check, capsys
     other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
     fake_check(SIGN, other)
     run("check A.csv --robot irb140 --json -")
-    (one,), (two,) = (
-        f["repair"] for f in json.loads(capsys.readouterr().out)["faults"]
-    )
+    (one,), (two,) = (f["repair"] for f in json.loads(capsys.readouterr().out)["faults"])
     assert one == two
     assert one.endswith("sign = [1, -1, 1, 1, 1, 1], scale = [1, 1, 1, 1, 0.001, 1]}")
 
@@ -147,9 +141,7 @@ def test_what_other_commands_refuse_to_read_is_a_fault_here(
     assert fault in [(f["kind"], f["joints"]) for f in document["faults"]]
 
 
-@pytest.mark.parametrize(
-    ("column", "size"), [("q2", 1e300), ("q2", -1.7e308), ("tau3", 1e308)]
-)
+@pytest.mark.parametrize(("column", "size"), [("q2", 1e300), ("q2", -1.7e308), ("tau3", 1e308)])
 def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     log(spoil(column, 700, size))
     assert run("check A.csv --robot irb140 --json -") == 0
@@ -205,13 +197,7 @@ def test_without_a_log_the_robot_file_is_told(tmp_path, monkeypatch, capsys):
     assert "torque limit is 0.1 N m, and the weight of the arm alone takes" in said
     assert "    w (joint 2: elbow)" in said
     document = json.loads(Path("arm.json").read_text())
-    assert [(f["joints"], f["certain"]) for f in document["faults"]] == [
-        ([1], False),
-        ([2], False),
-    ]
-    assert [body["flaw"] for body in document["robot"]["bodies"]] == [
-        "impossible",
-        None,
-    ]
+    assert [(f["joints"], f["certain"]) for f in document["faults"]] == [([1], False), ([2], False)]
+    assert [body["flaw"] for body in document["robot"]["bodies"]] == ["impossible", None]
     assert run("check --robot irb140") == 0
     assert "Nothing in the robot file is implausible." in capsys.readouterr().out

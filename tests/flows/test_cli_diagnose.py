@@ -109,9 +109,7 @@ def test_what_the_readers_found_odd_is_among_the_warnings(folder, calls):
     assert warnings == ["A: q6 never changes; is it logged?", "core"]
 
 
-def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(
-    folder, calls, capsys, monkeypatch
-):
+def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(folder, calls, capsys, monkeypatch):
     def fail(*_, **__):
         raise RuntimeError("of a\nstrange kind")
 
@@ -175,11 +173,7 @@ def test_a_closed_output_is_exit_code_1_without_a_traceback():
     os.close(read)
     code = "import sys; from flows.cli import main; sys.exit(main(['--help']))"
     done = subprocess.run(
-        [sys.executable, "-c", code],
-        cwd=ROOT,
-        text=True,
-        stdout=write,
-        stderr=subprocess.PIPE,
+        [sys.executable, "-c", code], cwd=ROOT, text=True, stdout=write, stderr=subprocess.PIPE
     )
     os.close(write)
     assert (done.returncode, done.stderr) == (1, "")

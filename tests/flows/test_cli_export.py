@@ -24,14 +24,7 @@ from tests.residual.arms import urdf_text
 from tests.residual.test_model_record import lookup
 from warehouse.record_commit import commit_record
 
-TOLERANCES = {
-    "mjcf": 1e-9,
-    "mujoco": 1e-9,
-    "urdf": 1e-12,
-    "json": 0.0,
-    "c99": 1e-11,
-    "rrd": 1e-12,
-}
+TOLERANCES = {"mjcf": 1e-9, "mujoco": 1e-9, "urdf": 1e-12, "json": 0.0, "c99": 1e-11, "rrd": 1e-12}
 OTHERS = sorted(set(ARMS) - {"seven"})
 REASON = {"c99": needs_compiler, "mujoco": (needs_compiler, pytest.mark.long)}
 NEEDS = {"mjcf": "mujoco", "mujoco": "mujoco", "rrd": "rerun"}
@@ -49,9 +42,7 @@ def _every(robot):
 @pytest.mark.parametrize(
     "arm", ["seven", *(pytest.param(a, marks=pytest.mark.long) for a in OTHERS)]
 )
-@pytest.mark.parametrize(
-    "target", [pytest.param(t, marks=REASON.get(t, ())) for t in TOLERANCES]
-)
+@pytest.mark.parametrize("target", [pytest.param(t, marks=REASON.get(t, ())) for t in TOLERANCES])
 def test_what_is_carried_comes_back_as_the_same_torque(target, arm):
     if target in NEEDS:
         pytest.importorskip(NEEDS[target])
@@ -190,9 +181,7 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
 
 
 def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch):
-    both = dict.fromkeys(
-        ("nominal", "augmented"), model_with(robot_of("irb140"), "viscous")
-    )
+    both = dict.fromkeys(("nominal", "augmented"), model_with(robot_of("irb140"), "viscous"))
     id = commit_record(
         tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
     )

@@ -24,9 +24,7 @@ def ids(tmp_path_factory):
     kinds = ("fourier", "welding", "fourier")
     runs = [samples.commit(folder, seed, kind) for seed, kind in enumerate(kinds)]
     quarantine_run(folder, runs[2], "gripper was loose")
-    last = samples.store_verdict(
-        folder, samples.verdict([runs[1]]), {"theta": [1]}, runs[:2]
-    )
+    last = samples.store_verdict(folder, samples.verdict([runs[1]]), {"theta": [1]}, runs[:2])
     return {"store": str(folder), "runs": runs, "diagnosis": last}
 
 
@@ -172,9 +170,7 @@ def test_a_named_query_takes_a_value(run, ids):
     below = answer(run, "sql", *made, f"run={ids['runs'][0]}")
     assert ids["diagnosis"] in {row["id"] for row in below}
     drift = answer(run, "sql", "--named", "parameter_drift", "--with", "name=payload")
-    assert [(r["name"], r["value"], r["moved"]) for r in drift] == [
-        ("payload mass", 2.9, 0.0)
-    ]
+    assert [(r["name"], r["value"], r["moved"]) for r in drift] == [("payload mass", 2.9, 0.0)]
 
 
 def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
@@ -200,9 +196,7 @@ def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_
     block = page.split("*To another machine.*")[1].split("```")[1]
     lines = re.findall(r"^\$ (.*)$", block.replace("3f2a", ids["diagnosis"]), re.M)
     # Our commands run in this process; the shell has what the first one answers.
-    lineage, verify = (
-        line.split("modelgap ")[1].split(" | ")[0] for line in (lines[0], lines[-1])
-    )
+    lineage, verify = (line.split("modelgap ")[1].split(" | ")[0] for line in (lines[0], lines[-1]))
     Path("lineage").write_text(run(lineage)[1])
     shutil.copytree(ids["store"], tmp_path / "store")
     script = "\n".join(("set -e", "modelgap() { cat lineage; }", *lines))

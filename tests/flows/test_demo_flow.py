@@ -37,9 +37,7 @@ def order(flows, monkeypatch, tmp_path):
     return faked(monkeypatch, tmp_path)
 
 
-def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(
-    flows, order, monkeypatch
-):
+def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(flows, order, monkeypatch):
     def fail(*_):
         raise RunError("no tables")
 
@@ -134,9 +132,7 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(night):
     assert Artifact.get("validate").data == f"{table}\n\n{stored}"
 
 
-def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
-    flows, tmp_path, monkeypatch
-):
+def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(flows, tmp_path, monkeypatch):
     from prefect.client.orchestration import get_client
     from prefect.client.schemas.filters import FlowRunFilter, FlowRunFilterId
 
@@ -177,9 +173,7 @@ def test_each_experiment_is_a_task_run_and_a_lost_process_is_one_try(
 
 
 @pytest.mark.long
-def test_dask_makes_the_same_runs_with_the_same_bits(
-    flows, tmp_path, monkeypatch, compiled_plant
-):
+def test_dask_makes_the_same_runs_with_the_same_bits(flows, tmp_path, monkeypatch, compiled_plant):
     monkeypatch.setenv("PYTHONPATH", str(ROOT))
     path, stores = tmp_path / "C.toml", (tmp_path / "threads", tmp_path / "dask")
     path.write_text("[trajectory]\nduration = 2.0\n[grid]\nseed = [1, 2, 3]\n")

@@ -72,9 +72,7 @@ def parts(reference):
 
 def missed(reference, model, make=compute_feed_forward):
     """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
-    trace = build_and_simulate(
-        ROBOT, reference, QUIET, command=make(model, *parts(reference))
-    )
+    trace = build_and_simulate(ROBOT, reference, QUIET, command=make(model, *parts(reference)))
     return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
 
 
@@ -117,9 +115,7 @@ def test_friction_never_turns_faster_than_the_stated_torque_rate(rise, speed, tu
     t = np.arange(2000) / 1000.0
     qd = speed * np.sin(2 * np.pi * turns * t)[:, None] * np.ones(6)
     turning = FrictionReversal(rise=rise)
-    held, free = (
-        friction_along(qd, x, t) for x in (turning, FrictionReversal(rise=0.0))
-    )
+    held, free = (friction_along(qd, x, t) for x in (turning, FrictionReversal(rise=0.0)))
     most = turning.compute_torque_rate(ROBOT) / 1000.0
     assert (np.abs(np.diff(held, axis=0)) <= most * (1 + 1e-9)).all()
     # Away from reversals, by half the time that a whole turn takes, it is what it was.

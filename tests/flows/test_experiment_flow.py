@@ -82,9 +82,7 @@ def test_the_command_says_what_it_does(tmp_path, plant, capsys, words):
     assert f"{id}  {'is there' if not words else 'to run  '}" in again
 
 
-def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(
-    tmp_path, monkeypatch, capsys
-):
+def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(tmp_path, monkeypatch, capsys):
     def diverge(spec, robot, store):
         raise SimulationDivergedError(1.25, np.zeros(6), np.full(6, 900.0), 3)
 
@@ -109,9 +107,7 @@ def test_curves_come_back_from_the_store_as_they_were():
     t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
     hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}
     x = rng.normal(size=3)
-    cloud = FindingScatter(
-        "spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"])
-    )
+    cloud = FindingScatter("spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"]))
     before = Diagnosis(
         verdict=typed({}),
         sentences=("One.",),
@@ -126,9 +122,7 @@ def test_curves_come_back_from_the_store_as_they_were():
         ),
     )
     record, tables = diagnosis_to_record(before)
-    after = diagnosis_from_record(
-        json.loads(json.dumps(record)), tables, before.verdict, {}
-    )
+    after = diagnosis_from_record(json.loads(json.dumps(record)), tables, before.verdict, {})
     for part in ("verdict", "sentences", "notes"):
         assert getattr(after, part) == getattr(before, part)
     for part in ("proofs", "clouds", "residual_clouds"):

@@ -138,8 +138,7 @@ def test_every_page_may_talk_to_its_own_server_only_and_be_framed_by_none():
         app = Guard(add_headers(prefect), OURS)
         headers = headers_of(answer(app, scope(path="/", host=host)))
         policy = dict(
-            part.strip().split(" ", 1)
-            for part in headers["content-security-policy"].split(";")
+            part.strip().split(" ", 1) for part in headers["content-security-policy"].split(";")
         )
         assert policy["connect-src"] == f"'self' ws://{host}"
         assert policy["default-src"] == "'self'"
@@ -213,9 +212,7 @@ def test_a_key_is_made_once_for_the_eyes_of_its_owner(tmp_path):
 
 def test_of_keys_made_at_once_the_first_counts(tmp_path):
     keys: list[str] = []
-    many = [
-        Thread(target=lambda: keys.append(read_access_key(tmp_path))) for _ in range(8)
-    ]
+    many = [Thread(target=lambda: keys.append(read_access_key(tmp_path))) for _ in range(8)]
     for each in many:
         each.start()
     for each in many:

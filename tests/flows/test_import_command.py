@@ -39,9 +39,7 @@ def ask(query):
 
 
 def test_a_dry_run_shows_what_was_understood_and_stores_nothing(run, place):
-    Path("map.toml").write_text(
-        "tau = {columns = ['tau1', 'tau2', 'tau3'], sign = [1, -1, 1]}\n"
-    )
+    Path("map.toml").write_text("tau = {columns = ['tau1', 'tau2', 'tau3'], sign = [1, -1, 1]}\n")
     code, out, _ = run("import A.csv@1:6 --robot arm.urdf --map map.toml --dry-run")
     assert code == 0
     for told in (

@@ -22,9 +22,7 @@ from tests.verdict_documents import typed
 from warehouse.store_catalogue import read_record
 
 LINE = 'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}'
-SIGN = Fault(
-    "torque_sign", (2,), True, "Friction gives.", (Repair("tau", (2,), sign=(-1,)),)
-)
+SIGN = Fault("torque_sign", (2,), True, "Friction gives.", (Repair("tau", (2,), sign=(-1,)),))
 DOUBT = Fault("filtered", (), False, "No noise near 50 Hz.")
 VERBS = ("diagnose", "identify", "calibrate", "import")
 
@@ -70,23 +68,17 @@ def named(monkeypatch):
 
 
 @pytest.mark.parametrize("verb", VERBS)
-def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(
-    place, fake_check, capsys, verb
-):
+def test_a_certain_fault_ends_with_two_and_the_line_that_mends_it(place, fake_check, capsys, verb):
     fake_check["faults"] = [SIGN]
     assert main([verb, "A.csv", "B.csv", "--robot", "arm.urdf"]) == 2
     first, second = capsys.readouterr().err.strip().splitlines()
-    assert first == (
-        "modelgap: The logs have a fault (torque sign, joint 2): Friction gives."
-    )
+    assert first == ("modelgap: The logs have a fault (torque sign, joint 2): Friction gives.")
     assert second.startswith(f"Fix: add this line (--map): {LINE}")
     assert "--trust-log" in second
     assert not Path("store").exists()
 
 
-def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(
-    place, fake_check, named
-):
+def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(place, fake_check, named):
     fake_check["faults"] = [SIGN, DOUBT]
     words = "diagnose A.csv --robot arm.urdf --trust-log --json o.json --report o.html"
     assert run(words) == 0
@@ -103,9 +95,7 @@ def test_trusted_logs_with_a_certain_fault_are_diagnosed_with_a_warning(
     assert warning in Path("o.html").read_text(encoding="utf-8")
 
 
-def test_lines_of_one_reading_that_is_suspected_mend_the_whole_signal(
-    place, fake_check, capsys
-):
+def test_lines_of_one_reading_that_is_suspected_mend_the_whole_signal(place, fake_check, capsys):
     order = Fault("joint_order", (1, 2), False, "", (Repair("tau", order=(2, 1, 3)),))
     unit = Fault("torque_unit", (), False, "", (Repair("tau", scale=1e-3),))
     fake_check["faults"] = [order, unit]
@@ -128,10 +118,7 @@ def test_every_log_is_checked_healthy_runs_by_themselves(place, fake_check, name
 @pytest.mark.usefixtures("few_tables")
 @pytest.mark.parametrize(
     "verb",
-    [
-        "identify",
-        pytest.param("calibrate --levels 3 --components 2", marks=pytest.mark.long),
-    ],
+    ["identify", pytest.param("calibrate --levels 3 --components 2", marks=pytest.mark.long)],
 )
 def test_trusted_the_other_commands_go_on_with_a_warning(place, fake_check, verb):
     fake_check["faults"] = [SIGN]
@@ -216,9 +203,7 @@ def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden
         steps.refuse_faulty_logs(mixed, False)
 
 
-def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(
-    hidden_logs, monkeypatch
-):
+def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(hidden_logs, monkeypatch):
     wrong = Fault("torque_sign", (3,), True, "-", (Repair("tau", (3,), sign=(-1,)),))
     mounted = Fault("mounting", (), True, "-", (Repair("robot", gravity=(0, 0, 9.8)),))
 

@@ -9,9 +9,7 @@ from tests.warehouse import store_samples as samples
 from warehouse import remote_store
 
 
-def test_a_campaign_gives_its_workers_the_name_of_the_store(
-    bucket_store, monkeypatch, tmp_path
-):
+def test_a_campaign_gives_its_workers_the_name_of_the_store(bucket_store, monkeypatch, tmp_path):
     store = resolve_store_folder(bucket_store)
     given = []
 
@@ -28,9 +26,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(
 
     monkeypatch.setattr(campaign, "simulate_and_store", run)
     specs = [("one", parse_spec({"seed": 1}, "S"))]
-    summary = run_campaign_experiments(
-        plan_experiments(specs, store), store, executor=Elsewhere()
-    )
+    summary = run_campaign_experiments(plan_experiments(specs, store), store, executor=Elsewhere())
     assert given == [bucket_store]
     # It came back, though as another run than that of the spec.
     assert "the code was changed" in next(iter(summary.failed.values()))

@@ -81,9 +81,7 @@ def test_the_record_has_alarms_limits_and_lineage(run_store, watched):
 def test_a_diagnosis_brings_its_very_model_and_its_good_runs(run_store):
     store, good, fine, _ = run_store
     robot = load_run_robot(ROBOT, good, store)
-    logs = prepare_fit_logs(
-        robot, [read_run(store, id) for id in good], None, FilterSettings()
-    )
+    logs = prepare_fit_logs(robot, [read_run(store, id) for id in good], None, FilterSettings())
     nominal = build_free_nominal(logs, ("viscous", "coulomb", "rotor_inertia")).model
     known = load_effects()
     more = (

@@ -69,8 +69,6 @@ def test_the_document_gives_the_same_motion_again(robot_and_ranking):
 def test_coefficients_that_are_no_motion_are_refused(change, message):
     robot = load_robot("irb140")
     series = draw_feasible_series(build_workspace(robot, 6.0), np.random.default_rng(3))
-    rows = tuple(
-        tuple(r) for r in change([list(r) for r in export_series_coefficients(series)])
-    )
+    rows = tuple(tuple(r) for r in change([list(r) for r in export_series_coefficients(series)]))
     with pytest.raises(Exception, match=message):
         plan_motion(robot, TrajectorySpec("fourier", 12.0, 2, 0, rows), 100.0)

@@ -58,11 +58,7 @@ def test_axes_beside_the_plant_are_points_and_those_under_it_are_sealed(stored):
     ]
     assert {row["campaign_id"] for row in rows} == {id}
     (row,) = ask(store, "FROM campaigns")
-    assert (row["name"], row["file"], row["robot"]) == (
-        "friction",
-        "friction.toml",
-        "irb140",
-    )
+    assert (row["name"], row["file"], row["robot"]) == ("friction", "friction.toml", "irb140")
     record = read_record(store, id)
     label = "trajectory.duration=4 trajectory.kind=cyclic"
     assert record["labels"][planned[0].run_id] == label
@@ -83,10 +79,7 @@ def test_no_byte_of_the_record_tells_what_is_sealed(stored, head, opened):
 
 def test_a_campaign_that_is_open_has_values_of_its_plant_with_their_unit(stored):
     store, _, _ = stored(CAMPAIGN.format(OPEN))
-    (row,) = ask(
-        store,
-        "SELECT DISTINCT value, unit FROM points WHERE axis = 'plant.effect.level'",
-    )
+    (row,) = ask(store, "SELECT DISTINCT value, unit FROM points WHERE axis = 'plant.effect.level'")
     assert row == {"value": 3.5, "unit": "N m"}
 
 

@@ -6,22 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from flows.service.state import (
-    KEY,
-    RunningService,
-    start_process,
-    stop_process,
-    write_running,
-)
+from flows.service.state import KEY, RunningService, start_process, stop_process, write_running
 from flows.settings import prefect_home
 from flows.steps.adopt import judge_adoption, list_adoptions, roll_back
 from tests.flows.adopted_arm import ROBOT, SERIAL
-from warehouse.record_commit import (
-    ADOPTED,
-    ModelAdoption,
-    commit_adoption,
-    find_last_adoption,
-)
+from warehouse.record_commit import ADOPTED, ModelAdoption, commit_adoption, find_last_adoption
 from warehouse.store_catalogue import read_record
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
@@ -99,14 +88,10 @@ def waiting(server, nights, monkeypatch):
     write_running(home, RunningService(host, int(port), "sqlite"))
     start_process(home, "server", SLEEP, os.environ)
     with get_client(sync_client=True) as client:
-        place = client.create_deployment(
-            client.create_flow(tasks.propose), "propose-of-a-test"
-        )
+        place = client.create_deployment(client.create_flow(tasks.propose), "propose-of-a-test")
         runs = []
         for diagnosis in (id, "ab" * 10):
-            run = client.create_flow_run_from_deployment(
-                place, parameters={"diagnosis": diagnosis}
-            )
+            run = client.create_flow_run_from_deployment(place, parameters={"diagnosis": diagnosis})
             state = State(type=StateType.PAUSED, name="Suspended")
             client.set_flow_run_state(run.id, state, force=True)
             runs.append(run.id)

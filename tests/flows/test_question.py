@@ -19,19 +19,14 @@ def flow_run(server, monkeypatch, tmp_path):
     monkeypatch.setattr(adoption_flow, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:
-        place = client.create_deployment(
-            client.create_flow(adoption_flow.propose), "propose"
-        )
+        place = client.create_deployment(client.create_flow(adoption_flow.propose), "propose")
         run = client.create_flow_run_from_deployment(place, parameters=words)
 
         def go():
             now = client.read_flow_run(run.id)
             try:
                 return run_flow(
-                    adoption_flow.propose,
-                    flow_run=now,
-                    parameters=words,
-                    return_type="state",
+                    adoption_flow.propose, flow_run=now, parameters=words, return_type="state"
                 )
             except Pause as suspended:  # so its process ends
                 return suspended.state

@@ -52,9 +52,7 @@ def columns_of(text, folder):
 
 
 def read(table, robot, columns, folder):
-    np.savetxt(
-        folder / "log.csv", table, delimiter=",", header=",".join(NAMES), comments=""
-    )
+    np.savetxt(folder / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
     return read_log_despite_doubts(str(folder / "log.csv"), robot, columns)[0]
 
 

@@ -80,9 +80,7 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     result["error"]["logs"] = [NASTY]
     result["effects"][0]["name"] = NASTY
     result["effects"][0]["equivalent"] = [{"name": NASTY, "joints": [2]}]
-    result["effects"][0]["parameters"] = {
-        NASTY: {"value": 1.0, "std": None, "unit": NASTY}
-    }
+    result["effects"][0]["parameters"] = {NASTY: {"value": 1.0, "std": None, "unit": NASTY}}
     log = np.full(len(cloud.x), NASTY)
     nasty = Diagnosis(
         from_json(result),
@@ -142,9 +140,7 @@ def test_everything_that_may_be_null_may_be() -> None:
     document = to_json(outcome.verdict)
     places = [p for p in paths(document) if p[:2] != ("error", "logs")]
     assert len(places) > 80
-    kinds = {
-        tuple("#" if isinstance(k, int) else k for k in p): p for p in places[::-1]
-    }
+    kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in places[::-1]}
     places = kinds.values()
     assert len(places) > 30
     for path in places:
@@ -155,13 +151,9 @@ def test_everything_that_may_be_null_may_be() -> None:
 
 def test_degenerate_curves_are_drawn() -> None:
     t, zeros = np.array([0.0, 0.004]), np.zeros((2, outcomes.DOF))
-    proof = LogPrediction(
-        "C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0
-    )
+    proof = LogPrediction("C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0)
     one = np.ones(3)
-    flat = FindingScatter(
-        "balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A")
-    )
+    flat = FindingScatter("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
     outcome = replace(outcomes.one_effect(), proofs=(proof,), clouds=(flat,))
     page = Page(render_diagnosis_page(outcome, "kr300"))
     assert len(page.figures) == len(page.plots) > outcomes.DOF

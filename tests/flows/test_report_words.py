@@ -6,9 +6,7 @@ import pytest
 
 from flows.report.phrases import format_effect_noun, format_effect_place
 from flows.report.sentences import describe_alternative_sets as alternative_sets
-from flows.report.sentences import (
-    describe_next_experiment,
-)
+from flows.report.sentences import describe_next_experiment
 from flows.report.sentences import format_headline as headline
 from residual import quantity
 from residual.check.result import Fault, LogCheck

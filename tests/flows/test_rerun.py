@@ -82,9 +82,7 @@ def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
 
 
 @pytest.mark.parametrize("words", [["--verify"], []])
-def test_the_same_code_gives_the_same_bits_stores_nothing(
-    tmp_path, plant, capsys, words
-):
+def test_the_same_code_gives_the_same_bits_stores_nothing(tmp_path, plant, capsys, words):
     id = experiment.simulate_and_store(spec(), tmp_path)
     before = tree(tmp_path)
     assert main(["rerun", id[:8], *words, "--store", str(tmp_path)]) == 0
@@ -92,9 +90,7 @@ def test_the_same_code_gives_the_same_bits_stores_nothing(
     assert tree(tmp_path) == before
 
 
-def test_other_code_with_other_values_is_a_new_run_and_is_told(
-    tmp_path, plant, other_code, capsys
-):
+def test_other_code_with_other_values_is_a_new_run_and_is_told(tmp_path, plant, other_code, capsys):
     id = experiment.simulate_and_store(spec(), tmp_path)
     other_code()
     plant["tau"] = 2.5

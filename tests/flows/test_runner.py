@@ -22,8 +22,7 @@ def test_the_setting_says_where_tasks_run(word, address, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "word",
-    ["processes", "ray", "dask://", "dask://127.0.0.1", "dask://a:b", "tcp://a:1"],
+    "word", ["processes", "ray", "dask://", "dask://127.0.0.1", "dask://a:b", "tcp://a:1"]
 )
 def test_other_words_are_refused(word, monkeypatch):
     monkeypatch.setenv(RUNNER, word)

@@ -153,9 +153,7 @@ def test_a_verdict_is_the_same_byte_for_byte_whatever_is_known_of_its_runs(
         planned = experiment.plan_experiments(entries, store, f"C{number}")
         if number:
             experiment.store_campaign(planned, "C.toml", store)
-        ids = [
-            experiment.simulate_and_store(spec, store, f"C{number}") for spec in specs
-        ]
+        ids = [experiment.simulate_and_store(spec, store, f"C{number}") for spec in specs]
         runs.append((ids[:2], ids[2:]))
     assert runs[0] == runs[1] == runs[2]
     with mg.open_store(stores[1]) as opened:

@@ -137,7 +137,6 @@ def test_a_new_history_is_as_the_last_migration_of_prefect_leaves_it(server, tmp
     folder = Path(prefect.__file__).parent / "server/database/_migrations/versions"
     text = "".join(p.read_text("utf-8") for p in folder.glob("sqlite/*.py"))
     made, replaced = (
-        set(re.findall(rf'^{word} = "(\w+)"', text, re.M))
-        for word in ("revision", "down_revision")
+        set(re.findall(rf'^{word} = "(\w+)"', text, re.M)) for word in ("revision", "down_revision")
     )
     assert made - replaced == {ours}

@@ -36,9 +36,7 @@ def modelgap(*words: str) -> SimpleNamespace:
     out, err = StringIO(), StringIO()
     with redirect_stdout(out), redirect_stderr(err):
         code = main(words)
-    return SimpleNamespace(
-        returncode=code, stdout=out.getvalue(), stderr=err.getvalue()
-    )
+    return SimpleNamespace(returncode=code, stdout=out.getvalue(), stderr=err.getvalue())
 
 
 @pytest.fixture(scope="session")
@@ -106,14 +104,10 @@ def test_a_schedule_fires_and_its_event_starts_the_monitoring(service):
         schedule_every(client, "campaign/campaign", 15, given)
         until(lambda: completed(service, "campaign"), "the campaign has ended", 0.5)
         schedule_every(client, "campaign/campaign", 0)
-    shown = modelgap(
-        "sql", "SELECT run_id FROM runs", "--format", "json", *service.words
-    )
+    shown = modelgap("sql", "SELECT run_id FROM runs", "--format", "json", *service.words)
     stored = {row["run_id"] for row in json.loads(shown.stdout)}
     assert len(stored) == 2
-    (watched,) = until(
-        lambda: completed(service, "monitor"), "the monitoring has ended", 0.5
-    )
+    (watched,) = until(lambda: completed(service, "monitor"), "the monitoring has ended", 0.5)
     assert set(watched.parameters["runs"]) == stored
 
 
@@ -123,10 +117,7 @@ def test_after_a_kill_status_says_what_is_gone_and_up_starts_it_where_it_was(ser
     for name in PROCESSES:
         os.kill(int((service.home / f"{name}.pid").read_text()), signal.SIGKILL)
     for name in PROCESSES:
-        until(
-            lambda name=name: not is_running(service.home, name),
-            f"{name} is killed",
-        )
+        until(lambda name=name: not is_running(service.home, name), f"{name} is killed")
     sick = modelgap("status", *service.words)
     assert sick.returncode == 1
     assert "the server has ended" in sick.stderr
@@ -149,7 +140,5 @@ def test_down_stops_all_and_the_schedules_stay(service):
     stopped = modelgap("status", *service.words)
     assert (stopped.returncode, "is stopped" in stopped.stderr) == (1, True)
     with sqlite3.connect(service.home / "prefect.db") as history:
-        active = history.execute(
-            "SELECT count(*) FROM deployment_schedule WHERE active"
-        ).fetchone()
+        active = history.execute("SELECT count(*) FROM deployment_schedule WHERE active").fetchone()
     assert active[0] >= 1

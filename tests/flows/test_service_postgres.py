@@ -42,9 +42,7 @@ def database(tmp_path_factory):
     ask("pg_ctl", "-D", data, "-m", "immediate", "-t", "300", "stop")
 
 
-def test_up_status_and_down_with_a_history_in_postgresql(
-    database, tmp_path, monkeypatch, capsys
-):
+def test_up_status_and_down_with_a_history_in_postgresql(database, tmp_path, monkeypatch, capsys):
     monkeypatch.setenv("MODELGAP_DATABASE_URL", database)
     words = ["--store", str(tmp_path / "store")]
     try:

@@ -48,9 +48,7 @@ def spec(old: str = "", new: str = ""):
 
 def test_the_documented_example_becomes_the_records_of_plant_and_motion():
     experiment = spec()
-    assert experiment.reference() == TrajectorySpec(
-        "fourier", 20.0, 2, derive_seed(7, "reference")
-    )
+    assert experiment.reference() == TrajectorySpec("fourier", 20.0, 2, derive_seed(7, "reference"))
     plant = experiment.plant_spec()
     effect = Effect("stribeck", (3,), (("level", 4.0), ("velocity", 0.05)), 0.0)
     assert plant.effects == (effect,)

@@ -51,8 +51,7 @@ def rows(store, id):
 
 
 @pytest.mark.parametrize(
-    "change",
-    [{"salt": None}, {"wind": 1.0}, {"effects": [{"name": "secret"}]}, {"noise": 3}],
+    "change", [{"salt": None}, {"wind": 1.0}, {"effects": [{"name": "secret"}]}, {"noise": 3}]
 )
 def test_a_sealed_half_of_another_form_is_refused_and_not_told(change):
     sealed = json.loads(encode_canonical_json(PlantSpec())) | change
@@ -75,8 +74,7 @@ def test_a_load_that_the_model_lacks_shows_in_both_validations(run_store, loaded
     assert (validation.nominal[1:5] > 3 * validation.arm[1:5]).all()
     assert good.notes == ()
     assert validation.notes == (
-        "The run began 30 s into its session; feed-forward starts at 0 s, with cold "
-        "gears.",
+        "The run began 30 s into its session; feed-forward starts at 0 s, with cold gears.",
     )
 
 
@@ -116,9 +114,7 @@ def unsealed(run_store, tmp_path_factory):
     return store
 
 
-def test_a_model_that_no_body_has_is_said_not_to_be_simulated(
-    run_store, unsealed, monkeypatch
-):
+def test_a_model_that_no_body_has_is_said_not_to_be_simulated(run_store, unsealed, monkeypatch):
     log = read_run(*run_store[:2])
     model = validate.build_nominal_model(ROBOT, [log])
     wrong = replace(model, inertial=model.inertial * 0 - 1e-3)
@@ -161,9 +157,7 @@ def test_a_window_that_cannot_be_is_refused(run_store, window):
         validate.validate(Validate(run_store[1], window, run_store[0]))
 
 
-def test_the_command_prints_what_it_means_and_keeps_the_same_record_once(
-    run_store, loaded, capsys
-):
+def test_the_command_prints_what_it_means_and_keeps_the_same_record_once(run_store, loaded, capsys):
     words = ["validate", run_store[1][:8], "--store", str(run_store[0])]
     assert main(words) == 0
     shown = capsys.readouterr().out

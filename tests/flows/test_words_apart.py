@@ -45,9 +45,7 @@ def folder(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("words", CASES)
-def test_a_file_where_something_else_is_meant_is_called_what_it_is(
-    folder, words, capsys
-):
+def test_a_file_where_something_else_is_meant_is_called_what_it_is(folder, words, capsys):
     assert main(words.split()) == 2
     text = " ".join(capsys.readouterr().err.split())
     assert CASES[words] in text

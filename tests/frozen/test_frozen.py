@@ -84,8 +84,7 @@ def test_a_calibration_has_the_figures_it_had(tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name",
-    ["effects", "identification", pytest.param("calibration", marks=pytest.mark.long)],
+    "name", ["effects", "identification", pytest.param("calibration", marks=pytest.mark.long)]
 )
 def test_the_door_says_what_the_command_says(name, tmp_path):
     verb, *words = commands(tmp_path)[name]

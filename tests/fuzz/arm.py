@@ -40,15 +40,12 @@ def samples(rows: int = 30) -> Array:
 def as_csv(separator: str = ",", decimal: str = ".") -> str:
     lines = [separator.join(NAMES)]
     lines += [
-        separator.join(repr(float(x)).replace(".", decimal) for x in row)
-        for row in samples()
+        separator.join(repr(float(x)).replace(".", decimal) for x in row) for row in samples()
     ]
     return "\n".join(lines) + "\n"
 
 
-def check_rows(
-    log: Recording, told: LogSummary, table: Mapping[str, Sequence[float]]
-) -> None:
+def check_rows(log: Recording, told: LogSummary, table: Mapping[str, Sequence[float]]) -> None:
     """Assert that a log has the rows of its file, in their order, all of the good."""
     names = ["t", *(f"{c}{j + 1}" for c in ("q", "tau") for j in range(log.dof))]
     got = np.column_stack([log.t, log.q, log.tau])

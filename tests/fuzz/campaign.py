@@ -78,12 +78,7 @@ def _work(
 
 
 def _batch(
-    reader: Reader,
-    number: int,
-    place: Path,
-    end: float,
-    known: set[str],
-    count: Callable[[], None],
+    reader: Reader, number: int, place: Path, end: float, known: set[str], count: Callable[[], None]
 ) -> tuple[Finding, bytes] | None:
     """Return the first new finding of one seed, made as small as time allows."""
     smallest: list[tuple[Finding, bytes]] = []

@@ -88,9 +88,7 @@ def _odd_tables(draw: Draw) -> bytes:
             values[draw(st.integers(0, len(values) - 1))] = draw(odd)
             columns[at] = pa.array(values, pa.float64())
         elif kind == "name":
-            names[at] = draw(
-                st.sampled_from((*NAMES, "q3", "tau9", "", "x", "qd1", "é"))
-            )
+            names[at] = draw(st.sampled_from((*NAMES, "q3", "tau9", "", "x", "qd1", "é")))
         elif kind == "more":
             names.append(draw(st.sampled_from((*NAMES, "qd1", "qd2", "q3", ""))))
             columns.append(columns[at])
@@ -134,9 +132,7 @@ def _read_mcap(data: bytes, place: Path) -> None:
 @cache
 def _mcap_seeds() -> list[bytes]:
     with tempfile.TemporaryDirectory() as place:
-        path = files.write_mcap(
-            Path(place) / "log.mcap", {"/js": list(files.messages(samples()))}
-        )
+        path = files.write_mcap(Path(place) / "log.mcap", {"/js": list(files.messages(samples()))})
         return [Path(path).read_bytes()]
 
 

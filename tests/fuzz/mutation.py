@@ -31,14 +31,10 @@ ODD_VALUES = (
 _TOKEN = re.compile(rb"\w+|\s+|[^\w\s]")
 
 
-def mutated(
-    seeds: Sequence[bytes], words: Sequence[bytes] = ()
-) -> st.SearchStrategy[bytes]:
+def mutated(seeds: Sequence[bytes], words: Sequence[bytes] = ()) -> st.SearchStrategy[bytes]:
     """Return a strategy of files that are a few edits away from valid ones."""
     vocabulary = (*words, *ODD_WORDS)
-    return st.one_of(
-        _by_words(list(seeds), vocabulary), _by_bytes(list(seeds), vocabulary)
-    )
+    return st.one_of(_by_words(list(seeds), vocabulary), _by_bytes(list(seeds), vocabulary))
 
 
 def flipped(seeds: Sequence[bytes]) -> st.SearchStrategy[bytes]:

@@ -67,9 +67,7 @@ def judge(reader: Reader, data: bytes, place: Path) -> Finding | None:
 
 def _name(error: BaseException) -> str:
     ours = [f for f in extract_tb(error.__traceback__) if _is_ours(f.filename)]
-    where = (
-        f"{Path(ours[-1].filename).stem}-{ours[-1].name.strip('<>')}" if ours else ""
-    )
+    where = f"{Path(ours[-1].filename).stem}-{ours[-1].name.strip('<>')}" if ours else ""
     return f"{type(error).__name__}-{where}".lower()
 
 

@@ -112,10 +112,5 @@ def _json(name: str, documents, read) -> Reader:
 RECORDS = (
     _json("model", _models, _read_model),
     _json("verdict", _verdicts, _read_verdict),
-    Reader(
-        "window",
-        lambda: mutated(_CUTS, (b"@", b":", b"%")),
-        lambda: _CUTS,
-        _read_words,
-    ),
+    Reader("window", lambda: mutated(_CUTS, (b"@", b":", b"%")), lambda: _CUTS, _read_words),
 )

@@ -28,14 +28,10 @@ def main() -> int:
     found = 0
     for name in args.readers:
         start = monotonic()
-        examples, findings = fuzz(
-            READERS[name], 60 * args.minutes, args.seed, args.corpus
-        )
+        examples, findings = fuzz(READERS[name], 60 * args.minutes, args.seed, args.corpus)
         spent = monotonic() - start
         print(
-            f"{name:10} {examples:8} examples {spent:6.0f} s "
-            f"{len(findings):3} findings",
-            flush=True,
+            f"{name:10} {examples:8} examples {spent:6.0f} s {len(findings):3} findings", flush=True
         )
         for line in findings:
             print(f"    {line}", flush=True)

@@ -11,9 +11,7 @@ from pathlib import Path
 from flows.cli import main
 
 ROOT = Path(__file__).parents[2]
-_BLOCK = re.compile(
-    r'^```(console|python|toml title="([^"]+)")\n(.*?)^```$', re.M | re.S
-)
+_BLOCK = re.compile(r'^```(console|python|toml title="([^"]+)")\n(.*?)^```$', re.M | re.S)
 _ID = re.compile(r"[0-9a-f]{8,20}")
 
 

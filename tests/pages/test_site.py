@@ -20,9 +20,7 @@ from tests.pages.page import ROOT
 def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
     site = ["--site-dir", str(tmp_path)]
     words = ["-m", "mkdocs", "build", "--strict", "--quiet", *site]
-    done = subprocess.run(
-        [sys.executable, *words], cwd=ROOT, capture_output=True, text=True
-    )
+    done = subprocess.run([sys.executable, *words], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     for name in load_effects():
         page = (tmp_path / "effects" / f"{name}.html").read_text(encoding="utf-8")
@@ -42,9 +40,7 @@ def test_it_is_built_strictly_and_asks_nothing_of_a_network(tmp_path):
     assert "http.server -b 127.0.0.1 -d site" in home
     for path in tmp_path.rglob("*.html"):
         text = path.read_text(encoding="utf-8")
-        fetched = re.findall(
-            r"<(?:script|link|img|iframe)[^>]*(?:https?:)?//[^>]*>", text
-        )
+        fetched = re.findall(r"<(?:script|link|img|iframe)[^>]*(?:https?:)?//[^>]*>", text)
         assert fetched == [], path.name
 
 

@@ -12,11 +12,7 @@ from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, merge_into_findings
 from residual.diagnosis.outcome import Outcome, search_effects
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    add_joint_constants,
-    prepare_fit_logs,
-)
+from residual.model.nominal import DEFAULT_DECLARED, add_joint_constants, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
@@ -149,9 +145,7 @@ def recording(t, q, tau, label="log") -> Recording:
     return Recording(label, "any", t, q, tau)
 
 
-def searched(
-    case: Case, declared=DEFAULT_DECLARED
-) -> tuple[Outcome, list[NamedEffect]]:
+def searched(case: Case, declared=DEFAULT_DECLARED) -> tuple[Outcome, list[NamedEffect]]:
     """Search and findings without the proof."""
     clock = find_session_start(case.fit)
     logs = prepare_fit_logs(case.robot, case.fit, clock, FilterSettings())

@@ -35,12 +35,7 @@ def drive_log(
     knots = np.arange(0, seconds + 1, 1.2)
     goal = rng.uniform(-1, 1, len(knots))[np.searchsorted(knots, t, side="right") - 1]
     goal = np.where(t < seconds / 2, goal, np.sin(2.2 * t + rng.uniform(0, 6)))
-    (gain,), (limit,), (delay,), (speed,) = (
-        drive.gain,
-        drive.limit,
-        drive.delay,
-        drive.goal_speed,
-    )
+    (gain,), (limit,), (delay,), (speed,) = (drive.gain, drive.limit, drive.delay, drive.goal_speed)
     followed = np.empty_like(goal)
     at = goal[0]
     for i, end in enumerate(goal):
@@ -53,9 +48,7 @@ def drive_log(
         on[(t >= start) & (t < end)] = 0.0
     q, qd, out = goal[0], 0.0, np.empty_like(t)
     for i in range(len(t)):
-        torque = on[i] * (
-            np.clip(gain * (followed[i] - q), -limit, limit) - DAMPING * qd
-        )
+        torque = on[i] * (np.clip(gain * (followed[i] - q), -limit, limit) - DAMPING * qd)
         weight = mass * 9.81 * (x * np.cos(q) + z * np.sin(q))
         torque += weight - 0.3 * np.tanh(qd / 0.01)
         qd += STEP * torque / inertia

@@ -29,9 +29,7 @@ def problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
 
 def judge(found, members=()):
     d = found.design
-    before, after = (
-        fit_jointly(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members))
-    )
+    before, after = (fit_jointly(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members)))
     return assess_adequacy(d, tuple(own for own, _ in found.logs), before, after)
 
 
@@ -48,15 +46,12 @@ def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
     case = problem(rng, slow, 2.0)
     judgment = judge(case)
     assert judgment.flagged == (1,)
-    assert judgment.structured_share[1] == pytest.approx(
-        2.0 / case.design.rms[1], rel=0.15
-    )
+    assert judgment.structured_share[1] == pytest.approx(2.0 / case.design.rms[1], rel=0.15)
     np.testing.assert_array_equal(judgment.before, judgment.structured_share)
 
 
 @pytest.mark.parametrize(
-    ("share", "doubted", "flagged"),
-    [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))],
+    ("share", "doubted", "flagged"), [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))]
 )
 def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flagged):
     """A part of torque on joint 2, where noise is half a per cent of it."""

@@ -46,8 +46,7 @@ def examined_on(robot, logs):
 
 
 @pytest.mark.parametrize(
-    ("name", "joint"),
-    [("viscous", 3), pytest.param("rotor_inertia", 1, marks=pytest.mark.long)],
+    ("name", "joint"), [("viscous", 3), pytest.param("rotor_inertia", 1, marks=pytest.mark.long)]
 )
 def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
     factors = np.ones(6)
@@ -61,9 +60,7 @@ def test_the_one_value_that_is_far_off_is_named(logs, name, joint):
 
 def off_on(robot, logs):
     seen, _ = examined_on(robot, logs)
-    off = [
-        c for c in compare_nominal_values(seen, seen.fit) if c.beyond and c.name in KEYS
-    ]
+    off = [c for c in compare_nominal_values(seen, seen.fit) if c.beyond and c.name in KEYS]
     return {(c.name, c.joints): c.identified / c.nominal for c in off}
 
 

@@ -18,8 +18,7 @@ PLAN = tuple(
 
 
 @pytest.mark.parametrize(
-    "share",
-    [1.0, *(pytest.param(s, marks=pytest.mark.long) for s in (0.97, 1.03, 1.1))],
+    "share", [1.0, *(pytest.param(s, marks=pytest.mark.long) for s in (0.97, 1.03, 1.1))]
 )
 def test_a_balancer_is_named_that_cancels_the_weight_of_its_joint(share):
     sin, cos = -share * WEIGHT

@@ -25,9 +25,7 @@ def test_base_regressor_times_base_parameters_is_rnea_on_a_thousand_states(name)
     assert len(base) == len(find_independent_columns(model))
     states = np.random.default_rng(4).uniform(-2, 2, (3, 1000, model.nv))
     theta = base.mapping @ dynamics.read_inertial_parameters(model)
-    torque = (
-        dynamics.compute_inertial_regressor(model, *states)[:, :, base.columns] @ theta
-    )
+    torque = dynamics.compute_inertial_regressor(model, *states)[:, :, base.columns] @ theta
     np.testing.assert_allclose(
         torque, dynamics.compute_inverse_dynamics(model, *states), rtol=0, atol=1e-9
     )

@@ -21,9 +21,7 @@ from residual.calibration.calibration_rows import (
     cut_single_run,
 )
 from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
-from residual.calibration.correction_choice import (
-    list_correction_options as correction_options,
-)
+from residual.calibration.correction_choice import list_correction_options as correction_options
 from residual.calibration.nominal_pls import NominalPlsForm
 from residual.calibration.table_regression import choose_table_levels
 from residual.calibration.validation_scores import (
@@ -90,8 +88,7 @@ def test_the_papers_rows_pair_the_reference_with_the_error_one_sample_ahead():
 
 
 @pytest.mark.parametrize(
-    ("change", "told"),
-    [({"twin": {}}, "torque of a simulated twin"), ({"log": None}, "reference")],
+    ("change", "told"), [({"twin": {}}, "torque of a simulated twin"), ({"log": None}, "reference")]
 )
 def test_the_papers_mode_says_what_a_run_lacks(change, told):
     run = paper_runs()[0]
@@ -207,9 +204,7 @@ def test_the_choice_for_a_fold_does_not_know_its_errors():
     rows = build_paper_rows(paper_runs())
     schemes, _ = build_validation_schemes(rows, np.random.default_rng(0))
     names = (*rows.names, "tau1", "tau2", "tau3")
-    tables = choose_table_levels(
-        rows.X, rows.tau - rows.Y, rows.velocity_columns, names
-    )
+    tables = choose_table_levels(rows.X, rows.tau - rows.Y, rows.velocity_columns, names)
     args = (lambda _: rows.Y, tables, correction_options(9), None)
     lead = cross_validate_corrections(schemes[0], rows, *args)
     first = choose_fold_options(lead, lead, rows)
@@ -239,21 +234,15 @@ def test_where_runs_are_few_blocks_are_left_out_and_chosen_by(rng):
     assert not calibration.proven
     assert "2 runs are few" in calibration.notes[0]
     for scheme, folds in ((RUN, 2), (BLOCK, 8)):
-        none, ours = (
-            model_score(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT)
-        )
+        none, ours = (model_score(calibration.scores, scheme, m) for m in (NOTHING, DEFAULT))
         assert none.miss.shape == (folds, 3)
         assert ours.overall < 0.8 * none.overall
-    assert "unseen blocks of the same runs" in " ".join(
-        describe_calibration(calibration)
-    )
+    assert "unseen blocks of the same runs" in " ".join(describe_calibration(calibration))
 
 
 def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     rows = few_runs().rows
-    schemes = {
-        s.name: s for s in build_validation_schemes(rows, np.random.default_rng(0))[0]
-    }
+    schemes = {s.name: s for s in build_validation_schemes(rows, np.random.default_rng(0))[0]}
     fitted, held = list(schemes[BLOCK].split(rows))[1]
     between = np.flatnonzero(~held & ~fitted)
     width = GUARD * rows.rates[0]
@@ -267,10 +256,7 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     tau[begin:end] *= 5
     prepared = [
         prepare_runs(truth().robot, own, ("viscous",))
-        for own in (
-            runs,
-            [replace(runs[0], log=replace(runs[0].log, tau=tau)), *runs[1:]],
-        )
+        for own in (runs, [replace(runs[0], log=replace(runs[0].log, tau=tau)), *runs[1:]])
     ]
     start, end = prepared[0].blocks.cut_times[0][:2]
     assert start < 2.5
@@ -300,9 +286,7 @@ def test_a_joint_that_moves_in_one_run_alone_is_refused_by_name():
         calibrate(truth().robot, still, replace(QUICK, paper=True))
 
 
-def test_of_long_logs_one_row_in_some_is_taken_with_the_error_of_its_next_sample(
-    monkeypatch,
-):
+def test_of_long_logs_one_row_in_some_is_taken_with_the_error_of_its_next_sample(monkeypatch):
     runs = paper_runs()
     monkeypatch.setattr(cut, "MOST", 0.4 * sum(run.log.duration for run in runs))
     thin, (note,) = choose_thinning_factor(runs)

@@ -27,13 +27,8 @@ def _lookup(rng) -> Lookup:
     return Lookup(
         names,
         tuple(f"joint {j}" for j in JOINTS),
-        tuple(
-            LevelAxis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes
-        ),
-        tuple(
-            LookupTable(a, v)
-            for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)
-        ),
+        tuple(LevelAxis(k, width * np.array([-2.0, -1.0, 1.0, 2.0])) for k, width in axes),
+        tuple(LookupTable(a, v) for a, v in zip(((0,), (0, 1), (2, 3)), values, strict=True)),
         np.array([0.1, 0.0, 0.3, 0.4, 0.5, 0.6]),
         slope,
         np.full(len(names), -1.0),

@@ -108,9 +108,9 @@ def test_tables_solve_the_ridge_equations(rng, kind):
     X, Y, _, _ = motion(rng, runs=1, rows=400)
     load, Y = carried(X, Y)
     data, tables = training(X, Y, load)
-    forecasts = fit_all_corrections(data, tables).forecasts(
-        data, [CorrectionOption(kind, 200.0)]
-    )[0]
+    forecasts = fit_all_corrections(data, tables).forecasts(data, [CorrectionOption(kind, 200.0)])[
+        0
+    ]
     Z, count = data.Z.toarray(), len(tables.state_penalty)
     for j in range(3):
         own = list(range(count))
@@ -119,10 +119,7 @@ def test_tables_solve_the_ridge_equations(rng, kind):
             own += range(*tables.starts[9 + j : 11 + j])
             more = tables.paired[j]
             penalty = np.block(
-                [
-                    [penalty, np.zeros((count, len(more)))],
-                    [np.zeros((len(more), count)), more],
-                ]
+                [[penalty, np.zeros((count, len(more)))], [np.zeros((len(more), count)), more]]
             )
         A = Z[:, own] - Z[:, own].mean(axis=0)
         ridge = 200.0 * len(X) / ROWS * penalty

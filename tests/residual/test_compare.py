@@ -36,9 +36,7 @@ def proof():
 
 
 def errors_of(model, logs):
-    return model_errors({"it": model}, prepare_held_out(logs, model), FilterSettings())[
-        0
-    ]["it"]
+    return model_errors({"it": model}, prepare_held_out(logs, model), FilterSettings())[0]["it"]
 
 
 def test_a_scaled_torque_has_the_error_of_its_scale(proof):
@@ -77,9 +75,7 @@ def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     errors, curves = model_errors({"it": model}, seen, FilterSettings())
     miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
     assert_allclose(miss, errors["it"].miss["filtered"])
-    moving = sum(
-        (((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves
-    )
+    moving = sum((((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves)
     assert_allclose(moving, errors["it"].miss["moving"])
     assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
     assert [c.id for c in curves] == ["log0", "log1"]

@@ -96,9 +96,7 @@ def test_slow_signals_of_no_relation_have_no_component():
     rng = np.random.default_rng(3)
     t = np.arange(400) / 400
     waves = [
-        sum(
-            rng.normal() * np.sin(2 * np.pi * k * t + rng.uniform(0, 6)) for k in (1, 2)
-        )
+        sum(rng.normal() * np.sin(2 * np.pi * k * t + rng.uniform(0, 6)) for k in (1, 2))
         for _ in range(6)
     ]
     X = np.stack(waves, axis=1)

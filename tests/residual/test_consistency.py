@@ -31,9 +31,7 @@ def bodies(identification):
     return find_consistent_parameters(identification)
 
 
-def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(
-    identification, bodies
-):
+def test_free_parameters_are_impossible_bodies_and_consistent_ones_are_not(identification, bodies):
     assert compute_link_eigenvalues(identification.model).min() < 0
     assert bodies.least_eigenvalue.min() > 0
     assert np.all(bodies.model.inertial[::10] > 0)
@@ -106,14 +104,10 @@ def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
     log = logs(1)[0]
     twice = np.column_stack([log.q, log.q])
     six = [replace(log, q=twice, tau=twice)]
-    model = build_free_nominal(
-        prepare_fit_logs(robot, six, None, FilterSettings()), EFFECTS
-    ).model
+    model = build_free_nominal(prepare_fit_logs(robot, six, None, FilterSettings()), EFFECTS).model
     for name, content in build_robot_folder(model).items():
         (tmp_path / name).write_bytes(content)
     again = load_robot(tmp_path)
-    assert_allclose(
-        dynamics.read_inertial_parameters(again.model), model.inertial, atol=1e-12
-    )
+    assert_allclose(dynamics.read_inertial_parameters(again.model), model.inertial, atol=1e-12)
     assert again.name == "irb140"
     assert dict(again.declared).keys() == set(EFFECTS)

@@ -34,9 +34,7 @@ def test_they_are_named_where_nothing_else_is_missing():
     fit, held_out = map(_with_constants, (case.fit, case.held_out))
     verdict = diagnose(case.robot, fit, held_out=held_out).verdict
     assert names(verdict) == [("offset", (1, 2))]
-    np.testing.assert_allclose(
-        verdict.effects[0].parameters["torque"].value, TORQUE, atol=0.3
-    )
+    np.testing.assert_allclose(verdict.effects[0].parameters["torque"].value, TORQUE, atol=0.3)
 
 
 def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
@@ -61,9 +59,7 @@ def test_a_torque_of_a_few_steps_has_no_error_and_no_name():
         return replace(log, tau=tau)
 
     verdict = diagnose(
-        case.robot,
-        [coarse(r) for r in case.fit],
-        held_out=[coarse(r) for r in case.held_out],
+        case.robot, [coarse(r) for r in case.fit], held_out=[coarse(r) for r in case.held_out]
     ).verdict
     assert verdict.too_small == (2,)
     assert verdict.error.moving["augmented"][1] is None

@@ -35,9 +35,7 @@ def test_what_the_position_makes_is_corrected_on_logs_that_nobody_saw():
     model = outcome.model(outcome.fit).model
     tables = fit_correction(model, logs.tracks, left)
     models = {"augmented": model, "plsr": tables}
-    errors, _ = compute_model_errors(
-        models, prepare_held_out(held, nominal.model), logs.filters
-    )
+    errors, _ = compute_model_errors(models, prepare_held_out(held, nominal.model), logs.filters)
     errors = {k: e.per_joint("filtered") for k, e in errors.items()}
     assert outcome.named == ()
     assert [one.joint for one in left] == [1]

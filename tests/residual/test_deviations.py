@@ -15,18 +15,13 @@ FADE = Effect(
     "fade",
     "fades with speed, as one of two textbooks has it",
     {"level": "1", "speed": "1", "exponent": "1"},
-    joint_columns(
-        lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]
-    ),
+    joint_columns(lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]),
     values=lambda theta, shape, robot: np.array([theta[0], *shape]),
     shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
     refine=ShapeRefinement("ratio", 0.6),
 )
 READS = Effect(
-    "reads",
-    "reads the model",
-    {"a": "1"},
-    joint_columns(lambda s, j, x: [s.tau_model[:, j]]),
+    "reads", "reads the model", {"a": "1"}, joint_columns(lambda s, j, x: [s.tau_model[:, j]])
 )
 READS = replace(READS, traits=EffectTrait.USES_MODEL | EffectTrait.GROUPABLE)
 

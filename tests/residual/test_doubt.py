@@ -19,9 +19,7 @@ def seconds(*sizes):
         pytest.param(30 * [1.0], 30 * [1.21], 100.0, 0.1, id="every second by as much"),
         pytest.param(30 * [1.0], 30 * [1.02], 100.0, 0.0, id="by 1 %"),
         pytest.param(30 * [1.0], 30 * [1.21], 1e6, 0.0, id="nothing beside the torque"),
-        pytest.param(
-            30 * [1.0], [6.0, *29 * [1.0]], 100.0, 0.0, id="in one second only"
-        ),
+        pytest.param(30 * [1.0], [6.0, *29 * [1.0]], 100.0, 0.0, id="in one second only"),
         pytest.param(30 * [1.0], 30 * [0.5], 100.0, 0.0, id="a fall"),
         pytest.param(30 * [1.0], 30 * [1.21], 0.0, 0.0, id="a dead channel"),
     ],

@@ -14,17 +14,10 @@ from residual.evidence.design import Design
 from residual.evidence.fit import build_fitted_model, fit_nominal
 from residual.evidence.priors import build_relative_prior
 from residual.identification.identify import identify
-from residual.model.nominal import (
-    DEFAULT_DECLARED,
-    build_free_nominal,
-    prepare_fit_logs,
-)
+from residual.model.nominal import DEFAULT_DECLARED, build_free_nominal, prepare_fit_logs
 from residual.planning.drive_logs import list_separating_logs
 from residual.recording import Recording, apply_drive
-from residual.robot.dynamics import (
-    compute_inverse_dynamics,
-    replace_inertial_parameters,
-)
+from residual.robot.dynamics import compute_inverse_dynamics, replace_inertial_parameters
 from residual.robot.robot import add_known_values, load_robot
 from residual.signals.track import FilterSettings
 from residual.verdict.diagnosis import add_motor_class

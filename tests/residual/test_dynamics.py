@@ -53,9 +53,7 @@ def test_torque_power_is_the_rate_of_kinetic_energy_plus_gravity_power(seed):
 
     rate = (energy(1) - energy(-1)) / (2 * step)
     gravity = dynamics.compute_gravity_torque(MODEL, q, MODEL.gravity.linear)
-    power = np.sum(
-        qd * (dynamics.compute_inverse_dynamics(MODEL, q, qd, qdd) - gravity), 1
-    )
+    power = np.sum(qd * (dynamics.compute_inverse_dynamics(MODEL, q, qd, qdd) - gravity), 1)
     np.testing.assert_allclose(power, rate, rtol=1e-5, atol=1e-4)
 
 

@@ -46,9 +46,7 @@ def state(robot, seed=0, n=60):
 
 
 def span(dof):
-    return MotionSpan(
-        np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 0.02)
-    )
+    return MotionSpan(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 0.02))
 
 
 def terms(name, robot, theta=None):
@@ -64,11 +62,7 @@ def terms(name, robot, theta=None):
 
 def test_the_registry_is_the_folder():
     folder = Path(effects.__file__).parent
-    files = {p.stem for p in folder.glob("[!_]*.py")} - {
-        "base",
-        "limits",
-        "sensitivity",
-    }
+    files = {p.stem for p in folder.glob("[!_]*.py")} - {"base", "limits", "sensitivity"}
     assert files == set(load_effects())
     assert all(name == effect.name for name, effect in load_effects().items())
 
@@ -134,8 +128,7 @@ PLAIN = {
 LOCAL = [
     n
     for n in NAMES
-    if load_effects()[n].scope == "local"
-    and EffectTrait.MEMORY not in load_effects()[n].traits
+    if load_effects()[n].scope == "local" and EffectTrait.MEMORY not in load_effects()[n].traits
 ]
 
 
@@ -210,9 +203,7 @@ def test_coefficients_come_back_from_the_values(name):
 
 
 def test_where_there_is_nothing_to_divide_by_all_is_finite():
-    assert np.isfinite(
-        load_effects()["spring"].values(np.array([0.0, 1.0]), (), arm())
-    ).all()
+    assert np.isfinite(load_effects()["spring"].values(np.array([0.0, 1.0]), (), arm())).all()
     values = load_effects()["payload"].values(np.zeros(10), (), arm())
     assert np.isfinite(values).all()
     robot, effect = arm(), load_effects()["stribeck"]
@@ -262,9 +253,7 @@ def test_friction_turns_round_with_the_motion_and_stands_with_it(name):
 
 
 def load():
-    inertia = np.array(
-        [[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]]
-    )
+    inertia = np.array([[0.03, 0.004, -0.002], [0.004, 0.05, 0.001], [-0.002, 0.001, 0.04]])
     return pin.Inertia(2.5, np.array([0.4, -0.05, 0.12]), inertia)
 
 
@@ -282,9 +271,7 @@ every_robot = pytest.mark.parametrize("robot", ROBOTS.values(), ids=ROBOTS)
 @every_robot
 def test_payload_is_the_body_merged_into_the_last_link(robot):
     seen = state(robot)
-    term = Term(
-        load_effects()["payload"], (robot.dof - 1,), (), load().toDynamicParameters()
-    )
+    term = Term(load_effects()["payload"], (robot.dof - 1,), (), load().toDynamicParameters())
     loaded = pin.Model(robot.model)
     loaded.inertias[robot.dof] = loaded.inertias[robot.dof] + load()
     with_it, without = (

@@ -8,15 +8,7 @@ from scipy.stats import multivariate_normal
 
 from residual.evidence.fit import FitEquations, count_effective_rows, fit_jointly
 from residual.evidence.priors import screen_candidates
-from tests.residual.linear import (
-    GEAR,
-    LINE,
-    LOAD,
-    OTHER,
-    PLANE,
-    Problem,
-    every_group,
-)
+from tests.residual.linear import GEAR, LINE, LOAD, OTHER, PLANE, Problem, every_group
 
 SIGMA2 = np.array([1.7, 0.4])  # noise variance of each joint, given
 SETS = {
@@ -24,12 +16,7 @@ SETS = {
     "one local": [(LINE, (1,), ())],
     "pair": [(GEAR, (0, 1), ())],
     "all rows": [(LOAD, (1,), ())],
-    "several": [
-        (LINE, (0,), ()),
-        (PLANE, (1,), ()),
-        (GEAR, (0, 1), ()),
-        (LOAD, (1,), ()),
-    ],
+    "several": [(LINE, (0,), ()), (PLANE, (1,), ()), (GEAR, (0, 1), ()), (LOAD, (1,), ())],
 }
 # The core adds 1e-12 of the diagonal, so that a singular set does not stop it.
 EXACT = {"rtol": 1e-7, "atol": 1e-9}
@@ -160,9 +147,7 @@ def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
         members = problem.design.add([(PLANE, (0,), ())])
         white = every_row_counts(problem, members, rounds=3)
         counted = count_effective_rows(problem.design, white)
-        fitted = fit_jointly(
-            problem.design, problem.prior, members, counted, white.variance
-        )
+        fitted = fit_jointly(problem.design, problem.prior, members, counted, white.variance)
         for f, out in ((fitted, inside), (white, uncounted)):
             sd = np.sqrt(np.diag(f.covariance()))[-2:]
             out += list(np.abs(f.theta[-2:] - truth) < 2 * sd)

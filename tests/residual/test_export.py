@@ -18,12 +18,7 @@ from tests.exports.back import c99_back, needs_compiler
 from tests.exports.models import NAMES, model_with, robot_of, term
 from tests.residual.test_model_record import lookup
 
-WRITERS = {
-    "json": to_json,
-    "urdf": to_urdf,
-    "mjcf": to_mjcf,
-    "c99": to_c99,
-}
+WRITERS = {"json": to_json, "urdf": to_urdf, "mjcf": to_mjcf, "c99": to_c99}
 # What each target can say of one effect alone; all else must be listed.
 JOINTS = {"drive_damping", "viscous", "coulomb"}
 BODIES = {"payload", "link_body", "link_inertia"}
@@ -104,9 +99,7 @@ def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
     assert omission.why.startswith("MJCF allows no negative friction, got -1 N m: ")
     assert "--prior 0.03" in omission.why
     robot = robot_of("irb140")
-    lone, sprung = (
-        to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"])
-    )
+    lone, sprung = (to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"]))
     assert [each.name for each in lone.omissions] == ["offset"]
     assert sprung.omissions == ()
     source = model_with(robot_of("irb140"), "delay")

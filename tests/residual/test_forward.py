@@ -45,19 +45,13 @@ def load():
 def model(*more):
     terms = [
         term(name, j, values[j])
-        for name, values in (
-            ("coulomb", COULOMB),
-            ("viscous", VISCOUS),
-            ("rotor_inertia", ROTOR),
-        )
+        for name, values in (("coulomb", COULOMB), ("viscous", VISCOUS), ("rotor_inertia", ROTOR))
         for j in range(6)
     ]
     terms += [load(), term("spring", 2, STIFF, 0.0), *more]
     shapes = (StandstillFriction("smooth", 1.0),) * 6
     floor = np.full(6, WIDTH)
-    return Model(
-        ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms), floor, shapes
-    )
+    return Model(ROBOT, read_inertial_parameters(ROBOT.model), tuple(terms), floor, shapes)
 
 
 def drive(t, q, qd):
@@ -67,9 +61,7 @@ def drive(t, q, qd):
 
 def welded():
     arm = pin.Model(ROBOT.model)
-    arm.appendBodyToJoint(
-        6, pin.Inertia(MASS, LEVER, OWN), find_flange_placement(ROBOT.model)
-    )
+    arm.appendBodyToJoint(6, pin.Inertia(MASS, LEVER, OWN), find_flange_placement(ROBOT.model))
     arm.armature = ROTOR
     return arm
 
@@ -99,13 +91,7 @@ def integrated(t):
     arm = welded()
     start = np.concatenate([[0.2, 0.4, 0.3, 0.1, 0.6, 0.0], np.zeros(6)])
     done = solve_ivp(
-        rate(arm, arm.createData(), False),
-        (t[0], t[-1]),
-        start,
-        "DOP853",
-        t,
-        rtol=1e-9,
-        atol=1e-10,
+        rate(arm, arm.createData(), False), (t[0], t[-1]), start, "DOP853", t, rtol=1e-9, atol=1e-10
     )
     return done.y[:6].T, done.y[6:].T
 
@@ -124,9 +110,7 @@ def test_the_acceleration_of_a_torque_is_that_of_an_independent_integration(rubs
         bare[-10:] += load().theta
         kept = tuple(x for x in whole.terms if x.effect.name != "payload")
         whole = replace(whole, inertial=bare, terms=kept)
-    (track,), _ = build_tracks(
-        [Recording("", "irb140", t, q, tau)], whole.filters, None, True
-    )
+    (track,), _ = build_tracks([Recording("", "irb140", t, q, tau)], whole.filters, None, True)
     rows = [np.abs(t - each).argmin() for each in track.t]
     track = replace(track, q=q[rows], qd=qd[rows], qdd=0 * q[rows])
     got = compute_acceleration(whole, track, tau[rows])

@@ -75,9 +75,7 @@ def test_outliers_move_least_squares_more_than_the_robust_fit():
     plain = identify(truth().robot, spoiled)
     robust = identify(truth().robot, spoiled, options=Options("irls"))
     size = np.sqrt(np.diag(plain.base.mapping @ plain.spread @ plain.base.mapping.T))
-    miss = [
-        np.linalg.norm((f.estimate.theta - true(f)) / size) for f in (plain, robust)
-    ]
+    miss = [np.linalg.norm((f.estimate.theta - true(f)) / size) for f in (plain, robust)]
     assert miss[1] < 0.5 * miss[0]
     assert robust.estimate.outliers.min() > 0.02
 
@@ -131,10 +129,7 @@ BAD = {
         lambda: identify(truth().robot, plain_logs(arm(), [0, 1], 0.0, count=1)),
         "has 2 joints, small_arm has 3",
     ),
-    "nothing moves": (
-        lambda: identify(truth().robot, still()),
-        "No joint moves in these logs",
-    ),
+    "nothing moves": (lambda: identify(truth().robot, still()), "No joint moves in these logs"),
     "too few rows": (
         lambda: identify(truth().robot, logs(1, duration=1.6)),
         r"Too few rows: \d+ moving rows for 22 parameters, expected 66 or more",

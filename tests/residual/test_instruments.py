@@ -93,9 +93,7 @@ def test_without_a_reference_redrawn_noise_frees_a_parameter_too(monkeypatch):
     assert abs(value - ROTOR) < abs(plain.theta[slots] - ROTOR) / 3
 
 
-@pytest.mark.parametrize(
-    "reference", [True, pytest.param(False, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("reference", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     verdict = diagnosed(COARSE, reference, rotor=0.0).verdict
     assert verdict.verdict == "none"
@@ -110,9 +108,7 @@ def test_only_what_moves_alike_is_confusable(rng):
     search, design = problem.search(groups), problem.design
     fitted = fit_jointly(design, problem.prior, (), design.rows)
     told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
-    line, other, plane, far = find_lookalikes(
-        DetectionModel.of(search, fitted), told_of
-    )
+    line, other, plane, far = find_lookalikes(DetectionModel.of(search, fitted), told_of)
     assert line == far == ()
     assert other == (Place("plane", (1,)),)
     # Of a plane in the direction that OTHER has too.

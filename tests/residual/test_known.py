@@ -71,9 +71,7 @@ def test_the_model_has_what_is_known_and_holds_it():
         2.0 / 3.0 * read_inertial_parameters(robot.model)[11]
     )
     design = Design(prepared(robot, 0.0).tracks, model)
-    own = fit_jointly(
-        design, build_relative_prior(design, nominal_model, 1.0), (), design.rows / 5
-    )
+    own = fit_jointly(design, build_relative_prior(design, nominal_model, 1.0), (), design.rows / 5)
     coulomb = next(t for t in model.terms if t.effect.name == "coulomb")
     assert (coulomb.joints, coulomb.theta) == ((0,), pytest.approx(3.5))
     assert np.abs(own.theta[[10, (20 + model.terms.index(coulomb))]]).max() < 0.02
@@ -103,9 +101,7 @@ def prepared(robot, load):
     logs = [replace(log, q=log.q - 0.1) for log in logs]
     if load:
         body = robot.model.copy()
-        body.inertias[robot.dof] += pin.Inertia(
-            load, np.array([0.3, 0.05, 0.1]), 1e-3 * np.eye(3)
-        )
+        body.inertias[robot.dof] += pin.Inertia(load, np.array([0.3, 0.05, 0.1]), 1e-3 * np.eye(3))
         out = []
         for log in logs:
             qd = np.gradient(log.q, log.t, axis=0)

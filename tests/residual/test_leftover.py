@@ -43,9 +43,7 @@ def red(rng, memory):
 
 def rows_of(left, memory=10.0, noise=0.0):
     log = np.repeat(np.arange(LOGS), N)
-    return JointResidual(
-        left, log, log, memory, float((left**2).sum() - noise**2 * len(left))
-    )
+    return JointResidual(left, log, log, memory, float((left**2).sum() - noise**2 * len(left)))
 
 
 def variables(rng):

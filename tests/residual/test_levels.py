@@ -17,11 +17,7 @@ COLUMNS = arrays(
 equal_levels = partial(build_levels, equally_wide=True)
 
 
-@given(
-    COLUMNS,
-    st.integers(2, 30),
-    st.sampled_from([equal_levels, build_levels]),
-)
+@given(COLUMNS, st.integers(2, 30), st.sampled_from([equal_levels, build_levels]))
 @settings(max_examples=60, deadline=None)
 def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, make):
     levels = make(x, k)
@@ -75,20 +71,11 @@ def test_merged_rows_keep_every_sum(rng, levels):
 @pytest.mark.parametrize(
     ("call", "message"),
     [
-        (
-            lambda: equal_levels(np.arange(5.0), 1),
-            "levels must be 2 to .*, got 1",
-        ),
-        (
-            lambda: build_levels(np.arange(5.0), 0),
-            "levels must be 2 to .*, got 0",
-        ),
+        (lambda: equal_levels(np.arange(5.0), 1), "levels must be 2 to .*, got 1"),
+        (lambda: build_levels(np.arange(5.0), 0), "levels must be 2 to .*, got 0"),
         (lambda: equal_levels(np.arange(5.0), 2.5), "levels must be .* got 2.5"),
         (lambda: equal_levels(np.ones(5), 3), "constant over all 5 rows: x1 = 1"),
-        (
-            lambda: equal_levels(np.array([1, np.nan]), 3),
-            "X is NaN or infinite in row 1",
-        ),
+        (lambda: equal_levels(np.array([1, np.nan]), 3), "X is NaN or infinite in row 1"),
         (
             lambda: equal_levels(np.arange(5.0), 3).encode(np.ones((2, 2))),
             "X has 2 columns, the levels are of 1",

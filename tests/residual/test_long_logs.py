@@ -44,9 +44,7 @@ def smooth_log(seconds, seed):
     like = plain_logs(arm(), [0, 1], [0.0, 0.0])[0]
     qd = np.gradient(q, t, axis=0)
     motion = q, qd, np.gradient(qd, t, axis=0)
-    tau = compute_inertial_regressor(arm().model, *motion) @ read_inertial_parameters(
-        arm().model
-    )
+    tau = compute_inertial_regressor(arm().model, *motion) @ read_inertial_parameters(arm().model)
     tau += 0.5 * np.tanh(qd / 0.02) + 0.3 * qd + 0.02 * rng.normal(size=q.shape)
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
@@ -62,9 +60,7 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
         uncut = Design(logs.tracks, model)
     assert len(long.tracks) < len(uncut.tracks)
     wanted = [(load_effects()[n], (1,), ()) for n in ("spring", "offset")]
-    wanted += [
-        (load_effects()[n], (j,), ()) for n, j in (("payload", 1), ("spring", 0))
-    ]
+    wanted += [(load_effects()[n], (j,), ()) for n, j in (("payload", 1), ("spring", 0))]
     groups = [design.add(wanted) for design in (long, uncut)]
     assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
     for j in range(2):

@@ -117,9 +117,7 @@ def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_pat
 def test_the_csv_holds_every_cell_with_its_intervals(block, model):
     X = block[0][:7]
     lookup = model.lookup()
-    rows = list(
-        csv.reader(io.StringIO(build_lookup_files(lookup)["tables.csv"].decode()))
-    )
+    rows = list(csv.reader(io.StringIO(build_lookup_files(lookup)["tables.csv"].decode())))
     assert rows[0][:3] == ["table", "variable_1", "from_1"]
     place = {name: i for i, name in enumerate(lookup.names)}
     for x, expected in zip(X, model.predict(X), strict=True):
@@ -127,8 +125,7 @@ def test_the_csv_holds_every_cell_with_its_intervals(block, model):
         for row in rows[1:]:
             sides = [row[1:4], row[4:7]]
             if all(
-                not name or float(low) <= x[place[name]] < float(high)
-                for name, low, high in sides
+                not name or float(low) <= x[place[name]] < float(high) for name, low, high in sides
             ):
                 y += np.array(row[7:], float)
         np.testing.assert_allclose(y, expected, **EXACT)

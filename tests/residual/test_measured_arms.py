@@ -75,9 +75,7 @@ def test_a_load_that_came_or_went_is_a_payload_of_its_weight(days, sign):
     assert mass == pytest.approx(sign * WEIGHED, rel=0.1)
 
 
-@pytest.mark.skipif(
-    not (CASES / "balancer_not_named").is_dir(), reason="no cases beside the logs"
-)
+@pytest.mark.skipif(not (CASES / "balancer_not_named").is_dir(), reason="no cases beside the logs")
 def test_a_balancer_that_cancels_the_weight_of_its_joint_is_named():
     """Noise and coefficients have two fixed points; the search restarts in the first.
 

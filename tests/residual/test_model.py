@@ -85,9 +85,7 @@ def test_torque_is_the_sum_of_the_rigid_body_and_each_term():
     model = some_model(robot)
     log, _ = log_of(robot, np.arange(750) / 250)
     rigid = replace(model, terms=())
-    alone = [
-        replace(model, inertial=0 * model.inertial, terms=(t,)) for t in model.terms
-    ]
+    alone = [replace(model, inertial=0 * model.inertial, terms=(t,)) for t in model.terms]
     parts = [m.predict(log) for m in (rigid, *alone)]
     assert_allclose(model.predict(log), sum(parts), atol=1e-9)
 

@@ -38,9 +38,7 @@ def term(robot: Robot, name: str, seed: int) -> Term:
     places = effect.candidates(robot.dof)
     joints = places[seed % len(places)]
     dof = robot.dof
-    span = MotionSpan(
-        np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0)
-    )
+    span = MotionSpan(np.full(dof, 1.5), np.full(dof, 2.0), 60.0, 8.0, np.full(dof, 5.0))
     shapes = effect.shapes(span, joints[0] if joints else 0)
     shape = shapes[seed % len(shapes)] if shapes else ()
     seen = Model(robot, read_inertial_parameters(robot.model), (), np.full(dof, 0.01))
@@ -133,8 +131,7 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
     text = urdf_text().replace('type="revolute"', 'type="continuous"', 1)
     (tmp_path / "arm.urdf").write_text(text)
     (tmp_path / "robot.toml").write_text(
-        "[robot]\nname = 'lab'\ngravity = [0, 1.0, -9.7]\n"
-        "[declared.coulomb]\nlevel = [3, 4]\n"
+        "[robot]\nname = 'lab'\ngravity = [0, 1.0, -9.7]\n[declared.coulomb]\nlevel = [3, 4]\n"
     )
     robot = load_robot(tmp_path)
     again = model_from_record(through_text(model_of([], robot).to_record())).robot
@@ -153,14 +150,8 @@ def test_the_robot_comes_back_without_its_files(tmp_path):
         ("[1]", f"not the file of a model: expected a JSON object. {AGAIN}"),
         ('{"form": 9}', "form 9, expected 1"),
         ('{"form": 1}', f"damaged: it lacks the key 'speed_floor'. {AGAIN}"),
-        (
-            '{"form": 1, "speed_floor": 1, "robot": 3}',
-            f"a value has another kind or size. {AGAIN}",
-        ),
-        (
-            None,
-            "holds the tables of a calibration, expected a model: that is corrected",
-        ),
+        ('{"form": 1, "speed_floor": 1, "robot": 3}', f"a value has another kind or size. {AGAIN}"),
+        (None, "holds the tables of a calibration, expected a model: that is corrected"),
     ],
 )
 def test_what_is_no_model_is_refused(tmp_path, text, message):

@@ -30,9 +30,7 @@ def design_of(found, rng):
     drawn = []
     for k in range(3):
         state = random_state(rng, 100)
-        drawn.append(
-            (track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k, state), state)
-        )
+        drawn.append((track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k, state), state))
     return Design([t for t, _ in drawn], found.model, [s for _, s in drawn])
 
 
@@ -55,9 +53,7 @@ def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
 
 @pytest.mark.parametrize(("given", "share"), [(GIVEN, 0.1), (ASSUMED, 1.0)])
 def test_a_declared_value_is_held_within_its_share(rng, given, share):
-    nominal_model = nominal(
-        [term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given]
-    )
+    nominal_model = nominal([term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given])
     prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, 0.03)
     sd = 1 / np.sqrt(np.diag(prior.precision))[NOMINAL:]
     # One thousandth of torque rms is added, so that a declared 0 is not exact.

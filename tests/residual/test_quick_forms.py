@@ -85,7 +85,6 @@ def test_a_set_with_one_more_is_gathered_or_grown_alike(seed):
     np.testing.assert_allclose(design.fold_pulls(0, every, theta), left, atol=1e-9)
     counted = np.full(DOF, 50.0)
     one, other = (
-        fit_jointly(design, problem.prior, groups[:3], counted, system=s)
-        for s in (grown, None)
+        fit_jointly(design, problem.prior, groups[:3], counted, system=s) for s in (grown, None)
     )
     assert one.score == pytest.approx(other.score)

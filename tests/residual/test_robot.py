@@ -107,16 +107,10 @@ def test_content_hash_follows_the_urdf_and_the_meaning_of_the_toml(folder):
 BAD_URDF = {
     "not xml": ("<robot", "does not parse"),
     "other xml": ("<sdf/>", "root is <sdf>"),
-    "xacro": (
-        '<robot xmlns:x="http://ros.org/xacro"><x:include/></robot>',
-        "Name it .xacro",
-    ),
+    "xacro": ('<robot xmlns:x="http://ros.org/xacro"><x:include/></robot>', "Name it .xacro"),
     "no joint": (urdf(), "no revolute, continuous"),
     "massless": (urdf(joint(1, inertial="")), "'joint1' moves has a mass"),
-    "mass is text": (
-        TWO_LINK.replace('value="2"', 'value="m"'),
-        "expected a finite number",
-    ),
+    "mass is text": (TWO_LINK.replace('value="2"', 'value="m"'), "expected a finite number"),
     "negative mass": (TWO_LINK.replace('value="2"', 'value="-2"'), "expected >= 0"),
     "only comments": ("<robot><!-- see the xacro --></robot>", "has no link"),
     "mimic": (
@@ -134,10 +128,7 @@ BAD_URDF = {
         "'link2' hangs on two joints",
     ),
     "unknown parent": (urdf(joint(1), joint(2, parent=7)), "not found"),
-    "unknown child": (
-        TWO_LINK.replace('<link name="link2">', '<link name="l">'),
-        "link",
-    ),
+    "unknown child": (TWO_LINK.replace('<link name="link2">', '<link name="l">'), "link"),
     "no tensor": (TWO_LINK.replace("<inertia ", "<x "), "must have inertia"),
 }
 
@@ -168,19 +159,10 @@ BAD_TOML = {
     "gravity": ("[robot]\ngravity = 9.81", "gravity needs 3 numbers"),
     "name": ("[robot]\nname = 'IRB 140'", "1 to 40"),
     "scale": ("[prior]\nscale = 0", "'estimate' or a positive"),
-    "no source": (
-        "[declared.coulomb]\nlevel = [1, 1]\nassumed = true",
-        "need a source",
-    ),
+    "no source": ("[declared.coulomb]\nlevel = [1, 1]\nassumed = true", "need a source"),
     "assumed": ("[declared.coulomb]\nassumed = 1", "true or false"),
-    "coupling size": (
-        "[couplings]\nmotor_from_joint = [1, 1]",
-        "needs 2 x 2 numbers, got 2",
-    ),
-    "coupling": (
-        "[couplings]\nmotor_from_joint = [[1, 1], [1, 1]]",
-        "must be invertible",
-    ),
+    "coupling size": ("[couplings]\nmotor_from_joint = [1, 1]", "needs 2 x 2 numbers, got 2"),
+    "coupling": ("[couplings]\nmotor_from_joint = [[1, 1], [1, 1]]", "must be invertible"),
 }
 
 
@@ -202,10 +184,7 @@ def test_effects_are_checked_by_who_knows_them(folder):
 @pytest.mark.parametrize(
     ("spec", "message"),
     [
-        (
-            "irb14",
-            "did you mean 'irb140'.* Or give a URDF, xacro or MJCF file, or a fold",
-        ),
+        ("irb14", "did you mean 'irb140'.* Or give a URDF, xacro or MJCF file, or a fold"),
         ("nothing/like/it", "No file or folder"),
         ("arm.urdf", "No file or folder 'arm.urdf'"),
         ("/dev/null", "No file or folder"),

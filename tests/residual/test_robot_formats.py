@@ -6,11 +6,7 @@ import pytest
 from flows.inputs.read import load_command_robot as load_arm
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import LazyRegressor, read_inertial_parameters
-from residual.robot.robot import (
-    build_robot,
-    load_robot,
-    write_urdf_with_inertias,
-)
+from residual.robot.robot import build_robot, load_robot, write_urdf_with_inertias
 from tests.residual.arms import urdf_text
 
 mujoco = pytest.importorskip("mujoco", reason="the extra mjcf is not installed")
@@ -128,9 +124,7 @@ def test_of_two_arms_of_an_mjcf_one_is_chosen_and_gravity_may_be_given(tmp_path)
 
 
 def test_an_equality_that_is_off_binds_nothing_and_a_curve_is_a_line(tmp_path):
-    off = MJCF.replace(
-        '<joint joint1="finger2"', '<joint active="false" joint1="finger2"'
-    )
+    off = MJCF.replace('<joint joint1="finger2"', '<joint active="false" joint1="finger2"')
     assert load_arm(written(tmp_path, off)).locked["finger2"] == 0
     curved = load_arm(written(tmp_path, MJCF.replace("0.01 1 0 0 0", "0.01 1 2 0 0")))
     assert "joint 'finger2' follows 'finger1' by a line only" in curved.notes
@@ -186,10 +180,7 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
 
 @pytest.mark.parametrize(
     ("args", "message"),
-    [
-        (["mass=7"], "expected name:=value"),
-        ([], "arm.urdf.xacro does not expand.*parts"),
-    ],
+    [(["mass=7"], "expected name:=value"), ([], "arm.urdf.xacro does not expand.*parts")],
 )
 def test_a_xacro_that_does_not_expand_says_what_is_missing(xacro, args, message):
     with pytest.raises(InputError, match=message):
@@ -198,10 +189,7 @@ def test_a_xacro_that_does_not_expand_says_what_is_missing(xacro, args, message)
 
 @pytest.mark.parametrize(
     "more",
-    [
-        '<mujoco><compiler discardvisual="true"/></mujoco>',
-        "<!-- converted for <mujoco> -->",
-    ],
+    ['<mujoco><compiler discardvisual="true"/></mujoco>', "<!-- converted for <mujoco> -->"],
     ids=["a block of MuJoCo's own", "a comment"],
 )
 def test_a_urdf_that_speaks_of_mujoco_is_a_urdf(more, tmp_path):

@@ -11,17 +11,7 @@ from residual.diagnosis.select import name_probability
 from residual.effects.base import Effect
 from residual.evidence.fit import fit_jointly
 from residual.evidence.thresholds import THRESHOLDS
-from tests.residual.linear import (
-    BLOCK,
-    DOF,
-    GEAR,
-    LINE,
-    LOAD,
-    NOMINAL,
-    PLANE,
-    Problem,
-    build,
-)
+from tests.residual.linear import BLOCK, DOF, GEAR, LINE, LOAD, NOMINAL, PLANE, Problem, build
 
 # A column that the nominal model has too: a refit can imitate the effect exactly.
 TWIN = Effect(
@@ -31,20 +21,14 @@ TWIN = Effect(
     lambda s, joints, x: s.regressor[:, :, 10:11],
     scope="flange",
 )
-SETS = {
-    "one joint": (PLANE, (0,)),
-    "pair": (GEAR, (0, 1)),
-    "all rows": (LOAD, (1,)),
-}
+SETS = {"one joint": (PLANE, (0,)), "pair": (GEAR, (0, 1)), "all rows": (LOAD, (1,))}
 
 
 def bent(rng, deviations, noise=1.0):
     """A nominal model whose one coefficient is wrong by many deviations."""
     drawn = Problem.draw(rng, rows=200, noise=noise)
     size = deviations / np.sqrt(drawn.prior.precision[10, 10])
-    logs = [
-        (replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s) for t, s in drawn.logs
-    ]
+    logs = [(replace(t, tau=t.tau + size * s.regressor[:, :, 10]), s) for t, s in drawn.logs]
     return Problem(logs, build(logs), drawn.prior)
 
 
@@ -56,9 +40,7 @@ def nats_of(problem, effect, joints):
 @pytest.mark.parametrize("turn", [[[1e-4, 0.0], [0.0, 2e3]], [[1.0, -2.0], [0.5, 1.0]]])
 def test_units_of_columns_and_their_order_do_not_matter(rng, turn):
     problem = Problem.draw(rng, [(PLANE, (0,), [0.3, 0.2])])
-    turned = replace(
-        PLANE, columns=lambda s, j, x: PLANE.columns(s, j, x) @ np.array(turn)
-    )
+    turned = replace(PLANE, columns=lambda s, j, x: PLANE.columns(s, j, x) @ np.array(turn))
     one, other = (nats_of(problem, e, (0,)) for e in (PLANE, turned))
     assert one > 5
     assert other == pytest.approx(one, rel=1e-6)
@@ -133,18 +115,13 @@ def test_a_left_out_block_is_predicted_by_a_dense_fit_of_the_others(rng, which):
 
 
 @pytest.mark.parametrize("deviations", [3.0, 30.0, 100.0, 300.0])
-def test_of_two_fixed_points_of_noise_and_coefficients_the_likelier_is_taken(
-    rng, deviations
-):
+def test_of_two_fixed_points_of_noise_and_coefficients_the_likelier_is_taken(rng, deviations):
     """What the prior holds back is noise, or the prior gives way: both are stable."""
     problem = bent(rng, deviations, noise=0.05)
     design, prior, score = problem.design, problem.prior, problem.score
     fitted = score.fit(())
     floor = (THRESHOLDS.noise_floor * design.rms) ** 2
-    starts = [
-        fit_jointly(design, prior, (), fitted.counted, start, 40)
-        for start in (None, floor)
-    ]
+    starts = [fit_jointly(design, prior, (), fitted.counted, start, 40) for start in (None, floor)]
     assert fitted.score > max(f.score for f in starts) - 0.1
 
 

@@ -177,8 +177,7 @@ def detection_rate(share, draws=24):
 
 
 @pytest.mark.parametrize(
-    ("share", "least_rate", "most_rate"),
-    [(0.6, 0, 0.2), (1, 0.25, 0.75), (1.6, 0.8, 1)],
+    ("share", "least_rate", "most_rate"), [(0.6, 0, 0.2), (1, 0.25, 0.75), (1.6, 0.8, 1)]
 )
 def test_the_odds_turn_at_the_smallest_detectable_size(share, least_rate, most_rate):
     assert least_rate <= detection_rate(share) <= most_rate

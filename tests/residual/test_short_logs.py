@@ -15,10 +15,7 @@ from residual.robot.robot import load_robot
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, names, short_case
 
-PLAN = (
-    LogPlan("fit", "fit", "fourier", 5.0),
-    LogPlan("held_out", "held_out", "fourier", 5.0),
-)
+PLAN = (LogPlan("fit", "fit", "fourier", 5.0), LogPlan("held_out", "held_out", "fourier", 5.0))
 COUPLING = SyntheticEffect(
     "coupled_friction", (4, 5), {"level": 7.0, "coefficient": 0.7, "sign": 1.0}
 )
@@ -26,10 +23,7 @@ COUPLING = SyntheticEffect(
 
 @pytest.mark.parametrize(
     ("robot", "hidden", "expected"),
-    [
-        (load_robot("irb140"), (COUPLING,), [("coupled_friction", (4, 5))]),
-        (arm(), (), []),
-    ],
+    [(load_robot("irb140"), (COUPLING,), [("coupled_friction", (4, 5))]), (arm(), (), [])],
     ids=["a coupling of the wrist", "nothing"],
 )
 def test_what_is_there_is_named_on_five_seconds(robot, hidden, expected):
@@ -56,9 +50,7 @@ def test_smoothed_friction_that_grew_is_told_with_all_joints_in_the_headline():
         held_out=[rubbed(r) for r in case.held_out],
     ).verdict
     assert {e.name for e in diagnosis.effects} == {"coulomb"}
-    before, after = (
-        np.array(diagnosis.error.moving[k]) for k in ("identified", "augmented")
-    )
+    before, after = (np.array(diagnosis.error.moving[k]) for k in ("identified", "augmented"))
     risen = tuple(int(j) + 1 for j in np.flatnonzero(after > 1.05 * before))
     assert set(diagnosis.error.worse) <= set(risen)
     overall = diagnosis.error.overall_moving

@@ -56,14 +56,11 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
     track, _ = one(log(t, np.sin(w * t)), full_rate=True)
     inner = (track.t > 1) & (track.t < 7)
     assert_allclose(track.qd[inner, 0], w * np.cos(w * track.t[inner]), atol=2e-3 * w)
-    assert_allclose(
-        track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2
-    )
+    assert_allclose(track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2)
 
 
 @pytest.mark.parametrize(
-    ("dt", "rate"),
-    [(0.004, 250.0), (0.008, 125.0), (1 / 249.96, 250.0), (0.03, 1 / 0.03)],
+    ("dt", "rate"), [(0.004, 250.0), (0.008, 125.0), (1 / 249.96, 250.0), (0.03, 1 / 0.03)]
 )
 def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
     t = np.cumsum(np.full(200, dt))

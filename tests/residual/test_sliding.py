@@ -95,9 +95,7 @@ def test_units_follow_the_joint():
 
 def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
     slides = (False, True, False, True)
-    needs = [
-        e.name for e in load_effects().values() if EffectTrait.NEEDS_TURN in e.traits
-    ]
+    needs = [e.name for e in load_effects().values() if EffectTrait.NEEDS_TURN in e.traits]
     assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
     assert load_effects()["balancer"].candidates(4, slides) == ((0,), (2,))
     assert load_effects()["coupled_friction"].candidates(4, slides) == ((1, 3),)

@@ -72,15 +72,11 @@ def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(h
     t, q = stop_and_go()
     friction = Term(load_effects()["coulomb"], (0,), (), np.array([5.0]))
     model = Model(robot, read_inertias(robot.model), (friction,), np.full(2, FLOOR))
-    truth = replace(
-        model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),)
-    )
+    truth = replace(model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),))
     log = recording(t, q, truth.predict(recording(t, q, 0 * q)))
     tracks, _ = build_tracks([log], model.filters, model.speed_floor)
     settled = choose_standstill_behaviour(model, tracks)
     assert settled.standstill[0].hold == pytest.approx(hold, abs=0.06)
     assert settled.standstill[1] == SMOOTH
-    before, after = (
-        np.linalg.norm((m.predict(log) - log.tau)[200:-200]) for m in (model, settled)
-    )
+    before, after = (np.linalg.norm((m.predict(log) - log.tau)[200:-200]) for m in (model, settled))
     assert after <= before + 1e-12

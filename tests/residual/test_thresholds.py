@@ -37,9 +37,7 @@ GRIDS = {
 )
 def test_few_numbers_decide(heading, most):
     text = Path(thresholds.__file__).read_text(encoding="utf-8")
-    part = re.split(
-        r"^    # (?:What|How)", text.split(f"# What {heading}")[1], flags=re.M
-    )
+    part = re.split(r"^    # (?:What|How)", text.split(f"# What {heading}")[1], flags=re.M)
     fields = re.findall(r"^    [a-z_]+: (?:int|float) =", part[0], re.M)
     assert 15 < len(fields) <= most
 

@@ -93,9 +93,7 @@ def test_locked_joints_are_those_of_pinocchios_reduced_model(finger, lift, pan, 
     for name, value in at.items():
         one = model.joints[model.getJointId(name)]
         turns = one.nq == 2  # a wheel, by cosine and sine
-        q0[one.idx_q : one.idx_q + one.nq] = (
-            [np.cos(value), np.sin(value)] if turns else value
-        )
+        q0[one.idx_q : one.idx_q + one.nq] = [np.cos(value), np.sin(value)] if turns else value
     reduced = pin.buildReducedModel(model, [model.getJointId(n) for n in at], q0)
     assert list(ours.names)[1:] == list(reduced.names)[1:] == list(names)
     motion = np.random.default_rng(seed).normal(size=(3, 1, 4))
@@ -153,9 +151,7 @@ def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_p
     toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'
     same = load_arm(write(tmp_path, robot_of(*ARM, *HAND), toml))
     assert same.content_hash == plain.content_hash
-    other = load_arm(
-        write(tmp_path, robot_of(*ARM, *HAND), "[locked]\nfinger1 = 0.02\n")
-    )
+    other = load_arm(write(tmp_path, robot_of(*ARM, *HAND), "[locked]\nfinger1 = 0.02\n"))
     assert other.locked == {"finger1": 0.02, "finger2": pytest.approx(-0.01)}
     fewer = load_arm(tmp_path, chain=("j1", "j2", "j3"))
     assert len({plain.content_hash, other.content_hash, fewer.content_hash}) == 3
@@ -193,9 +189,7 @@ def test_a_file_with_odd_things_is_read_and_they_are_named(tmp_path):
         ((*ARM, *HAND, '<modelgap flange="gone"/>'), {}, "hand"),
     ],
 )
-def test_the_flange_is_the_tip_else_the_last_link_before_fingers(
-    tmp_path, parts, choice, flange
-):
+def test_the_flange_is_the_tip_else_the_last_link_before_fingers(tmp_path, parts, choice, flange):
     robot = load_arm(write(tmp_path, robot_of(*parts)), **choice)
     place = pin.buildModelFromXML(robot.urdf).frames
     (expected,) = (f.placement for f in place if f.name == flange)

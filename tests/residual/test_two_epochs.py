@@ -37,9 +37,7 @@ def test_whitened_rows_are_generalised_least_squares(seed, width):
 def searched(level: float):
     hidden = [SyntheticEffect("coulomb", (2,), {"level": level})] if level else []
     case = short_case(arm(), *hidden, seed=64, baseline=True)
-    logs = prepare_fit_logs(
-        case.robot, [*case.baseline, *case.fit], 0, FilterSettings()
-    )
+    logs = prepare_fit_logs(case.robot, [*case.baseline, *case.fit], 0, FilterSettings())
     model = start_model(logs, None)
     nominal = NominalModel(model, (None,) * len(model.terms))
     return search_epochs(logs, len(case.baseline), nominal, lambda share: None)

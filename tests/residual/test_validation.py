@@ -38,15 +38,10 @@ def test_a_joint_that_stands_has_no_acceleration_error(identification):
 
 
 BAD = {
-    "no log": (
-        lambda f: compute_torque_errors({"m": f.model}, []),
-        "at least one model",
-    ),
+    "no log": (lambda f: compute_torque_errors({"m": f.model}, []), "at least one model"),
     "no model": (lambda f: compute_torque_errors({}, logs(1)), "at least one model"),
     "impossible body": (
-        lambda f: compute_acceleration_error(
-            replace(f.model, inertial=-f.model.inertial), logs(1)
-        ),
+        lambda f: compute_acceleration_error(replace(f.model, inertial=-f.model.inertial), logs(1)),
         "expected more than 0: it has no acceleration",
     ),
 }

@@ -145,9 +145,7 @@ def checked(check, baseline=()):
     return diagnose(arm(), logs[:4], baseline, logs[4:], check=check)
 
 
-@pytest.mark.parametrize(
-    "compared", [False, pytest.param(True, marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("compared", [False, pytest.param(True, marks=pytest.mark.long)])
 def test_a_trusted_fault_of_the_logs_is_a_warning_and_the_names_stand(compared):
     baseline = plain_logs(arm(), [0, 1], 0.0) if compared else ()
     result = checked(LogCheck((FAULT, DOUBT)), baseline)
@@ -159,8 +157,7 @@ def test_a_trusted_fault_of_the_logs_is_a_warning_and_the_names_stand(compared):
     warnings, rest = after.pop("warnings"), same.pop("warnings")
     assert warnings == [FAULT.sentence, DOUBT.sentence, *rest]
     assert warnings[0] == (
-        "fault of the logs (torque sign, joint 2, certain): Friction gives. "
-        "Fix: tau = {}"
+        "fault of the logs (torque sign, joint 2, certain): Friction gives. Fix: tau = {}"
     )
     assert {**after, "log_check": None} == same
 
@@ -210,9 +207,7 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
     for i, effect in enumerate(document(kind)["effects"], start=1):
         assert effect["order"] == i
         assert 0.5 < effect["probability"] <= 1
-        assert {"name": effect["name"], "joints": effect["joints"]} not in effect[
-            "equivalent"
-        ]
+        assert {"name": effect["name"], "joints": effect["joints"]} not in effect["equivalent"]
         for key, parameter in effect["parameters"].items():
             assert list_effect_parameters()[effect["name"]][key] == parameter["unit"]
             assert np.all(np.asarray(parameter["std"]) >= 0)
@@ -283,9 +278,7 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
     case = two_effects()
     other = to_json(diagnose_case(case, fit=case.fit[::-1]).verdict)
     first = document("effects")
-    assert {n for n, _ in names(from_json(other))} == {
-        n for n, _ in names(from_json(first))
-    }
+    assert {n for n, _ in names(from_json(other))} == {n for n, _ in names(from_json(first))}
     np.testing.assert_allclose(
         other["unexplained"]["per_joint"], first["unexplained"]["per_joint"], atol=1e-4
     )
@@ -301,9 +294,7 @@ def test_the_held_out_log_never_changes_what_is_fitted():
     changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
     one, two = outcome_of("effects"), changed
     assert names(one.verdict) == names(two.verdict)
-    for a, b in zip(
-        to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True
-    ):
+    for a, b in zip(to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True):
         assert a["parameters"] == b["parameters"]
         assert a["evidence"]["nats"] == b["evidence"]["nats"]
         assert a["equivalent"] == b["equivalent"]

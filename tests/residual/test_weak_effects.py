@@ -122,9 +122,7 @@ def test_what_a_shift_does_depends_on_the_load_that_the_model_carries():
     with_term = Model(robot, own, (term,), floor).observe(tracks[0])
     in_body = Model(robot, heavy, (), floor).observe(tracks[0])
     np.testing.assert_allclose(
-        compute_torque_derivatives(with_term),
-        compute_torque_derivatives(in_body),
-        atol=1e-8,
+        compute_torque_derivatives(with_term), compute_torque_derivatives(in_body), atol=1e-8
     )
 
 
@@ -159,10 +157,7 @@ def test_a_tilted_base_is_gravity_turned(robot, tilt):
     np.testing.assert_allclose(
         (turned - gravity)[:2] / 9.81, tilt, atol=1e-6
     )  # that is how the parameters are meant
-    truth = [
-        dynamics.compute_gravity_torque(robot.model, state.q, g)
-        for g in (turned, gravity)
-    ]
+    truth = [dynamics.compute_gravity_torque(robot.model, state.q, g) for g in (turned, gravity)]
     ours = torque("base_tilt", (), tilt, state)
     atol = 2e-3 * np.abs(truth[1]).max() * np.abs(tilt).max()
     np.testing.assert_allclose(ours, truth[0] - truth[1], atol=atol)
@@ -191,9 +186,7 @@ def test_a_heavier_link_is_the_arm_with_that_body(link):
     robot = arm()
     state, heavier = seen(robot), pin.Model(robot.model)
     body = heavier.inertias[link]
-    heavier.inertias[link] = pin.Inertia(
-        1.2 * body.mass, body.lever, 1.2 * body.inertia
-    )
+    heavier.inertias[link] = pin.Inertia(1.2 * body.mass, body.lever, 1.2 * body.inertia)
     truth = dynamics.compute_inverse_dynamics(heavier, state.q, state.qd, state.qdd)
     ours = torque("link_inertia", (link - 1,), 0.2, state)
     np.testing.assert_allclose(ours, truth - state.rigid, atol=1e-8)
@@ -216,9 +209,7 @@ def test_a_report_that_ends_is_cut_at_both_sides_and_no_other_has_a_plateau():
     state = seen(robot)
     level = 0.6 * np.abs(state.tau_model[:, 0]).max()
     theta, shape = load_effects()["saturation"].from_values(np.array([level]), robot)
-    reported = (
-        state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
-    )
+    reported = state.tau_model[:, 0] + torque("saturation", (0,), theta, state, shape)[:, 0]
     assert np.abs(reported).max() == pytest.approx(level)
     inside = np.abs(state.tau_model[:, 0]) < level
     np.testing.assert_array_equal(reported[inside], state.tau_model[inside, 0])

@@ -27,9 +27,7 @@ def urdf(name, places, axes, masses, efforts):
         text += _link(f"l{i}", mass, 0.02 * mass, (0.01, 0.02, 0.1))
         text += _joint(i, parent, f"l{i}", place, axes[i - 1], efforts[i - 1])
         parent = f"l{i}"
-    text += (
-        f'<link name="tip"/><joint name="end" type="fixed"><parent link="{parent}"/>'
-    )
+    text += f'<link name="tip"/><joint name="end" type="fixed"><parent link="{parent}"/>'
     return text + '<child link="tip"/><origin xyz="0 0 0.1"/></joint></robot>'
 
 

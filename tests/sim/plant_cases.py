@@ -20,20 +20,14 @@ def effect(name, joints=(), onset=0.0, **parameters):
 
 def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
     return make_motion(
-        family,
-        compute_usual_motion_range(ROBOT),
-        duration,
-        rate,
-        make_rng(seed, "motion"),
+        family, compute_usual_motion_range(ROBOT), duration, rate, make_rng(seed, "motion")
     )
 
 
 def standing(duration, q=None, rate=1000.0):
     t = np.arange(round(duration * rate)) / rate
     still = np.zeros((len(t), ROBOT.dof))
-    return ReferenceMotion(
-        "standing", t, still + (0.3 if q is None else q), still, still, None
-    )
+    return ReferenceMotion("standing", t, still + (0.3 if q is None else q), still, still, None)
 
 
 def drive(*effects, reference=None, controller=None, start=0.0, **spec):

@@ -32,9 +32,7 @@ def miss(trace):
 def test_channels_of_all_effects_together_add_up(tilted):
     """All the others at once, or the tilt of the base, which stands alone."""
     names = [name for name in list_plant_effects() if (name == "base_tilt") == tilted]
-    effects = [
-        draw_effect(ROBOT, create_random_stream(6, name), name) for name in names
-    ]
+    effects = [draw_effect(ROBOT, create_random_stream(6, name), name) for name in names]
     assert miss(drive(*effects, reference=SHORT)) < 1e-9
 
 

@@ -140,9 +140,7 @@ def test_joint_springs_and_magnets_resist_as_stated():
     trace = drive(*effects, reference=MOVE)
     q = trace.rows[:, at.Q]
     assert (channel(trace, "offset")[:, 0] == 2.0).all()
-    assert_allclose(
-        channel(trace, "spring")[:, 1], 5 * (q[:, 1] - 0.2), rtol=0.1, atol=0.01
-    )
+    assert_allclose(channel(trace, "spring")[:, 1], 5 * (q[:, 1] - 0.2), rtol=0.1, atol=0.01)
     gas = 3 * np.cos(q[:, 2]) - 4 * np.sin(q[:, 2])
     assert_allclose(channel(trace, "balancer")[:, 2], gas, atol=0.8)
     wave = 0.5 * np.cos(12 * q[:, 3] + 0.3)
@@ -214,13 +212,9 @@ def test_a_drive_has_a_wrong_torque_constant_in_the_loop_and_a_limit():
 def test_reports_of_torque_come_late_and_end_at_their_range():
     t = np.arange(1000) / 1000
     torque = np.column_stack([10 * np.sin(6 * t), 5 * np.cos(4 * t)])
-    late = simulate_torque_report(
-        torque, t, resolve_effects([effect("delay", delay=0.0105)])
-    )
+    late = simulate_torque_report(torque, t, resolve_effects([effect("delay", delay=0.0105)]))
     assert_allclose(late[20:, 0], 10 * np.sin(6 * (t[20:] - 0.0105)), atol=1e-3)
-    short = simulate_torque_report(
-        torque, t, resolve_effects([effect("saturation", 1, level=4.0)])
-    )
+    short = simulate_torque_report(torque, t, resolve_effects([effect("saturation", 1, level=4.0)]))
     assert np.abs(short[:, 0]).max() == 4.0
     assert_array_equal(short[:, 1], torque[:, 1])
 

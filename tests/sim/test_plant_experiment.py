@@ -57,9 +57,7 @@ def test_same_spec_same_bits_whatever_runs_between():
         "from tests.sim.test_plant_experiment import *\n"
         "print(digest(run_experiment(ROBOT, MOVE, PlantSpec(HIDDEN, seed=5))))"
     )
-    done = subprocess.run(
-        [sys.executable, "-c", code], capture_output=True, text=True, check=True
-    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
     assert done.stdout.split()[-1] == first
     assert done.stderr == ""
 
@@ -96,9 +94,7 @@ def test_a_runaway_stops_with_time_state_and_the_joint_that_ran_farthest():
     with pytest.raises(SimulationDivergedError, match="on joint 2"):
         run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
     hidden = effect("offset", 1, 0.2, torque=1e4)
-    with pytest.raises(
-        SimulationDivergedError, match=r"diverged at 0\.\d+ s on joint 1"
-    ) as caught:
+    with pytest.raises(SimulationDivergedError, match=r"diverged at 0\.\d+ s on joint 1") as caught:
         run_experiment(ROBOT, MOVE, PlantSpec((hidden,)))
     assert 0.2 < caught.value.time < 0.5
     assert caught.value.q.shape == (6,)
@@ -140,8 +136,7 @@ def test_a_motor_without_inertia_and_an_impossible_tensor_are_refused():
 
 
 @pytest.mark.parametrize(
-    ("rates", "words"),
-    [(SampleRates(1000, 300), "multiple"), (SampleRates(500, 250), "500 Hz")],
+    ("rates", "words"), [(SampleRates(1000, 300), "multiple"), (SampleRates(500, 250), "500 Hz")]
 )
 def test_rates_that_do_not_fit_are_refused(rates, words):
     with pytest.raises(InputError, match=words):

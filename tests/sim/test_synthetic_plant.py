@@ -26,9 +26,7 @@ def test_without_hidden_effects_torque_is_rnea_plus_friction():
     plant, m = Plant(ROBOT, (), 4), motion()
     model, friction = true_model(plant), true_friction(plant)
     data = model.createData()
-    rigid = np.array(
-        [pin.rnea(model, data, *s) for s in zip(m.q, m.qd, m.qdd, strict=True)]
-    )
+    rigid = np.array([pin.rnea(model, data, *s) for s in zip(m.q, m.qd, m.qdd, strict=True)])
     z = compute_bristle_states(m.q, friction.displacement)
     expected = rigid + friction.coulomb * z + friction.viscous * m.qd
     expected += friction.rotor * m.qdd

@@ -151,9 +151,7 @@ def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
     q, qd, _ = plan_.curve(np.linspace(0, stand, 50))
     assert (q == np.array(PLACES[0])).all()
     assert (qd == 0).all()
-    rounds = [
-        plan_.curve(stand + plan_.period * (n + 0.3) * np.ones(1))[0] for n in (0, 2)
-    ]
+    rounds = [plan_.curve(stand + plan_.period * (n + 0.3) * np.ones(1))[0] for n in (0, 2)]
     np.testing.assert_allclose(*rounds, atol=1e-9)
     np.testing.assert_allclose(plan_.curve(np.array([8.0]))[0][0], PLACES[0], atol=1e-9)
 
@@ -162,10 +160,7 @@ def test_given_places_are_gone_round_after_a_stand_that_fills_the_time():
     ("spec", "message"),
     [
         (going_round(8.0, 12), "12 rounds of .* do not fit into 8 s"),
-        (
-            going_round(8.0, 1, PLACES[:1]),
-            "expected 2 or more places of 6 angles, got 1",
-        ),
+        (going_round(8.0, 1, PLACES[:1]), "expected 2 or more places of 6 angles, got 1"),
         (going_round(8.0, 1, ((0.0,), (1.0,))), r"got 2 of \[1\]"),
         (going_round(8.0, 1, (PLACES[0], (np.nan, *PLACES[1][1:]))), "finite numbers"),
         (TrajectorySpec("welding", 8.0, 1, 0, PLACES), "welding has no coefficients"),

@@ -53,8 +53,7 @@ def test_poses_in_space_need_six_joints(kind, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "kind",
-    ["move_stop_move", *(pytest.param(k, marks=pytest.mark.long) for k in POSES)],
+    "kind", ["move_stop_move", *(pytest.param(k, marks=pytest.mark.long) for k in POSES)]
 )
 def test_a_motion_that_is_too_fast_says_which_joint_when_and_by_how_much(kind):
     with pytest.raises(MotionLimitError) as caught:
@@ -107,9 +106,7 @@ def test_too_much_torque_is_named(tmp_path):
     weak = arm(TWO.replace('effort="60"', 'effort="15"'), tmp_path)
     motion = np.zeros((3, 20, 2))
     motion[0, :, 0] = np.pi / 2  # held out level
-    with pytest.raises(
-        MotionLimitError, match="joint 1 breaks its torque limit"
-    ) as caught:
+    with pytest.raises(MotionLimitError, match="joint 1 breaks its torque limit") as caught:
         check_motion_limits(weak, "test", np.arange(20) / 100, tuple(motion))
     assert caught.value.limit == pytest.approx(12.0)
 
@@ -147,7 +144,5 @@ def test_the_search_improves_an_arm_with_seven_joints(tmp_path, monkeypatch):
         plan_reference_motion(robot, TrajectorySpec(), 100.0, optimised)
         for optimised in (False, True)
     ]
-    worse, better = (
-        measure_excitation(robot.model, r.q, r.qd, r.qdd) for r in references
-    )
+    worse, better = (measure_excitation(robot.model, r.q, r.qd, r.qdd) for r in references)
     assert better.condition < 0.6 * worse.condition

@@ -27,9 +27,7 @@ def messages(samples, names=("joint1", "joint2"), start=1000, **gone):
             "recorded": ns + 5_000_000,
             "name": list(names),
             "position": np.array(row[1 : 1 + dof]),
-            "velocity": np.array(
-                [] if gone.get("velocity", True) else row[1 : 1 + dof]
-            ),
+            "velocity": np.array([] if gone.get("velocity", True) else row[1 : 1 + dof]),
             "effort": np.array([] if gone.get("effort") else row[1 + dof :]),
         }
 

@@ -12,6 +12,4 @@ def campaign(store, started=None):
     if started is not None:
         started.set()
     runs = [samples.commit(store, seed) for seed in range(RUNS)]
-    return samples.store_verdict(
-        store, samples.verdict(runs[:1]), {"theta": [1.0]}, runs
-    )
+    return samples.store_verdict(store, samples.verdict(runs[:1]), {"theta": [1.0]}, runs)

@@ -7,12 +7,7 @@ from flows.storage.diagnosis import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document
-from warehouse.record_commit import (
-    DiagnosisRecords,
-    SealedTruth,
-    commit_diagnosis,
-    commit_run,
-)
+from warehouse.record_commit import DiagnosisRecords, SealedTruth, commit_diagnosis, commit_run
 
 DOF = 2
 
@@ -66,15 +61,8 @@ def verdict(logs=(), **more):
         "declared": ["viscous"],
         "verdict": "effects",
         "effects": [
-            {
-                "name": "payload",
-                "joints": [2],
-                "order": 1,
-                "parameters": mass,
-                **finding,
-            },
-            {"name": "coulomb", "joints": [1, 2], "order": 2, "parameters": level}
-            | finding,
+            {"name": "payload", "joints": [2], "order": 1, "parameters": mass, **finding},
+            {"name": "coulomb", "joints": [1, 2], "order": 2, "parameters": level} | finding,
             {"name": "delay", "joints": [], "order": 3, "parameters": {}, **finding},
         ],
         "unexplained": {"fraction": 0.04},
@@ -113,10 +101,7 @@ def store_verdict(store, document, model, runs, more=None, tables=None):
         record,
         model,
         list(build_effect_rows(stored_verdict.effects)),
-        [
-            *build_error_view_rows(stored_verdict.error),
-            *(errors.to_pylist() if errors else ()),
-        ],
+        [*build_error_view_rows(stored_verdict.error), *(errors.to_pylist() if errors else ())],
         tables,
     )
     return commit_diagnosis(store, rows, runs)

@@ -42,9 +42,7 @@ FIRST = ModelAdoption(
 
 def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
     one = commit_adoption(tmp_path, FIRST)
-    two = commit_adoption(
-        tmp_path, replace(FIRST, parent=one, action=ROLLED_BACK, model_id=None)
-    )
+    two = commit_adoption(tmp_path, replace(FIRST, parent=one, action=ROLLED_BACK, model_id=None))
     assert (one, two) == ("000001", "000002")
     assert find_last_adoption(tmp_path, "arm")[0] == two
     assert find_last_adoption(tmp_path, "arm")[1].model_id is None
@@ -131,15 +129,11 @@ def test_the_error_of_each_version_is_one_query(tmp_path):
         {"metric": "filtered", "stage": stage, "joint": None, "value": value}
         for stage, value in (("nominal", 40.0), ("augmented", 5.0))
     ]
-    rows = DiagnosisRecords(
-        record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors
-    )
+    rows = DiagnosisRecords(record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors)
     first = commit_diagnosis(tmp_path, rows, {})
     commit_adoption(tmp_path, replace(FIRST, diagnosis_id=first))
     errors[0]["value"] = 5.1
-    second = commit_diagnosis(
-        tmp_path, replace(rows, record={"robot": "arm"}, nominal=first), {}
-    )
+    second = commit_diagnosis(tmp_path, replace(rows, record={"robot": "arm"}, nominal=first), {})
     with open_store(tmp_path) as opened:
         versions = opened.sql(NAMED["error_by_model"][1]).to_pylist()
     assert [(r["diagnosis_id"], r["version"], r["before"]) for r in versions] == [

@@ -33,39 +33,18 @@ class Head:
 
 HEADS = (
     Head(("t", "q1", "q2", "tau1", "tau2")),
-    Head(
-        ("Time [ms]", "Joint 1 [deg]", "Joint 2 [deg]", "T1 [Nm]", "T2 [Nm]"), 1e3, DEG
-    ),
+    Head(("Time [ms]", "Joint 1 [deg]", "Joint 2 [deg]", "T1 [Nm]", "T2 [Nm]"), 1e3, DEG),
     Head(("Zeit", "Achse1_Ist", "Achse2_Ist", "Moment1", "Moment2"), 1e3, DEG),
     Head(("X_Value", "Position_0", "Position_1", "Torque_0", "Torque_1")),
-    Head(
-        ("time_ms", "pos_deg_1", "pos_deg_2", "trq_Nmm_1", "trq_Nmm_2"), 1e3, DEG, 1e3
-    ),
+    Head(("time_ms", "pos_deg_1", "pos_deg_2", "trq_Nmm_1", "trq_Nmm_2"), 1e3, DEG, 1e3),
     Head(
         ("Clock (s)", "A1 Pos (deg)", "A2 Pos (deg)", "A1 Eff (N mm)", "A2 Eff (N mm)"),
         radian=DEG,
         newton_metre=1e3,
     ),
-    Head(
-        (
-            "stamp_us",
-            "shoulder_angle",
-            "elbow_angle",
-            "shoulder_effort",
-            "elbow_effort",
-        ),
-        1e6,
-    ),
-    Head(
-        ("Elapsed", "Ax1.ActPos", "Ax2.ActPos", "Ax1.ActTorque", "Ax2.ActTorque"),
-        radian=DEG,
-    ),
-    Head(
-        ("Time", "J1", "J2", "M1", "M2"),
-        1e3,
-        DEG,
-        units=("ms", "deg", "deg", "Nm", "Nm"),
-    ),
+    Head(("stamp_us", "shoulder_angle", "elbow_angle", "shoulder_effort", "elbow_effort"), 1e6),
+    Head(("Elapsed", "Ax1.ActPos", "Ax2.ActPos", "Ax1.ActTorque", "Ax2.ActTorque"), radian=DEG),
+    Head(("Time", "J1", "J2", "M1", "M2"), 1e3, DEG, units=("ms", "deg", "deg", "Nm", "Nm")),
     Head(("t_us", "theta_1", "theta_2", "motor_torque_1", "motor_torque_2"), 1e6),
     Head(("Messzeit", "Istwinkel 1", "Istwinkel 2", "Istmoment 1", "Istmoment 2")),
     Head(
@@ -99,9 +78,7 @@ def table(head, texts, separator, decimal, above):
     tau = 9.0 * q[:, ::-1] + 0.25
     samples = np.column_stack([t, q, tau])
     factors = [head.second, *2 * [head.radian], *2 * [head.newton_metre]]
-    columns = [
-        [f"{x:.6f}".replace(".", decimal) for x in c] for c in (samples * factors).T
-    ]
+    columns = [[f"{x:.6f}".replace(".", decimal) for x in c] for c in (samples * factors).T]
     columns = [[n, *c] for n, c in zip(head.names, columns, strict=True)]
     if head.units:
         columns = [[n, u, *c] for (n, *c), u in zip(columns, head.units, strict=True)]
@@ -135,17 +112,10 @@ def test_a_table_with_columns_of_text_is_read_by_its_drafted_map(tmp_path, head,
         case = f"{text[:300]}\n{drafted}"
         file.write_text(drafted, encoding="utf-8")
         columns = read_column_map(file)
-        named = {
-            columns.time,
-            *(c for s in columns.signals.values() for c in s.columns),
-        }
+        named = {columns.time, *(c for s in columns.signals.values() for c in s.columns)}
         assert named <= {*head.names}, case
         recording, _ = read_log(str(log), robot, columns)
         np.testing.assert_allclose(recording.t, samples[:, 0], atol=1e-6, err_msg=case)
-        np.testing.assert_allclose(
-            recording.q, samples[:, 1:3], atol=1e-6, err_msg=case
-        )
-        np.testing.assert_allclose(
-            recording.tau, samples[:, 3:], atol=1e-5, err_msg=case
-        )
+        np.testing.assert_allclose(recording.q, samples[:, 1:3], atol=1e-6, err_msg=case)
+        np.testing.assert_allclose(recording.tau, samples[:, 3:], atol=1e-5, err_msg=case)
         assert len(recording.t) == ROWS, case

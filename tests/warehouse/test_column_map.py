@@ -76,8 +76,7 @@ def test_couplings_keep_the_power_of_both_sides(read, samples):
     log, _ = read(MOTOR, table, "[couplings]\nmotor_from_joint = [[100, 0], [-3, 50]]")
     np.testing.assert_allclose(log.q, samples[:, 1:3], atol=1e-12)
     np.testing.assert_allclose(
-        np.sum(log.tau * log.q, axis=1),
-        np.sum(table[:, 3:] * table[:, 1:3], axis=1),
+        np.sum(log.tau * log.q, axis=1), np.sum(table[:, 3:] * table[:, 1:3], axis=1)
     )
 
 
@@ -95,8 +94,7 @@ def test_torque_per_unit_holds_at_the_link_whatever_the_side(read, samples, side
 
 def test_currents_of_coupled_motors_act_on_both_joints(read, samples):
     toml = (
-        "[joints]\ntorque_per_unit = [30, 20]\n"
-        "[couplings]\nmotor_from_joint = [[100, 0], [-5, 50]]"
+        "[joints]\ntorque_per_unit = [30, 20]\n[couplings]\nmotor_from_joint = [[100, 0], [-5, 50]]"
     )
     recording, _ = read(CURRENT.replace("SIDE", "motor"), None, toml)
     motor = samples[:, 3:] * [30 / 100, 20 / 50]
@@ -143,10 +141,7 @@ BAD_MAPS = {
     "separator": ("csv = {separator = ';;'}", "one character"),
     "both": ("csv = {separator = ',', decimal = ','}", "both ','"),
     "decimal": ("csv = {decimal = ';'}", "Unknown decimal"),
-    "skip": (
-        "csv = {skip = -1}",
-        r"\[csv\] skip is -1, expected greater than or equal to 0",
-    ),
+    "skip": ("csv = {skip = -1}", r"\[csv\] skip is -1, expected greater than or equal to 0"),
 }
 
 

@@ -55,8 +55,7 @@ def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
 
 PAN = ("shoulder_pan_joint", "elbow_joint")
 URDF_NAMES = (
-    "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];"
-    "shoulder_pan_eff [Nm];elbow_eff [Nm]",
+    "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];shoulder_pan_eff [Nm];elbow_eff [Nm]",
     "time_ms;pos_deg_shoulder_pan;pos_deg_elbow;torque_shoulder_pan;torque_elbow",
     "t;Shoulder_Pan_Joint.position;Elbow_Joint.position;"
     "Shoulder_Pan_Joint.effort;Elbow_Joint.effort",
@@ -93,9 +92,7 @@ def write(path, header, table, decimal=".", separator=";"):
 
 @pytest.mark.parametrize("decimal", [".", ","])
 @pytest.mark.parametrize("header", URDF_NAMES)
-def test_names_of_joints_units_and_a_decimal_comma_are_understood(
-    tmp_path, table, header, decimal
-):
+def test_names_of_joints_units_and_a_decimal_comma_are_understood(tmp_path, table, header, decimal):
     robot = two(tmp_path)
     path = write(tmp_path / "log.csv", header, table, decimal)
     text = drafted_map(draft_column_map(path, robot), str(path), robot)
@@ -118,9 +115,7 @@ def test_what_file_states_is_certain_and_what_the_numbers_say_is_not(tmp_path, t
     assert "10 ms apart" in proposed.doubts["time"][0]
 
 
-@pytest.mark.parametrize(
-    ("step", "unit"), [(0.002, "s"), (4.0, "ms"), (2000.0, "us"), (4e6, "ns")]
-)
+@pytest.mark.parametrize(("step", "unit"), [(0.002, "s"), (4.0, "ms"), (2000.0, "us"), (4e6, "ns")])
 def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit):
     n = np.arange(50)
     table = np.column_stack([step * n, *(np.sin(n / k) for k in range(5, 9))])
@@ -191,9 +186,7 @@ def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    text = drafted_map(
-        draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot
-    )
+    text = drafted_map(draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot)
     assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
     assert all(c.isprintable() or c == "\n" for c in text)
 
@@ -235,15 +228,7 @@ def test_goals_without_torque_are_drafted_with_a_drive(header, tmp_path):
     columns = [t, *(np.sin(t + k) for k in range(4)), np.round(np.sin(t)), t < 2]
     columns.insert(6, np.round(np.cos(t)))
     text = ",".join(["t", *names, "current_1", "current_2", "torque_enable"])
-    np.savetxt(
-        tmp_path / "log.csv",
-        np.column_stack(columns),
-        "%.6f",
-        ",",
-        "\n",
-        text,
-        comments="",
-    )
+    np.savetxt(tmp_path / "log.csv", np.column_stack(columns), "%.6f", ",", "\n", text, comments="")
     draft = draft_column_map(tmp_path / "log.csv", arm())
     assert draft.columns.signals["q_ref"].columns[0] == GOALS[header] + "1"
     assert draft.columns.signals["q"].columns == tuple(names[2:])

@@ -60,9 +60,7 @@ def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path
     assert when(tmp_path / "run.mcap", robot).startswith("2025-11-20T14:03:00.00")
 
 
-@pytest.mark.parametrize(
-    "text", ["", "2025", "2025-11-20T14:03:00", "1970-01-01T00:00Z"]
-)
+@pytest.mark.parametrize("text", ["", "2025", "2025-11-20T14:03:00", "1970-01-01T00:00Z"])
 def test_a_time_that_is_given_has_a_zone_and_is_possible(text):
     with pytest.raises(InputError, match="expected a date with time and zone"):
         parse_timestamp(text, "--recorded-at")
@@ -148,9 +146,7 @@ def recording(label, table):
     return Recording(id=label, robot="two_link", t=t, q=q, tau=tau)
 
 
-def test_windows_that_touch_are_distinct_and_those_that_overlap_are_not(
-    robot, samples, write
-):
+def test_windows_that_touch_are_distinct_and_those_that_overlap_are_not(robot, samples, write):
     path = write(samples)
     first, second = (read_log(f"{path}@{w}", robot)[0] for w in (":2", "2:"))
     check_logs_distinct([first, second])
@@ -190,10 +186,7 @@ def test_two_runs_of_one_seed_differ_once_the_arm_moves(samples):
     stronger = moving.copy()
     stronger[:, 3] *= 1.3
     check_logs_distinct(
-        [
-            recording(n, np.vstack([still, m]))
-            for n, m in (("a", moving), ("b", stronger))
-        ]
+        [recording(n, np.vstack([still, m])) for n, m in (("a", moving), ("b", stronger))]
     )
     with pytest.raises(InputError, match="hold the same samples"):
         check_logs_distinct([recording(n, np.vstack([still, moving])) for n in "ab"])

@@ -103,9 +103,7 @@ def git(root, *words):
 
 
 def captured(root):
-    return code_provenance.describe_uncommitted_files.__wrapped__(
-        root
-    )  # past the cache
+    return code_provenance.describe_uncommitted_files.__wrapped__(root)  # past the cache
 
 
 @pytest.fixture
@@ -125,20 +123,14 @@ def test_uncommitted_changes_are_named_and_hashed(root, tmp_path):
     assert captured(root) == {"sha256": None, "count": 0, "files": []}
     assert "none" in uncommitted_change({"uncommitted": captured(root)})
     hashes = set()
-    for name, text in (
-        ("sim/plant.py", "a = 3\n"),
-        ("sim/new.py", "a"),
-        ("sim/new.py", "b"),
-    ):
+    for name, text in (("sim/plant.py", "a = 3\n"), ("sim/new.py", "a"), ("sim/new.py", "b")):
         (root / name).write_text(text)
         uncommitted = captured(root)
         hashes.add(uncommitted["sha256"])
     assert len(hashes) == 3
     assert uncommitted["count"] == 2
     assert uncommitted["files"] == ["sim/plant.py", "sim/new.py"]
-    assert "sim/plant.py, sim/new.py, on" in uncommitted_change(
-        {"uncommitted": uncommitted}
-    )
+    assert "sim/plant.py, sim/new.py, on" in uncommitted_change({"uncommitted": uncommitted})
     assert captured(tmp_path) is None
     assert "unknown" in uncommitted_change({"uncommitted": None})
 

@@ -36,9 +36,7 @@ KINDS = ["ros1", "sqlite3", "mcap", "sqlite3 file", "mcap file", "cdr"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
-def test_joint_states_are_the_samples_in_the_robots_order(
-    tmp_path, robot, samples, shuffled, kind
-):
+def test_joint_states_are_the_samples_in_the_robots_order(tmp_path, robot, samples, shuffled, kind):
     path = write(tmp_path, kind, {"/js": files.messages(shuffled, SHUFFLED)})
     log, known = read_log(path, robot)
     assert log.t == pytest.approx(samples[:, 0] + 1000, abs=1e-9)
@@ -142,11 +140,7 @@ def viewer(path, samples, head=VIEWER):
 
 @pytest.mark.parametrize(
     "head",
-    [
-        VIEWER,
-        VIEWER.replace("[", "").replace("]", ""),
-        "Signal Viewer\r\nTime;J1;J2;I1;I2;\r\n",
-    ],
+    [VIEWER, VIEWER.replace("[", "").replace("]", ""), "Signal Viewer\r\nTime;J1;J2;I1;I2;\r\n"],
 )
 def test_an_export_of_a_signal_viewer_is_read(tmp_path, robot, samples, head):
     (tmp_path / "map.toml").write_text(MAP)

@@ -31,10 +31,7 @@ def test_plain_csv_arrives_as_written(robot, samples, write):
 
 
 ENCODED = {
-    **{
-        f"separator {s!r}": (lambda x, s=s: x.replace(",", s).encode(), ())
-        for s in ";\t| "
-    },
+    **{f"separator {s!r}": (lambda x, s=s: x.replace(",", s).encode(), ()) for s in ";\t| "},
     "byte order mark, blanks, carriage returns, empty lines": (
         lambda x: x.replace(",", " , ").replace("\n", "\r\n\r\n").encode("utf-8-sig"),
         (),
@@ -132,10 +129,7 @@ BAD_SAMPLES = {
     "slow": (scale(0, 1000), "Time in ms"),
     "microseconds": (scale(0, 1e6), "Time in us.*unit = 'us'"),
     "nanoseconds": (scale(0, 1e9), "Time in ns.*unit = 'us', scale = 1e-3"),
-    "an hour": (
-        lambda t: t + np.outer(t[:, 0] > 1, [3600, 0, 0, 0, 0]),
-        "stops for 36",
-    ),
+    "an hour": (lambda t: t + np.outer(t[:, 0] > 1, [3600, 0, 0, 0, 0]), "stops for 36"),
     "fast": (scale(0, 0.001), "is the unit of time right"),
     "still": (scale([1, 2], 0), "q is constant on all joints"),
     "no torque": (scale([3, 4], 0), "tau is constant on all joints"),
@@ -302,9 +296,7 @@ def test_rows_that_stand_twice_are_read_once(samples, write, make_robot, again):
         (1, 0.005, 1, 0.2),
     ],
 )
-def test_two_arms_in_a_log_are_refused(
-    samples, write, make_robot, every, apart, sign, off
-):
+def test_two_arms_in_a_log_are_refused(samples, write, make_robot, every, apart, sign, off):
     other = samples[::every].copy()
     other[:, 0] += apart
     other[:, 1:3] = sign * other[:, 1:3] + off
@@ -351,9 +343,7 @@ def driven_log(change=lambda table: None):
 def test_a_drive_of_the_map_gives_torque_where_the_log_has_none():
     log, understood = driven_log()
     assert (log.tau[log.t >= 3] == 0).all()
-    np.testing.assert_allclose(
-        log.tau[log.t < 3], [2.0, 3.0] * (log.q_ref - log.q)[:300]
-    )
+    np.testing.assert_allclose(log.tau[log.t < 3], [2.0, 3.0] * (log.q_ref - log.q)[:300])
     assert not log.masked.any()
     assert "on" in understood.used
     assert log.drive.limit == (1.0, 9.0)

@@ -54,9 +54,7 @@ def test_records_are_compared_value_by_value():
 @pytest.fixture
 def store(tmp_path):
     runs = [samples.commit(tmp_path, seed) for seed in range(2)]
-    id = samples.store_verdict(
-        tmp_path, samples.verdict([runs[1]]), {"theta": [1]}, runs
-    )
+    id = samples.store_verdict(tmp_path, samples.verdict([runs[1]]), {"theta": [1]}, runs)
     return tmp_path, runs, id
 
 

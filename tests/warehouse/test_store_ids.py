@@ -16,12 +16,8 @@ class Half:
 
 
 def test_the_canonical_form_does_not_depend_on_order_or_container():
-    as_record = record_ids.encode_canonical_json(
-        {"a": Half(1, "é"), "b": np.array([1.0, 2.5])}
-    )
-    as_lists = record_ids.encode_canonical_json(
-        {"b": [1.0, 2.5], "a": {"kind": "é", "seed": 1}}
-    )
+    as_record = record_ids.encode_canonical_json({"a": Half(1, "é"), "b": np.array([1.0, 2.5])})
+    as_lists = record_ids.encode_canonical_json({"b": [1.0, 2.5], "a": {"kind": "é", "seed": 1}})
     assert as_record == as_lists == '{"a":{"kind":"é","seed":1},"b":[1.0,2.5]}'.encode()
 
 
@@ -53,9 +49,7 @@ def test_a_run_id_has_twenty_hex_digits_and_changes_with_every_part():
 def test_the_data_hash_is_of_values_names_and_shapes():
     q = np.arange(6.0).reshape(3, 2)
     same = {"q": np.asfortranarray(q), "t": np.arange(3)}
-    assert record_ids.hash_arrays(
-        {"t": np.arange(3.0), "q": q}
-    ) == record_ids.hash_arrays(same)
+    assert record_ids.hash_arrays({"t": np.arange(3.0), "q": q}) == record_ids.hash_arrays(same)
     for other in ({"x": q}, {"q": q.reshape(2, 3)}, {"q": np.nextafter(q, 9)}):
         assert record_ids.hash_arrays(other) != record_ids.hash_arrays({"q": q})
 

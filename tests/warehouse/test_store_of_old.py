@@ -21,12 +21,7 @@ from warehouse.store_catalogue import list_record_folders, read_record
 
 # Where linear algebra takes another path, on another machine, the last digits differ.
 ROUNDING = 1e-9
-ASKED = {
-    "effect": "payload",
-    "name": "coulomb",
-    "date": "2026-12-31",
-    "days": "0",
-}
+ASKED = {"effect": "payload", "name": "coulomb", "date": "2026-12-31", "days": "0"}
 
 
 @pytest.fixture(scope="module")

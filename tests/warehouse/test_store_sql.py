@@ -248,9 +248,7 @@ def test_what_does_not_is_refused_in_one_line(opened, monkeypatch, query):
     monkeypatch.chdir(store.parent)
     copying = f"WITH x AS (COPY (SELECT 1) TO '{folder}/samples/x.parquet') FROM x"
     answer = duckdb.execute("SELECT json_serialize_sql(?)", [copying])
-    serialized = answer.fetchall()[0][0].replace(
-        "'", "'" * (4 if "query(" in query else 2)
-    )
+    serialized = answer.fetchall()[0][0].replace("'", "'" * (4 if "query(" in query else 2))
     before = listing(store.parent)
     with pytest.raises(InputError) as refused:
         opened.sql(query.replace("STORE", folder).replace("SERIALISED", serialized))
@@ -273,10 +271,7 @@ def damage(path, how):
         samples.flip(path, int(how * len(data)))
 
 
-@pytest.mark.parametrize(
-    ("how", "which"),
-    [("torn", 2), ("empty", 0), ("gone", 0), (0.5, 0)],
-)
+@pytest.mark.parametrize(("how", "which"), [("torn", 2), ("empty", 0), ("gone", 0), (0.5, 0)])
 def test_a_damaged_file_is_named_and_the_others_are_read(store, how, which):
     ids = [r["run_id"] for r in ask(store, "FROM runs")]
     id = sorted(ids)[which]

@@ -24,8 +24,7 @@ def test_a_verdict_fills_the_views(tmp_path, runs):
     verdict = samples.verdict([runs[1]])
     id = samples.store_verdict(tmp_path, verdict, MODEL, runs[:2])
     ((robot, said, model, scale, left),) = ask(
-        tmp_path,
-        "SELECT robot, verdict, model_id, nominal_scale, unexplained FROM diagnoses",
+        tmp_path, "SELECT robot, verdict, model_id, nominal_scale, unexplained FROM diagnoses"
     )
     assert (robot, said, scale, left) == ("two_link", "effects", 0.03, 0.04)
     assert read_record(tmp_path, id)["document"] == verdict
@@ -95,7 +94,5 @@ def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
 
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
-        samples.store_verdict(
-            tmp_path, samples.verdict(), MODEL, [runs[0], "ffffffffffff"]
-        )
+        samples.store_verdict(tmp_path, samples.verdict(), MODEL, [runs[0], "ffffffffffff"])
     assert ask(tmp_path, "FROM models") == []

@@ -12,11 +12,7 @@ from warehouse.logs.log_reading import (
     read_log_despite_doubts,
     read_memory_log,
 )
-from warehouse.logs.log_window import (
-    LogDoubt,
-    check_logs_distinct,
-    create_unique_labels,
-)
+from warehouse.logs.log_window import LogDoubt, check_logs_distinct, create_unique_labels
 
 __all__ = [
     "ColumnMap",

@@ -70,9 +70,7 @@ class SignalMap:
         for key in ("sign", "zero", "scale"):
             values = getattr(self, key)
             if values and len(values) != len(self.columns):
-                raise ValueError(
-                    f"{key} has {len(values)} entries for {len(self.columns)} columns"
-                )
+                raise ValueError(f"{key} has {len(values)} entries for {len(self.columns)} columns")
         return self
 
 
@@ -172,9 +170,7 @@ def choose_column_map(robot: Robot, path: str | Path | None = None) -> ColumnMap
     """
     if path:
         return read_column_map(path)
-    return (
-        _column_map(robot.columns, "robot.toml, [columns]") if robot.columns else None
-    )
+    return _column_map(robot.columns, "robot.toml, [columns]") if robot.columns else None
 
 
 def read_column_map(path: str | Path) -> ColumnMap:
@@ -312,10 +308,7 @@ def _find_columns_beyond(columns: Sequence[str], dof: int) -> dict[str, str]:
 
 
 def check_column_units(
-    selection: ColumnSelection,
-    time_unit: str,
-    file_units: Mapping[str, str],
-    source: str,
+    selection: ColumnSelection, time_unit: str, file_units: Mapping[str, str], source: str
 ) -> None:
     """Compare the units of the map, or the usual ones, with those of the file."""
     meant = {selection.time: ("time", time_unit)}
@@ -355,8 +348,7 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
     for column in used:
         if columns.count(column) > 1 or used.count(column) > 1:
             raise InputError(
-                f"{where}: column '{column}' stands twice, expected once. "
-                "Rename one of them."
+                f"{where}: column '{column}' stands twice, expected once. Rename one of them."
             )
 
 
@@ -420,9 +412,7 @@ def _transmission(name: str, robot: Robot) -> Array:
     return robot.transmission
 
 
-def list_signal_channels(
-    name: str, signal: SignalMap
-) -> list[tuple[str, str, str, str]]:
+def list_signal_channels(name: str, signal: SignalMap) -> list[tuple[str, str, str, str]]:
     """Return channel, column, unit and what is done to it, joint by joint."""
     out = []
     for i, column in enumerate(signal.columns):

@@ -26,13 +26,7 @@ from warehouse.logs.column_map import (
     list_signal_channels,
     select_columns,
 )
-from warehouse.logs.log_tables import (
-    HEAD,
-    CsvLog,
-    LogFile,
-    ParquetLog,
-    convert_epoch_seconds,
-)
+from warehouse.logs.log_tables import HEAD, CsvLog, LogFile, ParquetLog, convert_epoch_seconds
 from warehouse.logs.log_window import (
     LogDoubt,
     LogWindow,
@@ -302,8 +296,7 @@ class MemoryLog(LogFile):
                 self._columns[name] = self._columns[name].astype(float)
             except (TypeError, ValueError) as error:
                 raise InputError(
-                    f"{self.name}: column '{shorten_value(name)}' holds {kind}, "
-                    "expected numbers."
+                    f"{self.name}: column '{shorten_value(name)}' holds {kind}, expected numbers."
                 ) from error
         return {name: self._columns[name] for name in columns}
 
@@ -365,10 +358,7 @@ def read_opened_log(
         duration=recording.duration,
         used=chosen.used,
         ignored=chosen.ignored,
-        conversions=(
-            *clock,
-            *filter(None, (describe_conversion(n, s) for n, s in joints)),
-        ),
+        conversions=(*clock, *filter(None, (describe_conversion(n, s) for n, s in joints))),
         warnings=describe_log_oddities(recording),
         notes=(*log.notes, *again),
         channels=(
@@ -444,9 +434,7 @@ def _samples(
         broken = (LogDoubt("spike", (), words, certain=False),) if lost else ()
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
-        raise RecordingError(
-            reason or f"{label} has {rows.sum()} samples; widen the window."
-        )
+        raise RecordingError(reason or f"{label} has {rows.sum()} samples; widen the window.")
     kept = _rows(rows)
     if driven:
         signals["tau"] = np.zeros_like(signals["q"])

@@ -27,9 +27,7 @@ from warehouse.logs.column_map import CsvFormat
 # When a log was recorded is what it says: copying changes the date of the file itself.
 # No clock that is set says less, and no log is of after it.
 _EARLIEST, _LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
-_STAMP = re.compile(
-    r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s?(Z|[+-]\d\d:?\d\d)?"
-)
+_STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s?(Z|[+-]\d\d:?\d\d)?")
 FIELD = "recorded_at"  # what the metadata of a Parquet file may say
 
 
@@ -159,16 +157,12 @@ class CsvLog(LogFile):
         lines = re.split(r"\r\n|\n|\r", text)
         rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
         if not rows:
-            raise InputError(
-                f"{self.name} has no line of names after {form.skip} lines."
-            )
+            raise InputError(f"{self.name} has no line of names after {form.skip} lines.")
         layout = find_text_table(lines, form)
         if layout is None:
             separator = form.separator or guess_separator(lines[rows[0]])
             names = split_csv_line(lines[rows[0]], separator)
-            layout = TextTableLayout(
-                tuple(map(str.strip, names)), rows[0], rows[0] + 1, separator
-            )
+            layout = TextTableLayout(tuple(map(str.strip, names)), rows[0], rows[0] + 1, separator)
         self._skip, self._separator = layout.samples, layout.separator
         if layout.line == len(lines) - 1 and len(head) >= HEAD:
             raise InputError(
@@ -237,9 +231,7 @@ class CsvLog(LogFile):
             at = f"{line}: " if row else ""
             cell = f"{self.name}: {at}column '{self.columns[place]}' has '{value}'"
             if _COMMA.fullmatch(value.strip()):
-                return (
-                    f"{cell}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
-                )
+                return f"{cell}.\nDecimal comma? Say so in --map: csv = {{decimal = ','}}."
             return f"{cell}, expected a number."
         if match := re.search(r"Expected (\d+) columns, got (\d+)", error):
             return (
@@ -263,9 +255,7 @@ def guess_csv_format(path: Path) -> CsvFormat:
     if layout is None:
         return CsvFormat()
     fields = [
-        f
-        for line in lines[layout.samples : -1]
-        for f in split_csv_line(line, layout.separator)
+        f for line in lines[layout.samples : -1] for f in split_csv_line(line, layout.separator)
     ]
     comma = sum(bool(_COMMA.fullmatch(field.strip())) for field in fields)
     point = sum("." in field and is_number(field) for field in fields)
@@ -336,8 +326,7 @@ def _numeric_columns(samples: list[list[str]]) -> list[int]:
     alike = [
         row
         for row in below
-        if len(row) == len(fields)
-        and all(is_number(row[k]) or not row[k].strip() for k in numeric)
+        if len(row) == len(fields) and all(is_number(row[k]) or not row[k].strip() for k in numeric)
     ]
     return numeric if 2 * len(alike) >= len(below) else []
 
@@ -439,9 +428,7 @@ class ParquetLog(LogFile):
         for column in columns:
             if column in self.text:
                 kind = self._schema.field(self._places[column][0]).type
-                raise InputError(
-                    f"{self.name}: column '{column}' holds {kind}, expected numbers."
-                )
+                raise InputError(f"{self.name}: column '{column}' holds {kind}, expected numbers.")
         values = {c: np.empty(self._file.metadata.num_rows) for c in columns}
         done = 0
         try:

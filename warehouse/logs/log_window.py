@@ -59,8 +59,7 @@ class LogWindow:
             )
         if end <= start:
             raise InputError(
-                f"{where}: window @{shorten_value(self.text)} is empty: end before "
-                f"start."
+                f"{where}: window @{shorten_value(self.text)} is empty: end before start."
             )
         # A hair early, so that 2.5 s is not missed by the rounding of a clock.
         edges = np.searchsorted(t - t[0], np.array([start, end]) - 1e-3 * step)
@@ -142,8 +141,7 @@ def _existing(path: Path) -> Path:
         )
     if not os.path.isfile(path):
         raise InputError(
-            f"{path} is not a regular file, expected a CSV, Parquet, MCAP or ROS bag "
-            "file."
+            f"{path} is not a regular file, expected a CSV, Parquet, MCAP or ROS bag file."
         )
     return path
 
@@ -173,9 +171,7 @@ def check_logs_distinct(recordings: Sequence[Recording]) -> None:
 
 def _runs(recording: Recording) -> tuple[Array, Array]:
     """Return one number for every RUN samples in a row, and whether the arm moves."""
-    factors = (
-        np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
-    )
+    factors = np.random.default_rng(0).integers(2**63, size=(2, 64), dtype=np.uint64) | 1
     blocks = range(0, len(recording.t), BLOCK)
     parts = [_hashes(recording, start, factors[0]) for start in blocks]
     sample, row = (np.concatenate(each) for each in zip(*parts, strict=True))

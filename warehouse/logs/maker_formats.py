@@ -68,8 +68,7 @@ PRESETS: Mapping[str, MakerLogFormat] = {
         _measured("ActPJ#", "ActFJ#", q_ref="UDesPJ#", angle="deg"),
     ),
     "robotstudio": MakerLogFormat(
-        "ABB RobotStudio, which publishes no names: degrees where nothing says more",
-        angle="deg",
+        "ABB RobotStudio, which publishes no names: degrees where nothing says more", angle="deg"
     ),
     "ros": MakerLogFormat(
         "ROS joint states: a bag, or text by rostopic echo -p",

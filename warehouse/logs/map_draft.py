@@ -68,19 +68,14 @@ WANTED = frozenset(  # what was asked of the arm, not what it did
     + _split("setpoint action")
     + _split("goal d planned nominal udes kdes")
 )
-MEASURED = frozenset(
-    _split("act actual meas measured msr ist state feedback fb present")
-)
+MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb present"))
 SWITCHES = frozenset(_split("enable enabled on active"))  # of a drive
 TIMES = frozenset(  # besides what ends with "time" or "zeit"
     _split("t ts times timestamp stamp zeitstempel clock elapsed temps tiempo tempo")
 )
 # Of the units in a name; those of one letter are words of another meaning, too.
 UNIT_WORDS = {
-    **{
-        word: HEADER_UNITS[word]
-        for word in _split("deg degrees grad rad nm nmm ms us sec")
-    },
+    **{word: HEADER_UNITS[word] for word in _split("deg degrees grad rad nm nmm ms us sec")},
     **{"degree": "deg", "msec": "ms", "usec": "us", "ns": "ns", "secs": "s"},
     **{"amp": "A", "amps": "A"},
 }
@@ -96,9 +91,7 @@ class ColumnFamily:
 
     name: str  # their name, with "#" for what differs
     columns: tuple[str, ...]  # one for each joint, joint 1 first
-    unmatched_columns: tuple[
-        str, ...
-    ] = ()  # of the same name, beyond the joints of the robot
+    unmatched_columns: tuple[str, ...] = ()  # of the same name, beyond the joints of the robot
     named: bool = False  # whether they have the names of the URDF's joints
     has_unusual_names: bool = False  # whether they have names that are not the URDF's
 
@@ -131,15 +124,10 @@ def _is_time(words: tuple[str, ...]) -> bool:
 
 def find_name_unit(name: str) -> str | None:
     """Unit that a name ends with, as "pos_deg_#" does; None for none."""
-    return next(
-        (UNIT_WORDS[w] for w in split_column_name(name)[::-1][:2] if w in UNIT_WORDS),
-        None,
-    )
+    return next((UNIT_WORDS[w] for w in split_column_name(name)[::-1][:2] if w in UNIT_WORDS), None)
 
 
-def group_joint_columns(
-    columns: Sequence[str], joints: Sequence[str]
-) -> list[ColumnFamily]:
+def group_joint_columns(columns: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Return the families of columns with one for each joint, in the file's order."""
     groups: dict[str, dict[int, str]] = {}
     for column in dict.fromkeys(columns):
@@ -155,19 +143,14 @@ def group_joint_columns(
             more = tuple(c for n, c in sorted(group.items()) if n >= first + dof)
             groups_found.append(ColumnFamily(name, tuple(members), more))
     groups_found = [*_named(columns, joints), *groups_found]
-    used = {
-        c
-        for family in groups_found
-        for c in (*family.columns, *family.unmatched_columns)
-    }
+    used = {c for family in groups_found for c in (*family.columns, *family.unmatched_columns)}
     return [*groups_found, *_strange([c for c in columns if c not in used], dof)]
 
 
 def _named(columns: Sequence[str], joints: Sequence[str]) -> list[ColumnFamily]:
     """Return the families whose columns have the names of the URDF's joints."""
     stems = sorted(
-        ((strip_joint_prefix(j), n) for n, j in enumerate(joints)),
-        key=lambda s: -len(s[0]),
+        ((strip_joint_prefix(j), n) for n, j in enumerate(joints)), key=lambda s: -len(s[0])
     )
     groups: dict[str, dict[int, str]] = {}
     for column in columns:
@@ -192,9 +175,7 @@ def _strange(columns: Sequence[str], dof: int) -> list[ColumnFamily]:
     """
     groups: dict[tuple, list[str]] = {}
     for column in columns:
-        words = tuple(
-            w for w in split_column_name(_BRACKET.sub("", column)) if w in _KNOWN
-        )
+        words = tuple(w for w in split_column_name(_BRACKET.sub("", column)) if w in _KNOWN)
         unit = _BRACKET.search(column)
         groups.setdefault((words, unit and unit[1]), []).append(column)
     groups_found = []
@@ -234,9 +215,7 @@ class ColumnMapDraft:
     unread: tuple[str, ...]  # columns in no line of the map
 
 
-def draft_column_map(
-    path: Path, robot: Robot, format: str | None = None
-) -> ColumnMapDraft:
+def draft_column_map(path: Path, robot: Robot, format: str | None = None) -> ColumnMapDraft:
     """Draft the map of a log."""
     if format is not None:
         check_name(format, PRESETS, "format of a log")
@@ -248,9 +227,7 @@ def draft_column_map(
     return _Drafter(log, robot, joints, format).draft(ColumnMap(csv=form))
 
 
-def _of_bag(
-    path: Path, bag: Mapping[str, tuple], joints: Sequence[str]
-) -> ColumnMapDraft:
+def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> ColumnMapDraft:
     """Draft the map of a bag: which topic, and which name is which joint."""
     full = {name: names for name, names in bag.items() if len(names) >= len(joints)}
     named = {t: _in_order(names, joints) for t, names in full.items()}
@@ -258,9 +235,7 @@ def _of_bag(
     doubts: list[str] = []
     topic = next(iter([*certain, *full, *bag]))
     if len(certain or full) > 1:
-        doubts.append(
-            f"joint states are also on {', '.join(t for t in bag if t != topic)}"
-        )
+        doubts.append(f"joint states are also on {', '.join(t for t in bag if t != topic)}")
     bag_joints = named.get(topic) or ()
     if not bag_joints and topic in full:
         bag_joints = full[topic][: len(joints)]
@@ -318,11 +293,7 @@ class _Drafter:
             needed, signals["tau"] = ("time", "q", "q_ref"), None
             columns = replace(columns, drive=drive)
         some = {name: signal for name, signal in signals.items() if signal}
-        used = {
-            drive and drive.enabled,
-            *clock,
-            *(c for s in some.values() for c in s.columns),
-        }
+        used = {drive and drive.enabled, *clock, *(c for s in some.values() for c in s.columns)}
         ns = unit == "ns"
         return ColumnMapDraft(
             columns=replace(
@@ -336,9 +307,7 @@ class _Drafter:
             format=self.format,
             doubts={name: tuple(words) for name, words in self.doubts.items()},
             optional={n: s for n, s in some.items() if n not in needed},
-            missing=tuple(
-                n for n in needed if n not in some and not (n == "time" and clock)
-            ),
+            missing=tuple(n for n in needed if n not in some and not (n == "time" and clock)),
             unread=tuple(c for c in self.log.columns if c and c not in used),
         )
 
@@ -407,9 +376,7 @@ class _Drafter:
         if preset_columns := self._preset_columns(self.preset, name):
             family, unit = preset_columns
             if not unit:
-                self._doubt(
-                    name, "the format states no unit and does not define these columns"
-                )
+                self._doubt(name, "the format states no unit and does not define these columns")
             return self._mapped(name, family, unit or self._unit(name, family))
         ranked = self._ranked(name)
         if not ranked:
@@ -424,17 +391,14 @@ class _Drafter:
             names = "; ".join(abbreviate_column_names(f.columns) for f in others)
             self._doubt(name, f"or else: {names}")
         if not family.words or family.words[0] in LETTERS:
-            self._doubt(
-                name, f"matched by one letter only: confirm that {family.name} is it"
-            )
+            self._doubt(name, f"matched by one letter only: confirm that {family.name} is it")
         if family.has_unusual_names:
             words = "no name is one of the URDF's joints; in the order of the header"
             self._doubt(name, words)
         if family.unmatched_columns:
             self._doubt(
                 name,
-                f"more columns of that name: "
-                f"{abbreviate_column_names(family.unmatched_columns)}",
+                f"more columns of that name: {abbreviate_column_names(family.unmatched_columns)}",
             )
         return self._mapped(name, family, self._unit(name, family))
 

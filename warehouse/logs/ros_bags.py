@@ -56,8 +56,7 @@ class JointStateLog(LogFile):
         wanted = form.joints or tuple(joints)
         if form.joints and len(form.joints) != len(joints):
             raise InputError(
-                f"The map names {len(form.joints)} joints of a bag, the robot has "
-                f"{len(joints)}."
+                f"The map names {len(form.joints)} joints of a bag, the robot has {len(joints)}."
             )
         kept = _complete(messages, wanted, f"{name}: topic {topic}", bool(form.joints))
         self._table = {"t": _times(kept, form.time, name)}
@@ -84,9 +83,7 @@ class JointStateLog(LogFile):
         """Return the values of some columns."""
         return {column: self._table[column] for column in columns}
 
-    def _add(
-        self, column: str, kept: Sequence[JointStateMessage], k: int, joint: str
-    ) -> None:
+    def _add(self, column: str, kept: Sequence[JointStateMessage], k: int, joint: str) -> None:
         values = [_value(message, k, joint) for message in kept]
         # Sent by none of them, or as NaN as some drivers do: it is not logged.
         if not all(np.isnan(values)):
@@ -163,9 +160,7 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
             "the driver of the arm publishes."
         )
     if form.topic is not None and form.topic not in names:
-        raise InputError(
-            f"{name} has no joint states on topic '{form.topic}', it has: {listed}."
-        )
+        raise InputError(f"{name} has no joint states on topic '{form.topic}', it has: {listed}.")
     if form.topic is None and len(names) > 1:
         raise InputError(
             f"{name} has joint states on several topics: {listed}.\n"
@@ -175,10 +170,7 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
 
 
 def _complete(
-    messages: Iterable[JointStateMessage],
-    required: Sequence[str],
-    where: str,
-    mapped: bool,
+    messages: Iterable[JointStateMessage], required: Sequence[str], where: str, mapped: bool
 ) -> list[JointStateMessage]:
     """Return the messages that have all joints; those with none are of other parts."""
     kept, names_seen, needed = [], dict[str, None](), set(required)

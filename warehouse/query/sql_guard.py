@@ -28,13 +28,7 @@ from residual.errors import InputError
 from warehouse.query.sql_views import quote_sql_text
 from warehouse.view_schema import INDEX, KINDS
 
-_QUERIES = {
-    "SELECT_NODE",
-    "SET_OPERATION_NODE",
-    "RECURSIVE_CTE_NODE",
-    "CTE_NODE",
-    "VALUES_NODE",
-}
+_QUERIES = {"SELECT_NODE", "SET_OPERATION_NODE", "RECURSIVE_CTE_NODE", "CTE_NODE", "VALUES_NODE"}
 _FUNCTIONS = {
     "duckdb_columns",
     "duckdb_functions",
@@ -73,9 +67,7 @@ WORKING, LARGEST = 0.5, 0.25
 def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
     """Return the tables and views that a query names, if all it can do is read."""
     if len(query) > LONGEST:
-        raise InputError(
-            f"The query has {len(query)} characters, at most {LONGEST} are taken."
-        )
+        raise InputError(f"The query has {len(query)} characters, at most {LONGEST} are taken.")
     kind, text = _one_statement(db, query)
     select = _explained(text) if kind == "EXPLAIN" else text
     if kind not in ("SELECT", "EXPLAIN"):

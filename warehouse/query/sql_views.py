@@ -4,14 +4,7 @@ from collections.abc import Iterable
 
 import pyarrow as pa
 
-from warehouse.view_schema import (
-    COMPUTED,
-    KINDS,
-    SIGNALS,
-    VIEWS,
-    RecordKind,
-    ViewColumn,
-)
+from warehouse.view_schema import COMPUTED, KINDS, SIGNALS, VIEWS, RecordKind, ViewColumn
 
 # Metrics are named after what they are of; a calibration's after their scheme.
 _UNIT = """
@@ -92,8 +85,7 @@ def _arms() -> str:
     """
     kinds = [KINDS[name] for name in COMPUTED if name in KINDS]
     parts = " UNION ALL ".join(
-        f"SELECT {kind.key} AS id, unnest(lineage, recursive := true) "
-        f"FROM catalogue.{kind.name}"
+        f"SELECT {kind.key} AS id, unnest(lineage, recursive := true) FROM catalogue.{kind.name}"
         for kind in kinds
     )
     return f"""
@@ -134,9 +126,7 @@ def _unnested(view: str, kind: str, key: str) -> str:
     )
     if (view, kind) == ("errors", "diagnoses"):
         # Of one held-out run a diagnosis has figures both of the run and of all runs.
-        return (
-            f"SELECT * EXCLUDE (value), min(value) AS value FROM ({query}) GROUP BY ALL"
-        )
+        return f"SELECT * EXCLUDE (value), min(value) AS value FROM ({query}) GROUP BY ALL"
     return query
 
 

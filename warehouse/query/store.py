@@ -244,9 +244,7 @@ class Store:
 
     def _table(self, name: str, rows: pa.Table) -> None:
         self._connection.register("_rows", rows)
-        self._connection.execute(
-            f"CREATE OR REPLACE TABLE catalogue.{name} AS FROM _rows"
-        )
+        self._connection.execute(f"CREATE OR REPLACE TABLE catalogue.{name} AS FROM _rows")
         self._connection.unregister("_rows")
 
     def _view(self, name: str, query: str) -> None:

@@ -32,15 +32,11 @@ class Nights:
 OFF = given_value("viscous", 1)
 
 
-def fill(
-    store: Path, stored: bytes = STORED, files: Mapping[str, bytes] | None = None
-) -> Nights:
+def fill(store: Path, stored: bytes = STORED, files: Mapping[str, bytes] | None = None) -> Nights:
     runs = tuple(samples.commit(store, seed) for seed in range(4))
     missing = diagnose(store, runs[:2], samples.verdict())
     nothing = diagnose(
-        store,
-        runs[2:],
-        samples.verdict(verdict="none", effects=[], robot=EVIL, changes=[OFF]),
+        store, runs[2:], samples.verdict(verdict="none", effects=[], robot=EVIL, changes=[OFF])
     )
     about = {"robot": "two_link", "kind": "nightly"}
     page = store_report(store, about, missing, {"report.html": stored, **(files or {})})

@@ -87,9 +87,7 @@ def morning(project):
     assert taken.status == "refused"
     id = diagnose(store, loads, samples.verdict(robot=arm.name))
     batch = {"robot": arm.name, "kind": "batch", "project": "cell"}
-    commit_record(
-        store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)}
-    )
+    commit_record(store, "validations", batch, parents={"diagnosis": [id], "batch": list(loads)})
     proposal = {"robot": arm.name, "kind": "proposal", "parent": None, "findings": []}
     store_report(store, proposal, id, {"proposal.html": b"<html>"})
     return id, loads, healthy
@@ -142,11 +140,7 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
         ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
         ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
         ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
-        (
-            "Fix it. To continue anyway: --trust-log (trust_log=True).",
-            "Fix it.",
-            "trust",
-        ),
+        ("Fix it. To continue anyway: --trust-log (trust_log=True).", "Fix it.", "trust"),
     ],
 )
 def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
@@ -194,6 +188,4 @@ def test_four_loads_and_a_refused_log_are_one_story_from_the_inbox_on(project, c
     assert page.lower().count("in 4 runs: ") == 1
     assert "rejected/bad.csv" in page  # where the line that drafts its map finds it
     lately = datetime(2020, 1, 1)
-    assert [row["robot"] for row in list_refused_logs(project.store, lately)] == [
-        "small_arm"
-    ]
+    assert [row["robot"] for row in list_refused_logs(project.store, lately)] == ["small_arm"]

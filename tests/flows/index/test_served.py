@@ -130,9 +130,7 @@ def test_all_else_goes_to_prefect(app):
 
 
 def test_other_files_of_a_report_are_no_pages(tmp_path):
-    nights = fill(
-        tmp_path, files={"truth.json": b'{"a": "<script>"}', "a.svg": b"<svg>"}
-    )
+    nights = fill(tmp_path, files={"truth.json": b'{"a": "<script>"}', "a.svg": b"<svg>"})
     app = add_store_pages(prefect, OURS, nights.store)
     place = f"/pages/report_id={nights.report}"
     response = get(app, f"{place}/truth.json", signed())

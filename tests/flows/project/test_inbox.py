@@ -48,10 +48,7 @@ trajectory = "welding"
 @pytest.fixture(scope="module")
 def csv(tmp_path_factory):
     path = tmp_path_factory.mktemp("csv") / "log.csv"
-    return [
-        (write_csv(path, log), path.read_text())[1]
-        for log in logs(2, noise=0.5, duration=4.0)
-    ]
+    return [(write_csv(path, log), path.read_text())[1] for log in logs(2, noise=0.5, duration=4.0)]
 
 
 @pytest.fixture
@@ -102,9 +99,7 @@ def test_what_grows_is_waited_for(place, csv):
     assert import_log(job).status == WAITING
     assert not Path("store/samples").exists()
     (place / "in/empty.csv").touch()
-    assert "empty.csv" not in select_unchanged(
-        list_logs(place / "in"), list_logs(place / "in")
-    )
+    assert "empty.csv" not in select_unchanged(list_logs(place / "in"), list_logs(place / "in"))
 
 
 def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
@@ -146,9 +141,7 @@ told = die if {when!r} == "told" else id
 for _ in run.import_inbox_logs(inbox, list_logs(inbox.folder), told):
     pass
 """
-    died = subprocess.run(
-        [sys.executable, "-c", killed], env=os.environ, cwd=place, check=False
-    )
+    died = subprocess.run([sys.executable, "-c", killed], env=os.environ, cwd=place, check=False)
     assert died.returncode == -signal.SIGKILL
     assert main(["inbox", "--once", "--import-only"]) == 0
     assert len(ask("FROM runs")) == 2
@@ -162,9 +155,7 @@ def test_a_log_that_was_stored_before_a_kill_is_told_again(place, csv):
     file = place / "in/a.csv"
     file.write_text(csv[0])
     (inbox,) = list_inboxes(read_project(place))
-    first = import_log(
-        LogImport(file, list_logs(place / "in")["a.csv"], inbox.request(file))
-    )
+    first = import_log(LogImport(file, list_logs(place / "in")["a.csv"], inbox.request(file)))
     heard = []
     (again,) = import_inbox_logs(inbox, list_logs(place / "in"), heard.append)
     assert (first.status, again.status, heard) == (STORED, KNOWN, [[first.run]])
@@ -178,10 +169,7 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     assert find_new_runs(project.store, arm, robot) is None
     for number, text in enumerate(csv):
         (place / f"in/{number}.csv").write_text(text)
-    runs = [
-        t.run
-        for t in import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None)
-    ]
+    runs = [t.run for t in import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None)]
     batch = find_new_runs(project.store, arm, robot)
     assert sorted(batch.runs) == sorted(runs)
     assert (batch.request.held_out, batch.request.baseline) == ((), ())
@@ -196,9 +184,7 @@ def test_what_a_diagnosis_took_is_not_taken_again(place, csv):
     assert find_new_runs(project.store, project.arm(robot), robot) is None
 
 
-@pytest.mark.parametrize(
-    "name", [b"\xff\xfe.csv", b"\x1b[31mred.csv"], ids=["no UTF-8", "escapes"]
-)
+@pytest.mark.parametrize("name", [b"\xff\xfe.csv", b"\x1b[31mred.csv"], ids=["no UTF-8", "escapes"])
 @pytest.mark.parametrize("good", [True, False])
 def test_no_name_of_a_log_ends_a_run_of_the_inbox(place, csv, capsys, name, good):
     (place / "in/z.csv").write_text(csv[1] if good else "t,q1\n0,1\n")

@@ -59,9 +59,7 @@ def test_every_option_stands_in_the_file_with_its_default(tmp_path):
     kinds |= {"inbox": tables.InboxTable, "notify": tables.NotifyTable}
     own = {"robot", "inbox", "notify"}
     for name, kind in kinds.items():
-        defaults = dict(
-            re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M)
-        )
+        defaults = dict(re.findall(r"^(?:# )?(\w+) = (.*?)(?:\s{2,}#.*)?$", sections[name], re.M))
         fields = kind.__pydantic_fields__
         assert set(defaults) == set(fields) - (own if name == "" else set())
         for key, value in defaults.items():

@@ -12,12 +12,7 @@ from benchmarks.check_parts.file_flaws import draw_flawed, scale_masses
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
 from residual.check.evidence import NominalShares
-from residual.check.slips import (
-    build_order_slip,
-    build_sign_slips,
-    list_factor_slips,
-    merge_slips,
-)
+from residual.check.slips import build_order_slip, build_sign_slips, list_factor_slips, merge_slips
 from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import AXES, clean_logs, edited, swapped, times
@@ -68,10 +63,7 @@ def test_two_mistakes_are_found_where_the_file_bends_as_far_beside_one():
     robot, logs = clean_logs("small")
     both = edited(logs, q=lambda q: np.rad2deg(swapped(1, 2)(q)), tau=swapped(1, 2))
     faults = check_logs(robot, both).faults
-    assert {(f.kind, f.joints) for f in faults} == {
-        ("joint_order", (1, 2)),
-        ("angle_unit", ()),
-    }
+    assert {(f.kind, f.joints) for f in faults} == {("joint_order", (1, 2)), ("angle_unit", ())}
 
 
 def test_factors_of_all_drives_are_not_asked_for_beside_one_in_its_unit():
@@ -139,9 +131,7 @@ def test_two_turned_angles_are_not_their_mirror_image():
     hosted = host(SEVEN, 1)
     sign = np.array([1, 1, -1, 1, -1, 1, 1])
     faults = check_logs(hosted.robot, edited(hosted.logs, q=times(sign))).faults
-    assert [(f.kind, f.joints, f.certain) for f in faults] == [
-        ("angle_sign", (3, 5), True)
-    ]
+    assert [(f.kind, f.joints, f.certain) for f in faults] == [("angle_sign", (3, 5), True)]
 
 
 def test_three_joints_in_a_ring_are_one_order():

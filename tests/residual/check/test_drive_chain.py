@@ -39,9 +39,7 @@ def test_a_chain_that_the_map_leaves_out_is_found_with_its_line():
 
 def test_a_speed_that_a_limit_hides_is_a_bound_and_a_limit_a_range():
     hidden = replace(DRIVE, limit=(12.0,), goal_speed=(50.0,))
-    faults, _ = find_drive_faults(
-        pendulum(), [drive_log(seed, drive=hidden) for seed in (1, 2)]
-    )
+    faults, _ = find_drive_faults(pendulum(), [drive_log(seed, drive=hidden) for seed in (1, 2)])
     words = faults[0].evidence
     low, high = re.search(r"limit of torque is .* \[(.*) to (.*)\] N m", words).groups()
     assert float(low) < 12.0 < 1.1 * float(high)

@@ -12,14 +12,7 @@ from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
-from tests.residual.check.damaged import (
-    clean_logs,
-    edited,
-    kinds,
-    swapped,
-    times,
-    turned,
-)
+from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times, turned
 
 DAMAGES = {
     "torque of one joint": ({"tau": turned(2)}, "torque_sign", (2,)),
@@ -53,9 +46,7 @@ def test_joints_in_a_circle_are_put_back_in_order():
     assert fault.repairs == (Repair("q", order=order), Repair("tau", order=order))
 
 
-@pytest.mark.parametrize(
-    "effect", ["payload", pytest.param("base_tilt", marks=pytest.mark.long)]
-)
+@pytest.mark.parametrize("effect", ["payload", pytest.param("base_tilt", marks=pytest.mark.long)])
 def test_an_arm_that_hides_something_has_a_clean_log(effect):
     robot, _ = clean_logs("irb140")
     hidden = (draw_effect(robot, effect, create_random_stream(1, effect)),)

@@ -75,8 +75,7 @@ def test_a_unit_that_has_a_name_has_its_line():
 def without_weight(robot, logs, share=1.0):
     down = robot.model.gravity.linear
     return [
-        replace(r, tau=r.tau - share * compute_gravity_torque(robot.model, r.q, down))
-        for r in logs
+        replace(r, tau=r.tau - share * compute_gravity_torque(robot.model, r.q, down)) for r in logs
     ]
 
 
@@ -100,8 +99,7 @@ def test_an_arm_that_lacks_the_weight_of_one_joint_has_a_clean_log():
     robot, logs = clean_logs("irb140")
     down, only = robot.model.gravity.linear, np.array([0, 1, 0, 0, 0, 0])
     balanced = [
-        replace(r, tau=r.tau - only * compute_gravity_torque(robot.model, r.q, down))
-        for r in logs
+        replace(r, tau=r.tau - only * compute_gravity_torque(robot.model, r.q, down)) for r in logs
     ]
     assert "gravity_removed" not in [kind for kind, *_ in kinds(robot, balanced)]
 
@@ -114,9 +112,7 @@ def referred(robot, logs, measured):
         q = filter_low_pass(log.q, 5.0, rate)
         q = np.column_stack([np.interp(log.t + 0.01, log.t, x) for x in q.T])
         qd, qdd = (filter_low_pass(q, 25.0, rate, order=k) for k in (1, 2))
-        tau = compute_inverse_dynamics(robot.model, q, qd, qdd) + 2.0 * np.tanh(
-            qd / 0.01
-        )
+        tau = compute_inverse_dynamics(robot.model, q, qd, qdd) + 2.0 * np.tanh(qd / 0.01)
         out.append(replace(log, q_ref=q, tau=log.tau if measured else tau))
     return out
 

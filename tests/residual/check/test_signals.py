@@ -11,11 +11,7 @@ from residual.check.check import check_logs
 from residual.check.kinematics import find_time_unit, find_velocity_faults
 from residual.check.kinematics import find_uneven_time_steps as uneven_time_steps
 from residual.check.result import Repair
-from residual.check.sample_faults import (
-    find_constant_angles,
-    find_frozen_signals,
-    find_spikes,
-)
+from residual.check.sample_faults import find_constant_angles, find_frozen_signals, find_spikes
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -23,15 +19,7 @@ from sim.engine.plant_records import create_random_stream
 from sim.plant.sensors import draw_torque_noise
 from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
 from tests.residual.arms import arm, bare_irb140, plain_logs
-from tests.residual.check.damaged import (
-    AXES,
-    clean_logs,
-    edited,
-    kinds,
-    swapped,
-    times,
-    turned,
-)
+from tests.residual.check.damaged import AXES, clean_logs, edited, kinds, swapped, times, turned
 from warehouse.logs.column_map import build_default_signal, convert_to_link_side
 
 
@@ -122,12 +110,7 @@ def with_velocity(logs):
     ("changes", "kind", "joints", "repair"),
     [
         ({"qd": turned(2)}, "velocity_mismatch", (2,), Repair("qd", (2,), sign=(-1,))),
-        (
-            {"qd": swapped(1, 3)},
-            "velocity_mismatch",
-            (1, 3),
-            Repair("qd", order=(3, 2, 1)),
-        ),
+        ({"qd": swapped(1, 3)}, "velocity_mismatch", (1, 3), Repair("qd", order=(3, 2, 1))),
         ({"qd": times(180 / np.pi)}, "angle_unit", (), Repair("qd", scale=np.pi / 180)),
         ({"t": times(2)}, "time_unit", (), Repair("t", scale=0.5)),
     ],
@@ -190,20 +173,13 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
         motion = make_motion(
-            family,
-            compute_usual_motion_range(robot),
-            12.0,
-            125.0,
-            create_random_stream(5, family),
+            family, compute_usual_motion_range(robot), 12.0, 125.0, create_random_stream(5, family)
         )
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
         tau = true_torque(plant, replace(motion, q=q, qd=qd, qdd=qdd), family).tau
         noise = draw_torque_noise(
-            len(tau),
-            estimate_typical_sizes(robot).torque,
-            125.0,
-            create_random_stream(5, str(i)),
+            len(tau), estimate_typical_sizes(robot).torque, 125.0, create_random_stream(5, str(i))
         )
         rough = q + 5e-5 * create_random_stream(6, family).normal(size=q.shape)
         rough[:, j] = q[:, j]

@@ -19,9 +19,7 @@ from residual.planning.next_experiment import (
     find_inseparable_pairs,
     simulate_decision,
 )
-from residual.planning.next_experiment import (
-    expected_log_bayes_factor as log_bayes_factor,
-)
+from residual.planning.next_experiment import expected_log_bayes_factor as log_bayes_factor
 from residual.planning.next_experiment import rival_log_evidence as log_evidence
 from residual.verdict.result import Place
 
@@ -95,9 +93,7 @@ def test_a_longer_motion_of_what_is_known_well_never_promises_less(case):
     promised = []
     for times in (0.0, 0.1, 1.0, 3.0, 10.0, 100.0):
         gram = times * x.T @ x
-        promised.append(
-            log_bayes_factor(gram, RivalUpdate.of(a, gram), RivalUpdate.of(b, gram))
-        )
+        promised.append(log_bayes_factor(gram, RivalUpdate.of(a, gram), RivalUpdate.of(b, gram)))
     assert promised[0] == pytest.approx(0, abs=1e-9)
     assert np.all(np.diff(promised) > 0)
 

@@ -44,8 +44,7 @@ def test_a_set_that_no_motion_tells_from_the_named_one_is_marked():
 
     def by(robot_and_question):
         return [
-            a.separated_by
-            for a in mark_inseparable_alternatives(robot_and_question, named, others)
+            a.separated_by for a in mark_inseparable_alternatives(robot_and_question, named, others)
         ]
 
     assert by(question) == ["motion", "motion"]

@@ -45,9 +45,7 @@ def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
     assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began | more
 
 
-def test_of_two_that_join_no_record_is_lost(
-    store, memory, began, tmp_path, monkeypatch
-):
+def test_of_two_that_join_no_record_is_lost(store, memory, began, tmp_path, monkeypatch):
     monkeypatch.setattr(store_catalogue, "_SPARE", 0)
     more, real, between = fill(store, 2, 3), memory.put, []
 

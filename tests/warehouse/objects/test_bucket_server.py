@@ -17,9 +17,7 @@ def test_of_eight_writers_of_one_key_one_wins(bucket_store):
     with ThreadPoolExecutor(8) as beside:
         for number in range(5):
             texts = [bytes([writer]) * 1000 for writer in range(8)]
-            tried = [
-                beside.submit(bucket.put_if_absent, f"a/{number}", t) for t in texts
-            ]
+            tried = [beside.submit(bucket.put_if_absent, f"a/{number}", t) for t in texts]
             won = [t for t, each in zip(texts, tried, strict=True) if each.result()]
             assert won == [bucket.get(f"a/{number}")]
 
@@ -36,9 +34,7 @@ def test_what_a_store_asks_of_it(bucket_store):
     assert bucket.get("a/y/2") is None
 
 
-def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(
-    bucket_store, monkeypatch
-):
+def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(bucket_store, monkeypatch):
     with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
         remote_store.find_local_copy("s3://not-there/a")
     monkeypatch.setattr("warehouse.bucket._RETRIES", 0)

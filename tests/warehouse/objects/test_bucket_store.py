@@ -57,9 +57,7 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
     for place in (tmp_path / "folder", store):
         run = samples.commit(place, 1)
         samples.commit(place, 2, robot="other")
-        samples.store_verdict(
-            place, samples.verdict([run]), {"stage": "augmented"}, [run]
-        )
+        samples.store_verdict(place, samples.verdict([run]), {"stage": "augmented"}, [run])
     queries = (
         "SELECT * EXCLUDE created FROM runs ORDER BY run_id",
         "FROM samples ORDER BY run_id, t",
