@@ -33,7 +33,7 @@ from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict import result
+from residual.verdict import diagnosis
 from residual.verdict.document import to_json
 from warehouse.logs import check_logs_distinct
 from warehouse.runs import read_run
@@ -75,7 +75,7 @@ def build_log_sets(
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Diagnosis(result.Diagnosis):
+class Diagnosis(diagnosis.Diagnosis):
     """The result of a diagnosis, with its report, JSON and tables.
 
     Attributes:
