@@ -55,5 +55,5 @@ def test_every_mistake_of_the_table_is_seen_as_it_says(tmp_path):
         path.write_text(wrong, encoding="utf-8")
         logs = [str(own / f"{day}.csv") for day in ("monday", "tuesday")]
         faults = mg.check(robot, logs, columns=str(path)).faults
-        certain = [f"`{fault.kind}`, certain" for fault in faults if fault.certain]
-        assert (certain[:1] or ["nothing"]) == [says], line
+        sure = [f"`{f.kind}`, {'certain' if f.certain else 'suspected'}" for f in faults]
+        assert (sure[:1] or ["nothing"]) == [says], line
