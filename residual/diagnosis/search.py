@@ -169,6 +169,18 @@ class Search:
         fitted = self._drop(self.score.fit(members))
         return SearchRun(self.score, fitted, self.score.left_out(fitted))
 
+    def name_plainly(self, found: SearchRun, group: CandidateColumns) -> SearchRun:
+        """The set with the plainest name that blocks cannot tell from one of its own."""
+        if _complexity(group) == _PLAIN:
+            return found
+        rest = tuple(g for g in found.fit.members if g is not group)
+        without = self.score.fit(rest, found.fit)
+        own = Trial(group, found.fit, self.score.nats(found.fit, group), self.score)
+        trials = self.look(without, group, THRESHOLDS.class_looks)
+        before = self.score.left_out(without)
+        chosen = self._find_simplest(own, found.left_out, trials, before)
+        return found if chosen is own else SearchRun(self.score, chosen.fit, chosen.left_out)
+
     def look(
         self, base: Fit, instead: CandidateColumns | None = None, most: int | None = None
     ) -> list[Trial]:
@@ -410,6 +422,9 @@ def _outdoes(curve: LeftOut, name: LeftOut, before: LeftOut, joint: int) -> bool
         return False
     share = THRESHOLDS.explained_share
     return bool((first - theirs).sum() < share * (first - own).sum())
+
+
+_PLAIN = 0.0, False
 
 
 def _complexity(group: CandidateColumns) -> tuple[float, bool]:

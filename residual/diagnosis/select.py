@@ -278,6 +278,11 @@ def _conclude(
     best, former = _join_constants(look, found, named)
     best, new = _replace_constants(look, best, named)
     former |= new
+    for group in best.named:
+        plain = look.name_plainly(best, group)
+        for other in set(plain.named) - set(best.named):
+            former[other] = former.get(group, group.effect)
+        best = plain
     doubted = set(_find_doubted_joints(logs, nominal.without_constants(), best))
     members = judge_members(look, best, weighted, doubted, former)
     scores = [constants.score(r.score.prior) for r in runs.values()]

@@ -66,6 +66,17 @@ TRUTHS = {
 }
 
 
+def test_of_names_that_blocks_cannot_tell_apart_the_plainest_is_shown(rng):
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0]), (OTHER, (1,), [3.0])], rows=200)
+    odd = replace(LINE, name="odd", far_fetched=0.5)
+    places = [(odd, (0,), ()), (LINE, (0,), ()), (replace(OTHER, far_fetched=0.5), (1,), ())]
+    far, line, other = problem.design.add(places)
+    search = problem.search([far, line, other])
+    found = search.settle((far, other))
+    assert search.name_plainly(found, far).named == (other, line)
+    assert search.name_plainly(found, other) is found
+
+
 @pytest.mark.parametrize("which", TRUTHS)
 def test_what_is_there_is_found_and_nothing_else(rng, which):
     truth = TRUTHS[which]
