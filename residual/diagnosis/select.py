@@ -109,8 +109,13 @@ def select_names(
                     break
     weighted = _weigh(design, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
+        scales = [prior.scale for prior in weighted.list_near()]
         for prior in others:
             run(prior)
+        # What the best widths gain beside one scale counts for its rivals, too.
+        widths = _weigh(design, candidates, list(runs.values())).best.score.prior.widths
+        for scale in scales:
+            run(space.at(scale, widths))
         weighted = _weigh(design, candidates, list(runs.values()))
     constants = _Constants.of(design, nominal, curves)
     return _conclude(logs, nominal, weighted, search, constants, runs)
@@ -162,6 +167,12 @@ class Weighted:
     def best(self) -> SearchRun:
         """The run with the most evidence."""
         return self.runs[0]
+
+    def list_near(self) -> list[NominalPrior]:
+        """Priors within 6 nats of the best."""
+        least = self.share[0] * np.exp(-THRESHOLDS.class_nats)
+        pairs = zip(self.runs, self.share, strict=True)
+        return [run.score.prior for run, share in pairs if share >= least]
 
 
 def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
@@ -309,10 +320,7 @@ def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
     How wrong given values are can be told only as far as wrong ones can be seen; what
     trades off against a load cannot.
     """
-    least = weighted.share[0] * np.exp(-THRESHOLDS.class_nats)
-    pairs = zip(weighted.runs, weighted.share, strict=True)
-    near = [run.score.prior for run, share in pairs if share >= least]
-    wide = max(near, key=lambda prior: prior.scale)
+    wide = max(weighted.list_near(), key=lambda prior: prior.scale)
     scale = max(wide.scale, min(THRESHOLDS.rough_scale, space.scales[-1]))
     return space.at(scale, wide.widths)
 

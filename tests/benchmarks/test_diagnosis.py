@@ -11,6 +11,7 @@ from benchmarks.hidden import sized
 from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share
 from benchmarks.synthetic.visible import share
 from flows.workers import InlineExecutor
+from residual.diagnosis.diagnose import diagnose
 from sim.engine.plant_records import create_random_stream
 
 ROW = {
@@ -136,3 +137,10 @@ def test_results_are_kept_line_by_line_and_a_torn_one_is_done_again(tmp_path, ca
     assert again["one"] == {"number": 1}
     run_kept(path, str, work, {"one": 1, "two": 2}, InlineExecutor())
     assert numbers == [2, 3]
+
+
+@pytest.mark.long
+def test_of_an_arm_whose_bodies_are_all_a_little_off_no_single_one_is_named():
+    """As likely as exact bodies and one that is off are bodies that all are."""
+    made = cases.make("synthetic", [], 640416, 640416)
+    assert diagnose(made.robot, made.fit, (), made.held_out).verdict.effects == ()
