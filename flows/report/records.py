@@ -159,8 +159,7 @@ def describe_imported_log(log: ImportedLog, robot: Robot, all: bool) -> list[str
     known = log.summary
     if not all:
         return [known.text, *(f"warning: {w}" for w in known.warnings)]
-    names = tuple(robot.model.names)[1:]
-    joints = ", ".join(f"{i} {name}" for i, name in enumerate(names, 1))
+    joints = ", ".join(f"{i} {name}" for i, name in enumerate(robot.joints, 1))
     gaps = [w for w in known.warnings if "gap(s)" in w]
     window = f", window @{known.window}" if known.window else ""
     return [

@@ -301,7 +301,7 @@ class Search:
             for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
                 best = each if _beats(each, best) else best
             if best is ahead:
-                best = max(tried, key=_get_value)
+                best = max(tried, key=_get_value, default=ahead)
                 gain = best.value - ahead.value
                 if ahead is not reading or gain < CHECK.suspect_nats:
                     break

@@ -169,7 +169,7 @@ def build_mounting_slip(file: Array, gravity: Array) -> Slip:
 
 def _list_orders(robot: Robot) -> Iterator[Slip]:
     """Two joints exchanged, all reversed, shifted by one, or named by alphabet."""
-    names, same = list(robot.model.names)[1:], tuple(range(robot.dof))
+    names, same = robot.joints, tuple(range(robot.dof))
     places = sorted(names)
     orders = {swap_channels(same, *pair) for pair in combinations(same, 2)}
     orders |= {tuple(places.index(name) for name in names), same[::-1]}

@@ -188,9 +188,8 @@ def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) ->
         prior, start = run.score.prior, run.fit.variance
         members = run.fit.members
         common = fit_jointly(design, prior, members, counted, start, rounds=4)
-        price = float(np.log(len(candidates.price)))
-        costs = (price if is_curve(g) else candidates.cost(g) for g in members)
-        return common.score - sum(costs)
+        search = Search(run.score, candidates, ())
+        return common.score - sum(search.cost(g) for g in members)
 
     values = np.array([evidence(r) for r in same])
     order = np.argsort(-values)

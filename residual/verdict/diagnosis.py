@@ -99,7 +99,7 @@ def add_motor_class(
 def name_frames(robot: Robot) -> Frames:
     """Return what the URDF of a robot calls its joints and its flange."""
     flange = robot.model.frames[find_flange_frame(robot.model)].name
-    return Frames(tuple(list(robot.model.names)[1:]), flange)
+    return Frames(robot.joints, flange)
 
 
 def replace_by_model_values(finding: Finding, possible: PossibleModel) -> Finding:

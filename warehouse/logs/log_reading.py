@@ -238,7 +238,7 @@ def read_log_despite_doubts(
     path, window = split_log_spec(spec)
     tail = "" if window is None else f"@{window.text}"
     label = label or f"{path.stem}{tail}"
-    log = open_log(path, columns, tuple(robot.model.names)[1:])
+    log = open_log(path, columns, robot.joints)
     return read_opened_log(log, robot, columns, label, str(path), window)
 
 

@@ -219,12 +219,11 @@ def draft_column_map(path: Path, robot: Robot, format: str | None = None) -> Col
     """Draft the map of a log."""
     if format is not None:
         check_name(format, PRESETS, "format of a log")
-    joints = tuple(robot.model.names)[1:]
     if bag := list_joint_topics(path):
-        return _of_bag(path, bag, joints)
+        return _of_bag(path, bag, robot.joints)
     form = guess_csv_format(path)
-    log = open_log(path, ColumnMap(csv=form), joints)
-    return _Drafter(log, robot, joints, format).draft(ColumnMap(csv=form))
+    log = open_log(path, ColumnMap(csv=form), robot.joints)
+    return _Drafter(log, robot, format).draft(ColumnMap(csv=form))
 
 
 def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> ColumnMapDraft:
@@ -269,13 +268,11 @@ def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
 class _Drafter:
     """What is found in one log, line by line of its map."""
 
-    def __init__(
-        self, log: LogFile, robot: Robot, joints: Sequence[str], format: str | None
-    ) -> None:
+    def __init__(self, log: LogFile, robot: Robot, format: str | None) -> None:
         self.log, self.robot = log, robot
         self.doubts: dict[str, list[str]] = {}
         self.columns = [c for c in log.columns if c not in log.text]
-        self.families = group_joint_columns(self.columns, joints)
+        self.families = group_joint_columns(self.columns, robot.joints)
         timed = {n: p for n, p in PRESETS.items() if {*p.time} & {*log.columns}}
         formats = (n for n, p in timed.items() if self._preset_columns(p, "q"))
         self.format = format or next(formats, None)
