@@ -10,7 +10,8 @@ import pytest
 from residual.diagnosis.detectable import DetectionModel
 from residual.diagnosis.findings import estimate_uncertainties
 from residual.diagnosis.search import CURVES, add_curves, refine_last_shape
-from residual.effects.base import Effect, ShapeRefinement
+from residual.diagnosis.select import _replace_constants
+from residual.effects.base import Effect, EffectTrait, ShapeRefinement
 from residual.effects.base import build_joint_columns as joint_columns
 from residual.evidence.thresholds import THRESHOLDS
 from tests.residual.arms import arm
@@ -75,6 +76,24 @@ def test_of_names_that_blocks_cannot_tell_apart_the_plainest_is_shown(rng):
     found = search.settle((far, other))
     assert search.name_plainly(found, far).named == (other, line)
     assert search.name_plainly(found, other) is found
+
+
+def test_what_a_constant_that_fell_has_hidden_is_found_in_its_place(rng):
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0]), (LINE, (1,), [3.0])], rows=200)
+    level = Effect(
+        "level",
+        "a constant",
+        {"a": "1"},
+        joint_columns(lambda s, j, x: [np.ones(len(s.q))]),
+        traits=EffectTrait.CONSTANT,
+    )
+    places = [(LINE, (0,), ()), (LINE, (1,), ()), (level, (0,), ())]
+    line, other, constant = problem.design.add(places)
+    look = problem.search([line, other, constant])
+    found, former = _replace_constants(look, look.settle(()), [constant])
+    # Nothing is looked for on a joint that lost no constant.
+    assert found.named == (line,)
+    assert former == {line: level}
 
 
 @pytest.mark.parametrize("which", TRUTHS)
