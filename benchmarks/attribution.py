@@ -7,7 +7,7 @@
 Arms of six and of seven joints whose given inertias, friction and rotors are exact or 1
 or 3 % off. `unchanged`: nothing else is off, and any name is false. `sets`: a load,
 links 8 to 25 % off and friction, each of 2 % of a joint's torque or more. Seeds
-154201:154208 decide and are used for nothing else; 1 to 99 are for development.
+166201:166208 decide and are used for nothing else; 1 to 99 are for development.
 """
 
 import sys
@@ -21,7 +21,7 @@ from benchmarks.harness.cases import run_cases
 if __name__ == "__main__":
     code = run_cases(
         __doc__,
-        "154201:154208",
+        "166201:166208",
         cases.GROUPS,
         ["benchmarks/attribution_parts"],
         cases.jobs,

@@ -5,7 +5,7 @@
     python benchmarks/changes.py --full-json benchmarks/results/changes.json
 
 The size of a change is the RMS of its torque over that of the joint, not a multiple of
-what the program says. Silence is a miss. Seeds 154301:154303 decide and are used for
+what the program says. Silence is a miss. Seeds 166301:166303 decide and are used for
 nothing else; 1 to 99 are for development. The peer, a plain regression of both epochs,
 gets the same cases in the same run.
 """
@@ -21,7 +21,7 @@ from benchmarks.harness.cases import run_cases
 if __name__ == "__main__":
     code = run_cases(
         __doc__,
-        "154301:154303",
+        "166301:166303",
         draw.GROUPS,
         ["benchmarks/changes_parts", "benchmarks/check_parts"],
         draw.jobs,

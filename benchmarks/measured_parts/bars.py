@@ -125,8 +125,9 @@ def _load(by_name: Mapping[str, Mapping]) -> Figures:
 def added_figures(rows: Rows) -> Figures:
     """Return how many added effects are named, by the program and by the greedy peer.
 
-    A name is new if the logs without the effect do not have it. Constants, which the
-    oracle fits too, and effects that the logs without them have already stand apart.
+    A name is new if nothing that blocks cannot tell from it stands on its joint in the
+    logs without the effect. Constants, which the oracle fits too, and effects that the
+    logs without them have already stand apart.
     """
     if not rows:
         return {}
@@ -182,8 +183,8 @@ def curve(rows: Rows) -> list[str]:
 
 
 def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dict:
-    places, truth = {tuple(x[:2]) for x in before}, row["truth"]
-    new = [x for x in names if tuple(x[:2]) not in places]
+    places, truth = set().union(*map(_places, before)), row["truth"]
+    new = [x for x in names if not _places(x) & places]
     right = [_is_truth(x, truth) for x in new]
     known = any(_is_truth(x, truth) for x in before)
     return {
@@ -197,9 +198,13 @@ def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dic
     }
 
 
-def _is_truth(name: Sequence, truth: Sequence) -> bool:
+def _places(name: Sequence) -> set[tuple[str, int]]:
     effect, joint, alike, _ = name
-    return joint == truth[1] and truth[0] in (effect, *alike)
+    return {(one, joint) for one in (effect, *alike)}
+
+
+def _is_truth(name: Sequence, truth: Sequence) -> bool:
+    return tuple(truth[:2]) in _places(name)
 
 
 def _is(key: str) -> Callable[[Mapping], bool]:
