@@ -43,7 +43,7 @@ class EvidenceThresholds:
     same_share: float = 0.05  # of the left-out error: scales that predict as well
     # nats within which an alternative cannot be told from the name
     class_nats: float = 6.0
-    even_nats: float = 16.0  # evidence at which a name is as likely as not
+    even_nats: float = 12.0  # evidence at which a name is as likely as not
     clean_even_nats: float = 8.0  # the same where nothing but noise is left
     odds_slope: float = 5.4  # of the log odds of a name over ln(nats)
     sure_probability: float = 0.9  # from which a name is in the model
