@@ -83,7 +83,7 @@ def _run(name: str, label: str, quick: bool) -> int:
     command += ["--quick"] if quick else ["--full-json", str(RESULTS / f"{name}.json")]
     log = ROOT / "store" / "benchmarks" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)
-    start = last = monotonic()
+    start, last, line = monotonic(), monotonic(), ""
     print(f"{label} ...", flush=True)
     both = {"stdout": subprocess.PIPE, "stderr": subprocess.STDOUT, "text": True}
     with (
@@ -97,7 +97,8 @@ def _run(name: str, label: str, quick: bool) -> int:
                 last = monotonic()
                 minutes = (last - start) / 60
                 print(f"{label} {minutes:5.1f} min  {line.strip()[:100]}", flush=True)
-    code = child.returncode
+    # Python ends with 1 of a crash, too: without figures nothing was measured.
+    code = child.returncode if line.startswith("{") else FAILED
     failed = f"failed (code {code}): see {log.relative_to(ROOT)}"
     minutes = (monotonic() - start) / 60
     print(f"{label}: {minutes:.1f} min, {_ENDS.get(code, failed)}", flush=True)

@@ -28,7 +28,7 @@ def random_rows(rows: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
 
 def dense_columns(model: NominalPls, X: np.ndarray) -> np.ndarray:
     """The matrix of eq. 30, as peers need it: a gigabyte at 8 000 rows."""
-    codes = model.levels.encode(X).values.astype(int)
+    codes = model.levels.encode(X).astype(int)
     sizes = model.levels.sizes
     columns = np.zeros((len(X), len(model.x_mean)))
     start, rows = 0, np.arange(len(X))
