@@ -183,8 +183,8 @@ def curve(rows: Rows) -> list[str]:
 
 
 def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dict:
-    places, truth = set().union(*map(_places, before)), row["truth"]
-    new = [x for x in names if not _places(x) & places]
+    places, truth = set().union(*map(_class_of, before)), row["truth"]
+    new = [x for x in names if not _class_of(x) & places]
     right = [_is_truth(x, truth) for x in new]
     known = any(_is_truth(x, truth) for x in before)
     return {
@@ -198,13 +198,13 @@ def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dic
     }
 
 
-def _places(name: Sequence) -> set[tuple[str, int]]:
+def _class_of(name: Sequence) -> set[tuple[str, int]]:
     effect, joint, alike, _ = name
     return {(one, joint) for one in (effect, *alike)}
 
 
 def _is_truth(name: Sequence, truth: Sequence) -> bool:
-    return tuple(truth[:2]) in _places(name)
+    return tuple(truth[:2]) in _class_of(name)
 
 
 def _is(key: str) -> Callable[[Mapping], bool]:
