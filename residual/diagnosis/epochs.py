@@ -174,8 +174,12 @@ def search_epochs(
     """
     labels = label_blocks(logs.tracks)
     common = fit_common_model(logs, nominal, (LOOSE,), labels)
-    common.design.set_torque_model(build_fitted_model(nominal, common.fitted))
-    epochs = _build_epochs(logs, first, nominal, common, ())
+    seen = common
+    if logs.span.one_drive:  # of several times its gain the mean of both is no arm
+        seen = fit_common_model(replace(logs, tracks=logs.tracks[:first]), nominal, (LOOSE,))
+    model = build_fitted_model(nominal, seen.fitted)
+    common.design.set_torque_model(model)
+    epochs = _build_epochs(logs, first, nominal, common, model, ())
     progress(0.5)
     run = epochs.search.run()
     design, large = epochs.design, []
@@ -184,7 +188,7 @@ def search_epochs(
         if design.torque_shares(group, theta).max() > THRESHOLDS.large_torque_share:
             large.append(Term(group.effect, group.joints, group.shape, theta))
     if large:
-        epochs = _build_epochs(logs, first, nominal, common, large)
+        epochs = _build_epochs(logs, first, nominal, common, model, large)
         run = epochs.search.run()
     return epochs, run
 
@@ -194,15 +198,16 @@ def _build_epochs(
     first: int,
     nominal: NominalModel,
     common: CommonModelFit,
+    model: Model,
     changes: Sequence[Term],
 ) -> Epochs:
     """Whiten both epochs, and append every candidate.
 
     Args:
+        model: What effects see the logs with.
         changes: What is known to have changed.
     """
     raw, rows = common.design, locate_rows(common.design, first)
-    model = build_fitted_model(nominal, common.fitted)
     reported: tuple[Array, ...] = ()
     if changes:
         groups = _see_changes(logs, first, model, raw, common.common, changes)
@@ -244,6 +249,8 @@ def _see_changes(
 ) -> tuple[CandidateColumns, ...]:
     """Let the second epoch be seen by the changed model; what any arm has, anew."""
     terms = [t for t in changes if EffectTrait.PARAMETER in t.effect.traits]
+    if logs.span.one_drive:  # which of it is the gain, it does not split
+        terms = [t for t in terms if EffectTrait.MOTOR not in t.effect.traits]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
     body = replace(model, terms=tuple(bodies)).loaded()

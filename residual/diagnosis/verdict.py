@@ -46,6 +46,7 @@ from residual.robot.dynamics import (
     compute_inertial_regressor,
     read_inertial_parameters,
 )
+from residual.signals.track import DRIVEN_EDGE
 from residual.verdict.diagnosis import add_motor_class, name_frames, replace_by_model_values
 from residual.verdict.result import (
     LOAD,
@@ -339,10 +340,11 @@ def describe_signals(outcome: Outcome) -> tuple[str, ...]:
     logs = outcome.logs
     rows = outcome.design.rows
     every = sum(int(t.valid.sum()) for t in logs.tracks)
+    edge = DRIVEN_EDGE if logs.span.one_drive else logs.filters.edge
     notes = [
         f"identification filter {min(t.cutoff for t in logs.tracks):g} Hz, zero phase, "
         "on torque and regressor alike; "
-        f"{logs.filters.edge:g} s dropped at both ends",
+        f"{edge:g} s dropped at both ends",
         "moving rows used per joint: "
         + ", ".join(f"{100 * r / max(every, 1):.0f} %" for r in rows),
     ]

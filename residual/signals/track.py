@@ -94,6 +94,9 @@ def compute_friction_directions(
     return np.column_stack([compute_friction_direction(*p) for p in pairs])
 
 
+# Edge and margin (`FilterSettings`) of a torque that a drive's chain gives: what the chain
+# leaves is larger than what friction holds back near standstill.
+DRIVEN_EDGE, DRIVEN_MARGIN = 0.2, 0.2
 ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
 SEED = 0  # of the redrawn noise: a diagnosis says the same twice
 
@@ -162,6 +165,7 @@ class _Uniform:
     gap: Array
     masked: Array  # joint's torque is not known there, (n, dof) or (n, 1), bool
     enabled: Array | None  # share of a drive that is on, (n, dof)
+    driven: bool  # torque is that of a drive's chain
 
 
 def estimate_sample_rate(t: Array) -> float:
@@ -281,7 +285,7 @@ def _resample(log: Recording) -> _Uniform:
         masked = interpolate_signals(t, log.t, log.masked) > 0.5
     if log.enabled is not None:
         enabled = interpolate_signals(t, log.t, log.enabled)
-    return _Uniform(rate, t, q, tau, gap, masked, enabled)
+    return _Uniform(rate, t, q, tau, gap, masked, enabled, log.drive is not None)
 
 
 def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
@@ -322,12 +326,15 @@ def _track(
     q, qd, qdd = motion
     still = (np.abs(qd) < speed_floor) | u.gap[::first, None]
     still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    half = int(np.ceil(filters.margin / cutoff * rate))
+    edge, margin = filters.edge, filters.margin
+    if u.driven:
+        edge, margin = DRIVEN_EDGE, DRIVEN_MARGIN
+    half = int(np.ceil(margin / cutoff * rate))
     masked = dilate_mask(u.masked, first // 2)[::first]
     still |= masked
     still = dilate_mask(still, half)
     inner = ~dilate_mask(u.gap, (2 * half + 1) * first // 2)[:: first * step]
-    edge = max(2, round(filters.edge * rate / step))
+    edge = max(2, round(edge * rate / step))
     inner[:edge] = inner[-edge:] = False
     if piece:
         over = compute_piece_overlap(cutoff, u.rate)
@@ -379,7 +386,7 @@ def filter_torque(t: Array, tau: Array, masked: Array, track: Track) -> tuple[Ar
     """
     rate, grid = _even_times(t)
     off = interpolate_signals(grid, t, masked) > 0.5
-    u = _Uniform(rate, grid, tau, interpolate_signals(grid, t, tau), off, off, None)
+    u = _Uniform(rate, grid, tau, interpolate_signals(grid, t, tau), off, off, None, True)
     first = round(u.rate / track.rate)
     half = int(np.ceil(FilterSettings().margin / track.cutoff * track.rate))
     masked = dilate_mask(dilate_mask(u.masked, first // 2)[::first], half)

@@ -123,6 +123,19 @@ def test_damping_of_a_drive_that_is_off_in_a_part_is_named():
     assert size.value == pytest.approx(DAMPING, rel=0.1)
 
 
+def test_another_gain_is_named_with_its_size_and_nothing_beside_it():
+    other = replace(DRIVE, gain=(4 * DRIVE.gain[0],))
+    before, after = (
+        [apply_drive(drive_log(s, 8.0, drive=drive), DRIVE) for s in seeds]
+        for drive, seeds in ((DRIVE, (1, 2)), (other, (3, 4)))
+    )
+    declared = ("viscous", "coulomb", "rotor_inertia")
+    (named,) = diagnose(pendulum(), after, before, declared=declared).verdict.effects
+    assert named.name == "torque_gain"
+    assert not {"payload", "link_inertia"} & {e.name for e in named.equivalent}
+    assert named.parameters["gain"].value == pytest.approx(1 / 4 - 1, rel=0.1)
+
+
 @pytest.mark.parametrize("axes", [ONE, ("0 1 0", "0 1 0")], ids=["one", "two"])
 def test_an_arm_of_few_joints_runs_through_check_and_identification(axes):
     robot = arm(axes, "[declared.viscous]\n[declared.coulomb]\n")

@@ -1,9 +1,12 @@
 """The signal path: nothing moves in time, and torque and regressor pass alike."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
+from residual.drive import Drive
 from residual.recording import Recording
 from residual.signals.track import FilterSettings, build_tracks, filter_low_pass
 from residual.signals.track import estimate_sample_rate as sample_rate
@@ -86,6 +89,18 @@ def test_dwells_and_reversals_are_masked_with_a_margin(rate):
     assert not moving[np.abs(rows - 4.5) < 0.8 * margin].any()
     for middle in (1.0, 3.7, 7.0, 10.0):
         assert moving[np.abs(rows - middle) < 0.1].all()
+
+
+def test_near_standstill_a_torque_of_a_drive_counts_sooner_than_a_measured_one():
+    t = clock(12, 100)
+    measured = log(t, stop_and_go(t))
+    driven = replace(measured, drive=Drive())
+    (own, _), (other, _) = one(measured), one(driven)
+    near = np.abs(own.t[:: own.step, None] - [5.0, 8.0]).min(axis=1) < 0.5
+    assert (own.moving <= other.moving).all()
+    assert other.moving[near].sum() >= own.moving[near].sum() + 4
+    stands = (own.t[:: own.step] > 5.1) & (own.t[:: own.step] < 5.9)
+    assert not other.moving[stands].any()
 
 
 def test_a_gap_in_the_log_is_masked_and_a_missed_sample_or_two_is_none():
