@@ -40,21 +40,21 @@ _FILTERS = FilterSettings(5.0, 5.0, 60.0)  # Hz: on angles, on torque, of the ro
 _MOST_ROWS = 360
 _APART = 0.3  # s: rows nearer to each other count as one in evidence
 # What a torque may be made of before a log is believed: priors, one deviation each.
-BODY = 0.3  # relative, of the inertial parameters
-TILT = 0.1  # rad
+_BODY = 0.3  # relative, of the inertial parameters
+_TILT = 0.1  # rad
 _LOAD, _STRANGE, _LEVER = 0.05, 0.005, 0.15  # of the arm's mass; of its reach
 _PULL = 0.05  # of the arm's weight, at the flange
 _LEAST_SIZE = 0.05  # of the strongest joint's torque
-OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
-LOCAL = 10  # columns of one joint alone
-FRICTION, WEIGHT = (1, 2, 7, 8), 9  # of these
-SHARE = 0.1  # of the weight that a joint may miss
+_OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
+_LOCAL = 10  # columns of one joint alone
+_FRICTION, _WEIGHT = (1, 2, 7, 8), 9  # of these
+_SHARE = 0.1  # of the weight that a joint may miss
 _ROUNDS = 2
 # Times the prior of the bodies, which is 30 %: as given, a rough file, hardly a file.
 GIVEN, ROUGH, LOOSE = 0.2, 1.0, 10.0
 _STRONG = 6.0  # times the prior of what one joint may have
 _NOTHING = 1e-300
-_PLAIN = [0, *FRICTION[:2], 3]  # rotor, friction and offset of a joint
+_PLAIN = [0, *_FRICTION[:2], 3]  # rotor, friction and offset of a joint
 
 
 def compute_row_rms(x: Array) -> Array:
@@ -133,7 +133,6 @@ class PriorColumns:
     nominal: Array  # torque of the robot file [N m], (n,)
     values: Array  # torque of each coefficient of one [N m], (n, p)
     brake: Array  # power that friction takes, per coefficient of one [W], (p,)
-    rows: Array  # rows that are used. Shape of all rows, bool
     weight: Array  # torque of gravity on the bodies of the file [N m], (n,)
 
 
@@ -154,18 +153,18 @@ def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]
     fields, pulls = _compute_outer_torques(robot, motion.q)
     weight = fields @ down
     force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
-    outer = np.concatenate([TILT * fields @ across.T, force * pulls], axis=2)
+    outer = np.concatenate([_TILT * fields @ across.T, force * pulls], axis=2)
     root, out = get_inertial_root(robot), []
     for j in range(motion.dof):
         use, first = motion.moving[:, j], PER_LINK * j
-        local = np.column_stack([size[j] * _local(motion, j, use), SHARE * weight[use, j]])
+        local = np.column_stack([size[j] * _local(motion, j, use), _SHARE * weight[use, j]])
         bodies = np.zeros((int(use.sum()), PER_LINK * motion.dof))
         bodies[:, first:] = y[use, j, first:] @ root[first:, first:]
         values = np.column_stack([local, outer[use, j], bodies])
         brake = np.zeros(values.shape[1])
-        friction = local[:, FRICTION] * motion.qd[use, j, None]
-        brake[list(FRICTION)] = friction.sum(axis=0) / max(use.sum(), 1)
-        out.append(PriorColumns(nominal[use, j], values, brake, use, weight[use, j]))
+        friction = local[:, _FRICTION] * motion.qd[use, j, None]
+        brake[list(_FRICTION)] = friction.sum(axis=0) / max(use.sum(), 1)
+        out.append(PriorColumns(nominal[use, j], values, brake, weight[use, j]))
     return out
 
 
@@ -175,11 +174,11 @@ def compute_residual(robot: Robot, motion: CheckMotion, at: Array) -> Array:
     Not a number where a joint stands.
     """
     out = np.full(motion.tau.shape, np.nan)
-    common = at[LOCAL * motion.dof :]
+    common = at[_LOCAL * motion.dof :]
     for j, own in enumerate(build_prior_columns(robot, motion)):
-        alone = at[LOCAL * j : LOCAL * (j + 1)]
-        model = own.nominal + own.values @ np.concatenate([alone, common])
-        out[own.rows, j] = motion.tau[own.rows, j] - model
+        alone = at[_LOCAL * j : _LOCAL * (j + 1)]
+        model, use = own.nominal + own.values @ np.concatenate([alone, common]), motion.moving[:, j]
+        out[use, j] = motion.tau[use, j] - model
     return out
 
 
@@ -189,7 +188,7 @@ def get_inertial_root(robot: Robot) -> Array:
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
-    out = BODY**2 * np.linalg.inv(compute_inertial_precision(robot, BODY))
+    out = _BODY**2 * np.linalg.inv(compute_inertial_precision(robot, _BODY))
     way = compute_last_joint_distance(robot.model) or compute_reach(robot.model)
     lever = _LEVER * way
     sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
@@ -259,16 +258,16 @@ class ArmSums:
 
     def local(self, j: int) -> slice:
         """Columns that joint j (from 0) alone has."""
-        return slice(LOCAL * j, LOCAL * (j + 1))
+        return slice(_LOCAL * j, _LOCAL * (j + 1))
 
     @property
     def outer(self) -> slice:
         """Two tilts of the base and three forces at the tool."""
-        return slice(LOCAL * self.dof, LOCAL * self.dof + OUTER)
+        return slice(_LOCAL * self.dof, _LOCAL * self.dof + _OUTER)
 
     def link(self, j: int) -> slice:
         """Parameters of the body behind joint j (from 0)."""
-        first = LOCAL * self.dof + OUTER + PER_LINK * j
+        first = _LOCAL * self.dof + _OUTER + PER_LINK * j
         return slice(first, first + PER_LINK)
 
     def deviations(self, scale: float) -> Array:
@@ -283,14 +282,14 @@ class ArmSums:
 def sum_arm(robot: Robot, motion: CheckMotion, weightless: bool = False) -> ArmSums:
     """Sum up a motion; ``weightless``: the driver took the arm's weight out."""
     dof = robot.dof
-    size = LOCAL * dof + OUTER + PER_LINK * dof
+    size = _LOCAL * dof + _OUTER + PER_LINK * dof
     sums = np.zeros((dof, size + 1 + dof, size + 1 + dof))  # the file's torque, channels last
     brake, rows = np.zeros((dof, size)), np.zeros(dof)
     for j, own in enumerate(build_prior_columns(robot, motion)):
-        common = np.arange(LOCAL * dof, sums.shape[1])
-        use = np.concatenate([LOCAL * j + np.arange(LOCAL), common])
+        common = np.arange(_LOCAL * dof, sums.shape[1])
+        use = np.concatenate([_LOCAL * j + np.arange(_LOCAL), common])
         nominal = own.nominal - own.weight if weightless else own.nominal
-        columns = np.column_stack([own.values, nominal, motion.tau[own.rows]])
+        columns = np.column_stack([own.values, nominal, motion.tau[motion.moving[:, j]]])
         sums[j][np.ix_(use, use)] = motion.spread * columns.T @ columns
         brake[j, use[: own.brake.size]] = own.brake
         rows[j] = motion.spread * len(columns)
@@ -385,7 +384,7 @@ def find_tilted_gravity(sums: ArmSums, torques: Torques) -> Array:
     deviations = sums.deviations(GIVEN)
     deviations[sums.outer][:2] = 3.0
     fit = fit_arm(sums, torques, deviations)
-    turned = sums.gravity + TILT * fit.at[sums.outer][:2] @ sums.across
+    turned = sums.gravity + _TILT * fit.at[sums.outer][:2] @ sums.across
     size = max(float(np.linalg.norm(turned)), _NOTHING)
     return turned * float(np.linalg.norm(sums.gravity)) / size
 
@@ -411,9 +410,9 @@ def fit_nominal_shares(sums: ArmSums, order: Array, weightless: bool = False) ->
     A rough file, a load or a gear's losses leave the shares near one on the joints that
     carry the arm; torque in another unit, or without a part, does not.
     """
-    plain = np.array(_PLAIN + ([WEIGHT] if weightless else []))
+    plain = np.array(_PLAIN + ([_WEIGHT] if weightless else []))
     joints, size = np.arange(sums.dof), len(plain) + 1
-    use = LOCAL * joints[:, None] + plain
+    use = _LOCAL * joints[:, None] + plain
     gram = np.zeros((sums.dof, size, size))
     gram[:, 1:, 1:] = sums.gram[joints[:, None, None], use[:, :, None], use[:, None]]
     gram[:, 0, 1:] = gram[:, 1:, 0] = sums.model[joints[:, None], use]
@@ -460,7 +459,7 @@ def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:
     out["an arm that is balanced by counterweights or springs"] = balanced = base.copy()
     for j in range(sums.dof):
         tensors[sums.link(j)][4:] = 100.0
-        balanced[sums.local(j)][WEIGHT] = 10.0
+        balanced[sums.local(j)][_WEIGHT] = 10.0
     return out
 
 
@@ -469,6 +468,6 @@ def is_possible(sums: ArmSums, fit: ArmFit) -> bool:
     first = sums.outer.stop
     given = sums.bodies[::PER_LINK]
     masses = given + (sums.root @ fit.at[first:])[::PER_LINK]
-    balance = SHARE * fit.at[[sums.local(j).start + WEIGHT for j in range(sums.dof)]]
+    balance = _SHARE * fit.at[[sums.local(j).start + _WEIGHT for j in range(sums.dof)]]
     heavy = masses > -0.5 * given - 0.02 * given.sum()
     return bool(heavy.all() and (balance > -1.5).all())

@@ -35,7 +35,7 @@ from residual.check.evidence import (
     measure_strain,
     sum_arm,
 )
-from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
+from residual.check.result import MOUNTING, REMOVED, Fault, list_true_joints
 from residual.check.slips import (
     SIGNS,
     Slip,
@@ -474,9 +474,13 @@ def _decide(
     apart = [o for o in near if o not in same or abs(o.nats - best.nats) > _EQUAL]
     rivals = [o.name if o.name != best.name else "another number of it" for o in apart]
     rivals += _list_rivals(best, without, kind)
-    far, rough = kind not in _SCALED or _is_far(repairs), any(slip.rough for slip in group)
-    if not far and _is_common_factor(repairs):
-        rivals.insert(0, "masses of the robot file that are all off by one factor")
+    far, rough = True, any(slip.rough for slip in group)
+    if kind in _SCALED:  # whether no file of this arm is off by such factors
+        factors = [np.log(np.abs(repair.scale)) for repair in repairs if repair.scale]
+        most = np.log(CHECK.certain_ratio)
+        far = max(abs(np.mean(each)) for each in factors) > most
+        if not far and np.ptp(np.concatenate([np.ravel(each) for each in factors])) < most:
+            rivals.insert(0, "masses of the robot file that are all off by one factor")
     certain = (
         kind not in _NEVER_CERTAIN
         and not rivals
@@ -537,17 +541,6 @@ def _name(slips: Sequence[Slip]) -> str:
         where = f", {format_joint_numbers(slip.joints)}" if slip.joints else ""
         words.append(slip.kind.replace("_", " ") + where)
     return " and ".join(words)
-
-
-def _is_common_factor(repairs: Sequence[Repair]) -> bool:
-    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(factors.max() < CHECK.certain_ratio * factors.min())
-
-
-def _is_far(repairs: Sequence[Repair]) -> bool:
-    """Whether no file of this arm is off by such factors."""
-    means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
-    return bool(np.abs(means).max() > np.log(CHECK.certain_ratio))
 
 
 def _count_strain(strain: Array) -> float:
