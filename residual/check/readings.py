@@ -471,7 +471,10 @@ def _decide(
         tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
         for other in same[:1]
     )
-    apart = [o for o in near if o not in same or abs(o.nats - best.nats) > _EQUAL]
+    # Of the same joints they are one fault with two lines; of others they are rivals.
+    where = {o: {j for s in o.slips if s.words not in told for j in s.joints} for o in same}
+    one = [o for o in same if where[o] == set(joints) or abs(o.nats - best.nats) < _EQUAL]
+    apart = [other for other in near if other not in one]
     rivals = [o.name if o.name != best.name else "another number of it" for o in apart]
     rivals += _list_rivals(best, without, kind)
     far, rough = True, any(slip.rough for slip in group)
