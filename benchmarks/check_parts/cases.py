@@ -91,7 +91,11 @@ def run(task: Task) -> dict:
 def summary(result: Mapping) -> str:
     """Return the faults that were missed and the faults told of sound logs."""
     rows = result["rows"]
-    missed = [f"{r['kind']} {r['joints']}" for r in rows if r.get("hit") is False]
+    missed = [
+        f"{r.get('kind', r.get('effect'))} {r.get('joints', '')}"
+        for r in rows
+        if r.get("hit") is False
+    ]
     told = [kind for r in rows if "effect" in r for kind, *_ in r.get("said", ())]
     return f"{len(rows)} cases, missed: {', '.join(missed)}; told of sound logs: {told}"
 

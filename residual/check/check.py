@@ -7,7 +7,15 @@ import numpy as np
 
 from residual.check.commanded import find_commanded_torque
 from residual.check.drive_chain import find_drive_faults
-from residual.check.evidence import ROUGH, Torques, fit_arm, sum_arm
+from residual.check.evidence import (
+    ROUGH,
+    CheckMotion,
+    Torques,
+    compute_residual,
+    filter_check_motion,
+    fit_arm,
+    sum_arm,
+)
 from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import (
     find_impossible_sample_rate,
@@ -17,9 +25,8 @@ from residual.check.kinematics import (
     find_uneven_time_steps,
     find_velocity_faults,
 )
-from residual.check.physics_columns import CheckMotion, compute_residual, filter_check_motion
 from residual.check.readings import find_misreadings
-from residual.check.result import Fault, LogCheck, Repair, list_true_joints
+from residual.check.result import UNITS, Fault, LogCheck, Repair, list_true_joints
 from residual.check.sample_faults import (
     find_constant_angles,
     find_encoder_wraps,
@@ -39,6 +46,10 @@ from residual.robot.whole_file import find_gravity_flaw, find_unit_flaw
 from residual.signals.splitting import pick_spread_pieces
 
 _VELOCITY = "velocity_mismatch"
+_LIMITS = (
+    "; the other joints' limits are like it. They are not checked; give the real ones in "
+    "robot.toml, [joints]."
+)
 
 
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
@@ -51,13 +62,7 @@ def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
         raise InputError("No log to check: expected at least one recording, got none.")
     with np.errstate(all="ignore"):
         faults = [
-            Fault(
-                "robot_file",
-                (),
-                False,
-                f"A placeholder: {words}; the other joints' limits are like it. They "
-                "are not checked; give the real ones in robot.toml, [joints].",
-            )
+            Fault("robot_file", (), False, f"A placeholder: {words}{_LIMITS}")
             for words in find_placeholder_limits(robot, recordings).values()
         ]
         robot = drop_placeholder_limits(robot, recordings)
@@ -116,7 +121,8 @@ def _of_the_arm(robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
         robot, motion, [r for f in columns for r in f.repairs if r.gravity]
     )
     columns += find_commanded_torque(as_it_stands, logs)
-    mended = any(fault.certain for fault in (*columns, *speeds))
+    # In another unit anything is beyond its limit.
+    mended = any(f.certain or f.kind in UNITS for f in (*columns, *speeds))
     faults += extend_repairs_to_velocities(columns, speeds, logs)
     return faults if mended else faults + find_limit_violations(robot, whole)
 
@@ -255,25 +261,19 @@ def find_insufficient_motion(
     """Find logs that are too short, and joints that do not move on their own."""
     seconds, out = sum(r.duration for r in recordings), []
     if seconds < CHECK.shortest_s:
-        words = (
-            f"The logs last {seconds:.3g} s together; below {CHECK.shortest_s:g} s the "
-            "motion does not tell friction, weight and inertia apart."
-        )
+        words = f"The logs last {seconds:.3g} s together; below {CHECK.shortest_s:g} s the "
+        words += "motion does not tell friction, weight and inertia apart."
         out.append(Fault("too_short", (), False, words))
     forth, back = np.zeros((2, recordings[0].dof))
-    for recording in recordings:
-        step = max(1, len(recording.t) // 200)
-        change = np.diff(recording.q[::step], axis=0)
+    for log in recordings:
+        change = np.diff(log.q[:: max(1, len(log.t) // 200)], axis=0)
         forth += np.maximum(change, 0).sum(axis=0)
         back += np.maximum(-change, 0).sum(axis=0)
     path = forth + back
     one_way = np.minimum(forth, back) < CHECK.one_way_share * path
     if joints := list_true_joints(one_way & (path > CHECK.moving_rad)):
-        words = (
-            f"Joints {join_with_commas(joints)} never reverse: dry friction and a "
-            f"constant "
-            "torque cannot be told apart there."
-        )
+        words = f"Joints {join_with_commas(joints)} never reverse: dry friction and a constant "
+        words += "torque cannot be told apart there."
         out.append(Fault("no_reversal", joints, False, words))
     if motion is None:
         return out
@@ -284,10 +284,7 @@ def find_insufficient_motion(
     unit = np.where(moves, qd / np.maximum(np.linalg.norm(qd, axis=0), 1e-12), 0.0)
     related = np.abs(unit.T @ unit) - np.diag(np.sum(unit**2, axis=0))
     if tied := list_true_joints((related > CHECK.lockstep_correlation).any(axis=0)):
-        words = (
-            f"The speeds of joints {join_with_commas(tied)} are proportional "
-            f"(correlation "
-            f"{related.max():.4f}): what belongs to which of them cannot be told."
-        )
+        words = f"The speeds of joints {join_with_commas(tied)} are proportional (correlation "
+        words += f"{related.max():.4f}): what belongs to which of them cannot be told."
         out.append(Fault("lockstep", tied, False, words))
     return out

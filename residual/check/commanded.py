@@ -11,7 +11,7 @@ from itertools import combinations
 
 import numpy as np
 
-from residual.check.physics_columns import compute_row_rms
+from residual.check.evidence import compute_row_rms
 from residual.check.result import Fault, list_true_joints
 from residual.check.thresholds import CHECK
 from residual.errors import format_joint_numbers

@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 import pinocchio as pin
 
-from residual.check.physics_columns import compute_row_rms
+from residual.check.evidence import compute_row_rms
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.thresholds import CHECK
 from residual.drive import FACTOR, IDEAL, Drive, compute_drive_torque, limit_goal

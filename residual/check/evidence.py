@@ -1,7 +1,8 @@
 """The evidence of one arm in the torques of all joints, on one Gram matrix.
 
-With the bodies of the robot file within a prior, a load, friction, a tilted base and a
-force at the tool, torque is linear in all that is unknown:
+Before a log is believed its torque may be made of the bodies of the robot file within a
+rough prior, a load on the flange, friction, a tilted base, a force at the tool, and one
+broad column for each other cause. All of these are linear in what is unknown:
 
     tau_j ~ N(Y_j pi_0, sigma_j^2 1 + A_j S A_j^T)
 
@@ -9,36 +10,215 @@ The sums of the columns A serve every order, sign and factor of the torques, eve
 of the priors S, and so every cause that explains a log as well as a fault does.
 """
 
-from dataclasses import dataclass
-from functools import cached_property
+from collections.abc import Sequence
+from dataclasses import dataclass, fields, replace
+from functools import cached_property, lru_cache
+from threading import Lock
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+from cachetools import LRUCache, cached
+from scipy.linalg import cho_factor, cho_solve, cholesky
 from scipy.special import log_ndtr
 
-from residual.check.physics_columns import (
-    FRICTION,
-    LOCAL,
-    OUTER,
-    SHARE,
-    TILT,
-    WEIGHT,
-    CheckMotion,
-    build_prior_columns,
-    compute_gravity_axes,
-    get_inertial_root,
-)
 from residual.check.thresholds import CHECK
-from residual.recording import Array
-from residual.robot.dynamics import PER_LINK, read_inertial_parameters
+from residual.evidence.priors import compute_inertial_precision
+from residual.recording import Array, Recording
+from residual.robot.dynamics import (
+    PER_LINK,
+    build_motion_key,
+    compute_flange_jacobian,
+    compute_last_joint_distance,
+    compute_reach,
+    compute_robot_regressor,
+    compute_weight_torques,
+    read_inertial_parameters,
+)
 from residual.robot.robot import Robot
+from residual.signals.track import FilterSettings, build_tracks
 
+_FILTERS = FilterSettings(5.0, 5.0, 60.0)  # Hz: on angles, on torque, of the rows
+_MOST_ROWS = 360
+_APART = 0.3  # s: rows nearer to each other count as one in evidence
+# What a torque may be made of before a log is believed: priors, one deviation each.
+_BODY = 0.3  # relative, of the inertial parameters
+_TILT = 0.1  # rad
+_LOAD, _STRANGE, _LEVER = 0.05, 0.005, 0.15  # of the arm's mass; of its reach
+_PULL = 0.05  # of the arm's weight, at the flange
+_LEAST_SIZE = 0.05  # of the strongest joint's torque
+_OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
+_LOCAL = 10  # columns of one joint alone
+_FRICTION, _WEIGHT = (1, 2, 7, 8), 9  # of these
+_SHARE = 0.1  # of the weight that a joint may miss
 _ROUNDS = 2
 # Times the prior of the bodies, which is 30 %: as given, a rough file, hardly a file.
 GIVEN, ROUGH, LOOSE = 0.2, 1.0, 10.0
 _STRONG = 6.0  # times the prior of what one joint may have
 _NOTHING = 1e-300
-_PLAIN = [0, *FRICTION[:2], 3]  # rotor, friction and offset of a joint
+_PLAIN = [0, *_FRICTION[:2], 3]  # rotor, friction and offset of a joint
+
+
+def compute_row_rms(x: Array) -> Array:
+    """Return the root mean square along the rows."""
+    return np.sqrt(np.mean(x**2, axis=0))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CheckMotion:
+    """Filtered rows of all logs of one column map."""
+
+    # Filtered kinematics [rad, rad/s, rad/s^2], (n, dof).
+    q: Array
+    qd: Array
+    qdd: Array
+    tau: Array  # torque behind the same filter [N m], (n, dof)
+    moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
+    log: Array  # which of the recordings a row is of, (n,), int
+    spread: float  # independent rows for each row that is there
+
+    @property
+    def dof(self) -> int:
+        """Number of joints."""
+        return self.q.shape[1]
+
+    def reorder_angles(self, order: Sequence[int], scale: Array) -> "CheckMotion":
+        """Return the motion with other angles: channel ``order[j]``, times a factor.
+
+        Channels from 0, and the factor on each joint's angle. Shape (dof,).
+        """
+        order = list(order)
+        parts = {k: getattr(self, k)[:, order] * scale for k in ("q", "qd", "qdd")}
+        return replace(self, moving=self.moving[:, order], **parts)
+
+    def _list_rows(self) -> dict[str, Array]:
+        return {f.name: getattr(self, f.name) for f in fields(self)[:-1]}
+
+    def sketch(self) -> "CheckMotion":
+        """Return the motion by rows that are independent of each other."""
+        every = max(1, int(1 / self.spread))
+        parts = {name: rows[::every] for name, rows in self._list_rows().items()}
+        return CheckMotion(**parts, spread=min(1.0, every * self.spread))
+
+    def join(self, other: "CheckMotion | None") -> "CheckMotion":
+        """Return the rows of both, of their mean spread."""
+        if other is None:
+            return self
+        more = other._list_rows()
+        pairs = {k: np.concatenate([x, more[k]]) for k, x in self._list_rows().items()}
+        rows = len(self.q) * self.spread + len(other.q) * other.spread
+        return CheckMotion(**pairs, spread=rows / len(pairs["q"]))
+
+
+def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
+    """Filter and thin logs; None where nothing is left of them."""
+    long = [r for r in recordings if len(r.t) > 20]
+    tracks, _ = build_tracks(long, _FILTERS) if long else ((), None)
+    total = sum(int(track.valid.sum()) for track in tracks)
+    if total < 10:
+        return None
+    every, parts = max(1, int(np.ceil(total / _MOST_ROWS))), []
+    for number, track in enumerate(tracks):
+        use = np.flatnonzero(track.valid)[::every]
+        motion = (x[:: track.step][use] for x in (track.q, track.qd, track.qdd))
+        label = np.full(len(use), number)
+        parts.append((*motion, track.tau[use], track.moving[use], label))
+    rows = [np.concatenate(part) for part in zip(*parts, strict=True)]
+    seconds = sum(t.valid.sum() * t.step / t.rate for t in tracks)
+    return CheckMotion(*rows, spread=min(1.0, seconds / _APART / len(rows[0])))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PriorColumns:
+    """The columns of one joint, each of the size of its prior, on its moving rows."""
+
+    nominal: Array  # torque of the robot file [N m], (n,)
+    values: Array  # torque of each coefficient of one [N m], (n, p)
+    brake: Array  # power that friction takes, per coefficient of one [W], (p,)
+    weight: Array  # torque of gravity on the bodies of the file [N m], (n,)
+
+
+def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
+    """Return gravity, and as much of it along the other two axes. (3,), (2, 3)."""
+    down = np.asarray(robot.model.gravity.linear)
+    across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
+    return down, float(np.linalg.norm(down)) * across
+
+
+def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]:
+    """Return the columns of every joint: its own, those of the world, the bodies'."""
+    y = compute_robot_regressor(robot, motion.q, motion.qd, motion.qdd)
+    nominal = y @ read_inertial_parameters(robot.model)
+    size = compute_row_rms(nominal)
+    size = np.maximum(size, _LEAST_SIZE * max(size.max(), 1e-9))
+    down, across = compute_gravity_axes(robot)
+    fields, pulls = _compute_outer_torques(robot, motion.q)
+    weight = fields @ down
+    force = _PULL * _mass(robot) * max(float(np.linalg.norm(down)), 1.0)
+    outer = np.concatenate([_TILT * fields @ across.T, force * pulls], axis=2)
+    root, out = get_inertial_root(robot), []
+    for j in range(motion.dof):
+        use, first = motion.moving[:, j], PER_LINK * j
+        local = np.column_stack([size[j] * _local(motion, j, use), _SHARE * weight[use, j]])
+        bodies = np.zeros((int(use.sum()), PER_LINK * motion.dof))
+        bodies[:, first:] = y[use, j, first:] @ root[first:, first:]
+        values = np.column_stack([local, outer[use, j], bodies])
+        brake = np.zeros(values.shape[1])
+        friction = local[:, _FRICTION] * motion.qd[use, j, None]
+        brake[list(_FRICTION)] = friction.sum(axis=0) / max(use.sum(), 1)
+        out.append(PriorColumns(nominal[use, j], values, brake, weight[use, j]))
+    return out
+
+
+def compute_residual(robot: Robot, motion: CheckMotion, at: Array) -> Array:
+    """Return what coefficients of all joints leave of the torques [N m]. (n, dof).
+
+    Not a number where a joint stands.
+    """
+    out = np.full(motion.tau.shape, np.nan)
+    common = at[_LOCAL * motion.dof :]
+    for j, own in enumerate(build_prior_columns(robot, motion)):
+        alone = at[_LOCAL * j : _LOCAL * (j + 1)]
+        model, use = own.nominal + own.values @ np.concatenate([alone, common]), motion.moving[:, j]
+        out[use, j] = motion.tau[use, j] - model
+    return out
+
+
+@lru_cache(maxsize=4)
+def get_inertial_root(robot: Robot) -> Array:
+    """What a rough robot file leaves open, and a load that it may not have at all.
+
+    The lower root of the covariance of its parameters; motions and readings share it.
+    """
+    out = _BODY**2 * np.linalg.inv(compute_inertial_precision(robot, _BODY))
+    way = compute_last_joint_distance(robot.model) or compute_reach(robot.model)
+    lever = _LEVER * way
+    sizes = _mass(robot) * np.array([1.0] + 3 * [lever] + 6 * [lever**2])
+    out += np.diag(np.tile((_STRANGE * sizes) ** 2, robot.dof))
+    out[-PER_LINK:, -PER_LINK:] += np.diag((_LOAD * sizes) ** 2)
+    return cholesky(out, lower=True)
+
+
+def _mass(robot: Robot) -> float:
+    return sum(body.mass for body in list(robot.model.inertias)[1:])
+
+
+@cached(LRUCache(64), key=build_motion_key, lock=Lock())
+def _compute_outer_torques(robot: Robot, q: Array) -> tuple[Array, Array]:
+    """Torques that hold the arm in fields of 1 m/s^2, of 1 N on the flange. (n, dof, 3)."""
+    pulls = compute_flange_jacobian(robot.model, q)[:, :3].transpose(0, 2, 1)
+    return compute_weight_torques(robot.model, q), pulls
+
+
+def _local(motion: CheckMotion, j: int, use: Array) -> Array:
+    """Rotor, friction in several forms, and what follows the angle. Shape (n, 9)."""
+    q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
+    turn = q - q.mean() if len(q) else q
+    speed, hard, wide = (
+        max(float(compute_row_rms(x)), 1e-6) if len(x) else 1.0 for x in (qd, qdd, turn)
+    )
+    forms = (qdd / hard, qd / speed, np.tanh(qd / (0.05 * speed)), np.ones_like(q))
+    forms += (0.15 * np.sin(q), 0.15 * np.cos(q), 0.15 * turn / wide)
+    forms += (0.5 * np.abs(qd) / speed, 0.5 * np.abs(qd) * qd / speed**2)
+    return np.column_stack(forms)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -78,16 +258,16 @@ class ArmSums:
 
     def local(self, j: int) -> slice:
         """Columns that joint j (from 0) alone has."""
-        return slice(LOCAL * j, LOCAL * (j + 1))
+        return slice(_LOCAL * j, _LOCAL * (j + 1))
 
     @property
     def outer(self) -> slice:
         """Two tilts of the base and three forces at the tool."""
-        return slice(LOCAL * self.dof, LOCAL * self.dof + OUTER)
+        return slice(_LOCAL * self.dof, _LOCAL * self.dof + _OUTER)
 
     def link(self, j: int) -> slice:
         """Parameters of the body behind joint j (from 0)."""
-        first = LOCAL * self.dof + OUTER + PER_LINK * j
+        first = _LOCAL * self.dof + _OUTER + PER_LINK * j
         return slice(first, first + PER_LINK)
 
     def deviations(self, scale: float) -> Array:
@@ -102,43 +282,29 @@ class ArmSums:
 def sum_arm(robot: Robot, motion: CheckMotion, weightless: bool = False) -> ArmSums:
     """Sum up a motion; ``weightless``: the driver took the arm's weight out."""
     dof = robot.dof
-    size = LOCAL * dof + OUTER + PER_LINK * dof
-    gram, model = np.zeros((dof, size, size)), np.zeros((dof, size))
-    channel, brake = np.zeros((dof, size, dof)), np.zeros((dof, size))
-    power, cross, model_power, rows = (
-        np.zeros((dof, dof)),
-        np.zeros((dof, dof)),
-        np.zeros(dof),
-        np.zeros(dof),
-    )
-    local, common = np.arange(LOCAL), np.arange(LOCAL * dof, size)
+    size = _LOCAL * dof + _OUTER + PER_LINK * dof
+    sums = np.zeros((dof, size + 1 + dof, size + 1 + dof))  # the file's torque, channels last
+    brake, rows = np.zeros((dof, size)), np.zeros(dof)
     for j, own in enumerate(build_prior_columns(robot, motion)):
-        use = np.concatenate([LOCAL * j + local, common])
-        tau, weight, nominal = motion.tau[own.rows], motion.spread, own.nominal
-        if weightless:
-            nominal = nominal - own.weight
-        gram[j][np.ix_(use, use)] = weight * own.values.T @ own.values
-        model[j, use] = weight * own.values.T @ nominal
-        channel[j, use] = weight * own.values.T @ tau
-        brake[j, use] = own.brake
-        power[j] = weight * np.sum(tau**2, axis=0)
-        cross[j] = weight * nominal @ tau
-        model_power[j] = weight * nominal @ nominal
-        rows[j] = weight * len(tau)
-    down, across = compute_gravity_axes(robot)
+        common = np.arange(_LOCAL * dof, sums.shape[1])
+        use = np.concatenate([_LOCAL * j + np.arange(_LOCAL), common])
+        nominal = own.nominal - own.weight if weightless else own.nominal
+        columns = np.column_stack([own.values, nominal, motion.tau[motion.moving[:, j]]])
+        sums[j][np.ix_(use, use)] = motion.spread * columns.T @ columns
+        brake[j, use[: own.brake.size]] = own.brake
+        rows[j] = motion.spread * len(columns)
     return ArmSums(
-        gram,
-        model,
-        channel,
-        power,
-        cross,
-        model_power,
+        np.ascontiguousarray(sums[:, :size, :size]),
+        sums[:, :size, size],
+        sums[:, :size, size + 1 :],
+        np.einsum("jaa->ja", sums)[:, size + 1 :],
+        sums[:, size, size + 1 :],
+        sums[:, size, size],
         rows,
         brake,
         get_inertial_root(robot),
         read_inertial_parameters(robot.model),
-        down,
-        across,
+        *compute_gravity_axes(robot),
     )
 
 
@@ -218,7 +384,7 @@ def find_tilted_gravity(sums: ArmSums, torques: Torques) -> Array:
     deviations = sums.deviations(GIVEN)
     deviations[sums.outer][:2] = 3.0
     fit = fit_arm(sums, torques, deviations)
-    turned = sums.gravity + TILT * fit.at[sums.outer][:2] @ sums.across
+    turned = sums.gravity + _TILT * fit.at[sums.outer][:2] @ sums.across
     size = max(float(np.linalg.norm(turned)), _NOTHING)
     return turned * float(np.linalg.norm(sums.gravity)) / size
 
@@ -244,9 +410,9 @@ def fit_nominal_shares(sums: ArmSums, order: Array, weightless: bool = False) ->
     A rough file, a load or a gear's losses leave the shares near one on the joints that
     carry the arm; torque in another unit, or without a part, does not.
     """
-    plain = np.array(_PLAIN + ([WEIGHT] if weightless else []))
+    plain = np.array(_PLAIN + ([_WEIGHT] if weightless else []))
     joints, size = np.arange(sums.dof), len(plain) + 1
-    use = LOCAL * joints[:, None] + plain
+    use = _LOCAL * joints[:, None] + plain
     gram = np.zeros((sums.dof, size, size))
     gram[:, 1:, 1:] = sums.gram[joints[:, None, None], use[:, :, None], use[:, None]]
     gram[:, 0, 1:] = gram[:, 1:, 0] = sums.model[joints[:, None], use]
@@ -293,7 +459,7 @@ def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:
     out["an arm that is balanced by counterweights or springs"] = balanced = base.copy()
     for j in range(sums.dof):
         tensors[sums.link(j)][4:] = 100.0
-        balanced[sums.local(j)][WEIGHT] = 10.0
+        balanced[sums.local(j)][_WEIGHT] = 10.0
     return out
 
 
@@ -302,6 +468,6 @@ def is_possible(sums: ArmSums, fit: ArmFit) -> bool:
     first = sums.outer.stop
     given = sums.bodies[::PER_LINK]
     masses = given + (sums.root @ fit.at[first:])[::PER_LINK]
-    balance = SHARE * fit.at[[sums.local(j).start + WEIGHT for j in range(sums.dof)]]
+    balance = _SHARE * fit.at[[sums.local(j).start + _WEIGHT for j in range(sums.dof)]]
     heavy = masses > -0.5 * given - 0.02 * given.sum()
     return bool(heavy.all() and (balance > -1.5).all())

@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.physics_columns import CheckMotion, compute_nominal_torque
+from residual.check.evidence import CheckMotion
 from residual.check.result import Fault, Repair
 from residual.errors import join_with_commas
 from residual.robot.dynamics import PER_LINK, compute_robot_regressor, read_inertial_parameters
@@ -24,9 +24,10 @@ def find_weight_in_torque(robot: Robot, motion: CheckMotion) -> tuple[Robot, lis
     if robot.carried is None:
         return robot, []
     free = replace(robot, carried=None)
-    regressor = compute_robot_regressor(free, motion.q, motion.qd, motion.qdd)
-    whole = regressor @ read_inertial_parameters(robot.model)
-    held = whole - compute_nominal_torque(robot, motion)
+    rows, bodies = (motion.q, motion.qd, motion.qdd), read_inertial_parameters(robot.model)
+    regressor = compute_robot_regressor(free, *rows)
+    whole = regressor @ bodies
+    held = whole - compute_robot_regressor(robot, *rows) @ bodies
     parts = []
     for j in np.flatnonzero(motion.moving.sum(axis=0) > _FEWEST_ROWS):
         use, tau = motion.moving[:, j], motion.tau[:, j]

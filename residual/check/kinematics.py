@@ -55,10 +55,8 @@ def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | Non
     if not fits or (usual and max(fits) < 1):
         return None
     scale = min(fits, key=fits.__getitem__)
-    words = (
-        f"{rate:.3g} samples per second, the fastest joint at {speed:.2g} of its speed "
-        f"limit: time looks like {_TIME_UNITS[scale]}."
-    )
+    words = f"{rate:.3g} samples per second, the fastest joint at {speed:.2g} of its speed limit: "
+    words += f"time looks like {_TIME_UNITS[scale]}."
     return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
@@ -71,10 +69,8 @@ def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
     rate = max((1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0)
     if rate <= CHECK.fastest_hz:
         return []
-    words = (
-        f"{rate:.3g} samples per second, expected at most {CHECK.fastest_hz:.3g} in "
-        "any unit of time. Export the log again, with time."
-    )
+    words = f"{rate:.3g} samples per second, expected at most {CHECK.fastest_hz:.3g} in "
+    words += "any unit of time. Export the log again, with time."
     return [Fault("time_unit", (), True, words)]
 
 
@@ -86,11 +82,9 @@ def find_uneven_time_steps(recording: Recording) -> list[Fault]:
     usual, words = float(np.median(steps)), []
     gaps = np.flatnonzero(steps > CHECK.gap_steps * usual)
     if len(gaps):
-        worst = int(np.argmax(steps))
-        words.append(
-            f"{len(gaps)} gap{'s' if len(gaps) > 1 else ''}, the largest "
-            f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
-        )
+        worst, many = int(np.argmax(steps)), "s" if len(gaps) > 1 else ""
+        largest = f"{steps[worst]:.3g} s at t = {recording.t[worst]:.6g} s"
+        words.append(f"{len(gaps)} gap{many}, the largest {largest}")
     jitter = float(np.quantile(np.abs(steps - usual), 0.9)) / usual
     if jitter > CHECK.uneven_steps:
         words.append(f"a tenth of the steps are off by more than {100 * jitter:.0f} %")
@@ -107,7 +101,7 @@ def find_velocity_faults(recordings: Sequence[Recording]) -> list[Fault]:
     if not pairs or sum(len(change) for change, _ in pairs) < 10:
         return []
     change, integral = (np.concatenate(side) for side in zip(*pairs, strict=True))
-    power = np.sqrt(np.sum(change**2, axis=0)), np.sqrt(np.sum(integral**2, axis=0))
+    power = np.linalg.norm(change, axis=0), np.linalg.norm(integral, axis=0)
     if power[0].max() == 0:
         return []
     moving = (power[0] > 0.01 * power[0].max()) & (power[1] > 0)
@@ -144,8 +138,7 @@ def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
     if not joints or (best < CHECK.velocity_correlation)[other & moving].any():
         return same, []
     words = (
-        f"The velocities of joints {join_with_commas(joints)} follow the angles of "
-        f"other joints "
+        f"The velocities of joints {join_with_commas(joints)} follow the angles of other joints "
         f"(correlation with their own at most {np.abs(own[other]).max():.2f}, in the "
         f"order {join_with_commas(order + 1)} at least {best[other].min():.2f})."
     )
@@ -167,27 +160,23 @@ def _slopes(change: Array, integral: Array, related: Array, moving: Array) -> li
         slope = slope / size
     off = good & (np.abs(slope - 1) > error)
     turned = off & (np.abs(slope + 1) < error)
-    if negated := list_true_joints(turned):
-        words = f"The velocity of joints {join_with_commas(negated)} runs against the angle."
-        repair = Repair("qd", negated, sign=(-1,) * len(negated))
-        out.append(Fault(_VELOCITY, negated, True, words, (repair,)))
-    if scaled := list_true_joints(off & ~turned):
-        sizes = [float(slope[j - 1]) for j in scaled]
-        words = (
-            f"The velocity of joints {join_with_commas(scaled)} is "
-            f"{join_with_commas(sizes, '.4g')} times "
-            "what the angle does."
-        )
-        repair = Repair("qd", scaled, scale=tuple(1 / s for s in sizes))
-        out.append(Fault(_VELOCITY, scaled, True, words, (repair,)))
-    if loose := list_true_joints(moving & ~good):
-        words = (
-            f"The velocity of joints {join_with_commas(loose)} is not the "
-            f"derivative of the "
-            f"angle (correlation {min(abs(own[j - 1]) for j in loose):.2f}): filtered, "
-            "late, or of something else."
-        )
-        out.append(Fault(_VELOCITY, loose, False, words))
+    for mask, certain in ((turned, True), (off & ~turned, True), (moving & ~good, False)):
+        joints = list_true_joints(mask)
+        which, repairs = f"The velocity of joints {join_with_commas(joints)}", ()
+        if not joints:
+            continue
+        if mask is turned:
+            words = f"{which} runs against the angle."
+            repairs = (Repair("qd", joints, sign=(-1,) * len(joints)),)
+        elif certain:
+            sizes = [float(slope[j - 1]) for j in joints]
+            words = f"{which} is {join_with_commas(sizes, '.4g')} times what the angle does."
+            repairs = (Repair("qd", joints, scale=tuple(1 / size for size in sizes)),)
+        else:
+            least = min(abs(own[j - 1]) for j in joints)
+            words = f"{which} is not the derivative of the angle (correlation {least:.2f}): "
+            words += "filtered, late, or of something else."
+        out.append(Fault(_VELOCITY, joints, certain, words, repairs))
     return out
 
 
@@ -201,10 +190,8 @@ def _common(size: float) -> Fault:
     scale = 1 / size
     near = float(f"{scale:.1g}")
     scale = near if abs(scale / near - 1) < CHECK.velocity_spread else scale
-    words = (
-        f"All velocities are {size:.4g} times what the angles do in the time that is "
-        f"given: time runs {size:.4g} times too slowly in this log."
-    )
+    words = f"All velocities are {size:.4g} times what the angles do in the time that is given: "
+    words += f"time runs {size:.4g} times too slowly in this log."
     return Fault("time_unit", (), True, words, (Repair("t", scale=scale),))
 
 
@@ -217,45 +204,35 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
     share, words, joints, certain = _SHARE, [], set(), False
     low = np.min([np.quantile(r.q, 1 - share, axis=0) for r in recordings], axis=0)
     high = np.max([np.quantile(r.q, share, axis=0) for r in recordings], axis=0)
-    for j in range(robot.dof):
-        if max(robot.lower[j] - low[j], high[j] - robot.upper[j]) > CHECK.range_rad:
-            joints.add(j + 1)
-            words.append(
-                f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
-                f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
-            )
-    tau = np.max([np.quantile(np.abs(r.tau), share, axis=0) for r in recordings], 0)
-    for does, usual, limit, unit in (
-        ("joint {} moves at", _speeds(recordings), robot.velocity_limit, "rad/s"),
-        ("tau{} reaches", tau, robot.torque_limit, "N m"),
+    beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_rad
+    for j in np.flatnonzero(beyond):
+        joints.add(int(j) + 1)
+        words.append(
+            f"q{j + 1} runs from {low[j]:.3g} to {high[j]:.3g} rad, its range is "
+            f"{robot.lower[j]:.3g} to {robot.upper[j]:.3g} rad"
+        )
+    speeds = [
+        np.diff(r.q, axis=0) / np.diff(r.t)[:, None] if r.qd is None else r.qd for r in recordings
+    ]
+    torques = [r.tau for r in recordings]
+    tau = np.max([np.quantile(np.abs(x), share, axis=0) for x in torques], axis=0)
+    for does, signals, usual, limit, unit in (
+        ("joint {} moves at", speeds, _speeds(recordings), robot.velocity_limit, "rad/s"),
+        ("tau{} reaches", torques, tau, robot.torque_limit, "N m"),
     ):
-        peak = np.max([_peaks(r, unit == "N m") for r in recordings], axis=0)
-        # Of what is large all along the unit is wrong, and other checks say so.
+        # What outlives a running median. Of what is large all along the unit is wrong,
+        # and other checks say so.
+        peak = np.max([compute_running_median(np.abs(x)).max(axis=0) for x in signals], axis=0)
         peak[usual > CHECK.limit_ratio * limit] = 0.0
         most = np.where(peak > CHECK.certain_ratio * limit, peak, usual)
         for j in np.flatnonzero(most > CHECK.limit_ratio * limit):
             joints.add(int(j) + 1)
             certain |= bool(peak[j] > CHECK.certain_ratio * limit[j])
             unit_of = convert_to_sliding_unit(unit) if robot.prismatic[j] else unit
-            words.append(
-                f"{does.format(j + 1)} {most[j]:.3g} {unit_of}, its limit is "
-                f"{limit[j]:.3g} {unit_of}"
-            )
-    if not joints:
-        return []
+            does_so = f"{does.format(j + 1)} {most[j]:.3g} {unit_of}"
+            words.append(f"{does_so}, its limit is {limit[j]:.3g} {unit_of}")
     where = tuple(sorted(joints))
-    return [Fault("out_of_range", where, certain, f"{'; '.join(words)}.")]
-
-
-def _peaks(log: Recording, torque: bool) -> Array:
-    """Largest torque, or speed, that outlives a running median. Shape (dof,)."""
-    if torque:
-        values = log.tau
-    elif log.qd is not None:
-        values = log.qd
-    else:
-        values = np.diff(log.q, axis=0) / np.diff(log.t)[:, None]
-    return compute_running_median(np.abs(values)).max(axis=0)
+    return [Fault("out_of_range", where, certain, f"{'; '.join(words)}.")] if where else []
 
 
 def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
@@ -274,12 +251,10 @@ def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> lis
     most = 2 * len(joints) > robot.dof
     if not joints or most or np.any(others > CHECK.limit_ratio):
         return []
+    far, fast = (join_with_commas((x[j - 1] for j in joints), ".3g") for x in (reach, speed))
     words = (
-        f"The angles of joints {join_with_commas(joints)} reach "
-        f"{join_with_commas((reach[j - 1] for j in joints), '.3g')} rad, or "
-        f"{join_with_commas((speed[j - 1] for j in joints), '.3g')} times the speed "
-        f"limit: "
-        "they are degrees."
+        f"The angles of joints {join_with_commas(joints)} reach {far} rad, or {fast} times the "
+        "speed limit: they are degrees."
     )
     repair = Repair("q", joints, scale=len(joints) * (turned,))
     return [Fault("angle_unit", joints, True, words, (repair,))]

@@ -14,6 +14,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import combinations
+from operator import attrgetter
 
 import numpy as np
 
@@ -23,6 +24,7 @@ from residual.check.evidence import (
     ROUGH,
     ArmFit,
     ArmSums,
+    CheckMotion,
     NominalShares,
     Torques,
     find_tilted_gravity,
@@ -33,8 +35,7 @@ from residual.check.evidence import (
     measure_strain,
     sum_arm,
 )
-from residual.check.physics_columns import CheckMotion
-from residual.check.result import MOUNTING, REMOVED, Fault, Repair, list_true_joints
+from residual.check.result import MOUNTING, REMOVED, Fault, list_true_joints
 from residual.check.slips import (
     SIGNS,
     Slip,
@@ -61,11 +62,13 @@ from residual.robot.robot import Robot
 _DEPTH = 2  # slips of an arrangement at most
 _POLISHED = 3  # arrangements whose torques are read by turns
 _BRAKES = 2.0  # deviations: friction that takes power
-_ALIKE = 3.0  # nats: readings that nobody can tell apart
+_ALIKE = 3.0  # nats: readings that these logs do not tell apart
+_EQUAL = 0.05  # nats: readings that no log does, as of an arm and its mirror image
 _ZERO_STEPS = (0.2, 0.1, 0.05, 0.025)  # rad, by which a zero is moved
 # What a file, a balanced arm or an effect may always be, too.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
+_BY_VALUE, _BY_SKETCH = attrgetter("value"), attrgetter("sketched")
 
 
 @dataclass(frozen=True, eq=False)
@@ -83,7 +86,12 @@ class Reading:
     @cached_property
     def nats(self) -> float:
         """Log evidence under the bodies of the file, or under a rough one."""
-        return max(self.fit(GIVEN).nats, self.rough.nats) - self.share_odds
+        return max(self.given.nats, self.rough.nats) - self.share_odds
+
+    @cached_property
+    def given(self) -> ArmFit:
+        """One arm in its torques under the file as it is given."""
+        return self.fit(GIVEN)
 
     @cached_property
     def rough(self) -> ArmFit:
@@ -137,21 +145,29 @@ class Reading:
     @property
     def bend(self) -> float:
         """By how much a rough file is likelier than the one that is given [nats]."""
-        return max(self.rough.nats - self.fit(GIVEN).nats, 0.0) + self.share_odds
+        return max(self.rough.nats - self.given.nats, 0.0) + self.share_odds
 
     @property
     def bends(self) -> bool:
         """Whether the file is far from the log: a rough one likelier, or far, too."""
-        gain = self.rough.nats - self.fit(GIVEN).nats
         far = bool(self.strain.sum() > CHECK.certain_nats)
-        return far or gain > CHECK.suspect_nats
+        return far or self.rough.nats - self.given.nats > CHECK.suspect_nats
 
     @property
     def strained(self) -> bool:
         """Whether the bodies of the file have to bend."""
-        rough = self.rough.nats > self.fit(GIVEN).nats
         nats = self.strain.sum() + 0.5 * self.share_odds
-        return rough or bool(nats > CHECK.odds_nats)
+        return self.rough.nats > self.given.nats or bool(nats > CHECK.odds_nats)
+
+    @property
+    def arranged(self) -> set[str]:
+        """Kinds of its slips that are not of the torques alone."""
+        return {slip.kind for slip in self.slips if not slip.of_torques}
+
+    @property
+    def name(self) -> str:
+        """Its slips in words."""
+        return _name(self.slips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -179,35 +195,28 @@ class Search:
     def complete(self, slips: Sequence[Slip]) -> Reading:
         """Return an arrangement with the signs and factors that its torques show."""
         base = self.read(slips)
-        shares = base.shares
-        signs = np.sign(base.torques.factor)
+        shares, signs = base.shares, np.sign(base.torques.factor)
         turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
         joints = list_true_joints(turned & shares.loaded(CHECK.weak_joint_share))
-        tried = [base]
-        if joints:
-            tried.append(self._turn(base, set(joints)))
+        tried = [base, self._turn(base, joints)] if joints else [base]
         units = self._list_factors(slips, shares)
-        if units:
-            tried += [self.read([*r.slips, u]) for r in tuple(tried) for u in units]
-        tried += [self._with_brakes(reading) for reading in tried]
-        return max(tried, key=_get_sketched)
+        tried += [self.read([*reading.slips, u]) for reading in tried for u in units]
+        for reading in tuple(tried):  # torques whose friction gives power, all at once
+            giving = list_true_joints(reading.rough.braking < -_BRAKES)
+            tried += [self._turn(reading, giving)] if giving else []
+        return max(tried, key=_BY_SKETCH)
 
-    def _turn(self, reading: Reading, torques: set[int]) -> Reading:
+    def _turn(self, reading: Reading, torques: Sequence[int]) -> Reading:
         """Return a reading with some torques turned as well."""
-        signs = build_sign_slips(set(), torques, self.robot.dof)
+        signs = build_sign_slips(set(), set(torques), self.robot.dof)
         return self.read([*reading.slips, *signs])
-
-    def _with_brakes(self, reading: Reading) -> Reading:
-        """Turn the torques whose friction gives power, all at once."""
-        giving = set(list_true_joints(reading.rough.braking < -_BRAKES))
-        return self._turn(reading, giving) if giving else reading
 
     def polish(self, reading: Reading) -> Reading:
         """Change signs, then units and channels of torques, while it gains."""
         for _ in range(2 * self.robot.dof):
             for changes in (self._list_signs, self._list_torques):
                 tried = list(changes(reading))
-                best = max(tried, key=_get_sketched, default=reading)
+                best = max(tried, key=_BY_SKETCH, default=reading)
                 if best.sketched > reading.sketched:
                     reading = best
                     break
@@ -218,7 +227,7 @@ class Search:
     def _list_signs(self, reading: Reading) -> Iterator[Reading]:
         # Of joints whose friction takes power nothing is to be said.
         odd = list_true_joints(reading.rough.braking < _BRAKES)
-        yield from (self._turn(reading, {j}) for j in odd)
+        yield from (self._turn(reading, [j]) for j in odd)
 
     def _list_torques(self, reading: Reading) -> Iterator[Reading]:
         dof, slips = self.robot.dof, list(reading.slips)
@@ -264,19 +273,19 @@ class Search:
             bent = [*self._inclined(reading), *list_removals(self.robot)]
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
             others += [reading, *tried]
-            reading = max([reading, *tried], key=_get_value)
+            reading = max([reading, *tried], key=_BY_VALUE)
         reading, more = self._arranged(reading)
         others += more
         reading = self._in_unit(reading)
         while True:
             tried = list(self._list_signs_elsewhere(reading))
-            others += tried
             better = [each for each in tried if _beats(each, reading)]
+            others += tried
             if not better:
-                return self._moved(self._turned(reading)), others
-            best = max(better, key=_get_value)
+                reading, moved = self._moved(self._turned(reading))
+                return reading, others + moved
             others.append(reading)
-            reading = best
+            reading = max(better, key=_BY_VALUE)
 
     def _arranged(self, reading: Reading) -> tuple[Reading, list[Reading]]:
         """Return the best arrangement of some slips, and those tried beside it.
@@ -301,7 +310,7 @@ class Search:
             for each in sorted(tried, key=lambda each: (len(each.slips), -each.value)):
                 best = each if _beats(each, best) else best
             if best is ahead:
-                best = max(tried, key=_get_value, default=ahead)
+                best = max(tried, key=_BY_VALUE, default=ahead)
                 gain = best.value - ahead.value
                 if ahead is not reading or gain < CHECK.suspect_nats:
                     break
@@ -319,7 +328,7 @@ class Search:
         shares = replace(reading.shares, ratio=ratio)
         units = self._list_factors(reading.slips, shares)
         read = (self.read([*reading.slips, unit]) for unit in units)
-        return max(read, key=_get_value, default=reading)
+        return max(read, key=_BY_VALUE, default=reading)
 
     def _more(self, reading: Reading, kept: Sequence[Slip]) -> Iterator[Slip]:
         kinds = {slip.kind for slip in kept}
@@ -364,23 +373,30 @@ class Search:
                 return near
         return reading
 
-    def _moved(self, reading: Reading) -> Reading:
-        """Move zeros while that explains more: a quarter turn is one of many."""
+    def _moved(self, reading: Reading) -> tuple[Reading, list[Reading]]:
+        """Move zeros while that explains more: a quarter turn is one of many.
+
+        Returns:
+            The reading, and those beside it by which a zero may be elsewhere.
+        """
+        others = []
         for slip in [s for s in reading.slips if s.repairs and s.repairs[0].zero]:
             (zero,), (joint,) = slip.repairs[0].zero, slip.joints
             rest, best = [s for s in reading.slips if s is not slip], reading
             for step in _ZERO_STEPS:
+                start = zero
                 for way in (-step, step):
-                    near = build_zero_slip(joint, zero + way, exact=False)
+                    near = build_zero_slip(joint, start + way, exact=False)
                     if slip.kind == "out_of_range":
                         near = replace(slip, repairs=near.repairs)
                     other = self.read([*rest, near])
                     if other.nats > best.nats:
-                        best, moved = other, zero + way
-                zero = moved if best is not reading else zero
+                        best, zero = other, start + way
             if best.nats > reading.nats + CHECK.odds_nats:
                 reading = best
-        return reading
+            elif best.nats > reading.nats + _ALIKE:
+                others.append(best)
+        return reading, others
 
 
 def _beats(reading: Reading, other: Reading) -> bool:
@@ -401,36 +417,26 @@ def _find_least_gain(kinds: Iterable[str]) -> float:
     return 2 * CHECK.odds_nats if of_gravity else CHECK.suspect_nats
 
 
-def _get_value(reading: Reading) -> float:
-    return reading.value
-
-
-def _get_sketched(reading: Reading) -> float:
-    return reading.sketched
-
-
 def find_misreadings(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> list[Fault]:
     """Find what is wrong with the columns, the clock, or how the arm stands."""
     search = Search(robot, motion, speeds_agree)
     best, others = search.best()
     if wrong := _find_wrong_robot(best):
         return [wrong]
-    groups: dict[str, list[Slip]] = {}
-    for slip in best.slips:
-        groups.setdefault(slip.kind, []).append(slip)
-    decided = (_decide(search, best, others, group) for group in groups.values())
+    groups = [
+        [s for s in best.slips if s.kind == k] for k in dict.fromkeys(s.kind for s in best.slips)
+    ]
+    decided = (_decide(search, best, others, group) for group in groups)
     faults = [fault for fault in decided if fault is not None]
-    # An arrangement beside factors of no name fits much.
-    loose = _list_arranged(best) and any(slip.rough for slip in best.slips)
-    if all(fault.certain for fault in faults) and not loose:
+    # An arrangement beside numbers of no name fits much.
+    arranged, rough = len(best.arranged), [slip for slip in best.slips if slip.rough]
+    if all(fault.certain for fault in faults) and not (arranged and rough):
         return faults
     # What is certain has to leave a clean log.
-    arranged = len(_list_arranged(best))
-    bent = arranged and best.bend > CHECK.certain_nats
-    if bent or (arranged > 1 and best.strained):
-        words = f"another robot file, or {_name(best.slips)} at once"
-        words = f"No single fault makes this log fit the robot: {words}."
-        return [_suspect_robot(best, words)]
+    free = arranged > 1 or any(slip.of_torques for slip in rough)
+    if arranged and (best.bend > CHECK.certain_nats or (free and best.strained)):
+        words = f"No single fault makes this log fit the robot: another robot file, or {best.name}"
+        return [_suspect_robot(best, f"{words} at once.")]
     return [replace(fault, certain=False) for fault in faults]
 
 
@@ -438,66 +444,70 @@ def _decide(
     search: Search, best: Reading, others: Sequence[Reading], group: Sequence[Slip]
 ) -> Fault | None:
     """Return the fault of slips of one kind; None where they are not worth a word."""
-    kind = group[0].kind
+    kind, own = group[0].kind, {slip.words for slip in group}
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
     shown = gain >= _find_least_gain([kind])
-    if kind == "out_of_range" or not (shown or kind in _SCALED):
+    level = measure_angle(best.sums.gravity, search._down) < CHECK.tilted_rad
+    if (kind == MOUNTING and level) or kind == "out_of_range" or not (shown or kind in _SCALED):
         return None
     joints = tuple(sorted({j for slip in group for j in slip.joints}))
-    own = {slip.words for slip in group}
-    if kind == MOUNTING and measure_angle(best.sums.gravity, search._down) < CHECK.tilted_rad:
-        return None
+    repairs = tuple(repair for slip in group for repair in slip.repairs)
+    told = {slip.words for slip in best.slips} - own
     near = [
         other
         for other in others
-        if other.slips
-        and not any(slip.kind == "out_of_range" for slip in other.slips)
-        and other.value > best.value - CHECK.odds_nats
+        if other.value > best.value - CHECK.odds_nats
+        and other.slips
+        and all(slip.kind != "out_of_range" for slip in other.slips)
         and not own <= {slip.words for slip in other.slips}
     ]
-    repairs = tuple(repair for slip in group for repair in slip.repairs)
-    told = {slip.words for slip in best.slips} - own
     same = [
-        o
-        for o in near
-        if abs(o.nats - best.nats) < _ALIKE and told <= {slip.words for slip in o.slips}
+        other
+        for other in near
+        if abs(other.nats - best.nats) < _ALIKE and told <= {slip.words for slip in other.slips}
     ]
     alternatives = tuple(
         tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
         for other in same[:1]
     )
-    names = [_name(other.slips) for other in near if other not in same]
-    rivals = [n if n != _name(group) else "another factor of it" for n in names]
+    # Of the same joints they are one fault with two lines; of others they are rivals.
+    where = {o: {j for s in o.slips if s.words not in told for j in s.joints} for o in same}
+    one = [o for o in same if where[o] == set(joints) or abs(o.nats - best.nats) < _EQUAL]
+    apart = [other for other in near if other not in one]
+    rivals = [o.name if o.name != best.name else "another number of it" for o in apart]
     rivals += _list_rivals(best, without, kind)
-    if kind in _SCALED and _is_common_factor(repairs) and not _is_far(repairs):
-        rivals.insert(0, "masses of the robot file that are all off by one factor")
-    physics = best.fit(ROUGH).braking[[j - 1 for j in joints] or slice(None)].min() > -2
-    loose = best.fit(LOOSE).nats - without.fit(LOOSE).nats
+    far, rough = True, any(slip.rough for slip in group)
+    if kind in _SCALED:  # whether no file of this arm is off by such factors
+        factors = [np.log(np.abs(repair.scale)) for repair in repairs if repair.scale]
+        most = np.log(CHECK.certain_ratio)
+        far = max(abs(np.mean(each)) for each in factors) > most
+        if not far and np.ptp(np.concatenate([np.ravel(each) for each in factors])) < most:
+            rivals.insert(0, "masses of the robot file that are all off by one factor")
     certain = (
         kind not in _NEVER_CERTAIN
         and not rivals
         and not (kind == "angle_zero" and group[0].rough)
         and gain > (CHECK.suspect_nats if kind == MOUNTING else CHECK.certain_nats)
-        and (kind in _SCALED or loose > CHECK.suspect_nats)
-        and physics
+        and best.rough.braking[[j - 1 for j in joints] or slice(None)].min() > -_BRAKES
         and (kind in (*_SCALED, *SIGNS) or best.explains)
-        and (kind not in _SCALED or (_is_far(repairs) and without.bends))
+        and far
         and _count_strain(best.strain) < CHECK.certain_nats
         and best.bend < CHECK.certain_nats
     )
+    if kind in _SCALED:
+        certain = certain and without.bends
+    else:
+        certain = certain and best.fit(LOOSE).nats - without.fit(LOOSE).nats > CHECK.suspect_nats
     words = ". ".join(slip.words for slip in group)
     why = f"better by {gain:.0f} nats" if shown else "all joints under load have it"
-    evidence = f"{words}: {why}."
-    if any(slip.rough for slip in group):
-        repairs, alternatives = (), ()
     return Fault(
         kind,
         joints,
         bool(certain),
-        evidence,
-        repairs,
-        alternatives=alternatives,
+        f"{words}: {why}.",
+        () if rough else repairs,
+        alternatives=() if rough else alternatives,
         rivals=() if certain else tuple(dict.fromkeys(rivals))[:3],
         settle="" if certain else _SETTLE.get(kind, ""),
     )
@@ -536,25 +546,10 @@ def _name(slips: Sequence[Slip]) -> str:
     return " and ".join(words)
 
 
-def _is_common_factor(repairs: Sequence[Repair]) -> bool:
-    factors = np.ravel([repair.scale for repair in repairs if repair.scale])
-    return bool(factors.max() < CHECK.certain_ratio * factors.min())
-
-
-def _is_far(repairs: Sequence[Repair]) -> bool:
-    """Whether no file of this arm is off by such factors."""
-    means = [np.mean(np.log(np.abs(r.scale))) for r in repairs if r.scale]
-    return bool(np.abs(means).max() > np.log(CHECK.certain_ratio))
-
-
 def _count_strain(strain: Array) -> float:
     """By how much a robot file must bend, its worst joint left out [nats]."""
     most = np.minimum(strain, CHECK.one_joint_nats)
     return float(most.sum() - most.max())
-
-
-def _list_arranged(reading: Reading) -> set[str]:
-    return {slip.kind for slip in reading.slips if not slip.of_torques}
 
 
 def _find_wrong_robot(best: Reading) -> Fault | None:
@@ -565,11 +560,11 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
     nats = _count_strain(best.strain)
     # What a log may strain as given, it may with other units and signs of its torques;
     # beside another arrangement, or where the torque of the file is not in them, less.
-    more = len(_list_arranged(best)) + (0 if best.explains else 2)
+    more = len(best.arranged) + (0 if best.explains else 2)
     least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
     if nats < least or not nats:
         return None
-    tried = f" (the best: {_name(best.slips)})" if best.slips else ""
+    tried = f" (the best: {best.name})" if best.slips else ""
     little = "" if best.explains else ", whose torque hardly shows in the log's"
     return _suspect_robot(
         best,
@@ -581,6 +576,6 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
 
 def _suspect_robot(best: Reading, words: str) -> Fault:
     """Another arm is never certain: several effects, or faults, look like one."""
-    rivals = (_name(best.slips),) if best.slips else ()
+    rivals = (best.name,) if best.slips else ()
     settle = "Compare the joints' names, and the arm's type, with the robot file."
     return Fault("wrong_robot", (), False, words, rivals=rivals, settle=settle)

@@ -11,6 +11,7 @@ from residual.quantity import convert_to_plain_values
 
 SCHEMA = 1
 MOUNTING, INTERLEAVED, REMOVED = "mounting", "interleaved", "gravity_removed"
+UNITS = ("torque_unit", "gear_ratio", "angle_unit", "time_unit")
 # Kinds of stored checks that are no longer looked for: the diagnosis names them.
 FORMER = ("friction_removed", "delay", "filtered")
 KINDS: tuple[str, ...] = (

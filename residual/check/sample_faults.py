@@ -10,8 +10,12 @@ from dataclasses import replace
 import numpy as np
 from scipy.ndimage import median_filter
 
-from residual.check.evidence import fit_nominal_shares, sum_arm
-from residual.check.physics_columns import build_prior_columns, filter_check_motion
+from residual.check.evidence import (
+    build_prior_columns,
+    filter_check_motion,
+    fit_nominal_shares,
+    sum_arm,
+)
 from residual.check.result import Fault, Repair, list_true_joints
 from residual.check.slips import list_factor_slips
 from residual.check.thresholds import CHECK
@@ -45,11 +49,9 @@ def find_spikes(recording: Recording) -> list[Fault]:
                 high &= away > CHECK.spike_ratio * usual
             if 0 < high.mean() <= CHECK.spike_share + 3 / len(x):
                 at = np.flatnonzero(high)
-                near = recording.t[int(at[len(at) // 2])]
-                words = (
-                    f"Isolated outlier in {name}{j + 1} near t = {near:.6g} s "
-                    f"({away.max() / usual:.3g} times the usual deviation)."
-                )
+                near = recording.t[at[len(at) // 2]]
+                words = f"Isolated outlier in {name}{j + 1} near t = {near:.6g} s "
+                words += f"({away.max() / usual:.3g} times the usual deviation)."
                 out.append(_suspected("spike", recording, j, words))
     return out
 
@@ -77,11 +79,8 @@ def find_encoder_wraps(recording: Recording, robot: Robot) -> list[Fault]:
     joints = list_true_joints((whole & far).any(axis=0) & (whole == large).all(axis=0))
     if not joints:
         return []
-    words = (
-        f"The angle of {format_joint_numbers(joints)} jumps by 2*pi between two "
-        f"samples: the "
-        "encoder wraps."
-    )
+    words = f"The angle of {format_joint_numbers(joints)} jumps by 2*pi between two samples: "
+    words += "the encoder wraps."
     repairs = (Repair("q", joints, unwrap=True),)
     return [Fault("out_of_range", joints, True, words, repairs, recording.id)]
 
@@ -196,10 +195,8 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
         noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * cutoff / rate))
         noise *= (2 * np.pi * cutoff) ** 2 / np.sqrt(5)
         if noise > CHECK.angle_step_ratio * float(np.sqrt(np.mean(bend**2))):
-            words = (
-                f"q{j + 1} comes in steps of {step:.3g} rad: at {cutoff:g} Hz that is "
-                f"{noise:.3g} rad/s^2, as much as its acceleration."
-            )
+            words = f"q{j + 1} comes in steps of {step:.3g} rad: at {cutoff:g} Hz that is "
+            words += f"{noise:.3g} rad/s^2, as much as its acceleration."
             out.append(_suspected("quantised", recording, j, words))
     return out
 

@@ -13,8 +13,7 @@ import numpy as np
 import pinocchio as pin
 from cachetools import LRUCache, cached
 
-from residual.check.evidence import NominalShares, Torques
-from residual.check.physics_columns import CheckMotion
+from residual.check.evidence import CheckMotion, NominalShares, Torques
 from residual.check.result import MOUNTING, REMOVED, Repair, list_true_joints
 from residual.check.thresholds import CHECK
 from residual.errors import format_joint_numbers, join_with_commas

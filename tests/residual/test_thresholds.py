@@ -25,7 +25,9 @@ GRIDS = {
     epoch_outcome: {4},
     # Of the check: odds and units of its hypotheses, rounds, scales of the bodies.
     check: {0.1, 10, 200},
-    evidence: {0.001, 0.02, 0.1, 0.2, 0.3, 1.5, 3, 4, 6, 10, 100},
+    # Of its columns: filters, rows, shapes and priors of what may be there.
+    evidence: {1e-06, 0.001, 0.005, 0.02, 0.05, 0.1, 0.15, 0.2, 0.3}
+    | {1.5, 3, 4, 5, 6, 7, 8, 9, 10, 20, 60, 64, 100, 360},
     readings: {0.002, 0.025, 0.05, 0.1, 0.2, 0.8, 0.9, 3, 12},
     slips: {0.001, 0.01, 0.0980665, 0.1, 0.15, 0.25, 0.3, 1.2, 1.5, 3, 7, 10, 16}
     | {32, 100, 180, 1000},

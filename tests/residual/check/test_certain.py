@@ -148,3 +148,12 @@ def test_signs_before_an_exchange_of_channels_are_signs_of_joints_behind_it():
     order = build_order_slip((0, 1, 3, 2, 4, 5), ("q", "tau"))
     moved, sign = merge_slips([*before, order], 6)
     assert (moved, sign.kind, sign.joints) == (order, "torque_sign", (4,))
+
+
+def test_a_turned_torque_that_may_be_a_turned_angle_is_one_fault_with_both_lines():
+    """A wrist's hand weighs little: its friction alone shows which way it turns."""
+    hosted = host(SIX, 1)
+    sign = np.array([1, 1, 1, 1, -1, 1])
+    (fault,) = check_logs(hosted.robot, edited(hosted.logs, tau=times(sign))).faults
+    assert (fault.kind, fault.joints, fault.rivals) == ("torque_sign", (5,), ())
+    assert [r.signal for r in (*fault.repairs, *fault.alternatives[0])] == ["tau", "q"]

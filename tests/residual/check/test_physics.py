@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.check_parts.arms import SIX, host, other_arms
-from residual.check import physics_columns
+from residual.check import evidence
 from residual.check.check import check_logs
 from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
@@ -161,12 +161,12 @@ def test_currents_beside_another_mounting_are_two_faults(amperes):
 def test_readings_of_one_motion_share_its_torque(monkeypatch):
     """Every log of a set is checked alone, and what costs is a regressor."""
     robot, logs = clean_logs("small")
-    compute, calls = physics_columns.compute_robot_regressor, []
+    compute, calls = evidence.compute_robot_regressor, []
 
     def count(*motion):
         calls.append(motion)
         return compute(*motion)
 
-    monkeypatch.setattr(physics_columns, "compute_robot_regressor", count)
+    monkeypatch.setattr(evidence, "compute_robot_regressor", count)
     assert check_logs(robot, edited(logs, tau=turned(2))).certain
     assert len(calls) < 65

@@ -11,9 +11,9 @@ import pytest
 from benchmarks.check_parts.arms import SEVEN, host
 from flows.inputs.repair import format_repair_lines
 from residual.check.check import check_logs, find_insufficient_motion
+from residual.check.evidence import filter_check_motion
 from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import find_limit_violations
-from residual.check.physics_columns import filter_check_motion
 from residual.check.result import Repair
 from residual.robot.carried_weight import CarriedWeight
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
