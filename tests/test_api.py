@@ -1,6 +1,5 @@
 """The door: what `import modelgap as mg` gives, and what it does not load."""
 
-import ast
 import json
 import subprocess
 import sys
@@ -56,32 +55,12 @@ def test_every_name_is_there(name):
     assert name in dir(mg)
 
 
-def test_editors_are_told_of_every_name_where_it_is():
-    tree = ast.parse((ROOT / "modelgap.py").read_text(encoding="utf-8"))
-    (typed,) = (node for node in tree.body if isinstance(node, ast.If))
-    places = {
-        alias.asname or alias.name: node.module for node in typed.body for alias in node.names
-    }
-    assert places == mg._PLACE
-    assert sorted(places) == mg.__all__
-
-
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'modelgap' has no attribute 'diagnoze'"):
         _ = mg.diagnoze
 
 
 TABLE = Table(pa.table({"name": ["<b>", "c"], "value": [1.23456, None]}))
-
-
-def test_a_table_is_read_by_row_by_column_and_as_a_whole():
-    assert len(TABLE) == 2
-    assert TABLE["name"] == ["<b>", "c"]
-    assert TABLE[-1] == {"name": "c", "value": None}
-    assert [row["name"] for row in TABLE] == TABLE["name"]
-    assert TABLE.rows() == TABLE.arrow().to_pylist()
-    with pytest.raises(IndexError):
-        _ = TABLE[2]
 
 
 def test_a_table_is_printed_in_columns_and_says_which_library_is_missing():
@@ -119,13 +98,6 @@ def _diagnosis() -> Diagnosis:
     rest = left, error, 0.03, None, ("<&>",)
     frames = Frames(("one",), "flange")
     return Diagnosis(Verdict("arm", (), "effects", (effect,), (), *rest, frames=frames))
-
-
-def test_a_diagnosis_is_a_line():
-    diagnosis = _diagnosis()
-    assert repr(diagnosis) == (
-        "Diagnosis(arm: payload on joint 1, probability = 0.97; held-out 31.3 % -> 2.0 %)"
-    )
 
 
 def test_the_findings_are_a_table_and_its_models_have_names():

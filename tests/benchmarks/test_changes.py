@@ -4,23 +4,9 @@ from argparse import Namespace
 
 import pytest
 
-from benchmarks.changes_parts import answers, arms, bars, draw
+from benchmarks.changes_parts import answers, bars, draw
 from benchmarks.changes_parts.answers import Answer, Claim, compare
 from benchmarks.hidden.score import Name
-from benchmarks.synthetic.visible import Stage, share
-
-
-def test_a_change_has_its_size_in_the_recorded_logs_and_is_drawn_again_alike():
-    slot = draw.Slot(draw.CHANGE, 1, 2, 0.10)  # two logs on each side
-    case, logs = answers.record(slot)
-    assert draw.draw(slot) == case
-    robot = arms.robot_of(case.arm)
-    stages = [Stage.of(robot, *one) for one in arms.list_motions(robot, case.second)]
-    assert share(robot, case.effect, stages) == pytest.approx(0.10, rel=0.02)
-    assert logs.truth[0].effect == case.effect.name
-    assert logs.second[0].t[0] > logs.first[-1].t[-1]
-    assert len(logs.held_out) == 1
-
 
 TRUTH = Name("offset", (2,)), {"torque": 4.0}
 ROW = {
@@ -70,11 +56,3 @@ OTHER = Name("coulomb_asymmetry", (2,))
 def test_another_name_is_right_only_where_the_answer_states_it(claims, right, extra):
     row = compare(TRUTH, Answer(claims, (), 1.0))
     assert (row["right_first"], row["extra"]) == (right, extra)
-
-
-def test_the_peer_is_compared_on_the_same_cases():
-    mine = [_row(RIGHT if i < 6 else SILENT) for i in range(8)]
-    its = [_row(RIGHT if i in (0, 7) else SILENT, method="peer") for i in range(8)]
-    figures = bars.all_figures([*mine, *its], DECIDING)["change_10_over_peer"]
-    assert (figures["value"], figures["ok"]) == (0.5, True)
-    assert figures["p"] == pytest.approx(2 * 7 / 64, abs=1e-4)

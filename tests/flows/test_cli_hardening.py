@@ -4,7 +4,6 @@ import errno
 import json
 import math
 import os
-import re
 import time
 from pathlib import Path
 
@@ -13,7 +12,6 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.model_files import load_model
 from residual.robot.files import parse_toml
@@ -226,12 +224,3 @@ def test_an_escape_in_a_record_is_not_printed(run, store):
     assert (code, id in out, "\x1b" in out) == (0, True, False)
     code, out, _ = run("show", id)
     assert (code, "\x1b" in out) == (0, False)
-
-
-@pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
-def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(cli, command):
-    _, out, _ = cli(command, "--help")
-    found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT|CHOICE)\b", out)
-    assert not found, f"{found[0]}: give it a metavar"
-    assert "[ARGS" not in out
-    assert "LOG --LOG" not in out

@@ -92,16 +92,6 @@ def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
     assert len(ask("FROM runs")) == 2
 
 
-def test_of_files_a_model_is_stored_only_where_a_store_is_named(run, place):
-    assert run("identify A.csv --holdout B.csv --robot arm.urdf")[0] == 0
-    assert not Path("store").exists()
-    words = "identify A.csv --holdout B.csv --robot arm.urdf --store store"
-    assert run(words)[0] == 0
-    (model,) = ask("FROM models")
-    request = read_record(Path("store"), model["model_id"])["request"]
-    assert (request["logs"], request["held_out"]) == (["A.csv"], ["B.csv"])
-
-
 def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     words = "import A.csv --robot arm.urdf --tag cell=4 --tag night --tag night"
     moment = "--recorded-at 2026-11-20T14:03:00+01:00"

@@ -45,18 +45,6 @@ def test_it_keeps_all_limits_over_the_whole_motion(robot_and_ranking):
     assert compute_clearances(arm_capsules(robot.model), motion.q[::10]).min() >= MARGIN
 
 
-def test_the_document_gives_the_same_motion_again(robot_and_ranking):
-    robot, ranking = robot_and_ranking
-    plan = ranking.document("p.csv")
-    keys = {"rivals", "family", "parameters", "seconds", "sure_after", "program"}
-    assert set(plan) == keys | {"expected_nats", "chance"}
-    spec = TrajectorySpec.from_record(
-        {"kind": plan["family"], "duration": plan["seconds"], **plan["parameters"]}
-    )
-    again, first = (plan_motion(robot, s, 100.0) for s in (spec, ranking.best.spec))
-    np.testing.assert_array_equal(again.q, first.q)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [

@@ -83,11 +83,6 @@ def test_a_campaign_that_is_open_has_values_of_its_plant_with_their_unit(stored)
     assert row == {"value": 3.5, "unit": "N m"}
 
 
-def test_a_seed_tells_that_of_the_plant_so_it_is_no_point(stored):
-    store, _, _ = stored("[grid]\nseed = [1, 2]\ntrajectory.duration = [4.0]\n")
-    assert {r["axis"] for r in ask(store, "FROM points")} == {"trajectory.duration"}
-
-
 @pytest.mark.parametrize("axis", ['serial = ["A", "B"]', 'tags = [["a"], ["b"]]'])
 def test_what_moves_no_id_is_no_axis(stored, axis):
     with pytest.raises(InputError, match="so it is no axis of a campaign"):

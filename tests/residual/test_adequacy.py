@@ -5,10 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.adequacy import assess_adequacy, find_motion_period
+from residual.diagnosis.adequacy import assess_adequacy
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit_jointly
-from residual.signals.track import FilterSettings, build_tracks
 from tests.residual.arms import TWO, arm, plain_logs, recording
 from tests.residual.linear import DOF, Problem, build
 
@@ -37,19 +36,6 @@ def slow(state):
     return np.sqrt(2) * np.sin(state.t / 25)
 
 
-def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
-    case = problem(rng)
-    judgment = judge(case)
-    assert judgment.flagged == ()
-    np.testing.assert_allclose(judgment.noise, NOISE / case.design.rms)
-    assert (judgment.structured_share < 0.05).all()
-    case = problem(rng, slow, 2.0)
-    judgment = judge(case)
-    assert judgment.flagged == (1,)
-    assert judgment.structured_share[1] == pytest.approx(2.0 / case.design.rms[1], rel=0.15)
-    np.testing.assert_array_equal(judgment.before, judgment.structured_share)
-
-
 @pytest.mark.parametrize(
     ("share", "doubted", "flagged"), [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))]
 )
@@ -68,20 +54,6 @@ def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
     q = np.column_stack([np.sin(w * t) + 0.3 * np.sin(3 * w * t), np.cos(2 * w * t)])
     q += 1e-5 * rng.normal(size=q.shape)
     return recording(t, q, noise * rng.normal(size=q.shape))
-
-
-@pytest.mark.parametrize("period", [3.2, 4.0, 5.6])
-def test_the_period_of_a_program_is_found_from_the_motion_itself(period):
-    (track,), _ = build_tracks([periodic(period)], FilterSettings())
-    rows = find_motion_period(track)
-    assert rows * track.step / track.rate == pytest.approx(period, abs=0.04)
-
-
-def test_a_motion_that_never_repeats_has_no_period():
-    t = np.arange(1600) / 125
-    q = np.column_stack([np.sin(t) + 0.3 * np.sin(np.e * t), np.sin(np.sqrt(2) * t)])
-    (track,), _ = build_tracks([recording(t, q, q)], FilterSettings())
-    assert find_motion_period(track) is None
 
 
 @pytest.mark.parametrize(
@@ -105,12 +77,6 @@ def test_what_comes_back_with_motion_is_told_from_what_follows_time(rng, kind, l
         logs.append((repeated, state))
     found = Problem(logs, build(logs), found.prior)
     assert judge(found).kind[1] == kind
-
-
-def test_without_a_repeat_no_kind_is_claimed(rng):
-    case = problem(rng, slow, 2.0)
-    logs = [(replace(own, q=state.q), state) for own, state in case.logs]
-    assert judge(Problem(logs, case.design, case.prior)).kind == (None, None)
 
 
 @pytest.mark.parametrize("compared", [False, True])

@@ -7,7 +7,6 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts.arms import make
-from flows.inputs.read import parse_known_values
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.errors import InputError, RobotError
@@ -128,16 +127,6 @@ def test_a_load_that_was_weighed_is_known_twice_as_well_in_all_else():
         own = sharp.parameters[axis]
         assert own.std <= loose.parameters[axis].std / 2
         assert abs(own.value - true[axis]) < 4 * own.std
-
-
-def test_words_of_the_command_are_names_and_numbers():
-    assert parse_known_values(("payload.mass=2.8", "coulomb.2.level=8")) == {
-        "payload.mass": 2.8,
-        "coulomb.2.level": 8.0,
-    }
-    for wrong in ("payload.mass", "payload.mass=", "payload.mass=heavy"):
-        with pytest.raises(InputError, match=r"NAME\.PARAMETER=NUMBER"):
-            parse_known_values((wrong,))
 
 
 def test_a_baseline_compares_two_states_and_takes_no_known_value():

@@ -6,7 +6,6 @@ from numpy.testing import assert_allclose
 
 from residual.recording import Recording
 from residual.signals.track import FilterSettings, build_tracks, filter_low_pass
-from residual.signals.track import estimate_sample_rate as sample_rate
 
 FILTERS = FilterSettings()
 RATES = (100.0, 250.0, 1000.0)
@@ -57,15 +56,6 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
     inner = (track.t > 1) & (track.t < 7)
     assert_allclose(track.qd[inner, 0], w * np.cos(w * track.t[inner]), atol=2e-3 * w)
     assert_allclose(track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2)
-
-
-@pytest.mark.parametrize(
-    ("dt", "rate"), [(0.004, 250.0), (0.008, 125.0), (1 / 249.96, 250.0), (0.03, 1 / 0.03)]
-)
-def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
-    t = np.cumsum(np.full(200, dt))
-    t[100:] += 3.0
-    assert sample_rate(t) == pytest.approx(rate, rel=1e-12)
 
 
 def stop_and_go(t):

@@ -91,14 +91,6 @@ def test_optional_signals_are_read_if_whole_and_named_if_not(robot, samples, wri
     assert understood.text.endswith("qd1..2; ignored q_ref1 q_out1 temp")
 
 
-def test_a_channel_that_never_changes_and_a_gap_are_said(robot, samples, write):
-    samples[:, 2] = 0.0
-    samples[200:, 0] += 0.5
-    warnings = read_log(write(samples), robot)[1].warnings
-    assert "q2 never changes" in warnings[0]
-    assert "1 gap(s) in time, the largest 0.51 s at t = 1.99 s" in warnings[1]
-
-
 def change(row, column, value):
     def apply(table):
         table[row, column] = value

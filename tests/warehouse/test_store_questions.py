@@ -1,7 +1,5 @@
 """What an engineer asks of months of runs."""
 
-from datetime import date
-
 import pyarrow as pa
 import pytest
 
@@ -61,13 +59,6 @@ def test_runs_say_what_made_them_and_for_what(campaign, ask):
     assert other["recorded_at"].day == 1
 
 
-def test_figures_have_their_unit(ask):
-    units = {r["metric"]: r["unit"] for r in ask("SELECT metric, unit FROM errors")}
-    assert units["held_out"] == units["filtered"] == "%"
-    assert (units["rms_e_q"], units["rms_e_tau"]) == ("rad", "N m")
-    assert None not in units.values()
-
-
 def test_a_verdict_has_a_row_for_each_finding_and_run(campaign, ask):
     _, runs, imported, (first, second) = campaign
     query = "FROM verdicts WHERE diagnosis_id = $id"
@@ -85,14 +76,6 @@ def test_a_verdict_has_a_row_for_each_finding_and_run(campaign, ask):
     assert len(rows) == 2
 
 
-def test_the_trend_by_week(ask):
-    rows = named(ask, "error_by_week")
-    figures = {(r["joint"], r["nominal"], r["augmented"]) for r in rows}
-    assert figures == {(1, 21.0, 6.0), (2, 18.0, 5.0)}
-    # One was recorded in March, whenever it was diagnosed; of the other nobody knows.
-    assert date(2026, 3, 2) in {r["week"] for r in rows}
-
-
 def test_the_first_run_with_an_effect(campaign, ask):
     rows = named(ask, "first_run_with", effect="payload")
     by_serial = {r["serial"]: r["run_id"] for r in rows}
@@ -105,14 +88,6 @@ def test_what_is_open_and_what_is_latest(campaign, ask):
     assert (row["diagnosis_id"], row["verdict"]) == (campaign[3][1], "unknown")
     (latest,) = named(ask, "latest_verdicts")
     assert (latest["diagnosis_id"], latest["effect"]) == (campaign[3][1], None)
-
-
-def test_runs_by_robot_and_motion(campaign, ask):
-    rows = named(ask, "runs_per_robot")
-    assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
-        (None, "fourier", 2),
-        ("A7", "welding", 2),
-    }
 
 
 def identified(store, serial, day, value):
@@ -194,7 +169,3 @@ def test_errors_before_and_after_and_of_the_twin(campaign, ask):
     assert (campaign[3][0], "effects", 20.0, 8.6, 5.6) in before_after
     assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
     assert named(ask, "twin_error")
-
-
-def test_runs_without_a_diagnosis(ask):
-    assert named(ask, "never_diagnosed") == []  # the third is in quarantine

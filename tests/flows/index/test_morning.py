@@ -10,7 +10,6 @@ import pytest
 from flows.cli import main
 from flows.inbox.batches import find_new_runs, find_project_robot
 from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
-from flows.inbox.import_logs import strip_option_hints as strip_hints
 from flows.project.read import read_project
 from flows.report.store_index import list_refused_logs, read_page
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
@@ -132,22 +131,6 @@ def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, mor
     assert find_healthy_runs(loads, project.store) == tuple(sorted(healthy))
     assert find_healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
     assert find_healthy_runs(loads, project.store, "good=yes") == ()
-
-
-@pytest.mark.parametrize(
-    ("why", "there", "gone"),
-    [
-        ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
-        ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
-        ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
-        ("Fix it. To continue anyway: --trust-log (trust_log=True).", "Fix it.", "trust"),
-    ],
-)
-def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    reason = strip_hints(why)
-    assert there in reason
-    assert gone not in reason
-    assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)
 
 
 def loaded(log, known):

@@ -37,12 +37,6 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
     assert (place / "modelgap.toml").read_bytes() == before
 
 
-def test_a_robot_from_elsewhere_stays_where_it_is(place):
-    project = create_project(place / "cell", str(place / "arm.urdf"))
-    assert project.table.robot[0].urdf == str(place / "arm.urdf")
-    assert project.arm(project.table.robot[0]).name == "small_arm"
-
-
 def test_a_simulated_robot_has_a_campaign_and_no_inbox(place):
     project = create_project(place / "trial")
     (robot,) = project.table.robot

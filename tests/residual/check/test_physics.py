@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.check_parts.arms import SIX, host, other_arms
-from residual.check import physics_columns
 from residual.check.check import check_logs
 from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
@@ -156,17 +155,3 @@ def test_currents_beside_another_mounting_are_two_faults(amperes):
     mounted, unit = check_logs(wall, amperes).faults
     assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
     assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))
-
-
-def test_readings_of_one_motion_share_its_torque(monkeypatch):
-    """Every log of a set is checked alone, and what costs is a regressor."""
-    robot, logs = clean_logs("small")
-    compute, calls = physics_columns.compute_robot_regressor, []
-
-    def count(*motion):
-        calls.append(motion)
-        return compute(*motion)
-
-    monkeypatch.setattr(physics_columns, "compute_robot_regressor", count)
-    assert check_logs(robot, edited(logs, tau=turned(2))).certain
-    assert len(calls) < 65
