@@ -40,9 +40,6 @@ HOMONYMS = {
     ("residual/model/lookup.py", "offset"): "the same in its record and its files",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
-# Rooms of the method that decide something, each by one record.
-DECIDING = ("check", "evidence", "monitoring")
-THRESHOLDS = re.compile(r".*Thresholds")
 
 
 def _sources(*folders: str) -> list[Path]:
@@ -197,49 +194,38 @@ def test_a_file_of_the_product_imports_each_package_that_is_installed():
     assert [name for name in packages if name and name not in roots] == []
 
 
-def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
-    commands = [f"flows.cli.{p.stem}" for p in (ROOT / "flows" / "cli").glob("*.py")]
-    slow = {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect"}
-    code = f"import sys, {', '.join(commands)}\nprint({slow!r} & set(sys.modules))"
+# What a program loads that runs some code, and what of it must not be there.
+LOADED = {
+    "a typing error": (
+        "import " + ", ".join(f"flows.cli.{p.stem}" for p in (ROOT / "flows/cli").glob("*.py")),
+        {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect"},
+    ),
+    "a verdict": (
+        "import residual.verdict.document",
+        {"scipy", "pinocchio", "numba", "residual.effects"},
+    ),
+    "the help page": (
+        "from flows.cli import main; main(['--help'])",
+        {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl", "numpy", "tomllib"},
+    ),
+    "the steps": (
+        "import flows.steps.calibrate, flows.steps.diagnose, flows.steps.imports, "
+        "flows.steps.experiment, flows.report.models",
+        {"prefect", "pybullet", "cvxpy"},
+    ),
+    "a query": (
+        "import flows.report.query_results, warehouse.query.store",
+        {"pinocchio", "pyarrow.compute", "pydantic"},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LOADED)
+def test_nothing_is_loaded_that_is_not_used(what):
+    code, slow = LOADED[what]
+    code += f"\nimport sys; print({slow!r} & set(sys.modules), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("set()\n", "")
-
-
-def test_a_verdict_is_read_without_a_model_or_an_engine():
-    code = "import sys, residual.verdict.document; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
-    loaded = done.stdout.decode().split()
-    ours = [name for name in loaded if name.startswith("residual.")]
-    assert 1 < len(ours) < 20
-    assert not {"scipy", "pinocchio", "numba", "residual.effects"} & set(loaded)
-
-
-def test_the_help_page_loads_nothing_that_it_does_not_show():
-    late = {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl"}
-    late |= {"numpy", "tomllib"}
-    code = "import sys; from flows.cli import main; main(['--help']); "
-    code += f"print({late!r} & set(sys.modules), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert ("First steps" in done.stdout, done.stderr) == (True, "set()\n")
-
-
-def test_steps_load_no_engine_or_scheduler_that_they_do_not_use():
-    code = (
-        "import sys, flows.steps.calibrate, flows.report.models\n"
-        "import flows.steps.diagnose, flows.steps.imports, flows.steps.experiment\n"
-        "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[]\n", "")
-
-
-def test_a_query_loads_no_robot_and_no_functions_of_arrow():
-    code = (
-        "import sys, flows.report.query_results, warehouse.query.store\n"
-        "print(sorted({'pinocchio', 'pyarrow.compute', 'pydantic'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[]\n", "")
+    assert done.stderr == "set()\n"
 
 
 def _strings(path: Path) -> set[str]:

@@ -20,9 +20,6 @@ def test_a_page_links_only_to_pages_that_exist(page):
     assert [link for link in pages if not (page.parent / link).exists()] == []
 
 
-MEASURED = ("benchmarks", "public_logs")  # written by benchmarks/page.py
-
-
 def test_every_option_that_a_page_shows_exists():
     shown = [
         (command, option)

@@ -5,8 +5,6 @@ import pytest
 from benchmarks.hidden.score import Name, score
 from tests.verdict_documents import typed
 
-STRIBECK = Name("stribeck", (2,))
-
 
 def entry(name, joints, order=1, alike=(), parameters=None):
     return {

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 import modelgap as mg
-from flows.api import remedies
 from tests.residual.arms import urdf_text
 
 T = np.linspace(0.0, 4.0, 401)
@@ -34,9 +33,3 @@ def test_a_refused_data_frame_is_explained_without_the_shell(robot, name):
     text = str(refused.value)
     assert not re.search(r"(?<!\w)--[a-z]", text), text
     assert "COLUMNS.toml" in text or "robot" in text or "Record" in text, text
-
-
-def test_a_quoted_command_stays_a_command():
-    command = "Draft one: modelgap map A.csv --robot R --out C.toml."
-    text = remedies.name_arguments(f"{command} Give it with --map COLUMNS.toml.")
-    assert text == f'{command} Give it with columns="COLUMNS.toml".'

@@ -86,22 +86,6 @@ def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     assert answer(run, "runs", "--store", str(store))[0]["quarantined"] is False
 
 
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["0", "--reason", " "], "needs a reason"),
-        (["ffffffff", "--reason", "x"], "Nothing in"),
-        (["../x", "--reason", "x"], "is not an id"),
-        (["DIAGNOSIS", "--reason", "x"], "expected the id of a run"),
-    ],
-)
-def test_only_a_run_is_set_aside_and_for_a_reason(run, ids, words, told):
-    first = {"0": ids["runs"][0], "DIAGNOSIS": ids["diagnosis"]}.get(words[0], words[0])
-    code, _, err = run("quarantine", first, *words[1:])
-    assert code == 2
-    assert told in err
-
-
 def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
     id = ids["runs"][2]
     record = answer(run, "show", id[:10])
@@ -157,11 +141,6 @@ def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
     assert table.schema.names == ["run_id", "duration_s"]
     assert table.to_pylist() == json.loads((tmp_path / "out" / "json").read_text())
     assert (tmp_path / "out" / "csv").read_text().count("\n") == 4
-
-
-def test_without_a_terminal_the_query_is_read(run, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("SELECT count(*) AS n\nFROM runs;\n"))
-    assert answer(run, "sql") == [{"n": 3}]
 
 
 def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_path):

@@ -9,13 +9,10 @@ import pytest
 import warehouse
 from flows.inputs.read import load_command_robot as load_arm
 from flows.inputs.read import read_run_robot
-from residual.errors import InputError
-from residual.robot.robot import set_serial_number
 from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
-from warehouse.robots import find_robot_by_hash, store_robot_description
 from warehouse.runs import read_run
 from warehouse.store_catalogue import read_record
 
@@ -116,13 +113,3 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     code, _, err = run(f"diagnose {first['run_id']} {other} --robot arm.urdf")
     assert code == 2
     assert "expected one of small_arm UR-1 like the rest" in err
-
-
-def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
-    robot = set_serial_number(load_arm("irb140"), "AB-7")
-    store_robot_description(tmp_path, "irb140", robot)
-    kept = load_arm(find_robot_by_hash(tmp_path, robot.content_hash))
-    assert (kept.serial, kept.name) == ("AB-7", "irb140")
-    assert find_robot_by_hash(tmp_path, load_arm("irb140").content_hash) == "irb140"
-    with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
-        set_serial_number(robot, "AB-8")

@@ -13,7 +13,6 @@ from rich.console import Console
 from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
-from flows.report.document import ReportTable, print_parts
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.document import from_json, to_json
 from tests.flows import report_outcomes as outcomes
@@ -135,13 +134,3 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
     assert max(len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     assert "\x1b" not in text
-
-
-def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
-    cells = [f"{n}.125" for n in range(12)]
-    file = io.StringIO()
-    table = ReportTable(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
-    print_parts(Console(file=file, width=60, no_color=True), table)
-    words = file.getvalue().replace(",", " ").split()
-    assert {"ripple", "J11", *cells} <= set(words)
-    assert max(map(len, file.getvalue().splitlines())) <= 60

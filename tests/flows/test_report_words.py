@@ -11,13 +11,6 @@ from residual.verdict.result import Verdict
 from tests.flows import report_outcomes as outcomes
 from tests.verdict_documents import typed
 
-SPRING, BALANCER, STRIBECK = (
-    {"name": name, "joints": [joint]}
-    for name, joint in (("spring", 2), ("balancer", 2), ("stribeck", 3))
-)
-ASYMMETRY = {"name": "coulomb_asymmetry", "joints": [4]}
-LEVELS = {"nominal": 15.0, "identified": 9.6, "augmented": 7.1}
-
 
 def verdict(*effects: dict, kind: str = "effects", **error: object) -> Verdict:
     return typed(outcomes.verdict(kind, list(effects), **error))
@@ -25,34 +18,6 @@ def verdict(*effects: dict, kind: str = "effects", **error: object) -> Verdict:
 
 def effect(name: str, joints: list[int], **more: object) -> dict:
     return outcomes.effect(name, joints, {}, **more)
-
-
-@pytest.mark.parametrize(
-    ("effects", "start"),
-    [
-        ([effect("balancer", [2])], "The model lacks a balancer on joint 2."),
-        (
-            [
-                effect("balancer", [2], equivalent=[SPRING]),
-                effect("offset", [4], equivalent=[ASYMMETRY], order=2),
-            ],
-            "The model lacks a balancer on joint 2 (or a spring) and a constant torque "
-            "offset on joint 4 (or Coulomb friction that differs by direction). "
-            "These logs cannot separate the alternatives in brackets.",
-        ),
-        (
-            [effect("spring", [j], order=j) for j in range(1, 6)],
-            "The model lacks a spring on joint 1, a spring on joint 2, a spring on "
-            "joint 3 and two more.",
-        ),
-        (
-            [effect("spring", [1], probability=0.7)],
-            "The model most likely lacks a spring on joint 1.",
-        ),
-    ],
-)
-def test_headline_says_what_is_missing(effects: list[dict], start: str) -> None:
-    assert headline(verdict(*effects)).startswith(f"{start} Error on unseen motion: ")
 
 
 @pytest.mark.parametrize(
@@ -90,12 +55,3 @@ def test_a_suspected_fault_comes_before_the_effects() -> None:
 )
 def test_values_are_cut_at_what_is_known(value, std, unit, text):
     assert quantity.format_uncertain_value(value, std, unit) == text
-
-
-def record(*effects: dict, **part: object) -> Verdict:
-    declared = ("viscous", "coulomb", "rotor_inertia")
-    return typed({"declared": declared, "effects": list(effects), **part})
-
-
-def another(*places: dict, by: str = "motion") -> dict:
-    return {"set": list(places), "nats": -2.0, "separated_by": by}

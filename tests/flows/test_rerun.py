@@ -245,18 +245,6 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
     assert "nominal_scale" in {name for name, _, _ in difference.tables["values"]}
 
 
-def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
-    from warehouse.record_commit import commit_record
-
-    record = {"robot": "two_link", "kind": "other"}
-    id = commit_record(tmp_path, "validations", record)
-    with pytest.raises(InputError, match="does not say how it was made"):
-        rerun.rerun(id, tmp_path)
-    report = commit_record(tmp_path, "reports", record)
-    with pytest.raises(InputError, match="is a report"):
-        rerun.rerun(report, tmp_path)
-
-
 def test_two_runs_side_by_side(tmp_path, plant, capsys):
     one = experiment.simulate_and_store(spec(), tmp_path)
     two = experiment.simulate_and_store(spec(start=0.0), tmp_path)
@@ -273,6 +261,3 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     assert "code: the same" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0
     assert f"runs {one}, gave" in capsys.readouterr().out
-
-
-NO_ID = [["rerun", "--verify"], ["diff", "a"], ["lineage"]]

@@ -3,25 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.report.diagnosis import build_tiles
 from residual.effects import load_effects
-from residual.verdict.diagnosis import Diagnosis
-from tests.flows.report_outcomes import effect, parameter
-from tests.verdict_documents import typed
-
-URDF = ("base_to_turret", "shoulder_lift", "joint_3", "j4", "axis_5", "wrist_roll")
-
-
-def verdict(name, joints, changes=(), declared=(), **parameters):
-    """A verdict with one finding: each parameter as (value, std, unit)."""
-    own = {k: parameter(*told) | {"determined": True} for k, told in parameters.items()}
-    frames = {"joints": list(URDF), "flange": "tool0"}
-    part = {"effects": [effect(name, list(joints), own)], "changes": list(changes)}
-    return typed({**part, "declared": list(declared), "frames": frames})
-
-
-def tile(said):
-    return build_tiles(Diagnosis(said))[0]
 
 
 @pytest.mark.parametrize("angle", [-2.8, -0.4, 0.0, 1.1, 3.0])

@@ -8,7 +8,7 @@ import pytest
 from residual.diagnosis.adequacy import assess_adequacy
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit_jointly
-from tests.residual.arms import TWO, arm, plain_logs, recording
+from tests.residual.arms import TWO, arm, plain_logs
 from tests.residual.linear import DOF, Problem, build
 
 NOISE = 1.0
@@ -45,38 +45,6 @@ def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flag
     case = problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
     judgment = judge(case)
     assert (judgment.doubted, judgment.flagged) == (doubted, flagged)
-
-
-def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(duration * 125)) / 125
-    w = 2 * np.pi / period
-    q = np.column_stack([np.sin(w * t) + 0.3 * np.sin(3 * w * t), np.cos(2 * w * t)])
-    q += 1e-5 * rng.normal(size=q.shape)
-    return recording(t, q, noise * rng.normal(size=q.shape))
-
-
-@pytest.mark.parametrize(
-    ("kind", "left"),
-    [
-        ("repeatable", lambda rows, period, rng: np.sin(2 * np.pi * 3 * rows / period)),
-        ("time-driven", lambda rows, period, rng: np.sin(2 * np.pi * rows / 11.3)),
-    ],
-)
-def test_what_comes_back_with_motion_is_told_from_what_follows_time(rng, kind, left):
-    """The rows of a log that repeats every 40 of them, with noise of 0.1 N m."""
-    found, period = problem(rng, rows=400), 40
-    logs = []
-    for own, state in found.logs:
-        rows = np.arange(len(own.tau))
-        angle = 2 * np.pi * np.outer(rows, [1, 2]) / period
-        tau = 0.1 * rng.normal(size=own.tau.shape)
-        tau[:, 1] += left(rows, period, rng)
-        noise = np.full(DOF, 0.1)
-        repeated = replace(own, tau=tau, q=np.sin(angle), torque_noise=noise)
-        logs.append((repeated, state))
-    found = Problem(logs, build(logs), found.prior)
-    assert judge(found).kind[1] == kind
 
 
 @pytest.mark.parametrize("compared", [False, True])

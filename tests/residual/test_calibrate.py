@@ -76,17 +76,6 @@ def test_the_papers_rows_pair_the_reference_with_the_error_one_sample_ahead():
     assert rows.rates == (125.0,) * 4
 
 
-@pytest.mark.parametrize(
-    ("change", "told"), [({"twin": {}}, "torque of a simulated twin"), ({"log": None}, "reference")]
-)
-def test_the_papers_mode_says_what_a_run_lacks(change, told):
-    run = paper_runs()[0]
-    if "log" in change:
-        change = {"log": replace(run.log, q_ref=None)}
-    with pytest.raises(InputError, match=f"--paper: log0 has no {told}"):
-        build_paper_rows([replace(run, **change)])
-
-
 def test_schemes_are_those_that_the_rows_allow(rng):
     rows = build_paper_rows(paper_runs())
     schemes, notes = build_validation_schemes(rows, rng)
@@ -152,25 +141,6 @@ def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
     assert ours < 0.5 * model_score(scores, RUN, LS).overall
     assert theirs > 1.25 * model_score(scores, RANDOM, PAPER_FORM).overall
     assert {o.kind for o in paper_calibration().chosen} <= {MAIN, PAIRS}
-
-
-def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
-    unseen, rows = paper_calibration().unseen, paper_calibration().rows
-    number = rows.labels.index(unseen.label)
-    out = rows.run == number
-    step = round(unseen.t[1] * rows.rates[number])
-    np.testing.assert_array_equal(unseen.residual, rows.Y[out][::step])
-    rest = unseen.residual - unseen.corrections["default"]
-    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.residual)
-    # Least squares by hand on the other runs.
-    one = np.c_[np.ones(len(rows.X)), rows.X]
-    theta = [
-        np.linalg.lstsq(one[~out & moves], y[~out & moves], rcond=None)[0]
-        for y, moves in zip(rows.Y.T, rows.moving.T, strict=True)
-    ]
-    by_hand = (one[out] @ np.column_stack(theta))[::step]
-    assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
-    assert unseen.t[-1] == pytest.approx(6, abs=0.2)
 
 
 @cache

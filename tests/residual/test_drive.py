@@ -1,14 +1,11 @@
 """The drive of a joint: torque from goal and position."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive, compute_drive_torque, limit_goal
-from residual.effects.base import MotionSpan
 from residual.evidence.design import Design
 from residual.evidence.fit import build_fitted_model, fit_nominal
 from residual.evidence.priors import build_relative_prior
@@ -17,8 +14,6 @@ from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.recording import Recording, apply_drive
 from residual.robot.dynamics import compute_inverse_dynamics, replace_inertial_parameters
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import add_motor_class
-from residual.verdict.result import Place
 from tests import plain_arm
 from tests.residual.arms import arm
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
@@ -116,16 +111,3 @@ def test_an_arm_of_few_joints_runs_through_check_and_identification(axes):
     own = replace_inertial_parameters(robot.model, found.inertial)
     again = compute_inverse_dynamics(own, *(3 * [0.3 * np.ones((1, robot.dof))]))
     np.testing.assert_allclose(again, tau, rtol=0.05)
-
-
-def test_logs_of_one_drive_have_one_name_for_gain_motor_and_friction():
-    still = np.zeros(1)
-    span = MotionSpan(still, still, 0.0, 8.0, one_drive=True)
-    place, load = Place("viscous", (2,)), Place("payload", (2,))
-    both = Place("drive_damping", (2,)), Place("torque_gain", (2,))
-    assert add_motor_class(place, [both[1]], span) == (both[1], both[0])
-    assert add_motor_class(load, [], span) == ()
-    # Off in a part it splits its damping from friction; measured torque splits all.
-    off = replace(span, switched=(True,))
-    assert add_motor_class(place, [], off) == (both[1],)
-    assert add_motor_class(place, [], replace(span, one_drive=False)) == ()

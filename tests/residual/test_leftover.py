@@ -8,7 +8,6 @@ from residual.diagnosis.unexplained import (
     PLAIN,
     SUM,
     JointResidual,
-    ResidualTimeSeries,
     StateVariable,
     fit_residual_curves,
 )
@@ -88,9 +87,3 @@ def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
     curves_found, rest = fit_residual_curves(rows_of(left, memory=80.0), variables(rng))
     assert curves_found == []
     np.testing.assert_array_equal(rest, left)
-
-
-def line(left):
-    t = np.concatenate([30 * k + np.arange(N) * STEP for k in range(LOGS)])
-    log = np.repeat(np.arange(LOGS), N)
-    return ResidualTimeSeries(t, left, log, float((left**2).sum()), 8.0)

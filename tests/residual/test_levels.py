@@ -27,15 +27,6 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
     assert (np.diff(codes[order, 0].astype(int)) >= 0).all()
 
 
-def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
-    codes = build_levels(x := rng.normal(size=1000), 10).encode(x)
-    assert np.ptp(np.bincount(codes[:, 0])) <= 1
-    x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
-    levels = build_levels(x, 10)
-    assert 2 <= levels.sizes[0] < 10
-    assert np.unique(levels.encode(x)).size > 1
-
-
 @pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))

@@ -10,9 +10,8 @@ from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
-from residual.evidence.priors import ASSUMED
 from residual.model.model import Model, Term
-from residual.model.nominal import DEFAULT_DECLARED, GIVEN, build_nominal
+from residual.model.nominal import DEFAULT_DECLARED, build_nominal
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
@@ -97,20 +96,6 @@ def test_a_torque_gain_scales_everything_but_itself():
     for terms in ((*model.terms, gain), (gain, *model.terms)):
         scaled = replace(model, terms=terms).predict(log)
         assert_allclose(scaled, model.predict(log) * [1.0, 1.1], rtol=1e-9, atol=1e-9)
-
-
-def test_declared_values_become_coefficients_of_their_joint():
-    toml = (
-        "[declared.coulomb]\nlevel = [3, 4]\n"
-        "[declared.spring]\nstiffness = [10, 0]\nrest = [0.5, 0]\n"
-        "[declared.viscous]\ncoefficient = [1, 2]\nassumed = true\nsource = 'x'\n"
-        "[declared.ripple]\namplitude = [2, 1]\norder = [8, 9]\nphase = [0, 1.5]\n"
-    )
-    nominal_model = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
-    theta = [t.theta.tolist() for t in nominal_model.model.terms[:6]]
-    assert theta == [[3], [4], [10, -5], [0, 0], [1], [2]]
-    assert nominal_model.sd == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
-    assert [t.shape for t in nominal_model.model.terms[6:]] == [(8.0,), (9.0,)]
 
 
 WITHOUT_SHAPE = {

@@ -66,6 +66,3 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     sd = 1 / np.sqrt(prior.precision[-1, -1])
     speed = np.concatenate([s.qd[:, 0] for s in design.states])
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
-
-
-FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1

@@ -51,9 +51,6 @@ def test_where_joints_and_flange_are(name):
         np.testing.assert_allclose(places[1:-1], want, atol=1e-12)
 
 
-EFFECTS = ("viscous", "coulomb", "rotor_inertia", "spring", "encoder_offset", "payload")
-
-
 def test_units_follow_the_joint():
     robot = arm("rail")
     on_rail = {k: e.units((0,), robot) for k, e in load_effects().items()}

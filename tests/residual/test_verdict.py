@@ -223,12 +223,6 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
     )
 
 
-def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof():
-    case = short_case(arm(), seed=58, duration=2.2)
-    verdict = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)
-    assert verdict["error"]["held_out"]["nominal"] is None
-
-
 def test_white_noise_in_place_of_torque_has_no_name():
     rng = np.random.default_rng(3)
     case = short_case(arm(), seed=59)

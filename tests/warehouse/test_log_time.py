@@ -118,11 +118,6 @@ def test_bad_windows_are_refused(robot, samples, write, window, message):
         read_log(f"{write(samples)}@{window}", robot)
 
 
-def test_a_file_of_the_full_name_wins(robot, samples, write):
-    recording, understood = read_log(write(samples, name="run.csv@0:1"), robot)
-    assert (len(recording.t), understood.window) == (400, None)
-
-
 def recording(label, table):
     t, q, tau = table[:, 0], table[:, 1:3], table[:, 3:]
     return Recording(id=label, robot="two_link", t=t, q=q, tau=tau)

@@ -258,20 +258,6 @@ def test_text_column_in_parquet_is_refused(robot, samples, tmp_path):
         read_log(str(tmp_path / "run.parquet"), robot)
 
 
-@pytest.mark.parametrize(
-    ("spec", "message"),
-    [
-        ("none.csv", "No log file 'none.csv'"),
-        (".", "is a folder"),
-        ("/dev/null", "not a regular file"),
-    ],
-)
-def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, message):
-    monkeypatch.chdir(tmp_path)
-    with pytest.raises(InputError, match=message):
-        read_log(spec, robot)
-
-
 @pytest.mark.parametrize("again", [lambda t: np.repeat(t, 2, 0), lambda t: [*t, *t]])
 def test_rows_that_stand_twice_are_read_once(samples, write, make_robot, again):
     log, known = read_log(write(np.array(again(samples))), make_robot())

@@ -49,45 +49,11 @@ def named(ask, name, **values):
     return ask(NAMED[name][1], **values)
 
 
-def test_runs_say_what_made_them_and_for_what(campaign, ask):
-    rows = {r["run_id"]: r for r in ask("FROM runs")}
-    one, other = rows[campaign[1][0]], rows[campaign[2][0]]
-    assert (one["campaign"], other["campaign"]) == ("march", None)
-    assert one["machine"]
-    assert one["version"]
-    assert (other["serial"], other["tags"]) == ("A7", ["after service", "cell=4"][::-1])
-    assert other["recorded_at"].day == 1
-
-
-def test_a_verdict_has_a_row_for_each_finding_and_run(campaign, ask):
-    _, runs, imported, (first, second) = campaign
-    query = "FROM verdicts WHERE diagnosis_id = $id"
-    rows = ask(query, id=first)
-    payload = [r for r in rows if r["effect"] == "payload"]
-    told_of = {(r["run_id"], r["role"], r["serial"]) for r in payload}
-    assert told_of == {
-        (runs[0], "fit", None),
-        (imported[1], "fit", "A7"),
-        (imported[0], "held_out", "A7"),
-    }
-    assert {(r["value"], r["unit"]) for r in payload} == {(2.9, "kg")}
-    rows = ask(query, id=second)
-    assert {(r["verdict"], r["effect"]) for r in rows} == {("unknown", None)}
-    assert len(rows) == 2
-
-
 def test_the_first_run_with_an_effect(campaign, ask):
     rows = named(ask, "first_run_with", effect="payload")
     by_serial = {r["serial"]: r["run_id"] for r in rows}
     assert by_serial == {None: campaign[1][0], "A7": campaign[2][1]}
     assert named(ask, "first_run_with", effect="spring") == []
-
-
-def test_what_is_open_and_what_is_latest(campaign, ask):
-    (row,) = named(ask, "open_verdicts")
-    assert (row["diagnosis_id"], row["verdict"]) == (campaign[3][1], "unknown")
-    (latest,) = named(ask, "latest_verdicts")
-    assert (latest["diagnosis_id"], latest["effect"]) == (campaign[3][1], None)
 
 
 def identified(store, serial, day, value):
@@ -162,10 +128,3 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     rows = named(fleet[0], "error_by_trajectory")
     got = {(r["serial"], r["source"]) for r in rows if r["trajectory"] == "fourier"}
     assert got >= {("A7", "identification"), ("B18", "identification")}
-
-
-def test_errors_before_and_after_and_of_the_twin(campaign, ask):
-    before_after = {tuple(r.values())[3:] for r in named(ask, "before_after")}
-    assert (campaign[3][0], "effects", 20.0, 8.6, 5.6) in before_after
-    assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
-    assert named(ask, "twin_error")

@@ -65,18 +65,6 @@ def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
     assert errors[None, "identified", "filtered"] == 8.6
 
 
-@pytest.mark.parametrize(
-    ("held_out", "run", "motion"),
-    [((1, 3), None, "welding"), ((1, 2), None, None), ((), None, None)],
-)
-def test_errors_over_several_runs_name_none(tmp_path, runs, held_out, run, motion):
-    logs = [runs[k] for k in held_out]
-    roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
-    id = samples.store_verdict(tmp_path, samples.verdict(logs), MODEL, roles)
-    query = "SELECT DISTINCT run_id, trajectory FROM errors WHERE source_id = "
-    assert ask(tmp_path, f"{query}'{id}'") == [(run, motion)]
-
-
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):
     with pytest.raises(InputError, match="begins with 'ffffffffffff'"):
         samples.store_verdict(tmp_path, samples.verdict(), MODEL, [runs[0], "ffffffffffff"])

@@ -5,7 +5,6 @@ from datetime import datetime
 
 import pytest
 
-from flows.report.page import read_record_origin
 from flows.report.store_index import date_night, read_page, write_index
 from tests.flows.index.stores import STORED, adopt, fill
 from tests.warehouse import store_samples as samples
@@ -146,17 +145,3 @@ def test_a_stored_page_that_was_changed_is_not_shown(tmp_path):
     (file,) = nights.store.glob(f"reports/*{nights.report}/report.html")
     file.write_bytes(STORED.replace(b"stored", b"storex"))
     assert read_page(nights.store, f"report_id={nights.report}/report.html") is None
-
-
-def test_the_foot_of_a_page_says_id_time_version_data_and_what_makes_it_again(tmp_path):
-    fit, held_out = ["ab" * 10, "bc" * 10], "cd" * 10
-    record = {"robot": "irb140", "verdict": "none", "model_id": "ee" * 10}
-    parents = {"fit": fit, "held_out": [held_out]}
-    id = commit_record(tmp_path, "diagnoses", record, None, parents)
-    foot = dict(read_record_origin(tmp_path, id[:6]))
-    assert id in foot["Diagnosis"]
-    assert all(run in foot["Fit"] for run in fit)
-    assert held_out in foot["Held out"]
-    assert f"modelgap rerun {id}" in foot["Command"]
-    assert foot["Stored"].startswith("20")
-    assert foot["Program"].startswith("modelgap ")

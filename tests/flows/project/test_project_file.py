@@ -94,12 +94,3 @@ def test_commands_in_a_project_use_its_store(place, monkeypatch):
     assert resolve_store_folder("other") == place / "other"
     monkeypatch.setenv("MODELGAP_STORE", str(place / "set"))
     assert resolve_store_folder(None) == place / "set"
-
-
-def test_init_takes_the_settings_beside_a_robot_file(place):
-    (place / "robot.toml").write_text('[robot]\nname = "press-7"\nserial = "A7"\n')
-    assert main(["init", "--robot", "arm.urdf"]) == 0
-    project = read_project(place)
-    (robot,) = project.table.robot
-    assert (robot.name, robot.urdf) == ("press-7", "arm.urdf")
-    assert project.arm(robot).serial == "A7"
