@@ -19,7 +19,10 @@ from tests.residual.planning.questions import robot_and_question
 @pytest.fixture(scope="module")
 def robot_and_ranking():
     robot, question = robot_and_question("spring", 2)
-    return robot, rank_motions(question, robot, 12.0, seed=3)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("flows.steps.next.WAVES", 3)
+        patch.setattr("flows.steps.next.PLACES", 2)
+        return robot, rank_motions(question, robot, 12.0, seed=3)
 
 
 def test_the_best_settles_the_question_and_none_of_the_others_sooner(robot_and_ranking):

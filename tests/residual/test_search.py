@@ -50,8 +50,8 @@ def with_torque(problem, torque):
 
 
 def test_where_nothing_is_missing_nothing_is_found():
-    """20 draws, also with autocorrelated noise and motion."""
-    for seed in range(20):
+    """Ten draws, also with autocorrelated noise and motion."""
+    for seed in range(10):
         slow = 0.8 * (seed % 2)
         rng = np.random.default_rng(seed)
         problem = Problem.draw(rng, rows=100, colour=slow, slow=slow)
@@ -161,7 +161,7 @@ def smallest(seed):
     return bench.smallest(group, np.ones(1))
 
 
-def detection_rate(share, draws=24):
+def detection_rate(share, draws=16):
     hits = []
     for seed in range(draws):
         truth = [(LINE, (0,), [share * smallest(seed)])]

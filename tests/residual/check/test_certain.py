@@ -27,8 +27,7 @@ def check_explained(name, kind, size, seed=1):
     return check_logs(given_robot(hosted, case), logs).faults, case
 
 
-@pytest.mark.parametrize("name", [SIX, SEVEN])
-@pytest.mark.parametrize("kind", ["bodies", "balanced", "gain"])
+@pytest.mark.parametrize(("name", "kind"), [(SIX, "bodies"), (SEVEN, "balanced"), (SIX, "gain")])
 def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
     if kind == "bodies":
         hosted, rng = host(name, 1), create_random_stream(1, f"bodies/{name}")
@@ -40,7 +39,7 @@ def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
     assert not [f for f in faults if f.kind == "mounting"]
 
 
-@pytest.mark.parametrize(("name", "size"), [(SIX, 0), (SIX, 1), (SEVEN, 2)])
+@pytest.mark.parametrize(("name", "size"), [(SIX, 0), (SEVEN, 2)])
 def test_a_zero_that_is_off_by_quarter_turns_has_its_joint_and_line(name, size):
     faults, case = check_explained(name, "zero", size)
     (fault,) = [f for f in faults if f.kind == "angle_zero"]
@@ -77,7 +76,7 @@ def test_factors_of_all_drives_are_not_asked_for_beside_one_in_its_unit():
         assert {len(set(np.ravel(scale))) for scale in scales} == counts
 
 
-@pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SIX, 0.35), (SEVEN, 0.4)])
+@pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SEVEN, 0.4)])
 def test_masses_of_another_scale_are_one_of_two_readings(name, factor):
     hosted = host(name, 1)
     (fault,) = check_logs(scale_masses(hosted.robot, factor), hosted.logs).faults
@@ -112,12 +111,14 @@ def test_counts_of_a_drive_with_two_signs_are_no_other_robot():
     assert "torque_unit" in {f.kind for f in faults}
 
 
+@pytest.mark.long
 def test_angles_of_all_joints_that_count_backwards_are_no_turned_torques():
     hosted = host(SEVEN, 1)
     faults = check_logs(hosted.robot, edited(hosted.logs, q=lambda q: -q)).faults
     assert [(f.kind, len(f.joints)) for f in faults] == [("angle_sign", 7)]
 
 
+@pytest.mark.long
 def test_two_turned_angles_are_not_their_mirror_image():
     hosted = host(SEVEN, 1)
     sign = np.array([1, 1, -1, 1, -1, 1, 1])

@@ -42,7 +42,7 @@ def test_an_arm_that_hides_something_has_a_clean_log(effect):
     assert check_logs(robot, logs).faults == ()
 
 
-@pytest.mark.parametrize(("seed", "build"), [(3, 1), (6, 0)])
+@pytest.mark.parametrize(("seed", "build"), [(3, 1), pytest.param(6, 0, marks=pytest.mark.long)])
 def test_an_arm_is_the_wrong_one_where_its_torque_is_not_in_the_logs(seed, build):
     # No joint but one or two would be far from a rough file.
     logs = host(SIX, seed).logs[:2]

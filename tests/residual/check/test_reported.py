@@ -34,7 +34,7 @@ def example():
     return robot, [read_log(str(EXAMPLE / f"fit_{k}.csv"), robot)[0] for k in (1, 2, 3)]
 
 
-@pytest.mark.parametrize("loaded", [True, False])
+@pytest.mark.parametrize("loaded", [True, pytest.param(False, marks=pytest.mark.long)])
 def test_currents_are_told_with_the_factor_of_each_joint(example, loaded):
     # The example has a load that its robot file lacks: factors come out too small.
     robot, logs = (example[0], example[1][1:]) if loaded else clean_logs("irb140")
@@ -79,6 +79,7 @@ def test_torque_without_weight_is_suspected_beside_a_balanced_arm():
     assert fault.settle
 
 
+@pytest.mark.long
 def test_torque_without_weight_is_no_other_clock():
     arm_of_seven = host(SEVEN, 1)
     robot, logs = arm_of_seven.robot, arm_of_seven.logs[:2]
