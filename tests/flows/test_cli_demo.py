@@ -15,7 +15,7 @@ from tests.verdict_documents import typed
 
 # Short, and with families of motion that need no search: of eight experiments each
 # would take longer than all the rest. How those go is the matter of benchmarks/demo.py.
-FIT, HELD_OUT, DURATION = ("cyclic", "move_stop_move"), ("cyclic",), 5.0
+FIT, HELD_OUT, DURATION = ("cyclic", "move_stop_move"), ("cyclic",), 6.0
 
 
 @pytest.mark.slow

@@ -25,7 +25,7 @@ ROBOT = load_robot("irb140")
 
 
 def run(store, plant=None, **more):
-    content = {"seed": 7, "trajectory": {"kind": "cyclic", "duration": 3.0}, **more}
+    content = {"seed": 7, "trajectory": {"kind": "cyclic", "duration": 4.0}, **more}
     content["plant"] = plant or {}
     return experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
 
@@ -145,5 +145,5 @@ def test_a_measured_run_has_open_loop_at_its_own_rate_and_clock(run_store, tmp_p
 
 @pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
 def test_a_window_that_cannot_be_is_refused(run_store, window):
-    with pytest.raises(InputError, match="to the length of the run, 3 s"):
+    with pytest.raises(InputError, match="to the length of the run, 4 s"):
         validate.validate(Validate(run_store[1], window, run_store[0]))
