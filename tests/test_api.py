@@ -8,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import pyarrow as pa
 import pytest
 
 import modelgap as mg
 from flows.api.results import Diagnosis
-from flows.api.store import Table
 from residual.errors import InputError
 from residual.verdict.document import from_json
 from residual.verdict.result import (
@@ -56,16 +54,6 @@ def test_every_name_is_there(name):
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'modelgap' has no attribute 'diagnoze'"):
         _ = mg.diagnoze
-
-
-TABLE = Table(pa.table({"name": ["<b>", "c"], "value": [1.23456, None]}))
-
-
-def test_a_table_is_printed_in_columns_and_says_which_library_is_missing():
-    assert "│ <b>     │ 1.23456 │" in repr(TABLE)
-    for method, library in (("df", "pandas"), ("pl", "Polars")):
-        with pytest.raises(InputError, match=f"needs {library}, which is not inst"):
-            getattr(TABLE, method)()
 
 
 def test_a_store_answers_with_finished_tables(tmp_path):

@@ -1,6 +1,5 @@
 """modelgap runs, sql and show: words in, answers and exit codes out."""
 
-import csv
 import io
 import json
 import re
@@ -49,25 +48,6 @@ def test_runs_are_listed_the_latest_last(run, ids):
     assert code == 0
     assert all(id in out for id in ids["runs"])
     assert "3 rows" in out
-
-
-QUERY = "SELECT seed, trajectory, [seed] AS listed, NULL AS gap FROM runs ORDER BY seed"
-
-
-def test_an_answer_is_a_table_csv_or_json(run):
-    assert answer(run, "sql", QUERY)[1] == {
-        "seed": 1,
-        "trajectory": "welding",
-        "listed": [1],
-        "gap": None,
-    }
-    code, out, _ = run("sql", QUERY, "--format", "csv")
-    rows = list(csv.DictReader(io.StringIO(out)))
-    assert code == 0
-    assert rows[1] == {"seed": "1", "trajectory": "welding", "listed": "[1]", "gap": ""}
-    code, out, _ = run("sql", QUERY)
-    words = [line.split() for line in out.splitlines() if "welding" in line]
-    assert words == [["1", "welding", "1", "–"]]
 
 
 def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):

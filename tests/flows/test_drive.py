@@ -22,24 +22,17 @@ from residual.effects import load_effects
 from residual.errors import InputError
 from residual.export.model_export import to_json
 from residual.model.dynamics import FrictionReversal, compute_feed_forward
-from residual.model.dynamics import build_computed_torque_law as computed_torque_law
 from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
 from residual.model.model import Model, Term
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
-from sim.engine.plant_records import PlantEffect, PlantSpec, SensorNoise, TrajectorySpec
-from sim.plant import step_tables as at
-from sim.plant.closed_loop import build_and_simulate
 from sim.plant.typical_sizes import read_nominal_drives
-from sim.trajectories import plan_reference_motion
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import find_record
 
 ROBOT = load_robot("irb140")
-SPRING = PlantEffect("spring", (2,), (("stiffness", 60.0),))
-QUIET = PlantSpec((SPRING,), 0.0, SensorNoise(0.0, 1e-5), seed=3)
 
 
 def term(name, joint, *values):
@@ -59,28 +52,6 @@ def nominal():
 def corrected(joint=2, stiffness=60.0):
     model = nominal()
     return replace(model, terms=(*model.terms, term("spring", joint, stiffness, 0.0)))
-
-
-@pytest.fixture(scope="module")
-def reference(compiled_plant):
-    return plan_reference_motion(ROBOT, TrajectorySpec("cyclic", 2.5, 1, 1), 1000.0)
-
-
-def parts(reference):
-    return reference.t, (reference.q, reference.qd, reference.qdd)
-
-
-def missed(reference, model, make=compute_feed_forward):
-    """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
-    trace = build_and_simulate(ROBOT, reference, QUIET, command=make(model, *parts(reference)))
-    return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
-
-
-@pytest.mark.parametrize("make", [compute_feed_forward, computed_torque_law])
-def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, make):
-    before, after = (missed(reference, m, make) for m in (nominal(), corrected()))
-    assert np.linalg.norm(after) < 0.7 * np.linalg.norm(before)
-    assert after[1] < 0.2 * before[1]
 
 
 def friction_along(qd, turning, t):

@@ -2,7 +2,6 @@
 
 import pytest
 
-from flows.cli import main
 from flows.specs import load_campaign
 from flows.steps.experiment import plan_experiments, store_campaign
 from residual.errors import InputError
@@ -92,14 +91,3 @@ def test_what_moves_no_id_is_no_axis(stored, axis):
 def test_sealed_is_true_or_false(stored):
     with pytest.raises(InputError, match="sealed"):
         stored(CAMPAIGN.format('[campaign]\nsealed = "no"'))
-
-
-def test_the_same_campaign_is_one_record_and_a_dry_run_none(tmp_path, stored, capsys):
-    store, planned, id = stored(CAMPAIGN.format(""))
-    again = store_campaign(planned, str(tmp_path / "friction.toml"), store)
-    assert again == id
-    words = ["campaign", str(tmp_path / "friction.toml"), "--dry-run"]
-    assert main([*words, "--store", str(tmp_path / "none")]) == 0
-    shown = capsys.readouterr().out
-    assert "sealed: plant.effect.level, plant.background, plant.noise.torque" in shown
-    assert not (tmp_path / "none").exists()

@@ -216,18 +216,6 @@ def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
     assert set_.without("coulomb", [2]).terms[1].theta.tolist() == [4.0]
 
 
-def test_a_record_keeps_what_an_edit_goes_back_to():
-    model = changed_friction()
-    again = model_from_record(json.loads(json.dumps(model.to_record())))
-    log = log_of(model.robot)
-    back, there = again.without("coulomb"), model.without("coulomb")
-    assert_array_equal(back.predict(log), there.predict(log))
-    damaged = json.loads(json.dumps(model.to_record()))
-    damaged["terms"][0]["nominal"]["theta"] = ["much"]
-    with pytest.raises(InputError, match="damaged"):
-        model_from_record(damaged)
-
-
 @pytest.mark.parametrize("name", ["delay", "warmup", "presliding"])
 def test_what_depends_on_more_than_the_state_is_refused(name):
     model = model_of([name])

@@ -93,17 +93,6 @@ def test_a_gap_in_the_log_is_masked_and_a_missed_sample_or_two_is_none():
     assert track.valid[(rows > 0.6) & (rows < 9.4)].all()
 
 
-def test_thresholds_are_common_to_all_logs_and_may_come_from_others():
-    t = clock(6, 250)
-    fast, slow = log(t, np.sin(3 * t)), log(t, 0.001 * np.sin(3 * t))
-    tracks, floor = build_tracks([fast, slow], FILTERS)
-    assert tracks[0].moving.mean() > 0.3
-    assert tracks[1].moving.mean() == 0
-    _, again = one(slow, speed_floor=floor)
-    np.testing.assert_array_equal(again, floor)
-    assert one(slow)[1] < floor
-
-
 def test_the_threshold_rises_with_the_noise_of_the_encoder():
     t = clock(8, 250)
     noise = np.random.default_rng(4).normal(size=len(t))

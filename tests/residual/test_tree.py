@@ -127,17 +127,6 @@ def test_the_chain_is_what_the_log_names_else_the_only_one(parts, logged, chain)
     assert list(pin.buildModelFromXML(arm.urdf).names)[1:] == chain.split()
 
 
-def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
-    robot = load_arm(write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4"))
-    assert robot.joints == ("lift", "j1", "j2", "j3", "j4")
-    assert robot.prismatic == (True, False, False, False, False)
-    (line,) = robot.notes
-    assert "finger1 = 0, finger2 = 0.01 (0.2 kg on joint 5 (j4))" in line
-    assert "pan = 0 (1.5 kg on joint 1 (lift))" in line
-    assert "wheel = 0 (3 kg on the base)" in line
-    assert "lift, j1, j2, j3, j4" in repr(robot)
-
-
 def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_path):
     plain = load_arm(write(tmp_path, robot_of(*ARM, *HAND)))
     toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'

@@ -42,16 +42,6 @@ def test_the_format_of_a_maker_is_known_by_its_names(name):
     assert not [c for c in used if "target" in c or "cmd" in c or "ext" in c]
 
 
-def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
-    form = FORMATS["ur-rtde"]
-    text = (FOLDER / form.file).read_text().replace("_as_torque", "_as_something")
-    (tmp_path / "log.csv").write_text(text)
-    proposed = draft_column_map(tmp_path / "log.csv", arm_of(form))
-    assert proposed.columns.signals["tau"].columns[0] == "actual_current_0"
-    assert proposed.columns.signals["tau"].unit == "A"
-    assert "torque_per_unit" in proposed.doubts["tau"][0]
-
-
 PAN = ("shoulder_pan_joint", "elbow_joint")
 URDF_NAMES = (
     "Timestamp [ms];shoulder_pan_pos [deg];elbow_pos [deg];shoulder_pan_eff [Nm];elbow_eff [Nm]",

@@ -8,52 +8,11 @@ from tests.warehouse import store_samples as samples
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.query.named_queries import NAMED
 from warehouse.record_commit import commit_record, commit_run
-from warehouse.runs import quarantine_run
 from warehouse.view_schema import VIEWS, build_arrow_schema
-
-
-def measured(seed):
-    log = samples.recording(seed)
-    when = f"2026-03-0{seed - 9}T08:00:00Z"
-    about = {"robot_hash": "0" * 64, "serial": "A7", "recorded_at": when}
-    return log, about | {"tags": ["cell=4", "after service"], "trajectory": "welding"}
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """A store: a campaign, two imported runs, three diagnoses, an alarm."""
-    store = tmp_path_factory.mktemp("asked") / "store"
-    runs = [samples.commit(store, k, campaign="march") for k in range(3)]
-    imported = [commit_run(store, *measured(seed)) for seed in (10, 11)]
-    quarantine_run(store, runs[2], "bumped")
-    logs = [imported[0]]
-    roles = {"fit": [runs[0], imported[1]], "held_out": logs}
-    first = samples.store_verdict(store, samples.verdict(logs), MODEL, roles)
-    nothing = samples.verdict(runs[:1], verdict="unknown", effects=[])
-    second = samples.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
-    row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
-    row |= {"fault": "gain drop", "kind": "model", "score": 1.5, "until": 0.2}
-    table = pa.Table.from_pylist([row], schema=build_arrow_schema(VIEWS["alarms"][1:]))
-    record = {"robot": "two_link", "kind": "monitor"}
-    commit_record(store, "validations", record, {"alarms": table}, {})
-    return store, runs, imported, (first, second)
-
-
-@pytest.fixture(scope="module")
-def ask(campaign):
-    with warehouse.open(campaign[0]) as opened:
-        yield lambda query, **values: opened.sql(query, values).to_pylist()
 
 
 def named(ask, name, **values):
     return ask(NAMED[name][1], **values)
-
-
-def test_the_first_run_with_an_effect(campaign, ask):
-    rows = named(ask, "first_run_with", effect="payload")
-    by_serial = {r["serial"]: r["run_id"] for r in rows}
-    assert by_serial == {None: campaign[1][0], "A7": campaign[2][1]}
-    assert named(ask, "first_run_with", effect="spring") == []
 
 
 def identified(store, serial, day, value):

@@ -12,7 +12,7 @@ from flows.inbox.batches import find_new_runs, find_project_robot
 from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
 from flows.project.read import read_project
 from flows.report.store_index import list_refused_logs, read_page
-from flows.steps.monitor import find_diagnosis, find_healthy_runs
+from flows.steps.monitor import find_diagnosis
 from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
@@ -124,13 +124,6 @@ def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     batch = find_new_runs(project.store, project.arm(table), table)
     assert (batch.runs, sorted(batch.request.baseline)) == ((new,), sorted(healthy))
     assert find_project_robot(project, [samples.commit(project.store, 3)]) is None
-
-
-def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, morning):
-    _, loads, healthy = morning
-    assert find_healthy_runs(loads, project.store) == tuple(sorted(healthy))
-    assert find_healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
-    assert find_healthy_runs(loads, project.store, "good=yes") == ()
 
 
 def loaded(log, known):
