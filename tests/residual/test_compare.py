@@ -7,7 +7,7 @@ import pytest
 from numpy.testing import assert_allclose
 
 from residual.model.compare import compute_model_errors as model_errors
-from residual.model.compare import prepare_held_out
+from residual.model.compare import compute_moving_error, prepare_held_out
 from residual.model.model import Model
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.signals.splitting import find_session_start, split_off_last_quarter
@@ -55,6 +55,17 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
     assert errors.per_joint("raw")[0] > 10
     for kind in ("filtered", "moving"):
         assert_allclose(errors.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5)
+
+
+def test_proof_curves_are_those_that_the_errors_are_taken_of(proof):
+    model, logs = proof
+    seen = prepare_held_out(logs, model)
+    errors, curves = model_errors({"it": model}, seen, FilterSettings())
+    miss = sum(((c.tau - c.tau_hat["it"]) ** 2).sum(axis=0) for c in curves)
+    assert_allclose(miss, errors["it"].miss["filtered"])
+    moving = sum((((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves)
+    assert_allclose(moving, errors["it"].miss["moving"])
+    assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
 
 
 def test_the_last_quarter_of_the_longest_log_is_held_out():

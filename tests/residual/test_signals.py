@@ -105,7 +105,7 @@ def test_white_noise_is_measured_as_what_passes_the_filter(rate):
     rng = np.random.default_rng(5)
     t = clock(40, rate)
     signal = 20 * sines(t, (0.3, 1.1, 2.0))
-    noise = rng.normal(size=len(t))
+    noise = 3.0 * rng.normal(size=len(t))
     track, _ = one(log(t, np.sin(t), signal + noise))
     passed = filter_low_pass(noise, track.cutoff, rate)[int(rate) : -int(rate)].std()
     assert track.torque_noise[0] == pytest.approx(passed, rel=0.15)
