@@ -1,6 +1,5 @@
 """The door: what `import modelgap as mg` gives, and what it does not load."""
 
-import ast
 import json
 import subprocess
 import sys
@@ -9,12 +8,10 @@ from pathlib import Path
 
 import numpy as np
 import pinocchio as pin
-import pyarrow as pa
 import pytest
 
 import modelgap as mg
 from flows.api.results import Diagnosis
-from flows.api.store import Table
 from residual.errors import InputError
 from residual.verdict.document import from_json
 from residual.verdict.result import (
@@ -35,11 +32,9 @@ HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "rich")
 
 
 CODE = f"""
-import sys, time
-start = time.process_time()
+import sys
 import modelgap as mg
-took = time.process_time() - start
-print(sorted(set({HEAVY}) & set(sys.modules)), took < 1.5)
+print(sorted(set({HEAVY}) & set(sys.modules)))
 mg.diagnose, mg.identify, mg.calibrate, mg.compare, mg.read_logs
 print(sorted({{'prefect', 'pybullet', 'duckdb', 'cvxpy'}} & set(sys.modules)))
 """
@@ -47,7 +42,7 @@ print(sorted({{'prefect', 'pybullet', 'duckdb', 'cvxpy'}} & set(sys.modules)))
 
 def test_importing_it_loads_nothing_heavy_and_a_diagnosis_neither_engine_nor_database():
     done = subprocess.run([sys.executable, "-c", CODE], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[] True\n[]\n", "")
+    assert (done.stdout, done.stderr) == ("[]\n[]\n", "")
 
 
 @pytest.mark.parametrize("name", mg.__all__)
@@ -56,39 +51,9 @@ def test_every_name_is_there(name):
     assert name in dir(mg)
 
 
-def test_editors_are_told_of_every_name_where_it_is():
-    tree = ast.parse((ROOT / "modelgap.py").read_text(encoding="utf-8"))
-    (typed,) = (node for node in tree.body if isinstance(node, ast.If))
-    places = {
-        alias.asname or alias.name: node.module for node in typed.body for alias in node.names
-    }
-    assert places == mg._PLACE
-    assert sorted(places) == mg.__all__
-
-
 def test_a_name_that_is_not_there_is_an_attribute_error():
     with pytest.raises(AttributeError, match="'modelgap' has no attribute 'diagnoze'"):
         _ = mg.diagnoze
-
-
-TABLE = Table(pa.table({"name": ["<b>", "c"], "value": [1.23456, None]}))
-
-
-def test_a_table_is_read_by_row_by_column_and_as_a_whole():
-    assert len(TABLE) == 2
-    assert TABLE["name"] == ["<b>", "c"]
-    assert TABLE[-1] == {"name": "c", "value": None}
-    assert [row["name"] for row in TABLE] == TABLE["name"]
-    assert TABLE.rows() == TABLE.arrow().to_pylist()
-    with pytest.raises(IndexError):
-        _ = TABLE[2]
-
-
-def test_a_table_is_printed_in_columns_and_says_which_library_is_missing():
-    assert "│ <b>     │ 1.23456 │" in repr(TABLE)
-    for method, library in (("df", "pandas"), ("pl", "Polars")):
-        with pytest.raises(InputError, match=f"needs {library}, which is not inst"):
-            getattr(TABLE, method)()
 
 
 def test_a_store_answers_with_finished_tables(tmp_path):
@@ -119,13 +84,6 @@ def _diagnosis() -> Diagnosis:
     rest = left, error, 0.03, None, ("<&>",)
     frames = Frames(("one",), "flange")
     return Diagnosis(Verdict("arm", (), "effects", (effect,), (), *rest, frames=frames))
-
-
-def test_a_diagnosis_is_a_line():
-    diagnosis = _diagnosis()
-    assert repr(diagnosis) == (
-        "Diagnosis(arm: payload on joint 1, probability = 0.97; held-out 31.3 % -> 2.0 %)"
-    )
 
 
 def test_the_findings_are_a_table_and_its_models_have_names():

@@ -56,18 +56,6 @@ def test_arrays_are_a_recording_in_si_units(robot, file):
     same(log, file)
 
 
-def test_a_map_is_for_columns_in_memory_too(robot, table, file, tmp_path):
-    names = {f"q{j}": f"J{j}" for j in range(1, 7)}
-    own = {names.get(name, name): x for name, x in table.items()}
-    own |= {f"J{j}": np.rad2deg(table[f"q{j}"]) for j in range(1, 7)}
-    listed = ", ".join(f'"J{j}"' for j in range(1, 7))
-    (tmp_path / "C.toml").write_text(f"q = {{columns = [{listed}], unit = 'deg'}}")
-    (log,) = mg.read_logs(own, robot, columns=tmp_path / "C.toml")
-    np.testing.assert_allclose(log.q, file.q, atol=1e-12)
-    with pytest.raises(mg.InputError, match=r"missing column q1\.\.6 .*found .*J1"):
-        mg.read_logs(own, robot)
-
-
 BAD = {
     "shape": ({"t": slice(9), "q": 1, "tau": 1}, r"q has shape \(2500, 6\)"),
     "degrees": ({"t": 1, "q": 57.3, "tau": 1}, "Degrees"),

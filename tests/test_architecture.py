@@ -40,11 +40,6 @@ HOMONYMS = {
     ("residual/model/lookup.py", "offset"): "the same in its record and its files",
 }
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
-MAX_LINES = 600
-MAX_BODY = 80
-# Rooms of the method that decide something, each by one record.
-DECIDING = ("check", "evidence", "monitoring")
-THRESHOLDS = re.compile(r".*Thresholds")
 
 
 def _sources(*folders: str) -> list[Path]:
@@ -199,49 +194,38 @@ def test_a_file_of_the_product_imports_each_package_that_is_installed():
     assert [name for name in packages if name and name not in roots] == []
 
 
-def test_a_typing_error_ends_a_command_before_it_loads_anything_slow():
-    commands = [f"flows.cli.{p.stem}" for p in (ROOT / "flows" / "cli").glob("*.py")]
-    slow = {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect"}
-    code = f"import sys, {', '.join(commands)}\nprint({slow!r} & set(sys.modules))"
+# What a program loads that runs some code, and what of it must not be there.
+LOADED = {
+    "a typing error": (
+        "import " + ", ".join(f"flows.cli.{p.stem}" for p in (ROOT / "flows/cli").glob("*.py")),
+        {"numpy", "pyarrow", "duckdb", "pinocchio", "prefect"},
+    ),
+    "a verdict": (
+        "import residual.verdict.document",
+        {"scipy", "pinocchio", "numba", "residual.effects"},
+    ),
+    "the help page": (
+        "from flows.cli import main; main(['--help'])",
+        {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl", "numpy", "tomllib"},
+    ),
+    "the steps": (
+        "import flows.steps.calibrate, flows.steps.diagnose, flows.steps.imports, "
+        "flows.steps.experiment, flows.report.models",
+        {"prefect", "pybullet", "cvxpy"},
+    ),
+    "a query": (
+        "import flows.report.query_results, warehouse.query.store",
+        {"pinocchio", "pyarrow.compute", "pydantic"},
+    ),
+}
+
+
+@pytest.mark.parametrize("what", LOADED)
+def test_nothing_is_loaded_that_is_not_used(what):
+    code, slow = LOADED[what]
+    code += f"\nimport sys; print({slow!r} & set(sys.modules), file=sys.stderr)"
     done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("set()\n", "")
-
-
-def test_a_verdict_is_read_without_a_model_or_an_engine():
-    code = "import sys, residual.verdict.document; print(*sys.modules)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True)
-    loaded = done.stdout.decode().split()
-    ours = [name for name in loaded if name.startswith("residual.")]
-    assert 1 < len(ours) < 20
-    assert not {"scipy", "pinocchio", "numba", "residual.effects"} & set(loaded)
-
-
-def test_the_help_page_loads_nothing_that_it_does_not_show():
-    late = {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl"}
-    late |= {"numpy", "tomllib"}
-    code = "import sys; from flows.cli import main; main(['--help']); "
-    code += f"print({late!r} & set(sys.modules), file=sys.stderr)"
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert ("First steps" in done.stdout, done.stderr) == (True, "set()\n")
-
-
-def test_steps_load_no_engine_or_scheduler_that_they_do_not_use():
-    code = (
-        "import sys, flows.steps.calibrate, flows.report.models\n"
-        "import flows.steps.diagnose, flows.steps.imports, flows.steps.experiment\n"
-        "print(sorted({'prefect', 'pybullet', 'cvxpy'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[]\n", "")
-
-
-def test_a_query_loads_no_robot_and_no_functions_of_arrow():
-    code = (
-        "import sys, flows.report.query_results, warehouse.query.store\n"
-        "print(sorted({'pinocchio', 'pyarrow.compute', 'pydantic'} & set(sys.modules)))"
-    )
-    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
-    assert (done.stdout, done.stderr) == ("[]\n", "")
+    assert done.stderr == "set()\n"
 
 
 def _strings(path: Path) -> set[str]:
@@ -281,33 +265,6 @@ def _pages() -> list[Path]:
     return sorted({p for p in inside + top if p.suffix in kinds} | set(other))
 
 
-def test_no_file_is_longer_than_a_reader_will_read():
-    long = {
-        _name(p): n
-        for p in _pages()
-        if not _name(p).startswith(("tests/", "CHANGELOG"))
-        and (n := len(p.read_text(encoding="utf-8").splitlines())) > MAX_LINES
-    }
-    assert long == {}
-
-
-def _body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    first = node.body[0]
-    told = ast.get_docstring(node) is not None
-    start = first.end_lineno + 1 if told else first.lineno
-    return max(0, node.end_lineno - start + 1)
-
-
-def test_no_function_is_longer_than_a_screen():
-    long = {
-        f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
-        for path in _sources(*ROOMS, "benchmarks")
-        for node in _nodes(path)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _body_lines(node) > MAX_BODY
-    }
-    assert long == {}
-
-
 # Written in pieces, so that this file does not find itself.
 MACHINE = re.compile(
     r"(?<![\w.~/-])/(?:home|work|root|opt|Users)" + r"/\w"
@@ -324,67 +281,3 @@ def test_no_text_holds_a_path_of_one_machine_or_the_address_of_an_index():
         if MACHINE.search(line)
     ]
     assert wrong == []
-
-
-def test_every_folder_with_code_is_a_package_and_tests_are_not():
-    bare = [
-        _name(folder)
-        for folder in {path.parent for path in _sources(*ROOMS)}
-        if not (folder / "__init__.py").is_file()
-    ]
-    assert bare == []
-    assert list((ROOT / "tests").rglob("__init__.py")) == []
-
-
-def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
-    """Whether a parameter is a tuple of unlike or unsaid things, or a row of three.
-
-    A tuple of like things is a vector, one with ``...`` a sequence, and pairs within a
-    collection are keys with what belongs to them; all else has names: arguments, or a
-    record.
-    """
-    if ast.unparse(annotation) == "tuple":
-        return True
-    for node in ast.walk(annotation):
-        own = aliases.get(getattr(node, "id", ""), node)
-        if not (isinstance(own, ast.Subscript) and ast.unparse(own.value) == "tuple"):
-            continue
-        kinds = getattr(own.slice, "elts", [own.slice])
-        unlike = len({ast.unparse(kind) for kind in kinds}) > 1
-        row = node is annotation or isinstance(annotation, ast.BinOp) or len(kinds) > 2
-        if unlike and row and "..." not in map(ast.unparse, kinds):
-            return True
-    return False
-
-
-def test_no_parameter_is_a_bag_of_unlike_things():
-    wrong = []
-    for path in _modules().values():
-        aliases = {
-            target.id: node.value
-            for node in _nodes(path)[0].body
-            if isinstance(node, ast.Assign)
-            for target in node.targets
-            if isinstance(target, ast.Name)
-        }
-        for node in _nodes(path):
-            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
-                every = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
-                wrong += [
-                    f"{_name(path)}:{arg.lineno} {node.name}({arg.arg})"
-                    for arg in every
-                    if arg.annotation and _is_bag(arg.annotation, aliases)
-                ]
-    assert wrong == []
-
-
-def test_a_room_has_one_record_of_thresholds():
-    found: dict[str, list[str]] = {}
-    for path in _sources("residual"):
-        classes = [n.name for n in _nodes(path) if isinstance(n, ast.ClassDef)]
-        records = [name for name in classes if THRESHOLDS.fullmatch(name)]
-        found.setdefault(_name(path.parent), []).extend(records)
-        assert not records or path.stem in ("rules", "thresholds"), _name(path)
-    deciding = {f"residual/{room}" for room in DECIDING}
-    assert {room for room, names in found.items() if names} == deciding
-    assert {len(found[room]) for room in deciding} == {1}

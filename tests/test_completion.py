@@ -10,6 +10,7 @@ import time
 import pytest
 
 from flows.cli import main
+from tests.waiting import PATIENCE
 
 SHELLS = [
     pytest.param(shell, marks=pytest.mark.skipif(not shutil.which(shell), reason=f"no {shell}"))
@@ -66,7 +67,7 @@ def complete_in_terminal(shell, line, expected):
 
     def read_until(text):
         nonlocal shown
-        until = time.monotonic() + 60
+        until = time.monotonic() + PATIENCE
         while text not in shown and time.monotonic() < until:
             if select.select([terminal], [], [], 1.0)[0]:
                 shown += os.read(terminal, 4096).decode().replace("\a", "")

@@ -6,16 +6,10 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
-from residual.model.nominal import DEFAULT_DECLARED
-from scripts.docs_site import pages
 
 ROOT = Path(__file__).parents[1]
 GENERATED = {"commands.md", "glossary.md", "python.md"}  # when the site is built
 PAGES = [*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")]
-
-
-def _text(name: str) -> str:
-    return (ROOT / name).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
@@ -24,31 +18,6 @@ def test_a_page_links_only_to_pages_that_exist(page):
     pages = [link for link in links if not link.endswith(".png")]  # made by a run
     pages = [link for link in pages if Path(link).name not in GENERATED]
     assert [link for link in pages if not (page.parent / link).exists()] == []
-
-
-MEASURED = ("benchmarks", "public_logs")  # written by benchmarks/page.py
-
-
-def test_the_pages_stay_at_half_of_their_words():
-    """At most 26 200 words in docs with the measured pages, 700 in the README."""
-    words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
-    measured = sum(n for p, n in words.items() if p.stem in MEASURED)
-    assert words[ROOT / "README.md"] <= 700
-    assert sum(words.values()) - measured <= 23_020
-    docs = [n for page, n in words.items() if ROOT / "docs" in page.parents]
-    assert sum(docs) <= 26_200
-
-
-def test_the_glossary_has_every_noun_once():
-    table = pages.glossary_page().partition("Arrays have")[0]
-    nouns = re.findall(r"^\| ([a-z][\w ,-]*) \| ", table, re.M)[1:]
-    single = [word for noun in nouns for word in noun.split(", ")]
-    assert len(set(single)) == len(single) > 40
-    assert nouns == sorted(nouns)
-
-
-def test_the_default_list_of_declared_effects_is_the_one_in_the_text():
-    assert f"`{','.join(DEFAULT_DECLARED)}`" in _text("docs/logs.md")
 
 
 def test_every_option_that_a_page_shows_exists():

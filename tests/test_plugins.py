@@ -80,12 +80,6 @@ def install(tmp_path, monkeypatch):
     forget()
 
 
-def test_without_a_package_there_is_nothing_but_ours():
-    load_plugins.cache_clear()
-    for group in ("effects", "readers", "exporters"):
-        assert load_plugins(f"modelgap.{group}") == {}
-
-
 def test_an_effect_of_a_package_is_one_of_the_registry(install, capsys):
     install()
     assert list(load_effects())[-1] == "gadget"

@@ -1,20 +1,9 @@
 """What a verdict is worth beside the truth, case by case."""
 
-from dataclasses import replace
-
 import pytest
 
-from benchmarks.hidden.draw import draw_detectable, vocabulary
-from benchmarks.hidden.score import Name, deviation, members, score
-from benchmarks.synthetic.amounts import compute_effect_amount
-from residual.effects import load_effects
-from residual.effects.base import EffectTrait
-from residual.robot.robot import load_robot
-from residual.verdict.result import Detectable
-from sim.engine.plant_records import create_random_stream as make_rng
+from benchmarks.hidden.score import Name, score
 from tests.verdict_documents import typed
-
-STRIBECK = Name("stribeck", (2,))
 
 
 def entry(name, joints, order=1, alike=(), parameters=None):
@@ -81,34 +70,3 @@ def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, 
     judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], verdict_in_words(words))
     assert (judged.outcome, judged.count, judged.extra) == (outcome, found, extra)
     assert judged.joint_right is joint
-
-
-def test_a_finding_on_two_joints_is_two_names_and_a_pair_of_gears_is_one():
-    levels = {"level": {"value": [1.0, 2.0], "std": [0.1, 0.2], "unit": "N m"}}
-    merged = entry("stribeck", [5, 2], parameters=levels)
-    gears = entry("coupled_friction", [6, 5], 2)
-    names = [str(s.name) for s in members(verdict(merged, gears))]
-    assert names == ["stribeck 5", "stribeck 2", "coupled_friction 5,6"]
-    judged = score("single", [STRIBECK], verdict(merged))
-    assert (judged.outcome, judged.extra) == ("right", 1)
-    assert deviation(judged.hits[0], {"level": 2.1}) == pytest.approx(-0.5)
-
-
-def test_every_effect_of_the_diagnosis_is_drawn_and_no_fault_of_a_sensor():
-    named, strange = vocabulary(load_robot("irb140"))
-    # Damping by a drive needs a log with goals: benchmarks/servo_parts.
-    effects = load_effects().items()
-    usual = {name for name, e in effects if EffectTrait.POWERED not in e.traits}
-    assert usual == set(named)
-    assert strange
-    assert not [name for name in strange if name.startswith("x_fault")]
-
-
-def test_what_is_drawn_to_be_just_detectable_has_that_size_or_is_left_out():
-    robot = load_robot("irb140")
-    minimum = [Detectable("position_friction", (j,), 0.1, "N m") for j in range(1, 7)]
-    name, huge = "position_friction", [replace(m, value=1e3) for m in minimum]
-    one = draw_detectable(robot, make_rng(4, "t"), name, minimum)
-    assert compute_effect_amount(name, dict(one.parameters)) == pytest.approx(0.1)
-    for sizes in (huge, []):  # more than an arm has, and not known
-        assert draw_detectable(robot, make_rng(4, "t"), name, sizes) is None

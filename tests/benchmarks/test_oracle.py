@@ -6,8 +6,8 @@ from benchmarks.hidden.oracle import oracle
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
-from residual.robot.robot import load_robot
 from sim.engine.plant_records import SyntheticEffect
+from tests.residual.arms import arm
 
 PLAN = (
     LogPlan("one", "fit", "fourier", 9.0, 125.0),
@@ -17,12 +17,12 @@ PLAN = (
 
 
 def test_the_right_effect_predicts_better_than_another_and_than_none():
-    robot = load_robot("irb140")
+    robot = arm()
     hidden = SyntheticEffect("position_friction", (2,), {"cos": 8.0, "sin": 0.0})
     recordings = make(Plant(robot, (hidden,), 4), PLAN, 4)
     right, other, nothing = (
         oracle(robot, recordings[:2], recordings[2:], effects)[1].overall("filtered")
-        for effects in ([("position_friction", (2,))], [("position_friction", (3,))], [])
+        for effects in ([("position_friction", (2,))], [("position_friction", (1,))], [])
     )
     assert right < 0.8 * min(other, nothing)
     with pytest.raises(UnknownNameError):

@@ -5,9 +5,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks import page
 from benchmarks.hidden.score import Name
-from benchmarks.peers_parts import bars, judge, sparse, squares
+from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Arm, Case
 from residual.recording import Recording
 from residual.robot.robot import load_robot
@@ -84,13 +83,3 @@ TRUTHS = {
 def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
     row = judge.compare(kind, TRUTHS[kind], Answer(tuple(findings), unknown))
     assert [level for level in judge.LEVELS if row[f"exact_{level}"]] == right
-
-
-def test_figures_are_described_and_crashes_are_counted():
-    row = judge.compare("none", (), Answer((), False)) | {"seconds": 1.0}
-    rows = [{"group": program, **row} for program in ("ours", "squares", "sparse")]
-    figures = bars.all_figures([*rows, *3 * [{"error": "x"}]])
-    described = page.list_rows("peers", figures)
-    assert {key for _, _, keys in described for key in keys} >= set(figures)
-    assert figures["ours_exact_name"]["value"] == 1.0
-    assert figures["crashes"]["value"] == 3

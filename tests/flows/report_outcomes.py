@@ -10,7 +10,6 @@ from residual.verdict.diagnosis import Diagnosis
 from tests.verdict_documents import typed, whole_document
 
 DOF = 6
-STAGES = ("nominal", "identified", "augmented")
 DRIFT = {"on": "t", "of": [], "form": "curve", "share": 0.6, "frequency": None}
 NOTES = (
     "fit: A B | baseline: – | held out: C",

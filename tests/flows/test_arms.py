@@ -87,24 +87,6 @@ def test_runs_of_two_plants_are_not_fitted_together(tmp_path, plant):
     assert group_runs_by_arm([one, other, more], tmp_path) == [[one, more], [other]]
 
 
-def test_plants_without_a_seed_are_fitted_together_as_ever(tmp_path, plant):
-    runs = [run(tmp_path, seed, {}) for seed in (1, 2)]
-    assert load_run_robot("irb140", runs, tmp_path).serial is None
-
-
-RANDOM = """
-[trajectory]
-kind = "cyclic"
-duration = 4.0
-[[plant.effect]]
-name = "coulomb"
-joints = [2]
-[random]
-count = 2
-plant.effect.level = {low = 1.0, high = 8.0}
-"""
-
-
 def test_a_baseline_of_another_plant_or_of_none_gets_a_warning(tmp_path, plant):
     one, two = run(tmp_path, 1), run(tmp_path, 2, {"seed": 2})
     none, same = run(tmp_path, 3, {}), run(tmp_path, 4)

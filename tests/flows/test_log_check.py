@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-import modelgap as mg
 from flows.cli import main
 from flows.inputs.read import read_logs
 from flows.report.sentences import format_headline
@@ -162,36 +161,11 @@ def test_runs_of_the_store_are_checked_too(place, fake_check, named):
     assert record["request"]["trust_log"] is True
 
 
-def test_the_door_checks_and_refuses_likewise(place, fake_check):
-    robot = mg.load_robot("arm.urdf")
-    fit = mg.read_logs(["A.csv", "B.csv"], robot)
-    assert repr(mg.check(robot, fit)) == "LogCheck(clean)"
-    fake_check["faults"] = [SIGN, DOUBT]
-    report = mg.check(robot, fit)
-    assert report.verdict == "unusable"
-    assert report.faults[0].repair == (LINE,)
-    assert repr(report).splitlines() == [
-        "LogCheck(unusable)",
-        "  torque sign, joint 2 (certain): Friction gives.",
-        f"    {LINE}",
-        "  filtered (suspect): No noise near 50 Hz.",
-    ]
-    for verb in (mg.diagnose, mg.identify, mg.calibrate):
-        with pytest.raises(InputError, match="torque sign, joint 2"):
-            verb(robot, fit)
-    identification = mg.identify(robot, fit, trust_log=True)
-    assert any("torque sign" in warning for warning in identification.warnings)
-
-
 @pytest.fixture(scope="module")
 def hidden_logs():
     folder = ROOT / "examples" / "hidden"
-    files = tuple(str(folder / f"fit_{number}.csv") for number in (1, 2, 3))
+    files = tuple(str(folder / f"fit_{number}.csv@:10") for number in (1, 2, 3))
     return read_logs(Check(files, robot="irb140"), "to check")
-
-
-def test_sound_logs_are_not_refused_one_by_one(hidden_logs):
-    assert not steps.refuse_faulty_logs(hidden_logs, False).certain
 
 
 def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden_logs):
@@ -199,7 +173,7 @@ def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden
     order = [0, 2, 1, 3, 4, 5]
     second = replace(second, q=second.q[:, order], tau=second.tau[:, order])
     mixed = replace(hidden_logs, fit=(first, second, third))
-    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2, not"):
+    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2@:10, not"):
         steps.refuse_faulty_logs(mixed, False)
 
 

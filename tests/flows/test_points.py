@@ -2,7 +2,6 @@
 
 import pytest
 
-from flows.cli import main
 from flows.specs import load_campaign
 from flows.steps.experiment import plan_experiments, store_campaign
 from residual.errors import InputError
@@ -83,11 +82,6 @@ def test_a_campaign_that_is_open_has_values_of_its_plant_with_their_unit(stored)
     assert row == {"value": 3.5, "unit": "N m"}
 
 
-def test_a_seed_tells_that_of_the_plant_so_it_is_no_point(stored):
-    store, _, _ = stored("[grid]\nseed = [1, 2]\ntrajectory.duration = [4.0]\n")
-    assert {r["axis"] for r in ask(store, "FROM points")} == {"trajectory.duration"}
-
-
 @pytest.mark.parametrize("axis", ['serial = ["A", "B"]', 'tags = [["a"], ["b"]]'])
 def test_what_moves_no_id_is_no_axis(stored, axis):
     with pytest.raises(InputError, match="so it is no axis of a campaign"):
@@ -97,14 +91,3 @@ def test_what_moves_no_id_is_no_axis(stored, axis):
 def test_sealed_is_true_or_false(stored):
     with pytest.raises(InputError, match="sealed"):
         stored(CAMPAIGN.format('[campaign]\nsealed = "no"'))
-
-
-def test_the_same_campaign_is_one_record_and_a_dry_run_none(tmp_path, stored, capsys):
-    store, planned, id = stored(CAMPAIGN.format(""))
-    again = store_campaign(planned, str(tmp_path / "friction.toml"), store)
-    assert again == id
-    words = ["campaign", str(tmp_path / "friction.toml"), "--dry-run"]
-    assert main([*words, "--store", str(tmp_path / "none")]) == 0
-    shown = capsys.readouterr().out
-    assert "sealed: plant.effect.level, plant.background, plant.noise.torque" in shown
-    assert not (tmp_path / "none").exists()

@@ -1,7 +1,5 @@
 """The lines that mend a log: valid maps, and a log read with them is the right one."""
 
-import tomllib
-
 import numpy as np
 import pytest
 
@@ -142,25 +140,12 @@ def test_a_line_does_at_the_link_what_the_repair_says_whatever_the_map(
     np.testing.assert_allclose(after, want, rtol=1e-8, atol=1e-12)
 
 
-def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
-    odd = ['a"b', "c\\d", "Drehmoment °"]
-    text = f"tau = {{columns = ['a\"b', 'c\\d', '{odd[2]}']}}"
-    columns = columns_of(text, tmp_path)
-    line = format_repair_lines([Repair("tau", (1,), sign=(-1,))], arm(), columns)
-    assert tomllib.loads(line)["tau"]["columns"] == odd
-
-
 def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path):
     robot = arm("[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]")
     columns = columns_of(MAPS["motor side"][0], tmp_path)
     assert format_repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
     line = format_repair_lines([Repair("q", scale=0.5)], robot, columns)
     assert line.endswith('side = "motor", scale = [0.5, 0.5, 0.5]}')
-
-
-def test_what_no_line_can_mend_has_none(arm):
-    assert format_repair_lines([], arm(), ColumnMap()) is None
-    assert format_repair_lines([Repair("robot", (2,))], arm(), ColumnMap()) is None
 
 
 @pytest.mark.parametrize(

@@ -1,9 +1,7 @@
 """The HTML page and the terminal: complete, harmless, the same every time."""
 
-import copy
 import io
 import re
-from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -13,8 +11,6 @@ from rich.console import Console
 from flows.report import charts
 from flows.report import page as base
 from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
-from flows.report.document import ReportTable, print_parts
-from residual.model.compare import FindingScatter, LogPrediction
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.document import from_json, to_json
 from tests.flows import report_outcomes as outcomes
@@ -35,26 +31,6 @@ def printed(outcome: Diagnosis, width: int = 80, encoding: str = "utf-8") -> str
     print_diagnosis(outcome, Console(file=file, width=width, no_color=True))
     file.flush()
     return file.buffer.getvalue().decode(encoding)
-
-
-def test_page_names_every_finding_joint_and_note(several_page: str) -> None:
-    page = Page(several_page)
-    titles = (
-        "Coulomb friction on all six joints",
-        "A balancer on joint 2",
-        "A constant torque offset on joint 4",
-        "Torque ripple on joint 5",
-    )
-    for words in (*titles, "These logs cannot separate a balancer from a spring."):
-        assert words in page.text
-    for joint in range(1, outcomes.DOF + 1):
-        alts = page.figures
-        assert any(f"torque of joint {joint} on log" in alt for alt in alts)
-        assert any(f"Residual torque of joint {joint} over" in alt for alt in alts)
-    for number in ("412.0 ± 9.1 N m", "7020 ± 42 N m", "4120", "> 99 %", "14.8"):
-        assert number in page.text
-    for note in outcomes.NOTES:
-        assert note in page.text
 
 
 def test_page_is_well_formed_and_accessible(several_page: str) -> None:
@@ -98,67 +74,6 @@ def test_names_from_files_are_escaped_in_page_and_figures() -> None:
     assert "[bold]" in printed(nasty)
 
 
-def test_the_terms_of_the_error_table_stand_below_it() -> None:
-    outcome = outcomes.unknown()
-    lines = ("plsr: augmented, and tables", "flagged: the residual of this joint is")
-    assert [line in printed(outcome) for line in lines] == [False, True]
-    result = to_json(outcome.verdict)
-    result["error"]["moving"]["plsr"] = result["error"]["moving"]["identified"]
-    text = printed(replace(outcome, verdict=from_json(result)))
-    assert text.index("All ") < text.index(lines[0]) < text.index(lines[1])
-    assert "flagged:" not in printed(outcomes.nothing())
-
-
-MAY_BE_NULL = ("kind", "by", "held_out", "noise_model", "next_experiment")
-
-
-def paths(value: object, path: tuple = ()) -> Iterator[tuple]:
-    """Yield the path of everything in a nested record that may be unknown."""
-    inner = value.items() if isinstance(value, dict) else enumerate(value)
-    for key, one in inner:
-        own = (*path, key)
-        array = one and path[:1] == ("error",) and isinstance(one, list)
-        null = key in MAY_BE_NULL and path != ("error",)
-        if isinstance(one, float) or array or null:
-            yield own
-        if isinstance(one, dict | list):
-            yield from paths(one, own)
-
-
-def without(record: dict, path: tuple) -> dict:
-    changed = copy.deepcopy(record)
-    inner = changed
-    for key in path[:-1]:
-        inner = inner[key]
-    inner[path[-1]] = None
-    return changed
-
-
-@pytest.mark.usefixtures("quick")
-def test_everything_that_may_be_null_may_be() -> None:
-    outcome = outcomes.several()
-    document = to_json(outcome.verdict)
-    places = [p for p in paths(document) if p[:2] != ("error", "logs")]
-    assert len(places) > 80
-    kinds = {tuple("#" if isinstance(k, int) else k for k in p): p for p in places[::-1]}
-    places = kinds.values()
-    assert len(places) > 30
-    for path in places:
-        changed = replace(outcome, verdict=from_json(without(document, path)))
-        for text in (render_diagnosis_page(changed, "kr300"), printed(changed)):
-            assert not re.search(r"\b(None|nan)\b", text), path
-
-
-def test_degenerate_curves_are_drawn() -> None:
-    t, zeros = np.array([0.0, 0.004]), np.zeros((2, outcomes.DOF))
-    proof = LogPrediction("C", t, zeros, dict.fromkeys(outcomes.STAGES, zeros), zeros > 0)
-    one = np.ones(3)
-    flat = FindingScatter("balancer", 2, "q2 [rad]", one, 0 * one, 0 * one, np.full(3, "A"))
-    outcome = replace(outcomes.one_effect(), proofs=(proof,), clouds=(flat,))
-    page = Page(render_diagnosis_page(outcome, "kr300"))
-    assert len(page.figures) == len(page.plots) > outcomes.DOF
-
-
 @pytest.mark.usefixtures("quick")
 @pytest.mark.parametrize("name", outcomes.ALL)
 def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
@@ -177,13 +92,3 @@ def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -
     assert max(len(line) for line in text.splitlines()) <= width
     assert "…" not in text
     assert "\x1b" not in text
-
-
-def test_a_table_that_is_too_wide_prints_a_row_at_a_time_and_cuts_nothing() -> None:
-    cells = [f"{n}.125" for n in range(12)]
-    file = io.StringIO()
-    table = ReportTable(["effect", *(f"J{n}" for n in range(12))], [["ripple", *cells]])
-    print_parts(Console(file=file, width=60, no_color=True), table)
-    words = file.getvalue().replace(",", " ").split()
-    assert {"ripple", "J11", *cells} <= set(words)
-    assert max(map(len, file.getvalue().splitlines())) <= 60

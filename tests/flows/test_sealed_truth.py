@@ -145,7 +145,7 @@ def test_a_verdict_is_the_same_byte_for_byte_whatever_is_known_of_its_runs(
     for number, store in enumerate(stores):
         contents = [
             adopted_arm.spec(kind, 1, i) | {"tags": [f"cell={number}"]}
-            for i, kind in enumerate(("cyclic", "move_stop_move", "cyclic"))
+            for i, kind in enumerate(("cyclic", "move_stop_move"))
         ]
         specs = [parse_spec(content, "S") for content in contents]
         points = {"plant.effect.stiffness": 60.0 + number, "trajectory.kind": "other"}
@@ -154,10 +154,10 @@ def test_a_verdict_is_the_same_byte_for_byte_whatever_is_known_of_its_runs(
         if number:
             experiment.store_campaign(planned, "C.toml", store)
         ids = [experiment.simulate_and_store(spec, store, f"C{number}") for spec in specs]
-        runs.append((ids[:2], ids[2:]))
+        runs.append((ids[:1], ids[1:]))
     assert runs[0] == runs[1] == runs[2]
     with mg.open_store(stores[1]) as opened:
-        assert len(opened.sql("FROM truth", truth=True)) == 3
+        assert len(opened.sql("FROM truth", truth=True)) == 2
     for folder in ("sealed", "campaigns"):
         shutil.rmtree(stores[2] / folder)
     verdicts = [verdict(store, ids) for store, ids in zip(stores, runs, strict=True)]

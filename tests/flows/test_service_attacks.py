@@ -17,6 +17,7 @@ from flows.settings import prefect_home
 from residual.errors import RunError
 from tests.flows.browser import PROGRAM, browser
 from tests.flows.prefect_server import served as serving
+from tests.waiting import PATIENCE
 
 EVIL = "http://evil.example"
 FLOW = b'{"name": "attack"}'
@@ -63,7 +64,7 @@ def paged(tmp_path_factory):
 def send(served, method: str, path: str, body: bytes | None = None, **given) -> int:
     """Send exactly these headers; returns the status."""
     headers = {name.replace("_", "-"): value for name, value in given.items()}
-    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=60)
+    connection = http.client.HTTPConnection("127.0.0.1", served.port, timeout=PATIENCE)
     connection.putrequest(method, f"/api{path}", skip_host="Host" in headers)
     length = {} if body is None else {"Content-Length": str(len(body))}
     for name, value in (headers | length).items():
@@ -124,7 +125,7 @@ def test_nothing_is_told_to_who_has_no_key(served):
 @pytest.mark.parametrize("path", SOCKETS)
 def test_a_websocket_is_for_who_has_the_key(served, path):
     place = served.api.url.replace("http", "ws") + path
-    opened = partial(connect, place, subprotocols=["prefect"], open_timeout=60)
+    opened = partial(connect, place, subprotocols=["prefect"], open_timeout=PATIENCE)
     for origin in (EVIL, "null", "http://127.0.0.1:1"):
         with pytest.raises(InvalidStatus) as caught, opened(origin=origin):
             pass
@@ -134,7 +135,7 @@ def test_a_websocket_is_for_who_has_the_key(served, path):
         assert not greeted(opened(origin=origin), {"type": "filter", "filter": {}})
     with suppress(ConnectionClosed, InvalidStatus), connect(place) as legacy:
         legacy.send(json.dumps({"event": "modelgap.run.committed"}))
-        legacy.recv(timeout=60)
+        legacy.recv(timeout=PATIENCE)
         pytest.fail("it answered without a key")
     assert greeted(opened(), {"type": "auth", "token": served.api.key})
 
@@ -144,7 +145,7 @@ def greeted(opening, first: dict) -> bool:
     with opening as open_:
         open_.send(json.dumps(first))
         try:
-            return json.loads(open_.recv(timeout=60)) == {"type": "auth_success"}
+            return json.loads(open_.recv(timeout=PATIENCE)) == {"type": "auth_success"}
         except ConnectionClosed:
             return False
 

@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from flows.cli import main
 from flows.requests import Validate
 from flows.specs import parse_spec
 from flows.steps import experiment, validate
@@ -144,27 +143,7 @@ def test_a_measured_run_has_open_loop_at_its_own_rate_and_clock(run_store, tmp_p
     assert validation.open_loop.max() < 2e-3
 
 
-def test_a_run_of_another_description_is_refused(run_store, tmp_path):
-    log = replace(read_run(*run_store[:2]), id="")
-    id = commit_run(tmp_path, log, {"robot_hash": "0" * 64})
-    with pytest.raises(InputError, match="another description of irb140"):
-        validate.validate(Validate(id, 0.25, tmp_path))
-
-
 @pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
 def test_a_window_that_cannot_be_is_refused(run_store, window):
     with pytest.raises(InputError, match="to the length of the run, 4 s"):
         validate.validate(Validate(run_store[1], window, run_store[0]))
-
-
-def test_the_command_prints_what_it_means_and_keeps_the_same_record_once(run_store, loaded, capsys):
-    words = ["validate", run_store[1][:8], "--store", str(run_store[0])]
-    assert main(words) == 0
-    shown = capsys.readouterr().out
-    assert f"{1e3 * loaded[1].nominal[2]:.2f}" in shown
-    assert "arm's own [mrad]" in shown
-    assert "a better model can gain" in shown
-    assert f"modelgap show {loaded[0]}" in shown
-    assert f"Run {run_store[1][:8]}:" in shown
-    assert main([*words, "--window", "0"]) == 2
-    assert "--window 0" in capsys.readouterr().err

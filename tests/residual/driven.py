@@ -20,7 +20,7 @@ def pendulum(toml: str = "") -> Robot:
 
 
 def drive_log(
-    seed: int, seconds: float = 12.0, drive: Drive = DRIVE, off=(), load: float = 0.0
+    seed: int, seconds: float = 9.0, drive: Drive = DRIVE, off=(), load: float = 0.0
 ) -> Recording:
     """Simulate a log: steps and waves of the goal, off within (start, end) [s].
 

@@ -5,11 +5,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.adequacy import assess_adequacy, find_motion_period
+from residual.diagnosis.adequacy import assess_adequacy
 from residual.diagnosis.diagnose import diagnose
 from residual.evidence.fit import fit_jointly
-from residual.signals.track import FilterSettings, build_tracks
-from tests.residual.arms import TWO, arm, plain_logs, recording
+from tests.residual.arms import TWO, arm, plain_logs
 from tests.residual.linear import DOF, Problem, build
 
 NOISE = 1.0
@@ -37,19 +36,6 @@ def slow(state):
     return np.sqrt(2) * np.sin(state.t / 25)
 
 
-def test_what_is_left_is_flagged_on_its_joint_and_noise_is_not(rng):
-    case = problem(rng)
-    judgment = judge(case)
-    assert judgment.flagged == ()
-    np.testing.assert_allclose(judgment.noise, NOISE / case.design.rms)
-    assert (judgment.structured_share < 0.05).all()
-    case = problem(rng, slow, 2.0)
-    judgment = judge(case)
-    assert judgment.flagged == (1,)
-    assert judgment.structured_share[1] == pytest.approx(2.0 / case.design.rms[1], rel=0.15)
-    np.testing.assert_array_equal(judgment.before, judgment.structured_share)
-
-
 @pytest.mark.parametrize(
     ("share", "doubted", "flagged"), [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))]
 )
@@ -59,58 +45,6 @@ def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flag
     case = problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
     judgment = judge(case)
     assert (judgment.doubted, judgment.flagged) == (doubted, flagged)
-
-
-def periodic(period=4.0, duration=13.0, noise=0.0, seed=0):
-    rng = np.random.default_rng(seed)
-    t = np.arange(round(duration * 125)) / 125
-    w = 2 * np.pi / period
-    q = np.column_stack([np.sin(w * t) + 0.3 * np.sin(3 * w * t), np.cos(2 * w * t)])
-    q += 1e-5 * rng.normal(size=q.shape)
-    return recording(t, q, noise * rng.normal(size=q.shape))
-
-
-@pytest.mark.parametrize("period", [3.2, 4.0, 5.6])
-def test_the_period_of_a_program_is_found_from_the_motion_itself(period):
-    (track,), _ = build_tracks([periodic(period)], FilterSettings())
-    rows = find_motion_period(track)
-    assert rows * track.step / track.rate == pytest.approx(period, abs=0.04)
-
-
-def test_a_motion_that_never_repeats_has_no_period():
-    t = np.arange(1600) / 125
-    q = np.column_stack([np.sin(t) + 0.3 * np.sin(np.e * t), np.sin(np.sqrt(2) * t)])
-    (track,), _ = build_tracks([recording(t, q, q)], FilterSettings())
-    assert find_motion_period(track) is None
-
-
-@pytest.mark.parametrize(
-    ("kind", "left"),
-    [
-        ("repeatable", lambda rows, period, rng: np.sin(2 * np.pi * 3 * rows / period)),
-        ("time-driven", lambda rows, period, rng: np.sin(2 * np.pi * rows / 11.3)),
-    ],
-)
-def test_what_comes_back_with_motion_is_told_from_what_follows_time(rng, kind, left):
-    """The rows of a log that repeats every 40 of them, with noise of 0.1 N m."""
-    found, period = problem(rng, rows=400), 40
-    logs = []
-    for own, state in found.logs:
-        rows = np.arange(len(own.tau))
-        angle = 2 * np.pi * np.outer(rows, [1, 2]) / period
-        tau = 0.1 * rng.normal(size=own.tau.shape)
-        tau[:, 1] += left(rows, period, rng)
-        noise = np.full(DOF, 0.1)
-        repeated = replace(own, tau=tau, q=np.sin(angle), torque_noise=noise)
-        logs.append((repeated, state))
-    found = Problem(logs, build(logs), found.prior)
-    assert judge(found).kind[1] == kind
-
-
-def test_without_a_repeat_no_kind_is_claimed(rng):
-    case = problem(rng, slow, 2.0)
-    logs = [(replace(own, q=state.q), state) for own, state in case.logs]
-    assert judge(Problem(logs, case.design, case.prior)).kind == (None, None)
 
 
 @pytest.mark.parametrize("compared", [False, True])

@@ -64,6 +64,7 @@ def off_on(robot, logs):
     return {(c.name, c.joints): c.identified / c.nominal for c in off}
 
 
+@pytest.mark.long
 def test_every_value_that_is_off_is_told_though_none_is_named(logs):
     factors = {name: np.array([1.3, 0.75, 1.0, 1.25, 1.4, 0.7]) for name in KEYS}
     off = off_on(believed(factors), logs)

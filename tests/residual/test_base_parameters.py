@@ -42,17 +42,6 @@ def test_rounded_right_angles_do_not_make_new_parameters():
     np.testing.assert_allclose(again.mapping, exact.mapping, atol=1e-6)
 
 
-def test_words_say_what_a_parameter_is_made_of():
-    base = compute_base_parameters(MODEL)
-    words = [base.words(i) for i in range(len(base))]
-    assert words[0].startswith("J1: inertia Izz of link 1 + 0.0049 x mass of link 2")
-    assert "J2: moment mx of link 2" in words
-    (lift,) = [w for w in words if w.startswith("J2: moment mz of link 2")]
-    assert lift == "J2: moment mz of link 2 + " + " + ".join(
-        f"0.36 x mass of link {i}" for i in (3, 4, 5, 6)
-    )
-
-
 def test_embedding_gives_the_same_base_parameters_nearest_to_the_nominal():
     base = compute_base_parameters(MODEL)
     rng = np.random.default_rng(1)

@@ -8,7 +8,7 @@ import pytest
 from residual.calibration.calibrate import build_corrected_model
 from residual.calibration.calibration_rows import MEASURED, PAPER, name_state_columns
 from residual.export.model_export import build_reference_motion
-from residual.model.lookup import NEAREST, NONE, LevelAxis, Lookup, LookupTable
+from residual.model.lookup import NEAREST, LevelAxis, Lookup, LookupTable
 from tests.exports.models import model_with, robot_of
 
 JOINTS = (1, 2, 3, 4, 5, 6)
@@ -56,11 +56,6 @@ def test_the_torque_is_that_of_the_model_and_of_the_tables_at_their_nearest_leve
     source = build_corrected_model(calibration)
     assert {t.beyond for t in source.tables} == {NEAREST}
     np.testing.assert_allclose(source.along(motion.t, motion.parts), want, atol=1e-11)
-
-
-def test_a_joint_without_a_table_says_so():
-    source = build_corrected_model(_calibration(nominal=_model()))
-    assert [t.kind == NONE for t in source.tables] == [j == 2 for j in JOINTS]
 
 
 @pytest.mark.parametrize(

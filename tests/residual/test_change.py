@@ -9,7 +9,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from residual.diagnosis.diagnose import diagnose
 from residual.errors import InputError
 from sim.engine.plant_records import SyntheticEffect
 from sim.plant.typical_sizes import scatter_inertias
@@ -70,15 +69,3 @@ def test_an_adopted_model_comes_with_its_logs(adopted):
     model, _, now = adopted
     with pytest.raises(InputError, match="adopted model has no logs"):
         diagnose_case(now, declared=model)
-
-
-def test_a_joint_that_stands_in_all_logs_is_not_compared():
-    case = short_case(arm(), seed=61, baseline=True, duration=8.0)
-
-    def stands(logs):
-        still = [1.0, 0.0]  # of the second joint neither motion nor torque
-        return [replace(x, q=x.q * still, tau=x.tau * still) for x in logs]
-
-    first, second, held = map(stands, (case.baseline, case.fit, case.held_out))
-    verdict = diagnose(case.robot, second, first, held).verdict
-    assert any("joint 2 hardly moves" in words for words in verdict.warnings)

@@ -6,16 +6,14 @@ import numpy as np
 import pytest
 
 from residual.calibration.correction_choice import (
-    LEAST_SQUARES,
     MAIN,
     PAIRS,
-    PLSR,
     CorrectionOption,
     TrainingRows,
     fit_all_corrections,
     fit_chosen_tables,
 )
-from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls, fit_pls
+from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.calibration.table_regression import ROWS, choose_table_levels
 from residual.errors import InputError
 from residual.model.lookup import NONE
@@ -89,20 +87,6 @@ def test_where_nothing_is_left_nothing_is_chosen(rng):
     assert lookup.tables == ()
 
 
-def test_a_straight_line_is_left_to_a_line(rng):
-    X, _, torque, run = motion(rng, runs=4, rows=600)
-    Y = np.c_[3 + 2 * X[:, 0] + X[:, 4] + 0.1 * rng.normal(size=len(X))]
-    lookup, options = chosen(X, Y, torque[:, :1], run)
-    assert options[0].kind in (LEAST_SQUARES, PLSR)
-    assert np.abs(lookup.predict(X) - Y).max() < 0.6
-
-
-def test_what_holds_in_one_run_alone_is_not_taken(rng):
-    X, Y, torque, run = motion(rng, runs=4, rows=600)
-    _, options = chosen(X, np.where(run[:, None] % 2 == 0, Y, -Y), torque, run)
-    assert [o.kind for o in options] == [NONE] * 3
-
-
 @pytest.mark.parametrize("kind", [MAIN, PAIRS])
 def test_tables_solve_the_ridge_equations(rng, kind):
     X, Y, _, _ = motion(rng, runs=1, rows=400)
@@ -125,26 +109,6 @@ def test_tables_solve_the_ridge_equations(rng, kind):
         ridge = 200.0 * len(X) / ROWS * penalty
         g = np.linalg.solve(A.T @ A + ridge, A.T @ (Y[:, j] - Y[:, j].mean()))
         np.testing.assert_allclose(forecasts[:, j], Y[:, j].mean() + A @ g, atol=1e-7)
-
-
-def test_a_look_up_says_what_the_fits_behind_it_say(rng):
-    X, Y, _, _ = motion(rng, runs=2, rows=300)
-    load, Y = carried(X, Y)
-    data, tables = training(X, Y, load)
-    fits = fit_all_corrections(data, tables)
-    options = (
-        CorrectionOption(PAIRS, 20.0),
-        CorrectionOption(PLSR, count=2),
-        CorrectionOption(MAIN, 200.0),
-    )
-    each = fits.forecasts(data, options)
-    lookup = fits.lookup(options)
-    expected = np.stack([each[j][:, j] for j in range(3)], axis=1)
-    got = lookup.predict(np.hstack([X, load]))
-    np.testing.assert_allclose(got, expected, atol=1e-9)
-    pls = fit_pls(X, Y)
-    by_scores = Y.mean(axis=0) + pls.transform(X)[:, :2] @ pls.Q.T[:2]
-    np.testing.assert_allclose(got[:, 1], by_scores[:, 1], atol=1e-9)
 
 
 def standing(rng):

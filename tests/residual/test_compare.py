@@ -48,18 +48,6 @@ def test_a_scaled_torque_has_the_error_of_its_scale(proof):
     assert_allclose(errors_of(silent, logs).per_joint("raw"), 100.0)
 
 
-def test_what_happens_within_half_a_second_of_the_ends_does_not_count(proof):
-    model, logs = proof
-    loud = []
-    for r in logs:
-        tau = r.tau.copy()
-        tau[:120] += 1e3
-        tau[-120:] -= 1e3
-        loud.append(replace(r, tau=tau))
-    one, two = (errors_of(model, x).per_joint("raw") for x in (logs, loud))
-    assert_allclose(one, two)
-
-
 def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
     model, logs = proof
     hum = [replace(r, tau=r.tau + 8 * np.sin(377 * r.t)[:, None]) for r in logs]
@@ -69,7 +57,7 @@ def test_noise_above_the_filter_counts_in_the_raw_error_only(proof):
         assert_allclose(errors.per_joint(kind), [0, 100 * 0.1 / 1.1], atol=0.5)
 
 
-def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
+def test_proof_curves_are_those_that_the_errors_are_taken_of(proof):
     model, logs = proof
     seen = prepare_held_out(logs, model)
     errors, curves = model_errors({"it": model}, seen, FilterSettings())
@@ -78,10 +66,6 @@ def test_proof_curves_are_those_that_the_filtered_error_is_taken_of(proof):
     moving = sum((((c.tau - c.tau_hat["it"]) * c.moving) ** 2).sum(axis=0) for c in curves)
     assert_allclose(moving, errors["it"].miss["moving"])
     assert_allclose(compute_moving_error(model, seen).sum(axis=0), moving)
-    assert [c.id for c in curves] == ["log0", "log1"]
-    for c in curves:
-        assert c.t.shape == (len(c.tau),)
-        assert 0.4 < c.t[0] < 0.6
 
 
 def test_the_last_quarter_of_the_longest_log_is_held_out():

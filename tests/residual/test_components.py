@@ -7,7 +7,6 @@ from numpy.testing import assert_allclose
 from residual.calibration.figure_data import fit_pca
 from residual.calibration.nominal_pls import fit_pls
 from residual.errors import InputError
-from residual.signals.filters import randomise_phases
 
 
 def blocks(rng, n=60, k=6, j=3):
@@ -63,13 +62,6 @@ def test_bad_input_is_refused_with_bound_value_and_remedy(X, Y, components, mess
         fit_pls(X, Y, components)
 
 
-def test_other_columns_and_names_than_fitted_are_refused():
-    with pytest.raises(InputError, match="fitted to 3: x1, x2, x3"):
-        fit_pls(X9, X9[:, :1]).transform(X9[:, :2])
-    with pytest.raises(InputError, match="2 names for 3 columns"):
-        fit_pls(X9, X9, 1, names=("a", "b"))
-
-
 def test_components_are_eigenvectors_of_the_correlations(rng):
     X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
     pca, C = fit_pca(X, rng, surrogate_count=20), np.corrcoef(X.T)
@@ -80,16 +72,6 @@ def test_components_are_eigenvectors_of_the_correlations(rng):
     names = [name for name, _ in pca.strongest(0)]
     order = np.argsort(-np.abs(pca.loadings[:, 0]))[:3]
     assert names == [f"x{i + 1}" for i in order]
-
-
-@pytest.mark.parametrize("rows", [16, 17])
-def test_random_phases_keep_mean_and_spectrum_of_each_variable(rng, rows):
-    X = rng.normal(size=(rows, 3))
-    spectrum = np.fft.rfft(X, axis=0)
-    new = randomise_phases(spectrum, rows, rng)
-    assert not np.allclose(new, X)
-    assert_allclose(np.abs(np.fft.rfft(new, axis=0)), np.abs(spectrum))
-    assert_allclose(new.mean(0), X.mean(0))
 
 
 def test_slow_signals_of_no_relation_have_no_component():

@@ -13,7 +13,6 @@ from residual.model.bodies import build_pseudo_inertias, compute_link_eigenvalue
 from residual.model.dynamics import find_least_mass_eigenvalue as least_mass_eigenvalue
 from residual.model.model_files import build_robot_folder
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
-from residual.robot import dynamics
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
 from tests.residual.identified import logs, truth
@@ -97,17 +96,3 @@ def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):
     again = replace(again, speed_floor=model.speed_floor, standstill=model.standstill)
     new = logs(1, seed=9)[0]
     assert_allclose(again.predict(new), model.predict(new), rtol=0, atol=1e-9)
-
-
-def test_parts_that_are_fixed_to_a_link_are_counted_once(tmp_path):
-    robot = load_robot("irb140")
-    log = logs(1)[0]
-    twice = np.column_stack([log.q, log.q])
-    six = [replace(log, q=twice, tau=twice)]
-    model = build_free_nominal(prepare_fit_logs(robot, six, None, FilterSettings()), EFFECTS).model
-    for name, content in build_robot_folder(model).items():
-        (tmp_path / name).write_bytes(content)
-    again = load_robot(tmp_path)
-    assert_allclose(dynamics.read_inertial_parameters(again.model), model.inertial, atol=1e-12)
-    assert again.name == "irb140"
-    assert dict(again.declared).keys() == set(EFFECTS)

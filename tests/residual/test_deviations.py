@@ -5,21 +5,12 @@ from dataclasses import replace
 import numpy as np
 
 from residual.diagnosis.findings import estimate_uncertainties
-from residual.effects.base import Effect, EffectTrait, ShapeRefinement
+from residual.effects.base import Effect, EffectTrait
 from residual.effects.base import build_joint_columns as joint_columns
 from tests.residual.linear import LINE, Problem, build
 from tests.residual.test_search import seen
 
 DRAWS = 20
-FADE = Effect(
-    "fade",
-    "fades with speed, as one of two textbooks has it",
-    {"level": "1", "speed": "1", "exponent": "1"},
-    joint_columns(lambda s, j, x: [s.sign[:, j] * np.exp(-(abs(s.qd[:, j] / x[0]) ** x[1]))]),
-    values=lambda theta, shape, robot: np.array([theta[0], *shape]),
-    shapes=lambda span, j: ((1.0, 1.0), (1.0, 2.0)),
-    refine=ShapeRefinement("ratio", 0.6),
-)
 READS = Effect(
     "reads", "reads the model", {"a": "1"}, joint_columns(lambda s, j, x: [s.tau_model[:, j]])
 )
@@ -59,19 +50,3 @@ def test_logs_that_disagree_make_a_parameter_less_sure():
         by_noise.append(abs(value - 2.0) < 2 * own[0])
     assert np.mean(inside) >= 0.85
     assert np.mean(by_noise) < 0.6
-
-
-def test_the_other_textbook_form_is_a_part_of_the_doubt(rng):
-    truth = 3.0
-    problem = Problem.draw(rng, noise=0.1, rows=300)
-    logs = []
-    for own, state in problem.logs:
-        tau = own.tau.copy()
-        tau[:, 0] += truth * state.sign[:, 0] / (1 + state.qd[:, 0] ** 2)
-        logs.append((replace(own, tau=tau), state))
-    problem = Problem(logs, build(logs), problem.prior)
-    value, sd, own = deviation(problem, (FADE, (1.0, 1.0)))
-    # Neither form is the truth's: the noise alone would be far too sure.
-    assert abs(value - truth) > 3 * own[0]
-    assert abs(value - truth) < 2.5 * sd[0]
-    assert sd[2] >= 0.5  # of the exponent: the other is one away

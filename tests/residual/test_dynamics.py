@@ -68,6 +68,9 @@ def test_gravity_torque_is_linear_in_its_direction_and_leaves_the_model_alone():
     still = dynamics.compute_inverse_dynamics(MODEL, q, 0 * q, 0 * q)
     np.testing.assert_allclose(along_z, still, atol=1e-9)
     np.testing.assert_array_equal(MODEL.gravity.linear, before)
+    fields = [dynamics.compute_gravity_torque(MODEL, q, along) for along in np.eye(3)]
+    weight = dynamics.compute_weight_torques(MODEL, q)
+    np.testing.assert_allclose(weight, np.stack(fields, axis=-1), atol=1e-9)
 
 
 def test_flange_jacobian_is_the_derivative_of_the_flange_position():

@@ -11,11 +11,9 @@ from residual.errors import InputError
 from residual.export.c99 import to_c99
 from residual.export.model_export import build_reference_motion, remove_tables, to_json
 from residual.export.urdf_mjcf import to_mjcf, to_urdf
-from residual.model.lookup import NEAREST, NOTHING, CorrectedModel, JointCorrection
+from residual.model.lookup import CorrectedModel, JointCorrection
 from residual.model.model import Model
-from residual.signals.track import CHOICES
-from tests.exports.back import c99_back, needs_compiler
-from tests.exports.models import NAMES, model_with, robot_of, term
+from tests.exports.models import NAMES, model_with, robot_of
 from tests.residual.test_model_record import lookup
 
 WRITERS = {"json": to_json, "urdf": to_urdf, "mjcf": to_mjcf, "c99": to_c99}
@@ -55,25 +53,6 @@ def test_a_target_carries_an_effect_or_lists_it_with_its_torque(target, name):
         assert omission.why
 
 
-@needs_compiler
-@pytest.mark.parametrize("beyond", [NOTHING, NEAREST])
-def test_the_header_reads_tables_inside_their_range_and_beyond(beyond):
-    source = _corrected(robot_of("seven"))
-    tables = tuple(replace(t, beyond=beyond) for t in source.tables)
-    export = to_c99(replace(source, tables=tables))
-    np.testing.assert_allclose(*c99_back(export), rtol=0, atol=1e-9)
-
-
-@needs_compiler
-def test_the_header_stands_still_as_the_model_does():
-    """Each joint stands still in another way."""
-    shapes = tuple(replace(choice, hold=0.6) for choice in CHOICES[1:13:2])
-    robot = robot_of("irb140")
-    terms = tuple(term(robot, "coulomb", j) for j in range(6))
-    source = replace(model_with(robot, standstill=shapes), terms=terms)
-    np.testing.assert_allclose(*c99_back(to_c99(source)), rtol=0, atol=1e-10)
-
-
 def _corrected(robot) -> CorrectedModel:
     rng = np.random.default_rng(4)
     columns = (("qd", (0,), ""), ("q", (1,), ""))
@@ -88,25 +67,6 @@ def test_tables_that_a_target_has_no_place_for_are_listed(target):
     assert tables.joints == (2, 3)
     assert tables.largest > 0
     assert isinstance(export.carried, Model)
-
-
-def test_what_a_target_cannot_say_alone_is_left_out_and_said_so():
-    source = model_with(robot_of("irb140"), "coulomb", "viscous")
-    less = replace(source.terms[0], theta=np.array([-1.0]))
-    export = to_mjcf(replace(source, terms=(less, source.terms[1])))
-    (omission,) = export.omissions
-    assert omission.name == "coulomb"
-    assert omission.why.startswith("MJCF allows no negative friction, got -1 N m: ")
-    assert "--prior 0.03" in omission.why
-    robot = robot_of("irb140")
-    lone, sprung = (to_mjcf(model_with(robot, *n)) for n in (["offset"], ["offset", "spring"]))
-    assert [each.name for each in lone.omissions] == ["offset"]
-    assert sprung.omissions == ()
-    source = model_with(robot_of("irb140"), "delay")
-    (late,) = source.terms
-    early = replace(late, shape=(-0.01,), theta=np.array([-0.01]))
-    (omission,) = to_c99(replace(source, terms=(early,))).omissions
-    assert omission.why == "a negative delay looks ahead in time"
 
 
 @pytest.mark.parametrize(

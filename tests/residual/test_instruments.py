@@ -6,14 +6,10 @@ import numpy as np
 import pytest
 
 from residual.diagnosis import errors_in_variables as instruments
-from residual.diagnosis.detectable import DetectionModel, find_lookalikes
 from residual.diagnosis.diagnose import diagnose
-from residual.evidence.fit import fit_jointly
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
-from residual.verdict.result import Place
 from tests.residual.arms import arm, names
-from tests.residual.linear import LINE, OTHER, PLANE, Problem
 
 RATE, SECONDS = 125.0, 15.0
 ROTOR = 0.5  # kg m^2 on joint 2, of which the model knows nothing
@@ -98,18 +94,3 @@ def test_noise_of_the_angles_is_not_a_residual_to_explain(reference):
     verdict = diagnosed(COARSE, reference, rotor=0.0).verdict
     assert verdict.verdict == "none"
     assert verdict.unexplained.joints == ()
-
-
-def test_only_what_moves_alike_is_confusable(rng):
-    """PLANE holds all that OTHER does, so OTHER cannot be told from it."""
-    problem = Problem.draw(rng)
-    shapes = [(LINE, (0,), ()), (OTHER, (0,), ()), (PLANE, (0,), ()), (LINE, (1,), ())]
-    groups = problem.design.add(shapes)
-    search, design = problem.search(groups), problem.design
-    fitted = fit_jointly(design, problem.prior, (), design.rows)
-    told_of = [(g, 3.0 * np.eye(len(g.ids))[0]) for g in groups]
-    line, other, plane, far = find_lookalikes(DetectionModel.of(search, fitted), told_of)
-    assert line == far == ()
-    assert other == (Place("plane", (1,)),)
-    # Of a plane in the direction that OTHER has too.
-    assert plane == (Place("other", (1,)),)

@@ -27,34 +27,6 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
     assert (np.diff(codes[order, 0].astype(int)) >= 0).all()
 
 
-def test_equal_levels_are_equally_wide_and_an_edge_belongs_above():
-    levels = equal_levels(np.array([0.0, 10.0]), 5)
-    np.testing.assert_allclose(levels.edges[0], [2, 4, 6, 8])
-    values = np.array([0, 1.9, 2, 5, 9.9, 10])
-    assert levels.encode(values)[:, 0].tolist() == [0, 0, 1, 2, 4, 4]
-    x = np.linspace(0, 1, 600)
-    assert equal_levels(x, 300).encode(x).max() == 299
-
-
-def test_levels_of_quantiles_hold_equally_many_rows_unless_values_are_equal(rng):
-    codes = build_levels(x := rng.normal(size=1000), 10).encode(x)
-    assert np.ptp(np.bincount(codes[:, 0])) <= 1
-    x = np.array([0.0] * 50 + [1.0, 2.0, 3.0])
-    levels = build_levels(x, 10)
-    assert 2 <= levels.sizes[0] < 10
-    assert np.unique(levels.encode(x)).size > 1
-
-
-def test_velocities_get_a_level_of_standing_still(rng):
-    qd = np.concatenate([rng.normal(size=500), np.zeros(300)])
-    levels = build_levels(qd, 10, velocities=(0,))
-    low, still, high = levels.encode(np.array([-0.002, 0.0, 0.002]))[:, 0]
-    assert low < still < high
-    assert levels.sizes == (11,)
-    one_way = build_levels(np.abs(qd) + 1, 10, velocities=(0,))
-    assert 0.001 not in one_way.edges[0]
-
-
 @pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))

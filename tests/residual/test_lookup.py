@@ -1,19 +1,16 @@
-import csv
 import io
 import json
 import subprocess
 import sys
-from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
+from residual.calibration.correction_choice import MAIN, CorrectionOption
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.errors import InputError
-from residual.model.evaluate import build_row_evaluator, predict
 from residual.model.lookup import LevelAxis, Lookup, LookupTable, build_lookup_files
-from tests.residual.motion_blocks import NAMES, motion
+from tests.residual.motion_blocks import motion
 from tests.residual.test_choice import fitted
 
 EXACT = {"rtol": 0, "atol": 1e-12}
@@ -84,51 +81,6 @@ def test_the_export_evaluates_on_its_own(block, model, tmp_path):
     own = fitted(X, Y, torque).lookup([CorrectionOption(MAIN, 20.0)] * 3)
     evaluated = _evaluated(build_lookup_files(own), tmp_path, X[::20])
     np.testing.assert_allclose(evaluated, own.predict(X[::20]), **EXACT)
-
-
-def test_a_single_row_is_evaluated_as_many_are(rng, block, model):
-    X, Y, torque, _ = block
-    fits = fitted(X, Y, torque)
-    for lookup in (
-        model.lookup(),
-        fits.lookup([CorrectionOption(MAIN, 20.0)] * 3),
-        replace(model.lookup(), slope=rng.normal(size=(9, Y.shape[1]))),
-        fits.lookup([CorrectionOption("least squares")] * 3),
-    ):
-        saved = dict(np.load(io.BytesIO(build_lookup_files(lookup)["model.npz"])))
-        rows = np.vstack([X[:50], 1e9 * X[:2], lookup.low, lookup.high])
-        correction = build_row_evaluator(saved)
-        got = [correction(x) for x in rows]
-        np.testing.assert_allclose(got, predict(saved, rows), rtol=1e-9, atol=1e-9)
-
-
-def test_an_exported_lookup_is_read_again_bit_for_bit(rng, block, model, tmp_path):
-    X, Y, torque, _ = block
-    pairs, path = model.lookup(), tmp_path / "model.npz"
-    slope = rng.normal(size=pairs.slope.shape)
-    main = fitted(X, Y, torque).lookup([CorrectionOption(PAIRS, 20.0)] * 3)
-    for lookup in (replace(pairs, names=NAMES, slope=slope), main):
-        path.write_bytes(build_lookup_files(lookup)["model.npz"])
-        again, own = Lookup.load(path), np.hstack([X, torque])[:, : len(lookup.names)]
-        assert again.to_record() == lookup.to_record()
-        np.testing.assert_array_equal(again.predict(own), lookup.predict(own))
-
-
-def test_the_csv_holds_every_cell_with_its_intervals(block, model):
-    X = block[0][:7]
-    lookup = model.lookup()
-    rows = list(csv.reader(io.StringIO(build_lookup_files(lookup)["tables.csv"].decode())))
-    assert rows[0][:3] == ["table", "variable_1", "from_1"]
-    place = {name: i for i, name in enumerate(lookup.names)}
-    for x, expected in zip(X, model.predict(X), strict=True):
-        y = np.zeros(3)
-        for row in rows[1:]:
-            sides = [row[1:4], row[4:7]]
-            if all(
-                not name or float(low) <= x[place[name]] < float(high) for name, low, high in sides
-            ):
-                y += np.array(row[7:], float)
-        np.testing.assert_allclose(y, expected, **EXACT)
 
 
 def test_bad_rows_are_refused(model):

@@ -10,10 +10,8 @@ from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.effects.base import MotionSpan
 from residual.errors import InputError, UnknownNameError
-from residual.evidence.priors import ASSUMED
 from residual.model.model import Model, Term
-from residual.model.nominal import DEFAULT_DECLARED, GIVEN, build_nominal
-from residual.model.nominal import choose_declared_effects as declared_effects
+from residual.model.nominal import DEFAULT_DECLARED, build_nominal
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
@@ -98,54 +96,6 @@ def test_a_torque_gain_scales_everything_but_itself():
     for terms in ((*model.terms, gain), (gain, *model.terms)):
         scaled = replace(model, terms=terms).predict(log)
         assert_allclose(scaled, model.predict(log) * [1.0, 1.1], rtol=1e-9, atol=1e-9)
-
-
-def test_warmup_follows_the_clock_of_the_session():
-    robot = arm()
-    hot = Term(load_effects()["warmup"], (0,), (50.0,), np.array([2.0]))
-    base = Model(robot, 0 * read_inertial_parameters(robot.model), (hot,), floor(robot))
-    t = np.arange(1000) / 250
-    q = np.column_stack([0.5 * t, 0 * t])
-    log = recording(130.0 + t, q, 0 * q)
-    middle = slice(250, 750)
-    own = base.predict(log)[middle, 0]
-    assert_allclose(own, 2 * np.exp(-t[middle] / 50), rtol=1e-6)
-    session = replace(base, clock=100.0).predict(log)[middle, 0]
-    assert_allclose(session, 2 * np.exp(-(30 + t[middle]) / 50), rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("toml", "names", "expected"),
-    [
-        ("", None, DEFAULT_DECLARED),
-        ("", (), ()),
-        ("", ["coulomb", "viscous", "coulomb"], ("coulomb", "viscous")),
-        ("[declared.viscous]\n[declared.spring]", None, ("viscous", "spring")),
-        ("[declared.viscous]", ["offset"], ("offset",)),
-    ],
-)
-def test_the_user_decides_what_is_declared_then_robot_then_usual(toml, names, expected):
-    assert declared_effects(arm(toml=toml), names) == expected
-
-
-def test_a_declared_effect_without_values_is_free_in_every_shape():
-    terms = nominal(arm(), ("power_viscous",)).model.terms
-    assert [t.shape for t in terms] == 2 * [(0.25,), (0.5,), (0.75,)]
-    assert not any(t.theta.any() for t in terms)
-
-
-def test_declared_values_become_coefficients_of_their_joint():
-    toml = (
-        "[declared.coulomb]\nlevel = [3, 4]\n"
-        "[declared.spring]\nstiffness = [10, 0]\nrest = [0.5, 0]\n"
-        "[declared.viscous]\ncoefficient = [1, 2]\nassumed = true\nsource = 'x'\n"
-        "[declared.ripple]\namplitude = [2, 1]\norder = [8, 9]\nphase = [0, 1.5]\n"
-    )
-    nominal_model = nominal(arm(toml=toml), ("coulomb", "spring", "viscous", "ripple"))
-    theta = [t.theta.tolist() for t in nominal_model.model.terms[:6]]
-    assert theta == [[3], [4], [10, -5], [0, 0], [1], [2]]
-    assert nominal_model.sd == (GIVEN,) * 4 + (ASSUMED,) * 2 + (GIVEN,) * 2
-    assert [t.shape for t in nominal_model.model.terms[6:]] == [(8.0,), (9.0,)]
 
 
 WITHOUT_SHAPE = {

@@ -216,31 +216,6 @@ def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
     assert set_.without("coulomb", [2]).terms[1].theta.tolist() == [4.0]
 
 
-def test_a_record_keeps_what_an_edit_goes_back_to():
-    model = changed_friction()
-    again = model_from_record(json.loads(json.dumps(model.to_record())))
-    log = log_of(model.robot)
-    back, there = again.without("coulomb"), model.without("coulomb")
-    assert_array_equal(back.predict(log), there.predict(log))
-    damaged = json.loads(json.dumps(model.to_record()))
-    damaged["terms"][0]["nominal"]["theta"] = ["much"]
-    with pytest.raises(InputError, match="damaged"):
-        model_from_record(damaged)
-
-
-def test_the_torque_at_states_is_that_of_the_log():
-    model = model_of(["payload", "viscous", "spring", "torque_gain"])
-    smooth = replace(model, standstill=())
-    track = seen_track(model.robot)
-    expected = smooth.torque_on(track)
-    torque = smooth.torque(track.q, track.qd, track.qdd)
-    np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-12)
-    few = slice(7, 9)
-    np.testing.assert_allclose(
-        smooth.torque(track.q[few], track.qd[few], track.qdd[few]), expected[few]
-    )
-
-
 @pytest.mark.parametrize("name", ["delay", "warmup", "presliding"])
 def test_what_depends_on_more_than_the_state_is_refused(name):
     model = model_of([name])
@@ -248,19 +223,3 @@ def test_what_depends_on_more_than_the_state_is_refused(name):
     with pytest.raises(InputError, match=f"{name} depends on more than the state"):
         model.torque(q, q, q)
     assert model.without(name).torque(q, q, q).shape == (2, 7)
-
-
-def test_one_state_is_a_row_of_its_own_and_other_shapes_are_refused():
-    model = model_of([])
-    one = model.torque(np.ones(7), np.ones(7), np.ones(7))
-    assert_array_equal(one, model.torque(*3 * [np.ones((1, 7))]))
-    with pytest.raises(InputError, match=r"expected \(3, 7\) each"):
-        model_of([]).torque(np.zeros((3, 7)), np.zeros((3, 6)), np.zeros((3, 7)))
-
-
-def test_a_model_says_what_it_is():
-    robot = arm()
-    own = [Term(load_effects()["viscous"], (j,), (), np.ones(1)) for j in (0, 1)]
-    own.append(Term(load_effects()["coulomb"], (1,), (), np.ones(1)))
-    model = replace(model_of([], robot), terms=tuple(own))
-    assert repr(model) == "Model(small_arm: rigid body, viscous, coulomb J2)"

@@ -26,15 +26,6 @@ def test_two_names_give_way_to_the_one_that_does_what_both_do(rng):
     assert places(problem.search(groups).run(wrong).named) == [("plane", (0,))]
 
 
-def test_one_name_gives_way_to_the_two_that_are_there(rng):
-    truth = [(LINE, (0,), [3.0]), (OTHER, (0,), [3.0])]
-    problem = Problem.draw(rng, truth, rows=300, noise=0.3)
-    groups = every(problem, (LINE, OTHER, GEAR))
-    gear = next(g for g in groups if g.effect is GEAR)
-    found = problem.search(groups).run((gear,))
-    assert places(found.named) == [("line", (0,)), ("other", (0,))]
-
-
 def test_sets_as_good_are_listed_and_far_ones_are_not(rng):
     truth = [(LINE, (0,), [3.0]), (OTHER, (1,), [3.0])]
     problem = Problem.draw(rng, truth, rows=300)

@@ -110,26 +110,6 @@ def test_what_else_an_mjcf_says_is_declared(tmp_path):
     assert load_robot(tmp_path / "arm.xml").declared == {}
 
 
-def test_of_two_arms_of_an_mjcf_one_is_chosen_and_gravity_may_be_given(tmp_path):
-    written(tmp_path, MJCF)
-    (tmp_path / "robot.toml").write_text(
-        '[robot]\ngravity = [0, 0, -9.81]\n[chain]\njoints = ["pan", "tilt"]\n'
-        "[declared.viscous]\n[locked]\nlift = 0.2\n"
-    )
-    robot = load_arm(tmp_path)
-    assert robot.joints == ("pan", "tilt")
-    assert robot.locked["lift"] == 0.2
-    np.testing.assert_array_equal(robot.model.gravity.linear, [0, 0, -9.81])
-    assert dict(robot.declared["viscous"].values) == {}
-
-
-def test_an_equality_that_is_off_binds_nothing_and_a_curve_is_a_line(tmp_path):
-    off = MJCF.replace('<joint joint1="finger2"', '<joint active="false" joint1="finger2"')
-    assert load_arm(written(tmp_path, off)).locked["finger2"] == 0
-    curved = load_arm(written(tmp_path, MJCF.replace("0.01 1 0 0 0", "0.01 1 2 0 0")))
-    assert "joint 'finger2' follows 'finger1' by a line only" in curved.notes
-
-
 def test_an_mjcf_that_does_not_compile_is_refused_in_mujocos_words(tmp_path):
     with pytest.raises(RobotError, match=r"does not compile arm.xml: .*mass"):
         load_arm(written(tmp_path, MJCF.replace('mass="9"', 'mass="-9"')))

@@ -1,6 +1,5 @@
 """Joints that slide: their dynamics, their units, and what is named on them."""
 
-import csv
 import json
 from dataclasses import replace
 
@@ -10,17 +9,11 @@ import pytest
 
 import modelgap as mg
 from residual.effects import load_effects
-from residual.effects.base import EffectTrait
-from residual.export.c99 import to_c99
-from residual.export.support_point_tables import to_table
-from residual.export.urdf_mjcf import to_mjcf
 from residual.quantity import convert_to_sliding_unit
 from residual.robot.dynamics import build_kinematic_chain, read_inertial_parameters
 from residual.robot.dynamics import compute_inertial_regressor as inertial_regressor
 from residual.robot.robot import build_robot
 from sim.engine.pybullet_world import BulletWorld
-from tests.exports.back import c99_back, mjcf_back
-from tests.exports.models import model_with
 from tests.plain_arm import SLIDING, logs, sizes, sliding_arm, true_model, with_load
 
 
@@ -58,29 +51,6 @@ def test_where_joints_and_flange_are(name):
         np.testing.assert_allclose(places[1:-1], want, atol=1e-12)
 
 
-EFFECTS = ("viscous", "coulomb", "rotor_inertia", "spring", "encoder_offset", "payload")
-
-
-@pytest.mark.parametrize("name", ONE)
-@pytest.mark.parametrize(
-    ("to", "back", "effects"),
-    [
-        (to_c99, c99_back, (*EFFECTS, "elasticity", "ripple")),
-        (to_mjcf, mjcf_back, ("viscous", "coulomb", "rotor_inertia", "payload")),
-    ],
-    ids=["c99", "mjcf"],
-)
-def test_an_export_gives_the_models_torques_and_forces(name, to, back, effects):
-    got, want = back(to(model_with(arm(name), *effects)))
-    np.testing.assert_allclose(got, want, atol=2e-4 * np.abs(want).max())
-
-
-def test_an_export_says_the_units_of_each_joint():
-    model = model_with(arm("scara"), "viscous")
-    head, *_ = csv.reader(to_table(model).files["friction.csv"].decode().splitlines())
-    assert head == ["joint", "qd [rad/s] or qd [m/s]", "torque [N m] or torque [N]"]
-
-
 def test_units_follow_the_joint():
     robot = arm("rail")
     on_rail = {k: e.units((0,), robot) for k, e in load_effects().items()}
@@ -91,14 +61,6 @@ def test_units_follow_the_joint():
     turning = load_effects()["spring"].units((1,), robot)
     assert turning == {"stiffness": "N m/rad", "rest": "rad"}
     assert convert_to_sliding_unit("N m (s/rad)^p") == "N (s/m)^p"
-
-
-def test_what_needs_an_angle_or_one_unit_is_no_candidate_elsewhere():
-    slides = (False, True, False, True)
-    needs = [e.name for e in load_effects().values() if EffectTrait.NEEDS_TURN in e.traits]
-    assert needs == ["balancer", "encoder_eccentricity", "position_friction"]
-    assert load_effects()["balancer"].candidates(4, slides) == ((0,), (2,))
-    assert load_effects()["coupled_friction"].candidates(4, slides) == ((1, 3),)
 
 
 def test_the_engine_moves_them_by_the_same_dynamics():

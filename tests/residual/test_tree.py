@@ -127,25 +127,6 @@ def test_the_chain_is_what_the_log_names_else_the_only_one(parts, logged, chain)
     assert list(pin.buildModelFromXML(arm.urdf).names)[1:] == chain.split()
 
 
-def test_one_line_says_what_was_locked_where_and_how_heavy(tmp_path):
-    robot = load_arm(write(tmp_path, MANY), chain=("lift", "j1", "j2", "j3", "j4"))
-    assert robot.joints == ("lift", "j1", "j2", "j3", "j4")
-    assert robot.prismatic == (True, False, False, False, False)
-    (line,) = robot.notes
-    assert "finger1 = 0, finger2 = 0.01 (0.2 kg on joint 5 (j4))" in line
-    assert "pan = 0 (1.5 kg on joint 1 (lift))" in line
-    assert "wheel = 0 (3 kg on the base)" in line
-    assert "lift, j1, j2, j3, j4" in repr(robot)
-
-
-def test_zero_or_the_middle_of_a_range_without_it(tmp_path):
-    robot = load_arm(write(tmp_path, MANY), tip="l4")
-    assert robot.joints[0] == "lift"
-    robot = load_arm(write(tmp_path, MANY), chain=("j1", "j2"))
-    assert robot.locked["lift"] == pytest.approx(0.4)
-    assert robot.locked["j4"] == 0
-
-
 def test_the_hash_covers_chain_and_locks_and_only_what_was_chosen_survives(tmp_path):
     plain = load_arm(write(tmp_path, robot_of(*ARM, *HAND)))
     toml = '[chain]\njoints = ["j1", "j2", "j3", "j4"]\n'
@@ -198,18 +179,6 @@ def test_the_flange_is_the_tip_else_the_last_link_before_fingers(tmp_path, parts
     for arm in (robot, again):
         frame = arm.model.frames[find_flange_frame(arm.model)]
         assert (frame.name, frame.placement) == (flange, expected)
-
-
-def test_the_last_link_is_pinocchios(tmp_path):
-    names = ["zz", "b", "Z", "a1", "j10", "j9"]
-    fixed = [joint(n, "l4", f"end_{n}", "fixed") for n in names]
-    fixed += [link(f"end_{n}") for n in names]
-    text = robot_of(*ARM, *fixed, joint("c", "end_zz", "last", "fixed"), link("last"))
-    model = pin.buildModelFromXML(text)
-    flange = model.frames[find_flange_frame(model)].name
-    robot = load_arm(write(tmp_path, text), tip=flange)
-    assert flange == "last"
-    assert "modelgap" not in robot.urdf
 
 
 BAD = {

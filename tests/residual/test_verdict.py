@@ -9,12 +9,10 @@ import pytest
 
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import list_effect_parameters, load_effects
+from residual.effects import list_effect_parameters
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
-from residual.verdict.result import Splits
 from sim.engine.plant_records import SyntheticEffect as Effect
-from tests.exports.bodies import refusals
 from tests.residual.arms import arm, diagnose_case, names, plain_logs, short_case
 
 OFFSET = Effect("offset", (1,), {"torque": 4.0})
@@ -162,46 +160,6 @@ def test_a_trusted_fault_of_the_logs_is_a_warning_and_the_names_stand(compared):
     assert {**after, "log_check": None} == same
 
 
-def test_a_doubt_of_the_logs_is_a_warning_and_changes_nothing_else():
-    after = to_json(checked(LogCheck((DOUBT,))).verdict)
-    same = to_json(checked(None).verdict)
-    assert after["effects"]
-    assert after.pop("log_check")["verdict"] == "suspect"
-    assert after.pop("warnings") == [DOUBT.sentence, *same.pop("warnings")]
-    assert {**after, "log_check": None} == same
-
-
-@pytest.mark.parametrize("kind", KINDS)
-def test_arrays_have_an_entry_per_joint_and_joints_are_numbered_from_one(kind):
-    verdict = document(kind)
-    dof = 2
-    for table in ("held_out", "filtered", "moving"):
-        for stage in ("nominal", "identified", "augmented"):
-            assert len(verdict["error"][table][stage]) == dof
-        corrected = verdict["error"][table]["plsr"]
-        if verdict["unexplained"]["joints"]:
-            assert len(corrected) == dof
-        else:
-            assert corrected is None
-    assert len(verdict["unexplained"]["per_joint"]) == dof
-    for effect in verdict["effects"]:
-        for p in effect["parameters"].values():
-            if isinstance(p["value"], list):
-                assert len(p["value"]) == len(p["std"]) == len(effect["joints"])
-            else:
-                assert not isinstance(p["std"], list)
-    joints_named = [e["joints"] for e in verdict["effects"]]
-    joints_named += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
-    joints_named += [m["joints"] for m in verdict["minimum_detectable"]]
-    joints_named.append(verdict["unexplained"]["joints"])
-    for joints in joints_named:
-        assert all(1 <= j <= dof for j in joints)
-    local = {n for n, e in load_effects().items() if e.scope == "local"}
-    last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
-    # What joint 2 lacks cannot be seen where it stands or logs no torque.
-    assert max(last) == (1 if kind in (DEAD, MUTE) else dof)
-
-
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
     for i, effect in enumerate(document(kind)["effects"], start=1):
@@ -219,17 +177,6 @@ def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
         assert evidence["nats"] > 0
 
 
-def test_without_a_hold_out_the_same_run_is_cut_and_a_warning_says_so():
-    own, other = (document("same run"), document("effects"))
-    assert own["error"]["same_run"] is True
-    assert other["error"]["same_run"] is False
-    (label,) = own["error"]["logs"]
-    assert label.endswith(" (last quarter)")
-    assert other["error"]["logs"] == ["held_out"]
-    assert any("same run" in w for w in own["warnings"])
-    assert not any("same run" in w for w in other["warnings"])
-
-
 @pytest.mark.filterwarnings("error::RuntimeWarning")
 def test_no_relative_error_is_given_for_a_torque_that_is_zero_or_never_moves():
     for table in ("held_out", "filtered", "moving"):
@@ -240,14 +187,6 @@ def test_no_relative_error_is_given_for_a_torque_that_is_zero_or_never_moves():
     assert 1 not in mute["unexplained"]["joints"]
     assert ("offset", (1,)) in names(from_json(mute))
     assert names(from_json(dead)) == [("offset", (1,))]
-
-
-def test_a_name_says_how_often_it_was_found_again_and_what_is_determined():
-    verdict = outcome_of("effects").verdict
-    assert {e.evidence.splits for e in verdict.effects} == {Splits(3, 3)}
-    assert verdict.effects[0].parameters
-    assert all(p.determined for e in verdict.effects for p in e.parameters.values())
-    assert verdict.contradictions == ()
 
 
 def tried(verdict):
@@ -282,35 +221,6 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
     np.testing.assert_allclose(
         other["unexplained"]["per_joint"], first["unexplained"]["per_joint"], atol=1e-4
     )
-
-
-def test_the_held_out_log_never_changes_what_is_fitted():
-    """Another torque there changes the errors, and nothing that the fit logs say."""
-    case = two_effects()
-    rng = np.random.default_rng(0)
-    (held_out,) = case.held_out
-    noise = rng.normal(size=held_out.tau.shape)
-    tau = 1.01 * held_out.tau + 0.1 * held_out.tau.std(axis=0) * noise
-    changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
-    one, two = outcome_of("effects"), changed
-    assert names(one.verdict) == names(two.verdict)
-    for a, b in zip(to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True):
-        assert a["parameters"] == b["parameters"]
-        assert a["evidence"]["nats"] == b["evidence"]["nats"]
-        assert a["equivalent"] == b["equivalent"]
-    for key in ("minimum_detectable", "unexplained", "nominal_scale"):
-        assert to_json(one.verdict)[key] == to_json(two.verdict)[key]
-    for proofs in zip(one.proofs, two.proofs, strict=True):
-        for stage in ("nominal", "identified", "augmented"):
-            np.testing.assert_array_equal(*(p.tau_hat[stage] for p in proofs))
-    errors = [to_json(o.verdict)["error"]["held_out"]["identified"] for o in (one, two)]
-    assert np.abs(np.subtract(*errors)).min() > 0.1
-
-
-def test_a_log_too_short_to_hold_out_a_part_is_no_perfect_proof():
-    case = short_case(arm(), seed=58, duration=2.2)
-    verdict = to_json(diagnose_case(case, fit=case.fit[:1], held_out=()).verdict)
-    assert verdict["error"]["held_out"]["nominal"] is None
 
 
 def test_white_noise_in_place_of_torque_has_no_name():
@@ -352,11 +262,3 @@ def test_a_change_against_a_baseline_is_found_and_proved():
     assert moving["augmented"][1] < 0.6 * moving["nominal"][1]
     # As good as the new logs' own fit, of which nobody can say what changed.
     assert moving["augmented"][1] < moving["identified"][1] + 1
-
-
-@pytest.mark.parametrize("kind", ["none", "payload"])
-@pytest.mark.parametrize("name", ["identified", "augmented"])
-def test_its_models_load_elsewhere(kind, name):
-    """MuJoCo and Pinocchio take them, and they move there with the same torque."""
-    pytest.importorskip("mujoco")
-    assert refusals(outcome_of(kind).models[name]) == []

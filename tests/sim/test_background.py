@@ -1,17 +1,14 @@
 """The background of an arm in use: what is drawn for it, and what its drives log."""
 
-from dataclasses import replace
-
 import numpy as np
 import pytest
 
 from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant, background_of, true_torque
+from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import InputError
-from sim.engine.plant_records import SyntheticEffect
 from sim.plant.joint_background import draw_background, simulate_torque_logging
 from sim.plant.typical_sizes import estimate_typical_sizes
-from tests.sim.plant_cases import ROBOT, motion
+from tests.sim.plant_cases import ROBOT
 
 SCALE = {"workshop": 1.0, "worn": 2.0}
 COULOMB = np.full(6, 4.0)
@@ -47,13 +44,6 @@ def test_every_joint_has_a_part_of_its_own_size(seed, word):
     assert np.all((warm >= scale * 0.05) & (warm <= scale * 0.2))
 
 
-def test_drives_report_more_or_less_than_they_give():
-    torques = true_torque(Plant(ROBOT, (), 1, "worn"), motion(rate=250.0), "log")
-    given = torques.rigid + torques.base + torques.background.torque
-    gain = background_of(Plant(ROBOT, (), 1, "worn")).gain
-    np.testing.assert_allclose(torques.tau, given * (1 + gain), atol=1e-9)
-
-
 @pytest.mark.parametrize(("word", "corner"), [("workshop", 40.0), ("worn", 20.0)])
 def test_torque_is_logged_late_and_in_steps(word, corner):
     background = draw_background(ROBOT, word, 1, COULOMB)
@@ -64,15 +54,6 @@ def test_torque_is_logged_late_and_in_steps(word, corner):
     np.testing.assert_allclose(ratio, 2**-0.5, rtol=0.03)  # 3 dB at the corner
     steps = log / (SCALE[word] * 1e-3 * background.span)
     np.testing.assert_allclose(steps, np.round(steps), atol=1e-9)
-
-
-def test_an_arm_keeps_its_background_and_another_has_another():
-    plant = Plant(ROBOT, (), 3, "workshop")
-    hidden = SyntheticEffect("offset", (2,), {"level": 3.0})
-    one, changed = (background_of(replace(plant, hidden=h)) for h in ((), (hidden,)))
-    other = background_of(replace(plant, seed=4))
-    assert all(np.array_equal(one.drawn[key], changed.drawn[key]) for key in one.drawn)
-    assert not np.array_equal(one.level, other.level)
 
 
 def test_a_clean_arm_is_what_it_was():

@@ -5,12 +5,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from residual.errors import InputError
-from sim.engine.plant_records import PlantSpec, SampleRates
-from sim.experiment import run_experiment
 from sim.plant import step_tables as at
 from sim.plant.effect_catalogue import resolve_effects
 from sim.plant.sensors import simulate_torque_report
-from tests.sim.plant_cases import ROBOT, drive, effect, motion
+from tests.sim.plant_cases import drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
@@ -43,16 +41,6 @@ def test_a_frozen_encoder_lets_the_arm_run_until_its_guard_stops_it(fine):
     assert BEFORE < len(trace.t) < len(MOVE.t)
     assert trace.phases[-1].end_step == len(trace.t) == len(trace.qdd)
     assert len(trace.rigid(4)) == len(trace.t[::4])
-
-
-def test_the_log_of_a_stopped_run_ends_there_and_repeats_one_number():
-    plant = PlantSpec((effect("x_fault_frozen", 5, onset=ONSET),))
-    run = run_experiment(ROBOT, MOVE, plant, SampleRates())
-    log, first = run.log, round(ONSET * 250)
-    assert len(log.t) == len(run.truth["q"]) == len(run.twin["e_q"]) < 625
-    assert (log.q[first:, 4] == log.q[first - 1, 4]).all()
-    assert len(np.unique(log.q[first:, 2])) > 3
-    np.testing.assert_array_equal(log.q_ref, MOVE.q[::4][: len(log.t)])
 
 
 def test_the_arm_follows_an_encoder_that_drifts(fine):

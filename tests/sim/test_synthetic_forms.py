@@ -6,8 +6,6 @@ import numpy as np
 import pytest
 
 from benchmarks.synthetic import other_forms as forms
-from residual.effects import load_effects
-from sim.plant import effect_catalogue
 
 
 def _state(q, t):
@@ -30,11 +28,3 @@ def test_lugre_yields_at_first_then_slides_and_fades_with_speed(stroke):
     # Two bristle lengths on, the contact has nearly all of its level.
     assert torque[1500] == pytest.approx(4.0 * np.exp(-0.04), rel=0.01)
     assert abs(torque[-1]) < 0.05
-
-
-def test_every_form_is_of_an_effect_with_a_name_and_has_a_law():
-    for form, names in forms.FORMS.items():
-        assert set(names) <= set(effect_catalogue.list_named_effects())
-        assert (form in forms.LAWS) == (form not in ("soft_limit", "leaning_play"))
-        assert form not in effect_catalogue.list_plant_effects()
-        assert form not in load_effects()

@@ -1,12 +1,10 @@
-from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-import pytest
 
 from benchmarks.synthetic.examples import write_hidden
-from benchmarks.synthetic.logs import LogPlan, make, standard_case, standard_plan
+from benchmarks.synthetic.logs import LogPlan, make, standard_case
 from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
@@ -44,16 +42,6 @@ def test_the_session_clock_runs_on_through_pauses():
         assert after.t[0] - before.t[-1] >= 5.0
     assert case.fit[0].t[0] - case.baseline[-1].t[-1] > 3000
     assert len({r.id for r in recordings}) == len(recordings) == 15
-
-
-def test_warmup_starts_cold_with_the_session_not_with_the_baseline():
-    hidden = draw_effect(ROBOT, "warmup", make_rng(1, "warmup"))
-    plan = standard_plan(baseline=True)
-    plan = tuple(replace(p, duration=2.0) for p in (plan[0], plan[6]))
-    with_it, without = (make(Plant(ROBOT, h, 1), plan, 1) for h in ((hidden,), ()))
-    np.testing.assert_array_equal(with_it[0].tau, without[0].tau)
-    change = np.abs(with_it[1].tau - without[1].tau).max()
-    assert change == pytest.approx(hidden.parameters["level"], rel=0.1)
 
 
 def test_the_shipped_example_is_the_demo(tmp_path):

@@ -87,21 +87,6 @@ def test_nonsense_is_refused_with_what_was_expected(spec, rate, words):
         plan_reference_motion(ROBOT, spec, rate)
 
 
-@pytest.mark.parametrize(
-    ("which", "value", "words"),
-    [
-        (0, 3.3, r"joint 4 breaks its range limit at 0.20 s: 3.3 rad, allowed 3.092"),
-        (1, 9.0, r"joint 4 breaks its speed limit at 0.20 s: .* rad/s, allowed 5.027"),
-        (2, -70, r"joint 4 breaks its acceleration limit at 0.20 s"),
-    ],
-)
-def test_a_broken_limit_is_named(which, value, words):
-    t, motion = np.arange(50) / 100, tuple(np.zeros((3, 50, 6)))
-    motion[which][20, 3] = value
-    with pytest.raises(MotionLimitError, match=words):
-        check_motion_limits(ROBOT, "test", t, motion)
-
-
 def test_too_much_torque_is_named(tmp_path):
     weak = arm(TWO.replace('effort="60"', 'effort="15"'), tmp_path)
     motion = np.zeros((3, 20, 2))

@@ -13,10 +13,8 @@ from warehouse.record_commit import (
     ADOPTED,
     ROLLED_BACK,
     AdoptionConflictError,
-    DiagnosisRecords,
     ModelAdoption,
     commit_adoption,
-    commit_diagnosis,
     commit_record,
     find_last_adoption,
     read_adoption,
@@ -50,14 +48,6 @@ def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
     for id, at in list_record_folders(tmp_path, "adoptions").items():
         record = StoredRecord("adoptions", id, type(tmp_path)(at))
         assert find_record_faults(record) == ()
-
-
-def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):
-    commit_adoption(tmp_path, FIRST)
-    commit_adoption(tmp_path, replace(FIRST, serial="A-17", model_id="ef" * 10))
-    assert find_last_adoption(tmp_path, "arm")[1].model_id == "ab" * 10
-    assert find_last_adoption(tmp_path, "arm", "A-17")[1].model_id == "ef" * 10
-    assert find_last_adoption(tmp_path, "arm", "A-18") is None
 
 
 def _adopt(store, who, ready, answers):
@@ -122,21 +112,3 @@ def test_a_parameter_beyond_its_control_limits_is_told(tmp_path):
     moves = [abs(b - a) for a, b in pairwise(usual)]
     sigma = sum(moves) / len(moves) / 1.128
     assert rows[0]["upper"] == pytest.approx(sum(usual) / 10 + 3 * sigma)
-
-
-def test_the_error_of_each_version_is_one_query(tmp_path):
-    errors = [
-        {"metric": "filtered", "stage": stage, "joint": None, "value": value}
-        for stage, value in (("nominal", 40.0), ("augmented", 5.0))
-    ]
-    rows = DiagnosisRecords(record={"robot": "arm", "verdict": "effects"}, model={}, errors=errors)
-    first = commit_diagnosis(tmp_path, rows, {})
-    commit_adoption(tmp_path, replace(FIRST, diagnosis_id=first))
-    errors[0]["value"] = 5.1
-    second = commit_diagnosis(tmp_path, replace(rows, record={"robot": "arm"}, nominal=first), {})
-    with open_store(tmp_path) as opened:
-        versions = opened.sql(NAMED["error_by_model"][1]).to_pylist()
-    assert [(r["diagnosis_id"], r["version"], r["before"]) for r in versions] == [
-        (first, "nominal", 40.0),
-        (second, "000001", 5.1),
-    ]

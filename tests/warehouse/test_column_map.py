@@ -56,12 +56,6 @@ MOTOR = (
 )
 
 
-def test_torque_in_newton_millimetres_is_read_in_newton_metres(read, samples):
-    tau = 'tau = {columns = ["I1", "I2"], unit = "N mm"}'
-    recording, _ = read(BASE + Q + tau, samples * [1, 1, 1, 1e3, 1e3])
-    np.testing.assert_allclose(recording.tau, samples[:, 3:])
-
-
 def test_gears_turn_motor_angles_and_torques_into_those_of_the_link(read, samples):
     table = samples * [1, 100, -50, 1 / 100, -1 / 50]
     recording, _ = read(MOTOR, table, "[joints]\ngear_ratio = [100, -50]")

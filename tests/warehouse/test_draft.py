@@ -8,7 +8,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.inputs.repair import format_drafted_map as drafted_map
-from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
 from tests.warehouse.foreign_logs import FOLDER, FORMATS
@@ -41,16 +40,6 @@ def test_the_format_of_a_maker_is_known_by_its_names(name):
     # What was asked of the arm, or guessed about forces from outside, is none of it.
     used = {c for s in proposed.columns.signals.values() for c in s.columns}
     assert not [c for c in used if "target" in c or "cmd" in c or "ext" in c]
-
-
-def test_currents_are_taken_where_no_torque_is_logged(tmp_path):
-    form = FORMATS["ur-rtde"]
-    text = (FOLDER / form.file).read_text().replace("_as_torque", "_as_something")
-    (tmp_path / "log.csv").write_text(text)
-    proposed = draft_column_map(tmp_path / "log.csv", arm_of(form))
-    assert proposed.columns.signals["tau"].columns[0] == "actual_current_0"
-    assert proposed.columns.signals["tau"].unit == "A"
-    assert "torque_per_unit" in proposed.doubts["tau"][0]
 
 
 PAN = ("shoulder_pan_joint", "elbow_joint")
@@ -103,18 +92,6 @@ def test_names_of_joints_units_and_a_decimal_comma_are_understood(tmp_path, tabl
     np.testing.assert_allclose(log.tau, table[:, 3:], atol=1e-4)
 
 
-def test_what_file_states_is_certain_and_what_the_numbers_say_is_not(tmp_path, table):
-    robot = two(tmp_path)
-    stated, *_ = URDF_NAMES
-    bare = next(header for header in URDF_NAMES if header.startswith("Zeit"))
-    proposed = draft_column_map(write(tmp_path / "a.csv", stated, table), robot)
-    assert "q" not in proposed.doubts
-    assert "time" not in proposed.doubts
-    proposed = draft_column_map(write(tmp_path / "b.csv", bare, table), robot)
-    assert "beyond the joints' limits in rad" in " ".join(proposed.doubts["q"])
-    assert "10 ms apart" in proposed.doubts["time"][0]
-
-
 @pytest.mark.parametrize(("step", "unit"), [(0.002, "s"), (4.0, "ms"), (2000.0, "us"), (4e6, "ns")])
 def test_the_unit_of_time_is_that_in_which_an_arm_is_logged(tmp_path, step, unit):
     n = np.arange(50)
@@ -135,19 +112,6 @@ def test_names_of_strangers_are_in_order_of_header_and_that_is_said(tmp_path, ta
     # A joint that is not there is no stranger.
     path = write(tmp_path / "b.csv", "t_ms;q1;x;tau1;y", table)
     assert draft_column_map(path, two(tmp_path)).missing == ("q", "tau")
-
-
-def test_seconds_and_nanoseconds_are_one_time(tmp_path, table):
-    robot = two(tmp_path)
-    ns = table[:, 0] * 1e6 + 7
-    stamp = np.column_stack([1.7e9 + ns // 1e9, ns % 1e9])
-    header = "stamp.sec;stamp.nanosec;q1;q2;tau1;tau2"
-    rows = np.column_stack([stamp, np.deg2rad(table[:, 1:3]), table[:, 3:]])
-    path = write(tmp_path / "a.csv", header, rows)
-    text = drafted_map(draft_column_map(path, robot), str(path), robot)
-    (tmp_path / "C.toml").write_text(text)
-    log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
-    np.testing.assert_allclose(log.t - 1.7e9, ns * 1e-9, atol=5e-7)
 
 
 @pytest.mark.parametrize("effort", [True, False])
@@ -205,12 +169,6 @@ def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
     (tmp_path / "C.toml").write_text(text)
     log, _ = read_log(path, robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.q, samples[:, 1:3])
-
-
-def test_a_format_that_is_not_known_is_said(tmp_path, table):
-    path = write(tmp_path / "a.csv", "t;q1;q2;tau1;tau2", table)
-    with pytest.raises(InputError, match="ur-rtde"):
-        draft_column_map(path, two(tmp_path), "ur-rtd")
 
 
 GOALS = {

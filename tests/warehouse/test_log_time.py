@@ -10,7 +10,7 @@ import pytest
 from residual.errors import InputError
 from residual.recording import Recording
 from tests.warehouse import log_files as files
-from warehouse.logs import check_logs_distinct, create_unique_labels, read_log
+from warehouse.logs import check_logs_distinct, read_log
 from warehouse.logs.log_tables import format_timestamp, parse_timestamp
 
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
@@ -116,29 +116,6 @@ def test_two_halves_share_no_sample_and_lose_none(robot, samples, write, cut):
 def test_bad_windows_are_refused(robot, samples, write, window, message):
     with pytest.raises(InputError, match=message):
         read_log(f"{write(samples)}@{window}", robot)
-
-
-def test_a_file_of_the_full_name_wins(robot, samples, write):
-    recording, understood = read_log(write(samples, name="run.csv@0:1"), robot)
-    assert (len(recording.t), understood.window) == (400, None)
-
-
-def test_nan_outside_the_window_does_no_harm(robot, samples, write):
-    samples[10, 3] = np.nan
-    assert read_log(f"{write(samples)}@1:", robot)[1].rows == 300
-
-
-def test_labels_are_short_and_never_alike(samples, tmp_path):
-    for folder in ("a", "b", "c/a"):
-        (tmp_path / folder).mkdir(parents=True)
-        (tmp_path / folder / "run.csv").touch()
-    (tmp_path / "a" / "other.csv").touch()
-    a, b, c = (str(tmp_path / f / "run.csv") for f in ("a", "b", "c/a"))
-    other = str(tmp_path / "a" / "other.csv")
-    assert create_unique_labels([a, other]) == ["run", "other"]
-    assert create_unique_labels([f"{a}@:2", f"{a}@2:"]) == ["run@:2", "run@2:"]
-    assert create_unique_labels([a, b]) == ["a/run.csv", "b/run.csv"]
-    assert create_unique_labels([a, c]) == ["a/run.csv (1)", "a/run.csv (2)"]
 
 
 def recording(label, table):

@@ -32,17 +32,6 @@ def test_where_and_how_far_values_part():
     assert "tau2: differs from 0.8 s on, by at most 0.005 N m" in bad.words
 
 
-def test_other_lengths_and_missing_channels_are_told():
-    one, two = channels(), channels(q_ref=np.ones((100, 2)))
-    bad = differing_channels(compare_channels(one, two))
-    assert [(c.name, c.note) for c in bad] == [
-        ("q_ref1", "only the second has it"),
-        ("q_ref2", "only the second has it"),
-    ]
-    (bad,) = compare_channels({"t": T}, {"t": T[:90]})
-    assert (bad.equal, bad.rows, bad.note) == (False, 90, "100 and 90 samples")
-
-
 def test_records_are_compared_value_by_value():
     one = {"a": {"b": [1.0, 2.0]}, "c": "x", "same": [{}]}
     changes = compare_values(one, {"a": {"b": [1.0, 2.5]}, "c": None, "same": [{}]})

@@ -11,7 +11,6 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
 from warehouse.store_catalogue import find_run
-from warehouse.view_schema import DEFAULT_DOF, NUMBER, WHOLE, list_views
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
 QUERY = f"{SUMS} GROUP BY run_id ORDER BY run_id"
@@ -63,11 +62,3 @@ def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
         with pytest.raises(InputError, match="Out of Memory"):
             store.sql("SELECT list(i) FROM range(1000000000) t(i)")
         assert store.sql("SELECT 1 AS n").to_pylist() == [{"n": 1}]
-
-
-def test_every_quantity_of_every_view_has_its_unit():
-    for view, columns in list_views(DEFAULT_DOF).items():
-        for column in columns:
-            assert column.about, (view, column.name)
-            if column.type in (NUMBER, WHOLE) and column.name != "seed":
-                assert column.unit, (view, column.name)

@@ -1,7 +1,5 @@
 """What an engineer asks of months of runs."""
 
-from datetime import date
-
 import pyarrow as pa
 import pytest
 
@@ -10,109 +8,11 @@ from tests.warehouse import store_samples as samples
 from tests.warehouse.test_store_verdicts import MODEL
 from warehouse.query.named_queries import NAMED
 from warehouse.record_commit import commit_record, commit_run
-from warehouse.runs import quarantine_run
 from warehouse.view_schema import VIEWS, build_arrow_schema
-
-
-def measured(seed):
-    log = samples.recording(seed)
-    when = f"2026-03-0{seed - 9}T08:00:00Z"
-    about = {"robot_hash": "0" * 64, "serial": "A7", "recorded_at": when}
-    return log, about | {"tags": ["cell=4", "after service"], "trajectory": "welding"}
-
-
-@pytest.fixture(scope="module")
-def campaign(tmp_path_factory):
-    """A store: a campaign, two imported runs, three diagnoses, an alarm."""
-    store = tmp_path_factory.mktemp("asked") / "store"
-    runs = [samples.commit(store, k, campaign="march") for k in range(3)]
-    imported = [commit_run(store, *measured(seed)) for seed in (10, 11)]
-    quarantine_run(store, runs[2], "bumped")
-    logs = [imported[0]]
-    roles = {"fit": [runs[0], imported[1]], "held_out": logs}
-    first = samples.store_verdict(store, samples.verdict(logs), MODEL, roles)
-    nothing = samples.verdict(runs[:1], verdict="unknown", effects=[])
-    second = samples.store_verdict(store, nothing, MODEL, {"fit": runs[:2]})
-    row = {"run_id": runs[1], "time": 0.2, "joint": 2, "sensor": "torque"}
-    row |= {"fault": "gain drop", "kind": "model", "score": 1.5, "until": 0.2}
-    table = pa.Table.from_pylist([row], schema=build_arrow_schema(VIEWS["alarms"][1:]))
-    record = {"robot": "two_link", "kind": "monitor"}
-    commit_record(store, "validations", record, {"alarms": table}, {})
-    return store, runs, imported, (first, second)
-
-
-@pytest.fixture(scope="module")
-def ask(campaign):
-    with warehouse.open(campaign[0]) as opened:
-        yield lambda query, **values: opened.sql(query, values).to_pylist()
 
 
 def named(ask, name, **values):
     return ask(NAMED[name][1], **values)
-
-
-def test_runs_say_what_made_them_and_for_what(campaign, ask):
-    rows = {r["run_id"]: r for r in ask("FROM runs")}
-    one, other = rows[campaign[1][0]], rows[campaign[2][0]]
-    assert (one["campaign"], other["campaign"]) == ("march", None)
-    assert one["machine"]
-    assert one["version"]
-    assert (other["serial"], other["tags"]) == ("A7", ["after service", "cell=4"][::-1])
-    assert other["recorded_at"].day == 1
-
-
-def test_figures_have_their_unit(ask):
-    units = {r["metric"]: r["unit"] for r in ask("SELECT metric, unit FROM errors")}
-    assert units["held_out"] == units["filtered"] == "%"
-    assert (units["rms_e_q"], units["rms_e_tau"]) == ("rad", "N m")
-    assert None not in units.values()
-
-
-def test_a_verdict_has_a_row_for_each_finding_and_run(campaign, ask):
-    _, runs, imported, (first, second) = campaign
-    query = "FROM verdicts WHERE diagnosis_id = $id"
-    rows = ask(query, id=first)
-    payload = [r for r in rows if r["effect"] == "payload"]
-    told_of = {(r["run_id"], r["role"], r["serial"]) for r in payload}
-    assert told_of == {
-        (runs[0], "fit", None),
-        (imported[1], "fit", "A7"),
-        (imported[0], "held_out", "A7"),
-    }
-    assert {(r["value"], r["unit"]) for r in payload} == {(2.9, "kg")}
-    rows = ask(query, id=second)
-    assert {(r["verdict"], r["effect"]) for r in rows} == {("unknown", None)}
-    assert len(rows) == 2
-
-
-def test_the_trend_by_week(ask):
-    rows = named(ask, "error_by_week")
-    figures = {(r["joint"], r["nominal"], r["augmented"]) for r in rows}
-    assert figures == {(1, 21.0, 6.0), (2, 18.0, 5.0)}
-    # One was recorded in March, whenever it was diagnosed; of the other nobody knows.
-    assert date(2026, 3, 2) in {r["week"] for r in rows}
-
-
-def test_the_first_run_with_an_effect(campaign, ask):
-    rows = named(ask, "first_run_with", effect="payload")
-    by_serial = {r["serial"]: r["run_id"] for r in rows}
-    assert by_serial == {None: campaign[1][0], "A7": campaign[2][1]}
-    assert named(ask, "first_run_with", effect="spring") == []
-
-
-def test_what_is_open_and_what_is_latest(campaign, ask):
-    (row,) = named(ask, "open_verdicts")
-    assert (row["diagnosis_id"], row["verdict"]) == (campaign[3][1], "unknown")
-    (latest,) = named(ask, "latest_verdicts")
-    assert (latest["diagnosis_id"], latest["effect"]) == (campaign[3][1], None)
-
-
-def test_runs_by_robot_and_motion(campaign, ask):
-    rows = named(ask, "runs_per_robot")
-    assert {(r["serial"], r["trajectory"], r["runs"]) for r in rows} == {
-        (None, "fourier", 2),
-        ("A7", "welding", 2),
-    }
 
 
 def identified(store, serial, day, value):
@@ -187,14 +87,3 @@ def test_errors_of_identifications_are_told_by_motion_too(fleet):
     rows = named(fleet[0], "error_by_trajectory")
     got = {(r["serial"], r["source"]) for r in rows if r["trajectory"] == "fourier"}
     assert got >= {("A7", "identification"), ("B18", "identification")}
-
-
-def test_errors_before_and_after_and_of_the_twin(campaign, ask):
-    before_after = {tuple(r.values())[3:] for r in named(ask, "before_after")}
-    assert (campaign[3][0], "effects", 20.0, 8.6, 5.6) in before_after
-    assert "payload" in {tuple(r.values())[5] for r in named(ask, "findings")}
-    assert named(ask, "twin_error")
-
-
-def test_runs_without_a_diagnosis(ask):
-    assert named(ask, "never_diagnosed") == []  # the third is in quarantine

@@ -1,6 +1,5 @@
 """A verdict in the store: rows of effects, errors and lineage."""
 
-import pyarrow as pa
 import pytest
 
 from residual.errors import InputError
@@ -64,32 +63,6 @@ def test_errors_are_per_joint_and_for_all_joints_together(tmp_path, runs):
     assert errors[1, "nominal", "held_out"] == 21.0
     assert errors[2, "augmented", "moving"] == 5.0
     assert errors[None, "identified", "filtered"] == 8.6
-
-
-@pytest.mark.parametrize(
-    ("held_out", "run", "motion"),
-    [((1, 3), None, "welding"), ((1, 2), None, None), ((), None, None)],
-)
-def test_errors_over_several_runs_name_none(tmp_path, runs, held_out, run, motion):
-    logs = [runs[k] for k in held_out]
-    roles = {"fit": runs[:1], "held_out": logs, "baseline": []}
-    id = samples.store_verdict(tmp_path, samples.verdict(logs), MODEL, roles)
-    query = "SELECT DISTINCT run_id, trajectory FROM errors WHERE source_id = "
-    assert ask(tmp_path, f"{query}'{id}'") == [(run, motion)]
-
-
-def test_errors_on_single_runs_and_curves_are_kept_too(tmp_path, runs):
-    row = {"run_id": runs[1], "trajectory": "welding", "joint": 1}
-    row |= {"stage": "augmented", "metric": "held_out", "value": 4.5}
-    tables = {"errors": pa.Table.from_pylist([row]), "curves": pa.table({"x": [1.0]})}
-    more = {"sentences": ["A payload."]}
-    words = (samples.verdict(runs[1:]), MODEL, runs, more, tables)
-    id = samples.store_verdict(tmp_path, *words)
-    assert ask(tmp_path, "SELECT value FROM errors WHERE value = 4.5") == [(4.5,)]
-    assert read_record(tmp_path, id)["sentences"] == ["A payload."]
-    folder = tmp_path / "diagnoses" / f"diagnosis_id={id}"
-    names = {"_diagnosis.parquet", "_sums.json", "curves.parquet"}
-    assert {p.name for p in folder.iterdir()} == names
 
 
 def test_a_run_that_is_not_there_is_told_and_nothing_is_stored(tmp_path, runs):

@@ -1,11 +1,10 @@
 """The index of a store: what was found by robot and night, and where links lead."""
 
 import re
-from datetime import datetime, timedelta
+from datetime import datetime
 
 import pytest
 
-from flows.report.page import read_record_origin
 from flows.report.store_index import date_night, read_page, write_index
 from tests.flows.index.stores import STORED, adopt, fill
 from tests.warehouse import store_samples as samples
@@ -146,28 +145,3 @@ def test_a_stored_page_that_was_changed_is_not_shown(tmp_path):
     (file,) = nights.store.glob(f"reports/*{nights.report}/report.html")
     file.write_bytes(STORED.replace(b"stored", b"storex"))
     assert read_page(nights.store, f"report_id={nights.report}/report.html") is None
-
-
-def test_nights_go_from_noon_to_noon():
-    noon = datetime(2026, 11, 22, 12)
-    assert str(date_night(noon - timedelta(seconds=1))) == "2026-11-22"
-    assert str(date_night(noon)) == "2026-11-23"
-
-
-def test_an_empty_store_says_what_fills_it(tmp_path):
-    (tmp_path / "store").mkdir()
-    assert "modelgap demo" in page(tmp_path / "store")
-
-
-def test_the_foot_of_a_page_says_id_time_version_data_and_what_makes_it_again(tmp_path):
-    fit, held_out = ["ab" * 10, "bc" * 10], "cd" * 10
-    record = {"robot": "irb140", "verdict": "none", "model_id": "ee" * 10}
-    parents = {"fit": fit, "held_out": [held_out]}
-    id = commit_record(tmp_path, "diagnoses", record, None, parents)
-    foot = dict(read_record_origin(tmp_path, id[:6]))
-    assert id in foot["Diagnosis"]
-    assert all(run in foot["Fit"] for run in fit)
-    assert held_out in foot["Held out"]
-    assert f"modelgap rerun {id}" in foot["Command"]
-    assert foot["Stored"].startswith("20")
-    assert foot["Program"].startswith("modelgap ")

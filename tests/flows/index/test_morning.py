@@ -10,10 +10,9 @@ import pytest
 from flows.cli import main
 from flows.inbox.batches import find_new_runs, find_project_robot
 from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
-from flows.inbox.import_logs import strip_option_hints as strip_hints
 from flows.project.read import read_project
 from flows.report.store_index import list_refused_logs, read_page
-from flows.steps.monitor import find_diagnosis, find_healthy_runs
+from flows.steps.monitor import find_diagnosis
 from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
@@ -125,29 +124,6 @@ def test_what_an_alarm_and_a_schedule_diagnose_is_one(project, morning):
     batch = find_new_runs(project.store, project.arm(table), table)
     assert (batch.runs, sorted(batch.request.baseline)) == ((new,), sorted(healthy))
     assert find_project_robot(project, [samples.commit(project.store, 3)]) is None
-
-
-def test_an_alarm_is_judged_by_healthy_runs_wherever_there_are_such(project, morning):
-    _, loads, healthy = morning
-    assert find_healthy_runs(loads, project.store) == tuple(sorted(healthy))
-    assert find_healthy_runs([healthy[0]], project.store) == tuple(sorted(healthy[1:]))
-    assert find_healthy_runs(loads, project.store, "good=yes") == ()
-
-
-@pytest.mark.parametrize(
-    ("why", "there", "gone"),
-    [
-        ("Degrees? Say so in --map: q = {unit = 'deg'}.", "in COLUMNS.toml: q =", "--"),
-        ("or say which is which with --map COLUMNS.toml.", "with COLUMNS.toml", "--"),
-        ("is the unit of time right (--map)?", "(COLUMNS.toml)", "--map"),
-        ("Fix it. To continue anyway: --trust-log (trust_log=True).", "Fix it.", "trust"),
-    ],
-)
-def test_a_refused_log_is_told_the_cure_that_works_in_an_inbox(why, there, gone):
-    reason = strip_hints(why)
-    assert there in reason
-    assert gone not in reason
-    assert ('under [[inbox]]: map = "COLUMNS.toml"' in reason) == ("--map" in why)
 
 
 def loaded(log, known):

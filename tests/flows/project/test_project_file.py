@@ -37,12 +37,6 @@ def test_init_writes_a_project_that_is_usable_at_once(place, capsys):
     assert (place / "modelgap.toml").read_bytes() == before
 
 
-def test_a_robot_from_elsewhere_stays_where_it_is(place):
-    project = create_project(place / "cell", str(place / "arm.urdf"))
-    assert project.table.robot[0].urdf == str(place / "arm.urdf")
-    assert project.arm(project.table.robot[0]).name == "small_arm"
-
-
 def test_a_simulated_robot_has_a_campaign_and_no_inbox(place):
     project = create_project(place / "trial")
     (robot,) = project.table.robot
@@ -100,12 +94,3 @@ def test_commands_in_a_project_use_its_store(place, monkeypatch):
     assert resolve_store_folder("other") == place / "other"
     monkeypatch.setenv("MODELGAP_STORE", str(place / "set"))
     assert resolve_store_folder(None) == place / "set"
-
-
-def test_init_takes_the_settings_beside_a_robot_file(place):
-    (place / "robot.toml").write_text('[robot]\nname = "press-7"\nserial = "A7"\n')
-    assert main(["init", "--robot", "arm.urdf"]) == 0
-    project = read_project(place)
-    (robot,) = project.table.robot
-    assert (robot.name, robot.urdf) == ("press-7", "arm.urdf")
-    assert project.arm(robot).serial == "A7"

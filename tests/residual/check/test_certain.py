@@ -12,7 +12,7 @@ from benchmarks.check_parts.file_flaws import draw_flawed, scale_masses
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
 from residual.check.evidence import NominalShares
-from residual.check.slips import build_order_slip, build_sign_slips, list_factor_slips, merge_slips
+from residual.check.slips import list_factor_slips
 from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import AXES, clean_logs, edited, swapped, times
@@ -27,8 +27,7 @@ def check_explained(name, kind, size, seed=1):
     return check_logs(given_robot(hosted, case), logs).faults, case
 
 
-@pytest.mark.parametrize("name", [SIX, SEVEN])
-@pytest.mark.parametrize("kind", ["bodies", "balanced", "gain"])
+@pytest.mark.parametrize(("name", "kind"), [(SIX, "bodies"), (SEVEN, "balanced"), (SIX, "gain")])
 def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
     if kind == "bodies":
         hosted, rng = host(name, 1), create_random_stream(1, f"bodies/{name}")
@@ -40,7 +39,7 @@ def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
     assert not [f for f in faults if f.kind == "mounting"]
 
 
-@pytest.mark.parametrize(("name", "size"), [(SIX, 0), (SIX, 1), (SEVEN, 2)])
+@pytest.mark.parametrize(("name", "size"), [(SIX, 0), (SEVEN, 2)])
 def test_a_zero_that_is_off_by_quarter_turns_has_its_joint_and_line(name, size):
     faults, case = check_explained(name, "zero", size)
     (fault,) = [f for f in faults if f.kind == "angle_zero"]
@@ -77,7 +76,7 @@ def test_factors_of_all_drives_are_not_asked_for_beside_one_in_its_unit():
         assert {len(set(np.ravel(scale))) for scale in scales} == counts
 
 
-@pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SIX, 0.35), (SEVEN, 0.4)])
+@pytest.mark.parametrize(("name", "factor"), [(SIX, 3.5), (SEVEN, 0.4)])
 def test_masses_of_another_scale_are_one_of_two_readings(name, factor):
     hosted = host(name, 1)
     (fault,) = check_logs(scale_masses(hosted.robot, factor), hosted.logs).faults
@@ -112,21 +111,14 @@ def test_counts_of_a_drive_with_two_signs_are_no_other_robot():
     assert "torque_unit" in {f.kind for f in faults}
 
 
-def test_the_speeds_of_an_angle_with_another_zero_stay_as_they_are():
-    robot, logs = clean_logs("small")
-    both = [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
-    off = np.array([0, np.pi / 2, 0])
-    faults = check_logs(robot, edited(both, q=lambda q: q + off)).faults
-    (fault,) = [f for f in faults if f.kind == "angle_zero"]
-    assert [repair.signal for repair in fault.repairs] == ["q"]
-
-
+@pytest.mark.long
 def test_angles_of_all_joints_that_count_backwards_are_no_turned_torques():
     hosted = host(SEVEN, 1)
     faults = check_logs(hosted.robot, edited(hosted.logs, q=lambda q: -q)).faults
     assert [(f.kind, len(f.joints)) for f in faults] == [("angle_sign", 7)]
 
 
+@pytest.mark.long
 def test_two_turned_angles_are_not_their_mirror_image():
     hosted = host(SEVEN, 1)
     sign = np.array([1, 1, -1, 1, -1, 1, 1])
@@ -141,13 +133,6 @@ def test_three_joints_in_a_ring_are_one_order():
     (fault,) = check_logs(robot, bad).faults
     assert (fault.kind, fault.joints) == ("joint_order", (1, 3, 5))
     assert {repair.order for repair in fault.repairs} == {(5, 2, 1, 4, 3, 6)}
-
-
-def test_signs_before_an_exchange_of_channels_are_signs_of_joints_behind_it():
-    before = build_sign_slips(set(), {3}, 6)
-    order = build_order_slip((0, 1, 3, 2, 4, 5), ("q", "tau"))
-    moved, sign = merge_slips([*before, order], 6)
-    assert (moved, sign.kind, sign.joints) == (order, "torque_sign", (4,))
 
 
 def test_a_turned_torque_that_may_be_a_turned_angle_is_one_fault_with_both_lines():
