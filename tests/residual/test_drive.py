@@ -1,5 +1,7 @@
 """The drive of a joint: torque from goal and position."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
