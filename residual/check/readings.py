@@ -86,10 +86,10 @@ class Reading:
     @cached_property
     def nats(self) -> float:
         """Log evidence under the bodies of the file, or under a rough one."""
-        return max(self.given.nats, self.rough.nats) - self.share_odds
+        return max(self.filed.nats, self.rough.nats) - self.share_odds
 
     @cached_property
-    def given(self) -> ArmFit:
+    def filed(self) -> ArmFit:
         """One arm in its torques under the file as it is given."""
         return self.fit(GIVEN)
 
@@ -145,19 +145,19 @@ class Reading:
     @property
     def bend(self) -> float:
         """By how much a rough file is likelier than the one that is given [nats]."""
-        return max(self.rough.nats - self.given.nats, 0.0) + self.share_odds
+        return max(self.rough.nats - self.filed.nats, 0.0) + self.share_odds
 
     @property
     def bends(self) -> bool:
         """Whether the file is far from the log: a rough one likelier, or far, too."""
         far = bool(self.strain.sum() > CHECK.certain_nats)
-        return far or self.rough.nats - self.given.nats > CHECK.suspect_nats
+        return far or self.rough.nats - self.filed.nats > CHECK.suspect_nats
 
     @property
     def strained(self) -> bool:
         """Whether the bodies of the file have to bend."""
         nats = self.strain.sum() + 0.5 * self.share_odds
-        return self.rough.nats > self.given.nats or bool(nats > CHECK.odds_nats)
+        return self.rough.nats > self.filed.nats or bool(nats > CHECK.odds_nats)
 
     @property
     def arranged(self) -> set[str]:
