@@ -161,7 +161,7 @@ def smallest(seed):
     return bench.smallest(group, np.ones(1))
 
 
-def detection_rate(share, draws=16):
+def detection_rate(share, draws=24):
     hits = []
     for seed in range(draws):
         truth = [(LINE, (0,), [share * smallest(seed)])]

@@ -116,6 +116,13 @@ def test_another_velocity_is_certain_and_has_its_repair(changes, kind, joints, r
     assert fault.repairs == (repair,)
 
 
+def test_a_velocity_of_another_size_is_mended_by_its_factor():
+    _, logs = clean_logs("small")
+    (fault,) = find_velocity_faults(edited(with_velocity(logs), qd=lambda qd: qd * [1, 3, 1]))
+    assert (fault.kind, fault.joints) == ("velocity_mismatch", (2,))
+    assert fault.repairs[0].scale == pytest.approx((1 / 3,), rel=0.02)
+
+
 @pytest.mark.parametrize("unit", [1e3, 1e6, 1e-3])
 def test_a_unit_of_time_that_no_logger_keeps_is_found_alone(unit):
     robot, logs = clean_logs("small")
