@@ -10,6 +10,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
+from importlib.util import find_spec
 from itertools import pairwise
 from pathlib import Path
 from time import perf_counter
@@ -32,7 +33,7 @@ from flows.steps.model_choice import choose_model, read_controller_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun
-from residual.errors import InputError, RunError
+from residual.errors import InputError, RunError, build_missing_package_error
 from residual.model.dynamics import (
     FrictionReversal,
     build_computed_torque_law,
@@ -438,8 +439,13 @@ def run_campaign_experiments(
 
     Returns:
         What became of them; a failure is in it and raises nothing.
+
+    Raises:
+        InputError: If the engine of simulated arms is not installed.
     """
     missing = [p for p in planned if not p.stored]
+    if missing and find_spec("pybullet") is None:  # said once, not of each
+        raise build_missing_package_error("pybullet")
     begun, failed = perf_counter(), {}
     if missing and executor is None:
         with ProcessExecutor(min(count_cores(), len(missing))) as ours:

@@ -79,13 +79,15 @@ duration = 9.0
 
 def test_a_command_that_needs_one_says_what_is_missing_and_what_to_do(tmp_path):
     (tmp_path / "spec.toml").write_text(SPEC)
-    up, experiment, _ = run(["up", "experiment spec.toml"], tmp_path).split("exit 2")
+    lines = ["up", "experiment spec.toml", "demo --seed 3"]
+    up, experiment, demo, _ = run(lines, tmp_path).split("exit 2")
     assert "modelgap: This needs locks" in up
     assert "Linux and macOS" in up
     assert "modelgap: This needs " in experiment
     assert "PyBullet" in experiment
     assert "diagnosed without" in experiment
-    assert "unexpected failure" not in up + experiment
+    assert demo.count("PyBullet") == 1  # once, not of each experiment
+    assert "unexpected failure" not in up + experiment + demo
 
 
 PLACES = {
