@@ -13,6 +13,7 @@ from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.visible import Stage, share
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
+from sim.plant.effect_catalogue import list_plant_effects
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"
@@ -156,8 +157,12 @@ def _changed(
             values = scale_effect_parameters(name, values, factor)
         return PlantEffect(name, usual.joints, tuple(sorted(values.items())))
 
+    lowest = list_plant_effects()[name].above
+
     def size_at(factor: float) -> float | None:
-        return None if factor > _MOST else share(robot, times(factor), stages)
+        effect = times(factor)
+        below = any(value <= lowest.get(key, -np.inf) for key, value in effect.parameters)
+        return None if below or factor > _MOST else share(robot, effect, stages)
 
     found = solved(size_at, target)
     if found is None:
