@@ -16,6 +16,46 @@ import pytest
 
 from residual.effects import load_effects
 
+MAX_LINES = 600
+
+
+MAX_BODY = 80
+
+
+DECIDING = ("check", "evidence", "monitoring")
+
+
+THRESHOLDS = re.compile(r".*Thresholds")
+
+
+def _body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    first = node.body[0]
+    told = ast.get_docstring(node) is not None
+    start = first.end_lineno + 1 if told else first.lineno
+    return max(0, node.end_lineno - start + 1)
+
+
+def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
+    """Whether a parameter is a tuple of unlike or unsaid things, or a row of three.
+
+    A tuple of like things is a vector, one with ``...`` a sequence, and pairs within a
+    collection are keys with what belongs to them; all else has names: arguments, or a
+    record.
+    """
+    if ast.unparse(annotation) == "tuple":
+        return True
+    for node in ast.walk(annotation):
+        own = aliases.get(getattr(node, "id", ""), node)
+        if not (isinstance(own, ast.Subscript) and ast.unparse(own.value) == "tuple"):
+            continue
+        kinds = getattr(own.slice, "elts", [own.slice])
+        unlike = len({ast.unparse(kind) for kind in kinds}) > 1
+        row = node is annotation or isinstance(annotation, ast.BinOp) or len(kinds) > 2
+        if unlike and row and "..." not in map(ast.unparse, kinds):
+            return True
+    return False
+
+
 ROOT = Path(__file__).parents[1]
 ROOMS = ("flows", "residual", "sim", "warehouse")
 
@@ -265,6 +305,26 @@ def _pages() -> list[Path]:
     return sorted({p for p in inside + top if p.suffix in kinds} | set(other))
 
 
+def test_no_file_is_longer_than_a_reader_will_read():
+    long = {
+        _name(p): n
+        for p in _pages()
+        if not _name(p).startswith(("tests/", "CHANGELOG"))
+        and (n := len(p.read_text(encoding="utf-8").splitlines())) > MAX_LINES
+    }
+    assert long == {}
+
+
+def test_no_function_is_longer_than_a_screen():
+    long = {
+        f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
+        for path in _sources(*ROOMS, "benchmarks")
+        for node in _nodes(path)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _body_lines(node) > MAX_BODY
+    }
+    assert long == {}
+
+
 # Written in pieces, so that this file does not find itself.
 MACHINE = re.compile(
     r"(?<![\w.~/-])/(?:home|work|root|opt|Users)" + r"/\w"
@@ -281,3 +341,46 @@ def test_no_text_holds_a_path_of_one_machine_or_the_address_of_an_index():
         if MACHINE.search(line)
     ]
     assert wrong == []
+
+
+def test_every_folder_with_code_is_a_package_and_tests_are_not():
+    bare = [
+        _name(folder)
+        for folder in {path.parent for path in _sources(*ROOMS)}
+        if not (folder / "__init__.py").is_file()
+    ]
+    assert bare == []
+    assert list((ROOT / "tests").rglob("__init__.py")) == []
+
+
+def test_no_parameter_is_a_bag_of_unlike_things():
+    wrong = []
+    for path in _modules().values():
+        aliases = {
+            target.id: node.value
+            for node in _nodes(path)[0].body
+            if isinstance(node, ast.Assign)
+            for target in node.targets
+            if isinstance(target, ast.Name)
+        }
+        for node in _nodes(path):
+            if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
+                every = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
+                wrong += [
+                    f"{_name(path)}:{arg.lineno} {node.name}({arg.arg})"
+                    for arg in every
+                    if arg.annotation and _is_bag(arg.annotation, aliases)
+                ]
+    assert wrong == []
+
+
+def test_a_room_has_one_record_of_thresholds():
+    found: dict[str, list[str]] = {}
+    for path in _sources("residual"):
+        classes = [n.name for n in _nodes(path) if isinstance(n, ast.ClassDef)]
+        records = [name for name in classes if THRESHOLDS.fullmatch(name)]
+        found.setdefault(_name(path.parent), []).extend(records)
+        assert not records or path.stem in ("rules", "thresholds"), _name(path)
+    deciding = {f"residual/{room}" for room in DECIDING}
+    assert {room for room, names in found.items() if names} == deciding
+    assert {len(found[room]) for room in deciding} == {1}

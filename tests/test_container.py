@@ -28,6 +28,14 @@ def test_what_it_copies_is_there(copied):
     assert [name for name in sources if not (ROOT / name).exists()] == []
 
 
+def test_all_packages_and_what_the_build_reads_are_copied():
+    copied = {name for line in _values("COPY") for name in line.split()[:-1]}
+    project = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
+    packages = re.search(r"include = \[(.*)\]", project)[1]
+    needed = {name.strip('*"') for name in packages.split(", ")}
+    assert needed | {"setup.py", "pyproject.toml", "prefect.yaml", "LICENSE"} <= copied
+
+
 def test_it_runs_as_nobody_special_and_listens_on_loopback():
     (command,) = _values("CMD")
     words = json.loads(command)
@@ -36,6 +44,11 @@ def test_it_runs_as_nobody_special_and_listens_on_loopback():
     assert "--trust-network" not in TEXT
     assert _values("USER") == ["modelgap"]
     assert not _values("EXPOSE")
+
+
+def test_packages_come_pinned_with_their_hashes():
+    (first, _) = (line for line in _values("RUN") if "pip install" in line)
+    assert "--require-hashes -r requirements.lock" in first
 
 
 def _block(page: str, language: str) -> str:

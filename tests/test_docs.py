@@ -6,6 +6,14 @@ from pathlib import Path
 import pytest
 
 from flows.cli.app import app
+from residual.model.nominal import DEFAULT_DECLARED
+
+
+def _text(name: str) -> str:
+    return (ROOT / name).read_text(encoding="utf-8")
+
+
+MEASURED = ("benchmarks", "public_logs")  # written by benchmarks/page.py
 
 ROOT = Path(__file__).parents[1]
 GENERATED = {"commands.md", "glossary.md", "python.md"}  # when the site is built
@@ -18,6 +26,20 @@ def test_a_page_links_only_to_pages_that_exist(page):
     pages = [link for link in links if not link.endswith(".png")]  # made by a run
     pages = [link for link in pages if Path(link).name not in GENERATED]
     assert [link for link in pages if not (page.parent / link).exists()] == []
+
+
+def test_the_pages_stay_at_half_of_their_words():
+    """At most 26 200 words in docs with the measured pages, 700 in the README."""
+    words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
+    measured = sum(n for p, n in words.items() if p.stem in MEASURED)
+    assert words[ROOT / "README.md"] <= 700
+    assert sum(words.values()) - measured <= 23_020
+    docs = [n for page, n in words.items() if ROOT / "docs" in page.parents]
+    assert sum(docs) <= 26_200
+
+
+def test_the_default_list_of_declared_effects_is_the_one_in_the_text():
+    assert f"`{','.join(DEFAULT_DECLARED)}`" in _text("docs/logs.md")
 
 
 def test_every_option_that_a_page_shows_exists():

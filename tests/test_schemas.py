@@ -67,6 +67,25 @@ def test_the_example_of_a_robot_has_every_key_of_the_schema_and_is_read():
         assert set(tables[name]["properties"]) == set(robot[name])
 
 
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"robot": {"nam": "x"}},
+        {"robot": {"gravity": [0, 0]}},
+        {"joint": {}},
+        {"joints": {"torque_limit": [0, 1]}},
+        {"prior": {"scale": -1}},
+        {"declared": {"colomb": {}}},
+        {"declared": {"coulomb": {"levle": [1, 2]}}},
+    ],
+)
+def test_reader_and_schema_refuse_the_same_robot(wrong):
+    with pytest.raises(ValidationError):
+        validate("robot", wrong)
+    with pytest.raises(InputError):
+        parse_robot_settings(wrong, 2, "robot.toml", list_effect_parameters())
+
+
 def test_a_map_of_columns_fits_and_a_slip_in_it_does_not(tmp_path):
     text = block("logs.md", "## COLUMNS.toml")
     columns = tomllib.loads(text)

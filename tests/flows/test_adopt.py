@@ -81,6 +81,15 @@ def test_commands_on_runs_go_by_it_and_say_so_and_those_on_files_do_not(fresh):
     assert choose_monitor_model(id[:8], store, nominal=False).line is None
 
 
+@pytest.mark.long
+def test_a_rerun_goes_by_the_model_of_then(fresh, arm_nights):
+    store, *_, id = fresh
+    adopt(id, store=store)
+    roll_back(ROBOT, store=store)
+    outcome = reruns.rerun(arm_nights.again, store, True)
+    assert (list(outcome.differences), outcome.cause) == ([], None)
+
+
 def test_identify_starts_from_it_and_so_does_its_rerun(fresh, capsys):
     store, _, (fit, held_out), id = fresh
     adopt(id, store=store)

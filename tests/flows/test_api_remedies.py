@@ -1,11 +1,13 @@
 """Errors of the Python API name arguments of Python, no options of the shell."""
 
+import inspect
 import re
 
 import numpy as np
 import pytest
 
 import modelgap as mg
+from flows.api import remedies
 from tests.residual.arms import urdf_text
 
 T = np.linspace(0.0, 4.0, 401)
@@ -33,3 +35,11 @@ def test_a_refused_data_frame_is_explained_without_the_shell(robot, name):
     text = str(refused.value)
     assert not re.search(r"(?<!\w)--[a-z]", text), text
     assert "COLUMNS.toml" in text or "robot" in text or "Record" in text, text
+
+
+def test_every_option_becomes_an_argument_that_a_function_of_the_door_has():
+    functions = [f for n in mg.__all__ if inspect.isroutine(f := getattr(mg, n))]
+    known = {p for f in functions for p in inspect.signature(f).parameters}
+    for option, words in remedies._ARGUMENTS.items():
+        (argument,) = re.findall(r"(\w+)(?==)", words) or [words]
+        assert argument in known, option

@@ -45,6 +45,21 @@ def done(monkeypatch):
     return ran
 
 
+def test_one_failure_is_reported_and_the_others_go_on(tmp_path, done):
+    planned = plan_experiments(specs(4), tmp_path)
+    progress = []
+    summary = run_campaign_experiments(
+        planned, tmp_path, lambda *a: progress.append(a), InlineExecutor()
+    )
+    assert done == [0, 1, 2, 3]
+    assert list(summary.failed.values()) == [
+        "seed=1: joint 2 at 1.2 s: 0.3 rad beyond",
+        "seed=2: ZeroDivisionError: a fault",
+    ]
+    assert summary.stored == (planned[0].run_id, planned[3].run_id)
+    assert progress[-1] == ("stored 4 of 4: seed=3", 1.0)
+
+
 def test_the_same_command_completes_what_was_left(tmp_path, done):
     run_campaign_experiments(
         plan_experiments(specs(1), tmp_path), tmp_path, executor=InlineExecutor()

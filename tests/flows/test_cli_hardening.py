@@ -15,6 +15,7 @@ from residual.model.model_files import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as samples
 from warehouse.query.sql_guard import LONGEST
+from warehouse.store_catalogue import find_run
 from warehouse.toml_records import LARGEST, read_toml
 
 LONG = "SELECT count(*) FROM range(10000000) a, range(100000000) b WHERE a.range <> 7"
@@ -86,6 +87,22 @@ def test_nothing_is_written_among_the_records(run, store):
         assert (code, "among the records of the store" in err) == (2, True)
     assert sorted(folder.rglob("*")) == before
     assert run("sql", "SELECT 1", "--format", "csv", "--out", "x.csv")[0] == 0
+
+
+def test_a_record_that_is_gone_is_told_by_runs_and_verify(run, store):
+    folder, (id, other) = store
+    assert run("runs")[2] == ""
+    code, out, _ = run("verify")
+    assert (code, "verified 2 runs" in out) == (0, True)
+    find_run(folder, id).row.unlink()
+    code, out, err = run("runs")
+    assert code == 0
+    assert id in err
+    assert other not in err
+    code, out, err = run("verify")
+    assert code == 1
+    assert f"DAMAGED  runs {id}: _run.parquet: it is missing" in out
+    assert "modelgap: 1 of " in err
 
 
 def test_files_nested_too_deep_are_bad_input(tmp_path):

@@ -13,6 +13,7 @@ import pytest
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.runs import quarantine_run
+from warehouse.view_schema import list_views
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +51,31 @@ def test_runs_are_listed_the_latest_last(run, ids):
     assert "3 rows" in out
 
 
+def test_numbers_in_csv_and_json_are_whole(run):
+    query = "SELECT max(q1) AS total, sum(rows) AS rows FROM samples, runs"
+    (row,) = answer(run, "sql", query)
+    assert row["rows"] == 50 * 3 * 3 * 50
+    code, out, _ = run("sql", query, "--format", "csv")
+    assert code == 0
+    assert float(out.split()[1].split(",")[0]) == row["total"]
+    query = "SELECT 'inf'::DOUBLE AS a, 'nan'::DOUBLE AS b, [-'inf'::DOUBLE] AS c"
+    told = {"a": "Infinity", "b": "NaN", "c": ["-Infinity"], "d": None}
+    assert answer(run, "sql", f"{query}, NULL AS d") == [told]
+
+
+def test_the_schema_has_every_view_and_column_with_its_unit(run):
+    rows = answer(run, "sql", "--schema")
+    told = [(row["view"], row["column"]) for row in rows]
+    assert told == [(v, c.name) for v, columns in list_views().items() for c in columns]
+    units = {(row["view"], row["column"]): row["unit"] for row in rows}
+    assert units["samples", "tau6"] == "N m"
+    assert units["runs", "duration_s"] == "s"
+    assert all(row["about"] for row in rows)
+    code, out, _ = run("sql", "--schema")
+    assert code == 0
+    assert "error_by_trajectory" in out
+
+
 def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     store = tmp_path / "store"
     id = samples.commit(store, 0)
@@ -64,6 +90,22 @@ def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     # Undone by hand, as docs/store.md says.
     (store / "quarantine" / f"run_id={id}.json").unlink()
     assert answer(run, "runs", "--store", str(store))[0]["quarantined"] is False
+
+
+@pytest.mark.parametrize(
+    ("words", "told"),
+    [
+        (["0", "--reason", " "], "needs a reason"),
+        (["ffffffff", "--reason", "x"], "Nothing in"),
+        (["../x", "--reason", "x"], "is not an id"),
+        (["DIAGNOSIS", "--reason", "x"], "expected the id of a run"),
+    ],
+)
+def test_only_a_run_is_set_aside_and_for_a_reason(run, ids, words, told):
+    first = {"0": ids["runs"][0], "DIAGNOSIS": ids["diagnosis"]}.get(words[0], words[0])
+    code, _, err = run("quarantine", first, *words[1:])
+    assert code == 2
+    assert told in err
 
 
 def test_a_record_is_shown_by_the_beginning_of_its_id(run, ids):

@@ -2,6 +2,7 @@
 
 import json
 import pickle
+from dataclasses import asdict
 
 import numpy as np
 import pytest
@@ -10,9 +11,13 @@ from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import experiment as campaign
+from flows.storage.diagnosis import diagnosis_from_record, diagnosis_to_record
 from flows.workers import run_job
 from residual.errors import InputError
+from residual.model.compare import FindingScatter, LogPrediction
+from residual.verdict.diagnosis import Diagnosis
 from sim.plant.closed_loop import SimulationDivergedError
+from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 
 EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
@@ -95,3 +100,31 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(tmp_path, mon
     with pytest.raises(InputError) as caught:
         run_job(campaign.run_planned_experiment, planned, str(store))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
+
+
+def test_curves_come_back_from_the_store_as_they_were():
+    rng = np.random.default_rng(0)
+    t, tau, moving = np.arange(4.0), rng.normal(size=(4, 2)), np.ones((4, 2), bool)
+    hats = {name: rng.normal(size=(4, 2)) for name in ("nominal", "augmented")}
+    x = rng.normal(size=3)
+    cloud = FindingScatter("spring", 2, "q2 [rad]", x, x + 1, x + 2, np.array(["a", "a", "b"]))
+    before = Diagnosis(
+        verdict=typed({}),
+        sentences=("One.",),
+        proofs=(
+            LogPrediction("a", t, tau, hats, moving),
+            LogPrediction("b", t, -tau, hats, ~moving),
+        ),
+        clouds=(cloud,),
+        notes=("n",),
+        residual_clouds=(
+            FindingScatter("", 1, "t [s]", x, x - 1, 0 * x, np.array(["a", "b", "b"])),
+        ),
+    )
+    record, tables = diagnosis_to_record(before)
+    after = diagnosis_from_record(json.loads(json.dumps(record)), tables, before.verdict, {})
+    for part in ("verdict", "sentences", "notes"):
+        assert getattr(after, part) == getattr(before, part)
+    for part in ("proofs", "clouds", "residual_clouds"):
+        one, other = ([asdict(x) for x in getattr(d, part)] for d in (before, after))
+        np.testing.assert_equal(other, one)

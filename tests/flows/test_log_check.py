@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 
+import modelgap as mg
 from flows.cli import main
 from flows.inputs.read import read_logs
 from flows.report.sentences import format_headline
@@ -159,6 +160,27 @@ def test_runs_of_the_store_are_checked_too(place, fake_check, named):
     record = read_record(Path("store"), diagnosis)
     assert record["document"]["verdict"] == "effects"
     assert record["request"]["trust_log"] is True
+
+
+def test_the_door_checks_and_refuses_likewise(place, fake_check):
+    robot = mg.load_robot("arm.urdf")
+    fit = mg.read_logs(["A.csv", "B.csv"], robot)
+    assert repr(mg.check(robot, fit)) == "LogCheck(clean)"
+    fake_check["faults"] = [SIGN, DOUBT]
+    report = mg.check(robot, fit)
+    assert report.verdict == "unusable"
+    assert report.faults[0].repair == (LINE,)
+    assert repr(report).splitlines() == [
+        "LogCheck(unusable)",
+        "  torque sign, joint 2 (certain): Friction gives.",
+        f"    {LINE}",
+        "  filtered (suspect): No noise near 50 Hz.",
+    ]
+    for verb in (mg.diagnose, mg.identify, mg.calibrate):
+        with pytest.raises(InputError, match="torque sign, joint 2"):
+            verb(robot, fit)
+    identification = mg.identify(robot, fit, trust_log=True)
+    assert any("torque sign" in warning for warning in identification.warnings)
 
 
 @pytest.fixture(scope="module")

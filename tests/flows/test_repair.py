@@ -1,5 +1,7 @@
 """The lines that mend a log: valid maps, and a log read with them is the right one."""
 
+import tomllib
+
 import numpy as np
 import pytest
 
@@ -138,6 +140,14 @@ def test_a_line_does_at_the_link_what_the_repair_says_whatever_the_map(
     after = getattr(read(table, robot, columns_of(line, tmp_path), tmp_path), name)
     want = before[:, [1, 0, 2]] * [1, -2, 0.5]
     np.testing.assert_allclose(after, want, rtol=1e-8, atol=1e-12)
+
+
+def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
+    odd = ['a"b', "c\\d", "Drehmoment °"]
+    text = f"tau = {{columns = ['a\"b', 'c\\d', '{odd[2]}']}}"
+    columns = columns_of(text, tmp_path)
+    line = format_repair_lines([Repair("tau", (1,), sign=(-1,))], arm(), columns)
+    assert tomllib.loads(line)["tau"]["columns"] == odd
 
 
 def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path):

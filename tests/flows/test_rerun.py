@@ -20,10 +20,12 @@ from tests.warehouse import store_samples
 from warehouse import code_provenance
 from warehouse.query.store import open_store
 from warehouse.record_commit import commit_run
-from warehouse.runs import read_manifest
+from warehouse.runs import open_seal, read_manifest
 from warehouse.store_catalogue import RERUN_OF, find_record, read_record
 from warehouse.store_catalogue import list_record_folders as record_folders
 from warehouse.store_files import write_check_sums, write_parquet
+
+NO_ID = [["rerun", "--verify"], ["diff", "a"], ["lineage"]]
 
 EFFECTS = [
     {"name": "payload", "joints": [6], "mass": 4, "com_x": 1 / 3, "onset": 0.5},
@@ -72,6 +74,15 @@ def change_value(store, id, by=1e-9):
     write_check_sums(path.parent)
 
 
+def test_a_spec_comes_back_from_its_two_halves(tmp_path, plant):
+    for wanted in (spec(), spec(seed=2**62, plant={}), spec(rates={"log": 500.0})):
+        id = experiment.simulate_and_store(wanted, tmp_path)
+        told, hidden = read_manifest(tmp_path, id), open_seal(tmp_path, id).spec
+        again = rerun.rebuild_spec(told, hidden)
+        assert experiment.compute_run_id(again) == id
+        assert again.plant_spec() == wanted.plant_spec()
+
+
 @pytest.mark.parametrize("words", [["--verify"], []])
 def test_the_same_code_gives_the_same_bits_stores_nothing(tmp_path, plant, capsys, words):
     id = experiment.simulate_and_store(spec(), tmp_path)
@@ -106,6 +117,15 @@ def test_other_code_with_other_values_is_a_new_run_and_is_told(tmp_path, plant, 
     (row,) = json.loads(capsys.readouterr().out)
     assert (row["record"], row["rerun"]) == (id, new)
     assert "tau3: differs from 30.08 s on, by at most 2.5 N m" in row["verdict"]
+
+
+def test_other_code_with_the_same_values_is_no_failure(tmp_path, plant, other_code):
+    id = experiment.simulate_and_store(spec(), tmp_path)
+    other_code()
+    outcome = rerun.rerun(id, tmp_path)
+    assert outcome.reproduced
+    assert (outcome.same_code, outcome.note_id) == (False, None)
+    assert outcome.new_id != id
 
 
 def test_the_same_code_with_other_values_is_chance(tmp_path, plant, capsys):
@@ -221,6 +241,14 @@ def test_a_diagnosis_its_model_and_its_proof_are_made_again(diagnosed):
     assert tree(store) == before
 
 
+def test_a_diagnosis_with_a_known_value_is_of_the_same_robot(diagnosed):
+    store, runs, _ = diagnosed
+    known = ("payload.mass=2",)
+    request = Diagnose(tuple(runs), robot="irb140", known=known, store=store)
+    diagnosis, _proof = diagnose_stored_runs(request)
+    assert rerun.rerun(diagnosis, store, verify=True).reproduced
+
+
 def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code):
     store, _runs, (diagnosis, _proof) = diagnosed
     plant["tau"] = 0.5
@@ -245,6 +273,18 @@ def test_a_diagnosis_that_differs_is_told_and_kept(diagnosed, plant, other_code)
     assert "nominal_scale" in {name for name, _, _ in difference.tables["values"]}
 
 
+def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
+    from warehouse.record_commit import commit_record
+
+    record = {"robot": "two_link", "kind": "other"}
+    id = commit_record(tmp_path, "validations", record)
+    with pytest.raises(InputError, match="does not say how it was made"):
+        rerun.rerun(id, tmp_path)
+    report = commit_record(tmp_path, "reports", record)
+    with pytest.raises(InputError, match="is a report"):
+        rerun.rerun(report, tmp_path)
+
+
 def test_two_runs_side_by_side(tmp_path, plant, capsys):
     one = experiment.simulate_and_store(spec(), tmp_path)
     two = experiment.simulate_and_store(spec(start=0.0), tmp_path)
@@ -261,3 +301,10 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     assert "code: the same" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0
     assert f"runs {one}, gave" in capsys.readouterr().out
+
+
+@pytest.mark.parametrize("words", NO_ID)
+def test_what_is_no_id_is_refused(tmp_path, capsys, words):
+    command, *more = words
+    assert main([command, "../x", *more, "--store", str(tmp_path)]) == 2
+    assert "is not an id" in capsys.readouterr().err

@@ -8,7 +8,12 @@ import pytest
 
 from flows.specs import derive_seed, load_campaign, load_spec, parse_spec
 from flows.steps.experiment import build_public_record as public_record
-from flows.steps.experiment import build_sealed_record, compute_run_id, load_spec_robot
+from flows.steps.experiment import (
+    build_sealed_record,
+    compute_run_id,
+    load_spec_robot,
+    plan_experiments,
+)
 from residual.errors import InputError
 from sim.engine.plant_records import PlantEffect as Effect
 from sim.engine.plant_records import SampleRates, SensorNoise, TrajectorySpec
@@ -92,6 +97,23 @@ def test_a_slip_is_told_with_its_place_and_what_was_expected(old, new, said):
 def test_what_robot_or_plant_lack_is_told_before_anything_runs(old, new, said):
     with pytest.raises(InputError, match=said):
         compute_run_id(spec(old, new))
+
+
+def test_a_wrong_effect_is_told_with_its_file_and_names_alone(tmp_path):
+    with pytest.raises(InputError) as told:
+        plan_experiments([("a/S.toml", spec('"stribeck"', '"hose"'))], tmp_path)
+    assert str(told.value).startswith("S.toml: Unknown effect of the plant 'hose'")
+    assert "x_" not in str(told.value)
+    with pytest.raises(InputError, match=r"C: seed=1: .* 'x_wal': did you mean 'x_wal"):
+        plan_experiments([("seed=1", spec('"stribeck"', '"x_wal"'))], tmp_path, "C")
+
+
+def test_a_missing_or_broken_file_is_told(tmp_path):
+    with pytest.raises(InputError, match="No such file"):
+        load_spec(tmp_path / "SPEC.toml")
+    (tmp_path / "SPEC.toml").write_text("seed = = 1")
+    with pytest.raises(InputError, match="not valid TOML"):
+        load_spec(tmp_path / "SPEC.toml")
 
 
 def test_a_robot_beside_the_spec_is_found_from_anywhere(tmp_path):

@@ -143,6 +143,13 @@ def test_a_measured_run_has_open_loop_at_its_own_rate_and_clock(run_store, tmp_p
     assert validation.open_loop.max() < 2e-3
 
 
+def test_a_run_of_another_description_is_refused(run_store, tmp_path):
+    log = replace(read_run(*run_store[:2]), id="")
+    id = commit_run(tmp_path, log, {"robot_hash": "0" * 64})
+    with pytest.raises(InputError, match="another description of irb140"):
+        validate.validate(Validate(id, 0.25, tmp_path))
+
+
 @pytest.mark.parametrize("window", [0.0, -1.0, 4.5, float("nan"), float("inf")])
 def test_a_window_that_cannot_be_is_refused(run_store, window):
     with pytest.raises(InputError, match="to the length of the run, 4 s"):

@@ -7,11 +7,15 @@ import pytest
 
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
+from residual.evidence.fit import PossibleModel
 from residual.model.bodies import LEAST, build_body_sums
 from residual.model.bodies import find_nearest_possible as nearest_possible
 from residual.model.model import Model, Term
+from residual.model.records import BodyCorrection
 from residual.robot.dynamics import compute_base_parameters, read_inertial_parameters
 from residual.robot.dynamics import replace_inertial_parameters as with_inertial
+from residual.verdict.diagnosis import replace_by_model_values
+from residual.verdict.result import Finding, Parameter
 from tests.exports.bodies import cases, diagnosed, refusals
 from tests.residual.arms import SEVEN, arm, bare_irb140, plain_logs
 
@@ -92,6 +96,22 @@ def test_every_model_of_a_drawn_arm_loads_elsewhere(case):
     diagnosis = diagnosed(case)
     for name in ("identified", "augmented"):
         assert refusals(diagnosis.models[name]) == []
+
+
+def test_a_finding_of_a_body_says_what_the_model_has():
+    """Only where bodies were moved; deviations and other names stay as they were."""
+    robot = bare_irb140()
+    model = bare(robot, load(robot, 2.0, (0.01, 0, 0, 0.01, 0, 0.01)))
+    fitted = {"mass": Parameter(2.2, 0.1, "kg"), "com_z": Parameter(0.1, 0.02, "m")}
+    one = Finding("payload", (6,), 1.0, 1, (), fitted, evidence=None)
+    possible = PossibleModel(model, BodyCorrection(("the load",), (0.0,), 0.5))
+    parameters = replace_by_model_values(one, possible).parameters
+    assert parameters["mass"].value == pytest.approx(2.0)
+    assert parameters["com_z"].value == pytest.approx(0.08)
+    assert parameters["mass"].std == 0.1
+    assert replace_by_model_values(one, replace(possible, correction=None)) is one
+    other = replace(one, name="spring", joints=(1,))
+    assert replace_by_model_values(other, possible) is other
 
 
 @pytest.mark.long

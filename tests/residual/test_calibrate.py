@@ -13,8 +13,10 @@ from residual.calibration import table_regression
 from residual.calibration.calibrate import CalibrationSettings, calibrate, prepare_runs
 from residual.calibration.calibrate import identify_without_blocks as without_blocks
 from residual.calibration.calibration_rows import GUARD, CalibrationRun, build_paper_rows
-from residual.calibration.correction_choice import MAIN, PAIRS
+from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
+from residual.calibration.correction_choice import list_correction_options as correction_options
 from residual.calibration.nominal_pls import NominalPlsForm
+from residual.calibration.table_regression import choose_table_levels
 from residual.calibration.validation_scores import (
     BLOCK,
     DEFAULT,
@@ -27,6 +29,8 @@ from residual.calibration.validation_scores import (
     RUN,
     SYSTEMATIC,
     build_validation_schemes,
+    choose_fold_options,
+    cross_validate_corrections,
 )
 from residual.calibration.validation_scores import find_model_score as model_score
 from residual.errors import InputError
@@ -143,6 +147,43 @@ def test_friction_is_found_by_the_default_form_and_memorised_by_the_papers():
     assert {o.kind for o in paper_calibration().chosen} <= {MAIN, PAIRS}
 
 
+def test_the_run_of_figure_9_is_corrected_by_fits_that_have_not_seen_it():
+    unseen, rows = paper_calibration().unseen, paper_calibration().rows
+    number = rows.labels.index(unseen.label)
+    out = rows.run == number
+    step = round(unseen.t[1] * rows.rates[number])
+    np.testing.assert_array_equal(unseen.residual, rows.Y[out][::step])
+    rest = unseen.residual - unseen.corrections["default"]
+    assert np.linalg.norm(rest) < 0.5 * np.linalg.norm(unseen.residual)
+    # Least squares by hand on the other runs.
+    one = np.c_[np.ones(len(rows.X)), rows.X]
+    theta = [
+        np.linalg.lstsq(one[~out & moves], y[~out & moves], rcond=None)[0]
+        for y, moves in zip(rows.Y.T, rows.moving.T, strict=True)
+    ]
+    by_hand = (one[out] @ np.column_stack(theta))[::step]
+    assert_allclose(unseen.corrections["ls"], by_hand, atol=1e-6)
+    assert unseen.t[-1] == pytest.approx(6, abs=0.2)
+
+
+def test_the_choice_for_a_fold_does_not_know_its_errors():
+    rows = build_paper_rows(paper_runs())
+    schemes, _ = build_validation_schemes(rows, np.random.default_rng(0))
+    names = (*rows.names, "tau1", "tau2", "tau3")
+    tables = choose_table_levels(rows.X, rows.tau - rows.Y, rows.velocity_columns, names)
+    args = (lambda _: rows.Y, tables, correction_options(9), None)
+    lead = cross_validate_corrections(schemes[0], rows, *args)
+    first = choose_fold_options(lead, lead, rows)
+    own = np.unique(rows.second[rows.run == 2])
+    seconds = lead.seconds.copy()
+    # On run 2 nothing is wrong with doing nothing.
+    seconds[:, own] = 1e6
+    seconds[0, own] = 0.0
+    other = choose_fold_options(lead, replace(lead, seconds=seconds), rows)
+    assert other[2] == first[2]
+    assert set(other[0]) == {CorrectionOption("none")}
+
+
 @cache
 def few_runs():
     declared = ("viscous", "rotor_inertia")
@@ -190,3 +231,14 @@ def test_what_is_close_to_a_block_is_neither_fitted_nor_identified_from():
     assert_allclose(first, second, rtol=0.02, atol=0.02)
     spoiled = without_blocks(prepared[1]).coefficients()
     assert np.abs(spoiled - first).max() > 10 * np.abs(second - first).max()
+
+
+def test_a_joint_that_moves_in_one_run_alone_is_refused_by_name():
+    runs = [CalibrationRun(log) for log in logs(3, duration=6.0)]
+    still = [
+        replace(run, log=replace(run.log, q_ref=run.log.q * [1, number == 1, 1]))
+        for number, run in enumerate(runs)
+    ]
+    still = [replace(run, twin={"e_tau": run.log.tau}) for run in still]
+    with pytest.raises(InputError, match=r"all but run log1, .* q2 = 0"):
+        calibrate(truth().robot, still, replace(QUICK, paper=True))

@@ -87,6 +87,12 @@ def test_where_nothing_is_left_nothing_is_chosen(rng):
     assert lookup.tables == ()
 
 
+def test_what_holds_in_one_run_alone_is_not_taken(rng):
+    X, Y, torque, run = motion(rng, runs=4, rows=600)
+    _, options = chosen(X, np.where(run[:, None] % 2 == 0, Y, -Y), torque, run)
+    assert [o.kind for o in options] == [NONE] * 3
+
+
 @pytest.mark.parametrize("kind", [MAIN, PAIRS])
 def test_tables_solve_the_ridge_equations(rng, kind):
     X, Y, _, _ = motion(rng, runs=1, rows=400)

@@ -62,6 +62,13 @@ def test_bad_input_is_refused_with_bound_value_and_remedy(X, Y, components, mess
         fit_pls(X, Y, components)
 
 
+def test_other_columns_and_names_than_fitted_are_refused():
+    with pytest.raises(InputError, match="fitted to 3: x1, x2, x3"):
+        fit_pls(X9, X9[:, :1]).transform(X9[:, :2])
+    with pytest.raises(InputError, match="2 names for 3 columns"):
+        fit_pls(X9, X9, 1, names=("a", "b"))
+
+
 def test_components_are_eigenvectors_of_the_correlations(rng):
     X = rng.normal(size=(60, 4)) @ rng.normal(size=(4, 4))
     pca, C = fit_pca(X, rng, surrogate_count=20), np.corrcoef(X.T)

@@ -29,6 +29,14 @@ def test_they_are_one_finding_with_their_values_beside_another_effect():
     assert [e.name for e in verdict.effects if e is not finding] == [hidden.name]
 
 
+def test_they_are_named_where_nothing_else_is_missing():
+    case = short_case(arm(), seed=71)
+    fit, held_out = map(_with_constants, (case.fit, case.held_out))
+    verdict = diagnose(case.robot, fit, held_out=held_out).verdict
+    assert names(verdict) == [("offset", (1, 2))]
+    np.testing.assert_allclose(verdict.effects[0].parameters["torque"].value, TORQUE, atol=0.3)
+
+
 def test_a_name_that_is_not_sure_is_suspected_and_in_no_model(monkeypatch):
     case = short_case(arm(), seed=71)
     fit, held_out = map(_with_constants, (case.fit, case.held_out))

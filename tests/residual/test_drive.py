@@ -6,18 +6,22 @@ import numpy as np
 import pytest
 
 from residual.check.check import check_logs
+from residual.diagnosis.candidates import build_candidates
 from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive, compute_drive_torque, limit_goal
+from residual.effects.base import MotionSpan
 from residual.evidence.design import Design
 from residual.evidence.fit import build_fitted_model, fit_nominal
 from residual.evidence.priors import build_relative_prior
 from residual.identification.identify import identify
-from residual.model.nominal import build_free_nominal, prepare_fit_logs
+from residual.model.nominal import DEFAULT_DECLARED, build_free_nominal, prepare_fit_logs
 from residual.recording import Recording, apply_drive
 from residual.robot.dynamics import compute_inverse_dynamics, replace_inertial_parameters
 from residual.signals.track import FilterSettings
+from residual.verdict.diagnosis import add_motor_class
+from residual.verdict.result import Place
 from tests import plain_arm
-from tests.residual.arms import arm
+from tests.residual.arms import arm, plain_logs
 from tests.residual.driven import DAMPING, DRIVE, ONE, drive_log, pendulum
 
 T = np.arange(0, 2, 0.01)
@@ -126,3 +130,29 @@ def test_an_arm_of_few_joints_runs_through_check_and_identification(axes):
     own = replace_inertial_parameters(robot.model, found.inertial)
     again = compute_inverse_dynamics(own, *(3 * [0.3 * np.ones((1, robot.dof))]))
     np.testing.assert_allclose(again, tau, rtol=0.05)
+
+
+def test_logs_of_one_drive_have_one_name_for_gain_motor_and_friction():
+    still = np.zeros(1)
+    span = MotionSpan(still, still, 0.0, 8.0, one_drive=True)
+    place, load = Place("viscous", (2,)), Place("payload", (2,))
+    both = Place("drive_damping", (2,)), Place("torque_gain", (2,))
+    assert add_motor_class(place, [both[1]], span) == (both[1], both[0])
+    assert add_motor_class(load, [], span) == ()
+    # Off in a part it splits its damping from friction; measured torque splits all.
+    off = replace(span, switched=(True,))
+    assert add_motor_class(place, [], off) == (both[1],)
+    assert add_motor_class(place, [], replace(span, one_drive=False)) == ()
+
+
+def test_where_a_drive_is_stated_a_delay_is_of_its_chain_and_no_effect():
+    logs = prepare_fit_logs(
+        arm(), plain_logs(arm(), [0, 1], [0.0, 0.0], count=2), None, FilterSettings()
+    )
+    nominal = build_free_nominal(logs, DEFAULT_DECLARED)
+    design = Design(logs.tracks, nominal.model)
+    names = [
+        {g.effect.name for g in build_candidates(design, nominal, span, False).groups}
+        for span in (logs.span, replace(logs.span, one_drive=True))
+    ]
+    assert names[0] - names[1] == {"delay"}

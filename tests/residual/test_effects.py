@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pinocchio as pin
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.testing import assert_allclose
 
@@ -202,6 +202,17 @@ def test_coefficients_come_back_from_the_values(name):
         assert_allclose(back.torque(seen), term.torque(seen), atol=1e-9, rtol=1e-9)
 
 
+def test_where_there_is_nothing_to_divide_by_all_is_finite():
+    assert np.isfinite(load_effects()["spring"].values(np.array([0.0, 1.0]), (), arm())).all()
+    values = load_effects()["payload"].values(np.zeros(10), (), arm())
+    assert np.isfinite(values).all()
+    robot, effect = arm(), load_effects()["stribeck"]
+    seen = state(robot)
+    still = replace(seen, qd=0 * seen.qd, sign=0 * seen.sign)
+    for shape in effect.shapes(replace(span(2), speed=np.zeros(2)), 0):
+        assert np.isfinite(effect.columns(still, (0,), shape)).all()
+
+
 LOSSES = {
     "viscous": {"coefficient": 2.0},
     "coulomb": {"level": 3.0},
@@ -282,3 +293,17 @@ def test_payload_is_reported_in_the_flange_frame(robot):
     reported = dict(zip(effect.parameters, values, strict=True))
     expected = dict(zip(keys, numbers, strict=True))
     assert reported == pytest.approx(expected, abs=1e-9)
+
+
+@pytest.mark.parametrize("name", NAMES)
+@settings(max_examples=10)
+@given(speed=st.floats(1e-3, 5), travel=st.floats(1e-3, 6), duration=st.floats(0, 4000))
+def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
+    effect, robot = load_effects()[name], arm()
+    moved = MotionSpan(np.full(2, speed), np.full(2, travel), duration, 8.0)
+    seen = state(robot, n=5)
+    for shape in list(effect.shapes(moved, 0))[:3]:
+        for joints in effect.candidates(2)[:1]:
+            assert np.isfinite(effect.columns(seen, joints, shape)).all()
+        if effect.refine is not None:
+            assert effect.refine.lower <= shape[0] <= effect.refine.upper

@@ -7,9 +7,10 @@ import pytest
 from numpy.testing import assert_allclose
 
 from residual.errors import InputError
+from residual.identification import estimate
 from residual.identification.estimate import Options
 from residual.identification.identify import identify
-from residual.identification.observability import build_joint_rows
+from residual.identification.observability import JointRows, build_joint_rows
 from residual.recording import Recording
 from tests.residual.arms import arm, plain_logs
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
@@ -105,6 +106,16 @@ def test_a_firm_prior_keeps_the_nominal_and_a_loose_one_the_free_fit(noisy):
     gap = (loose.estimate.theta - noisy.estimate.theta) / noisy.estimate.sd
     assert np.abs(gap).max() < 0.2
     assert np.all(firm.estimate.sd[rigid] <= noisy.estimate.sd[rigid] * 1.001)
+
+
+def test_autocorrelation_of_ar1_noise_is_that_of_its_formula(rng):
+    a, values = 0.7, rng.normal(size=40_000)
+    for i in range(1, len(values)):
+        values[i] = a * values[i - 1] + np.sqrt(1 - a**2) * values[i]
+    place = np.column_stack([np.zeros(len(values), int), np.arange(len(values))])
+    rows = JointRows((values[:, None],), (values,), (place,))
+    correlation = estimate.compute_autocorrelation_times(rows, (values,))
+    assert correlation[0] == pytest.approx((1 + a) / (1 - a), rel=0.1)
 
 
 def still(seconds=12.0):

@@ -6,6 +6,8 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
+from benchmarks.attribution_parts.arms import make
+from flows.inputs.read import parse_known_values
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.errors import InputError, RobotError
@@ -17,6 +19,7 @@ from residual.model.nominal import list_known_values, prepare_fit_logs
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import add_known_values, load_robot
 from residual.signals.track import FilterSettings
+from tests.exports.bodies import cases, diagnosed
 from tests.residual.arms import TWO, arm, bare_irb140, plain_logs, recording
 
 FRICTION = ("viscous", "coulomb")
@@ -108,6 +111,33 @@ def prepared(robot, load):
             out.append(recording(log.t, log.q, log.tau + more - less, log.id))
         logs = out
     return prepare_fit_logs(robot, logs, None, FilterSettings())
+
+
+@pytest.mark.long  # two diagnoses of six joints
+def test_a_load_that_was_weighed_is_known_twice_as_well_in_all_else():
+    (case,) = cases(1)
+    true = dict(case.hidden[0].parameters)
+    logged = make(case.arm, case.hidden)
+    robot = add_known_values(logged.robot, {"payload.mass": true["mass"]})
+    before = diagnosed(case)
+    after = diagnose(robot, logged.fit, (), logged.held_out)
+    (loose,), (sharp,) = before.effects, after.effects
+    assert sharp.parameters["mass"].value == pytest.approx(true["mass"], rel=5e-3)
+    assert sharp.parameters["mass"].determined
+    for axis in ("com_x", "com_y", "com_z"):
+        own = sharp.parameters[axis]
+        assert own.std <= loose.parameters[axis].std / 2
+        assert abs(own.value - true[axis]) < 4 * own.std
+
+
+def test_words_of_the_command_are_names_and_numbers():
+    assert parse_known_values(("payload.mass=2.8", "coulomb.2.level=8")) == {
+        "payload.mass": 2.8,
+        "coulomb.2.level": 8.0,
+    }
+    for wrong in ("payload.mass", "payload.mass=", "payload.mass=heavy"):
+        with pytest.raises(InputError, match=r"NAME\.PARAMETER=NUMBER"):
+            parse_known_values((wrong,))
 
 
 def test_a_baseline_compares_two_states_and_takes_no_known_value():

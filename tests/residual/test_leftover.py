@@ -8,9 +8,18 @@ from residual.diagnosis.unexplained import (
     PLAIN,
     SUM,
     JointResidual,
+    ResidualTimeSeries,
     StateVariable,
+    find_spectral_line,
     fit_residual_curves,
 )
+
+
+def line(left):
+    t = np.concatenate([30 * k + np.arange(N) * STEP for k in range(LOGS)])
+    log = np.repeat(np.arange(LOGS), N)
+    return ResidualTimeSeries(t, left, log, float((left**2).sum()), 8.0)
+
 
 LOGS, LENGTH, STEP = 5, 20.0, 0.05
 N = int(LENGTH / STEP)
@@ -87,3 +96,18 @@ def test_a_leftover_that_only_remembers_itself_depends_on_nothing(seed):
     curves_found, rest = fit_residual_curves(rows_of(left, memory=80.0), variables(rng))
     assert curves_found == []
     np.testing.assert_array_equal(rest, left)
+
+
+@pytest.mark.parametrize("frequency", [0.31, 2.7, 6.4])
+def test_a_wave_in_time_is_found_with_its_frequency(rng, frequency):
+    t = line(np.zeros(LOGS * N)).t
+    left = np.sqrt(2) * np.sin(2 * np.pi * frequency * t) + 0.7 * red(rng, 3)
+    wave = find_spectral_line(line(left))
+    assert wave.frequency == pytest.approx(frequency, abs=0.5 / LENGTH)
+    # The red noise of one draw shares some of the band.
+    assert wave.share == pytest.approx(1 / 1.49, abs=0.15)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_red_noise_is_no_wave(seed):
+    assert find_spectral_line(line(red(np.random.default_rng(seed), 15))) is None

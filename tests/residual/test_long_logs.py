@@ -1,11 +1,15 @@
 """Long logs: cut into pieces, they say what they say whole."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
 from residual.effects import load_effects
+from residual.errors import RecordingError
 from residual.evidence.design import Design
+from residual.identification.identify import identify
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inertial_regressor, read_inertial_parameters
@@ -65,3 +69,24 @@ def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
     for name in ("rows", "rms", "peak", "power", "tau_power", "fold_rows"):
         assert_allclose(getattr(long, name), getattr(uncut, name), rtol=1e-9)
     assert_allclose(groups[0][2].precision, groups[1][2].precision, rtol=1e-9)
+
+
+def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
+    cut = identify(arm(), [log], NAMES)
+    monkeypatch.setattr(pieces, "LONG", np.inf)
+    identification = identify(arm(), [log], NAMES)
+    gap = np.abs(cut.estimate.theta - identification.estimate.theta)
+    assert len(cut.logs.tracks) > len(identification.logs.tracks)
+    assert (gap / identification.estimate.sd).max() < 0.3
+
+
+def test_a_recording_copies_what_somebody_can_still_write_to():
+    t, x = np.arange(5.0), np.ones((5, 2))
+    shown = x.view()
+    shown.setflags(write=False)
+    copied = Recording("a", "two_link", t, shown, x)
+    x[:] = np.nan
+    assert np.isfinite(copied.q).all()
+    assert np.isfinite(copied.tau).all()
+    with pytest.raises(RecordingError):
+        replace(copied, q=x)

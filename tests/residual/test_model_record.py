@@ -216,6 +216,19 @@ def test_a_declared_value_goes_back_to_the_nominal_one_and_a_new_one_is_whole():
     assert set_.without("coulomb", [2]).terms[1].theta.tolist() == [4.0]
 
 
+def test_the_torque_at_states_is_that_of_the_log():
+    model = model_of(["payload", "viscous", "spring", "torque_gain"])
+    smooth = replace(model, standstill=())
+    track = seen_track(model.robot)
+    expected = smooth.torque_on(track)
+    torque = smooth.torque(track.q, track.qd, track.qdd)
+    np.testing.assert_allclose(torque, expected, rtol=1e-12, atol=1e-12)
+    few = slice(7, 9)
+    np.testing.assert_allclose(
+        smooth.torque(track.q[few], track.qd[few], track.qdd[few]), expected[few]
+    )
+
+
 @pytest.mark.parametrize("name", ["delay", "warmup", "presliding"])
 def test_what_depends_on_more_than_the_state_is_refused(name):
     model = model_of([name])

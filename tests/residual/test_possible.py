@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from residual.effects import load_effects
-from residual.effects.base import JointLimits
+from residual.effects.base import Effect, JointLimits
 
 ARM = JointLimits(
     torque=40.0,
@@ -76,6 +76,12 @@ CANNOT = [
 def ask(name, theta, shape, had=(0.0,)):
     limits = replace(ARM, nominal_coefficients=np.array(had, dtype=float))
     return load_effects()[name].possible(np.array(theta, dtype=float), shape, limits)
+
+
+def test_every_effect_says_for_itself_what_no_arm_can_have():
+    usual = Effect.__dataclass_fields__["possible"].default
+    silent = [n for n, e in load_effects().items() if e.possible is usual]
+    assert silent == []
 
 
 @pytest.mark.parametrize(("name", "theta", "shape"), MAY)

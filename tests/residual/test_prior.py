@@ -1,16 +1,21 @@
 """How firmly the nominal model is held, and what it may be blamed for."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from residual.effects import load_effects
 from residual.evidence.design import Design
 from residual.evidence.priors import ASSUMED, build_relative_prior, compute_inertial_sd
+from residual.evidence.priors import list_forbidden_effects as forbidden_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import GIVEN, NominalModel
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from tests.residual.arms import arm
-from tests.residual.linear import NOMINAL, random_state, track
+from tests.residual.linear import NOMINAL, Problem, random_state, track
+
+FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
 
 
 def term(name, joint, theta):
@@ -66,3 +71,24 @@ def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
     sd = 1 / np.sqrt(prior.precision[-1, -1])
     speed = np.concatenate([s.qd[:, 0] for s in design.states])
     assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "scale", "barred"),
+    [
+        # Declared without a value: it is free already, there is nothing to blame.
+        ("coulomb", FREE, FINE_SCALE, {"coulomb"}),
+        ("coulomb", ASSUMED, FINE_SCALE, {"coulomb"}),
+        # Declared with a value: the value may be wrong.
+        ("coulomb", GIVEN, FINE_SCALE, set()),
+        # A rough rigid body cannot blame a load.
+        ("coulomb", GIVEN, ROUGH_SCALE, {"payload", "link_body", "link_inertia"}),
+        # What the model has and is no parameter of a model is not named twice.
+        ("offset", GIVEN, FINE_SCALE, {"offset"}),
+    ],
+)
+def test_what_may_not_be_blamed(rng, name, given, scale, barred):
+    nominal_model = nominal([term(name, 1, [1.0])], [given])
+    known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
+    prior = replace(known, widths=nominal_model.kinds)
+    assert forbidden_effects(prior, nominal_model) == barred

@@ -95,6 +95,15 @@ def test_continuous_becomes_revolute_and_fixed_merges(folder):
     assert robot.model.inertias[2].mass == pytest.approx(4)
 
 
+def test_content_hash_follows_the_urdf_and_the_meaning_of_the_toml(folder):
+    bare = load_robot(folder).content_hash
+    (folder / "robot.toml").write_text('# note\n[robot]\nname = "a"\n')
+    named = load_robot(folder).content_hash
+    (folder / "robot.toml").write_text('robot = {name = "a"}\n')
+    assert load_robot(folder).content_hash == named != bare
+    assert len(named) == 64
+
+
 BAD_URDF = {
     "not xml": ("<robot", "does not parse"),
     "other xml": ("<sdf/>", "root is <sdf>"),

@@ -1,10 +1,13 @@
 """Laws of the evidence by blocks and of left-out blocks, against dense algebra."""
 
 from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
+from residual.diagnosis.score import label_blocks
+from residual.diagnosis.select import name_probability
 from residual.effects.base import Effect
 from residual.evidence.fit import fit_jointly
 from residual.evidence.thresholds import THRESHOLDS
@@ -59,6 +62,15 @@ def test_a_fit_does_not_depend_on_what_it_is_compared_with(rng):
         assert other.sse == pytest.approx(plain.sse, rel=0.05)
 
 
+@pytest.mark.parametrize("order", [[3, 2, 1, 0], [1, 3, 0, 2]])
+def test_the_order_of_logs_and_so_of_their_blocks_does_not_matter(rng, order):
+    problem = Problem.draw(rng, [(LINE, (0,), [0.3])], masked=0.2, colour=0.5)
+    logs = [problem.logs[i] for i in order]
+    other = Problem(logs, build(logs), problem.prior)
+    values = [nats_of(p, LINE, (0,)) for p in (problem, other)]
+    assert values[0] == pytest.approx(values[1], rel=1e-6)
+
+
 def test_blocks_that_disagree_bear_out_less_than_blocks_that_agree(rng):
     """The same torque on average, of another sign in every third block."""
     values = []
@@ -111,3 +123,24 @@ def test_of_two_fixed_points_of_noise_and_coefficients_the_likelier_is_taken(rng
     floor = (THRESHOLDS.noise_floor * design.rms) ** 2
     starts = [fit_jointly(design, prior, (), fitted.counted, start, 40) for start in (None, floor)]
     assert fitted.score > max(f.score for f in starts) - 0.1
+
+
+def test_a_name_is_likelier_the_more_speaks_for_it():
+    values = [name_probability(nats) for nats in np.geomspace(0.1, 1000, 60)]
+    assert all(less < more for less, more in pairwise(values))
+    assert name_probability(-5.0) < 1e-3
+    assert name_probability(THRESHOLDS.even_nats) == pytest.approx(0.5)
+    sure = name_probability(THRESHOLDS.named_nats)
+    assert sure == pytest.approx(THRESHOLDS.sure_probability)
+
+
+@pytest.mark.parametrize("logs", [1, 3, 40])
+def test_no_block_has_parts_of_two_logs_and_rows_ascend(rng, logs):
+    problem = Problem.draw(rng, rows=1000, logs=logs)
+    labels = label_blocks([t for t, _ in problem.logs])
+    for one, other in pairwise(labels):
+        assert other[0] == one[-1] + 1
+    every = np.concatenate(labels)
+    assert set(np.diff(every)) <= {0, 1}
+    blocks = every[-1] + 1
+    assert THRESHOLDS.min_blocks <= blocks <= THRESHOLDS.max_blocks

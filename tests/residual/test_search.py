@@ -120,6 +120,13 @@ def test_a_joint_that_follows_a_curve_of_no_effect_has_no_name(rng, signal):
     assert [(g.effect, g.joints) for g in found.curves] == [(CURVES[signal], (0,))]
 
 
+@pytest.mark.parametrize("effect", [LINE, OTHER])
+def test_a_name_stands_although_a_curve_could_draw_it(rng, effect):
+    drawn = Problem.draw(rng, [(effect, (0,), [1.0])], rows=300, slow=0.8, noise=0.3)
+    found = with_curves(drawn).run()
+    assert keys(found.fit.members) == [(effect.name, (0,))]
+
+
 def test_a_wrong_value_that_a_refit_imitates_is_found(rng):
     problem = bent(rng, 30.0)
     (twin,) = problem.design.add([(TWIN, (1,), ())])
@@ -146,6 +153,31 @@ def test_what_hardly_lowers_the_error_is_not_named_however_sure(rng):
     search = problem.search([group])
     assert search.look(search.score.fit(()))[0].nats > THRESHOLDS.named_nats
     assert search.run().named == ()
+
+
+def test_a_set_that_was_given_loses_what_does_not_carry_its_price(rng):
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
+    groups = problem.design.add([(LINE, (0,), ()), (PLANE, (1,), ())])
+    assert keys(problem.search(groups).settle(tuple(groups)).named) == [("line", (0,))]
+
+
+def test_a_search_whose_member_drops_what_brings_it_back_ends(rng, monkeypatch):
+    """On a measured arm one name and another took turns for ever."""
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
+    first, second = problem.design.add([(LINE, (0,), ()), (PLANE, (1,), ())])
+    search = problem.search([first, second])
+    joins = []
+
+    def join(self, base, best):
+        now = first if first not in base.members else second
+        joins.append(now)
+        fitted = self.score.fit((now,))
+        return fitted, self.score.left_out(fitted)
+
+    monkeypatch.setattr(type(search), "_join", join)
+    monkeypatch.setattr(type(search), "_choose", lambda self, trials, left: first)
+    search.run()
+    assert joins == [first, second, first]
 
 
 # As on an arm: columns slower than what is left, of whose rows a quarter counts.

@@ -9,6 +9,7 @@ from numpy.testing import assert_allclose
 from residual.drive import Drive
 from residual.recording import Recording
 from residual.signals.track import FilterSettings, build_tracks, filter_low_pass
+from residual.signals.track import estimate_sample_rate as sample_rate
 
 FILTERS = FilterSettings()
 RATES = (100.0, 250.0, 1000.0)
@@ -61,6 +62,15 @@ def test_velocity_and_acceleration_are_those_of_the_motion(rate):
     assert_allclose(track.qdd[inner, 0], -(w**2) * np.sin(w * track.t[inner]), atol=4e-3 * w**2)
 
 
+@pytest.mark.parametrize(
+    ("dt", "rate"), [(0.004, 250.0), (0.008, 125.0), (1 / 249.96, 250.0), (0.03, 1 / 0.03)]
+)
+def test_the_rate_is_the_median_and_whole_where_nearly_so(dt, rate):
+    t = np.cumsum(np.full(200, dt))
+    t[100:] += 3.0
+    assert sample_rate(t) == pytest.approx(rate, rel=1e-12)
+
+
 def stop_and_go(t):
     """Moves for 2 s, stands for 1 s, and so on; reverses at 4.5 s within a move."""
     speed = np.where(t % 3 < 2, 1.0, 0.0) * np.where(t < 4.5, 1.0, -1.0)
@@ -106,6 +116,17 @@ def test_a_gap_in_the_log_is_masked_and_a_missed_sample_or_two_is_none():
     track, _ = one(log(t, 0.3 * t))
     rows = track.t[:: track.step]
     assert track.valid[(rows > 0.6) & (rows < 9.4)].all()
+
+
+def test_thresholds_are_common_to_all_logs_and_may_come_from_others():
+    t = clock(6, 250)
+    fast, slow = log(t, np.sin(3 * t)), log(t, 0.001 * np.sin(3 * t))
+    tracks, floor = build_tracks([fast, slow], FILTERS)
+    assert tracks[0].moving.mean() > 0.3
+    assert tracks[1].moving.mean() == 0
+    _, again = one(slow, speed_floor=floor)
+    np.testing.assert_array_equal(again, floor)
+    assert one(slow)[1] < floor
 
 
 def test_the_threshold_rises_with_the_noise_of_the_encoder():

@@ -39,6 +39,13 @@ def test_direction_stays_within_one_and_turns_round_with_the_motion(shape, seed)
 
 
 @pytest.mark.parametrize("shape", CHOICES, ids=str)
+def test_direction_is_the_sign_of_speed_in_steady_motion(shape):
+    t = np.arange(300) / 100
+    out = friction_direction(-2.0 * t, np.full(300, -2.0), FLOOR, shape)
+    assert_allclose(out[100:], -1, atol=1e-3)
+
+
+@pytest.mark.parametrize("shape", CHOICES, ids=str)
 @pytest.mark.parametrize("hold", [0.0, 0.4, 1.0])
 def test_the_share_held_counts_only_while_the_joint_stands(shape, hold):
     q, qd = motion()

@@ -181,6 +181,18 @@ def test_the_flange_is_the_tip_else_the_last_link_before_fingers(tmp_path, parts
         assert (frame.name, frame.placement) == (flange, expected)
 
 
+def test_the_last_link_is_pinocchios(tmp_path):
+    names = ["zz", "b", "Z", "a1", "j10", "j9"]
+    fixed = [joint(n, "l4", f"end_{n}", "fixed") for n in names]
+    fixed += [link(f"end_{n}") for n in names]
+    text = robot_of(*ARM, *fixed, joint("c", "end_zz", "last", "fixed"), link("last"))
+    model = pin.buildModelFromXML(text)
+    flange = model.frames[find_flange_frame(model)].name
+    robot = load_arm(write(tmp_path, text), tip=flange)
+    assert flange == "last"
+    assert "modelgap" not in robot.urdf
+
+
 BAD = {
     "unknown joint": (dict(chain=("j1", "j9")), "joint of the chain.*'j9'"),
     "fixed joint": (dict(chain=("j1", "hand_fix")), "'hand_fix' of the chain is fixed"),

@@ -9,7 +9,7 @@ import pytest
 
 from residual.check.result import Fault, LogCheck
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import list_effect_parameters
+from residual.effects import list_effect_parameters, load_effects
 from residual.errors import InputError
 from residual.verdict.document import from_json, to_json
 from sim.engine.plant_records import SyntheticEffect as Effect
@@ -161,6 +161,37 @@ def test_a_trusted_fault_of_the_logs_is_a_warning_and_the_names_stand(compared):
 
 
 @pytest.mark.parametrize("kind", KINDS)
+def test_arrays_have_an_entry_per_joint_and_joints_are_numbered_from_one(kind):
+    verdict = document(kind)
+    dof = 2
+    for table in ("held_out", "filtered", "moving"):
+        for stage in ("nominal", "identified", "augmented"):
+            assert len(verdict["error"][table][stage]) == dof
+        corrected = verdict["error"][table]["plsr"]
+        if verdict["unexplained"]["joints"]:
+            assert len(corrected) == dof
+        else:
+            assert corrected is None
+    assert len(verdict["unexplained"]["per_joint"]) == dof
+    for effect in verdict["effects"]:
+        for p in effect["parameters"].values():
+            if isinstance(p["value"], list):
+                assert len(p["value"]) == len(p["std"]) == len(effect["joints"])
+            else:
+                assert not isinstance(p["std"], list)
+    joints_named = [e["joints"] for e in verdict["effects"]]
+    joints_named += [q["joints"] for e in verdict["effects"] for q in e["equivalent"]]
+    joints_named += [m["joints"] for m in verdict["minimum_detectable"]]
+    joints_named.append(verdict["unexplained"]["joints"])
+    for joints in joints_named:
+        assert all(1 <= j <= dof for j in joints)
+    local = {n for n, e in load_effects().items() if e.scope == "local"}
+    last = {m["joints"][0] for m in verdict["minimum_detectable"] if m["name"] in local}
+    # What joint 2 lacks cannot be seen where it stands or logs no torque.
+    assert max(last) == (1 if kind in (DEAD, MUTE) else dof)
+
+
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_finding_says_who_it_is_how_sure_and_how_large(kind):
     for i, effect in enumerate(document(kind)["effects"], start=1):
         assert effect["order"] == i
@@ -221,6 +252,29 @@ def test_the_order_of_the_logs_does_not_change_what_is_found():
     np.testing.assert_allclose(
         other["unexplained"]["per_joint"], first["unexplained"]["per_joint"], atol=1e-4
     )
+
+
+def test_the_held_out_log_never_changes_what_is_fitted():
+    """Another torque there changes the errors, and nothing that the fit logs say."""
+    case = two_effects()
+    rng = np.random.default_rng(0)
+    (held_out,) = case.held_out
+    noise = rng.normal(size=held_out.tau.shape)
+    tau = 1.01 * held_out.tau + 0.1 * held_out.tau.std(axis=0) * noise
+    changed = diagnose_case(case, held_out=[replace(held_out, tau=tau)])
+    one, two = outcome_of("effects"), changed
+    assert names(one.verdict) == names(two.verdict)
+    for a, b in zip(to_json(one.verdict)["effects"], to_json(two.verdict)["effects"], strict=True):
+        assert a["parameters"] == b["parameters"]
+        assert a["evidence"]["nats"] == b["evidence"]["nats"]
+        assert a["equivalent"] == b["equivalent"]
+    for key in ("minimum_detectable", "unexplained", "nominal_scale"):
+        assert to_json(one.verdict)[key] == to_json(two.verdict)[key]
+    for proofs in zip(one.proofs, two.proofs, strict=True):
+        for stage in ("nominal", "identified", "augmented"):
+            np.testing.assert_array_equal(*(p.tau_hat[stage] for p in proofs))
+    errors = [to_json(o.verdict)["error"]["held_out"]["identified"] for o in (one, two)]
+    assert np.abs(np.subtract(*errors)).min() > 0.1
 
 
 def test_white_noise_in_place_of_torque_has_no_name():

@@ -77,6 +77,21 @@ def test_an_eccentric_encoder_moves_the_arm_with_all_derivatives(robot):
         assert_near(ours, moved(state, j, true), 2e-3)
 
 
+def test_an_eccentric_encoder_shakes_the_drive_it_sits_on():
+    """Its rotor and its grease feel the true speed, on their own joint alone."""
+    state = seen(arm())
+    drive = np.array([[3.0, 3.0], [0.5, 0.5]])
+    bare, full = (
+        torque("encoder_eccentricity", (1,), (0.01, 0.0), x)
+        for x in (state, replace(state, drive=drive))
+    )
+    first = np.gradient(0.01 * np.cos(state.q[:, 1]), 1 / RATE)
+    second = np.gradient(first, 1 / RATE)
+    own = (full - bare)[INNER, 1]
+    assert_near(own[:, None], (3.0 * first + 0.5 * second)[INNER, None], 0.01)
+    np.testing.assert_array_equal((full - bare)[:, 0], 0)
+
+
 def test_a_soft_gear_lags_behind_its_load(robot):
     """The link is where the motor is, less load over stiffness."""
     state, stiffness = seen(robot), 1e6

@@ -16,7 +16,7 @@ from sim.engine.geometry import (
     compute_flange_pose,
 )
 from sim.engine.plant_records import TrajectorySpec
-from sim.trajectories import KINDS
+from sim.trajectories import KINDS, plan_reference_motion
 from sim.trajectories import excitation as search
 from sim.trajectories.planning_limits import read_planning_limits
 from sim.trajectories.reference_planning import plan_motion, sample_plan
@@ -86,6 +86,17 @@ def test_periods_repeat(kind):
     for values in (r.q, r.qd):
         shifted = [np.interp(r.t[inner] + r.period, r.t, v) for v in values.T]
         np.testing.assert_allclose(np.transpose(shifted), values[inner], atol=2e-5)
+
+
+@pytest.mark.parametrize("kind", ["fourier", "move_stop_move"])
+def test_the_same_spec_gives_the_same_bits_and_another_seed_another_motion(kind):
+    again = plan_reference_motion(ROBOT, TrajectorySpec(kind, DURATION, seed=1), 1000.0)
+    for name in ("t", "q", "qd", "qdd"):
+        one, two = (getattr(x, name).tobytes() for x in (again, reference(kind)))
+        assert one == two
+    spec = TrajectorySpec(kind, DURATION, seed=2)
+    other = plan_reference_motion(ROBOT, spec, 50.0, optimised=False)
+    assert np.abs(other.q - reference(kind, 50.0).q).max() > 0.05
 
 
 def test_pick_and_place_really_dwells():

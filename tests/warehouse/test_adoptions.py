@@ -50,6 +50,14 @@ def test_the_last_one_holds_and_no_other_is_changed(tmp_path):
         assert find_record_faults(record) == ()
 
 
+def test_arms_of_one_kind_are_told_apart_by_their_serial_number(tmp_path):
+    commit_adoption(tmp_path, FIRST)
+    commit_adoption(tmp_path, replace(FIRST, serial="A-17", model_id="ef" * 10))
+    assert find_last_adoption(tmp_path, "arm")[1].model_id == "ab" * 10
+    assert find_last_adoption(tmp_path, "arm", "A-17")[1].model_id == "ef" * 10
+    assert find_last_adoption(tmp_path, "arm", "A-18") is None
+
+
 def _adopt(store, who, ready, answers):
     ready.wait()
     try:

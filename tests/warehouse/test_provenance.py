@@ -78,6 +78,21 @@ def test_beside_its_libraries_a_program_has_the_hashes_of_its_checkout(tree):
     assert program_hash(tree) != before[1]
 
 
+def test_the_diagnosis_is_no_part_of_our_plant():
+    names = {p.relative_to(ROOT).as_posix() for p in list_plant_files()}
+    assert {"sim/__init__.py", "residual/__init__.py"} <= names
+    assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
+    assert "residual/diagnosis/examine.py" not in names
+
+
+def test_code_and_environment_are_named():
+    known = code_provenance.read_code_provenance()
+    assert known.code_hash == hash_plant_code()
+    in_git = (ROOT / ".git").exists()  # not where an archive was unpacked
+    assert len(known.commit or "") == (40 if in_git else 0)
+    assert (known.dirty is None) == (not in_git)
+
+
 GIT = ("git", "-c", "user.name=a", "-c", "user.email=a@b", "-c", "commit.gpgsign=false")
 
 

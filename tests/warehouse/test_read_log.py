@@ -91,6 +91,14 @@ def test_optional_signals_are_read_if_whole_and_named_if_not(robot, samples, wri
     assert understood.text.endswith("qd1..2; ignored q_ref1 q_out1 temp")
 
 
+def test_a_channel_that_never_changes_and_a_gap_are_said(robot, samples, write):
+    samples[:, 2] = 0.0
+    samples[200:, 0] += 0.5
+    warnings = read_log(write(samples), robot)[1].warnings
+    assert "q2 never changes" in warnings[0]
+    assert "1 gap(s) in time, the largest 0.51 s at t = 1.99 s" in warnings[1]
+
+
 def change(row, column, value):
     def apply(table):
         table[row, column] = value
@@ -256,6 +264,20 @@ def test_text_column_in_parquet_is_refused(robot, samples, tmp_path):
     pq.write_table(pa.table(columns), tmp_path / "run.parquet")
     with pytest.raises(InputError, match="'q1' holds string, expected numbers"):
         read_log(str(tmp_path / "run.parquet"), robot)
+
+
+@pytest.mark.parametrize(
+    ("spec", "message"),
+    [
+        ("none.csv", "No log file 'none.csv'"),
+        (".", "is a folder"),
+        ("/dev/null", "not a regular file"),
+    ],
+)
+def test_what_is_not_a_file_is_refused(robot, tmp_path, monkeypatch, spec, message):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=message):
+        read_log(spec, robot)
 
 
 @pytest.mark.parametrize("again", [lambda t: np.repeat(t, 2, 0), lambda t: [*t, *t]])

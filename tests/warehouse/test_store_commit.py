@@ -39,6 +39,19 @@ def test_nothing_is_written_among_the_files_of_another_folder(tmp_path):
     assert os.listdir(tmp_path) == ["notes.txt"]
 
 
+def test_a_run_lies_where_the_layout_says(tmp_path):
+    id = samples.commit(tmp_path)
+    assert tree(tmp_path) == [
+        f"samples/robot=two_link/run_id={id}/_run.parquet",
+        f"samples/robot=two_link/run_id={id}/_sums.json",
+        f"samples/robot=two_link/run_id={id}/part-0.parquet",
+        f"sealed/run_id={id}/_sums.json",
+        f"sealed/run_id={id}/spec.json",
+        f"sealed/run_id={id}/truth.parquet",
+    ]
+    assert list((tmp_path / "_staging").iterdir()) == []
+
+
 def test_what_was_logged_comes_back_bit_for_bit(tmp_path):
     id = samples.commit(tmp_path, 3)
     log = samples.recording(3)
@@ -73,6 +86,17 @@ def test_the_same_run_twice_is_one_run_and_the_first_stays(tmp_path):
     assert samples.commit(tmp_path, timings={"plant_s": 9}) == first
     assert {p.name: p.stat().st_mtime_ns for p in folder.iterdir()} == before
     assert "timings" not in read_manifest(tmp_path, first)
+
+
+def test_a_measured_run_is_known_by_its_values_and_its_robot(tmp_path):
+    log = samples.recording()
+    id = commit_run(tmp_path, log, {"robot_hash": "ab"})
+    hashed = record_ids.hash_arrays({"t": log.t, "q": log.q, "tau": log.tau})
+    assert id == record_ids.compute_measured_run_id(hashed, "ab")
+    assert id != commit_run(tmp_path, log, {"robot_hash": "cd"})
+    assert read_manifest(tmp_path, id)["sealed_sha256"] is None
+    with pytest.raises(InputError, match=f"Run {id} has no sealed half"):
+        open_seal(tmp_path, id)
 
 
 def test_a_broken_seal_is_told(tmp_path):

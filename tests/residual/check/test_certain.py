@@ -12,7 +12,7 @@ from benchmarks.check_parts.file_flaws import draw_flawed, scale_masses
 from benchmarks.check_parts.judge import given_robot
 from residual.check.check import check_logs
 from residual.check.evidence import NominalShares
-from residual.check.slips import list_factor_slips
+from residual.check.slips import build_order_slip, build_sign_slips, list_factor_slips, merge_slips
 from sim.engine.plant_records import create_random_stream
 from tests.residual.arms import arm
 from tests.residual.check.damaged import AXES, clean_logs, edited, swapped, times
@@ -111,6 +111,15 @@ def test_counts_of_a_drive_with_two_signs_are_no_other_robot():
     assert "torque_unit" in {f.kind for f in faults}
 
 
+def test_the_speeds_of_an_angle_with_another_zero_stay_as_they_are():
+    robot, logs = clean_logs("small")
+    both = [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
+    off = np.array([0, np.pi / 2, 0])
+    faults = check_logs(robot, edited(both, q=lambda q: q + off)).faults
+    (fault,) = [f for f in faults if f.kind == "angle_zero"]
+    assert [repair.signal for repair in fault.repairs] == ["q"]
+
+
 @pytest.mark.long
 def test_angles_of_all_joints_that_count_backwards_are_no_turned_torques():
     hosted = host(SEVEN, 1)
@@ -133,6 +142,13 @@ def test_three_joints_in_a_ring_are_one_order():
     (fault,) = check_logs(robot, bad).faults
     assert (fault.kind, fault.joints) == ("joint_order", (1, 3, 5))
     assert {repair.order for repair in fault.repairs} == {(5, 2, 1, 4, 3, 6)}
+
+
+def test_signs_before_an_exchange_of_channels_are_signs_of_joints_behind_it():
+    before = build_sign_slips(set(), {3}, 6)
+    order = build_order_slip((0, 1, 3, 2, 4, 5), ("q", "tau"))
+    moved, sign = merge_slips([*before, order], 6)
+    assert (moved, sign.kind, sign.joints) == (order, "torque_sign", (4,))
 
 
 def test_a_turned_torque_that_may_be_a_turned_angle_is_one_fault_with_both_lines():

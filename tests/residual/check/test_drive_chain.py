@@ -74,6 +74,11 @@ def test_a_known_mass_corrects_the_gain_of_the_map():
     assert "By the known mass" in fault.evidence
 
 
+def test_a_log_whose_torque_is_measured_is_asked_nothing_of_a_drive():
+    log = replace(apply_drive(logs()[0], DRIVE), drive=None)
+    assert find_drive_faults(pendulum(), [log]) == ([], [log])
+
+
 def test_no_row_at_the_limit_of_a_drive_is_fitted():
     log = apply_drive(logs()[0], Drive(gain=(60.0,), limit=(5.0,)))
     assert 0.05 < np.mean(log.masked) < 0.95

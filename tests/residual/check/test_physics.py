@@ -34,6 +34,17 @@ def test_a_wrong_column_map_is_certain_and_has_its_name_and_joints(damage):
     assert kinds(robot, edited(logs, **changes)) == [(kind, joints, True)]
 
 
+def test_joints_in_a_circle_are_put_back_in_order():
+    robot, logs = clean_logs("small")
+
+    def cycled(x):
+        return x[:, [1, 2, 0]]
+
+    (fault,) = check_logs(robot, edited(logs, q=cycled, tau=cycled)).faults
+    order = (3, 1, 2)
+    assert fault.repairs == (Repair("q", order=order), Repair("tau", order=order))
+
+
 @pytest.mark.parametrize("effect", ["payload", pytest.param("base_tilt", marks=pytest.mark.long)])
 def test_an_arm_that_hides_something_has_a_clean_log(effect):
     robot, _ = clean_logs("irb140")
@@ -136,3 +147,11 @@ def test_currents_beside_another_order_are_two_faults(amperes):
     assert (order.kind, order.joints, order.certain) == ("joint_order", (1, 3), False)
     assert order.repairs[0].order == (3, 2, 1, 4, 5, 6)
     assert (unit.kind, unit.certain) == ("torque_unit", False)
+
+
+@pytest.mark.long
+def test_currents_beside_another_mounting_are_two_faults(amperes):
+    wall = replace_gravity(clean_logs("irb140")[0], [9.81, 0.0, 0.0])
+    mounted, unit = check_logs(wall, amperes).faults
+    assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
+    assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))

@@ -1,5 +1,6 @@
 """Torque in another unit, without weight or friction, or computed: told, and why."""
 
+import re
 from dataclasses import replace
 from pathlib import Path
 
@@ -54,6 +55,14 @@ def test_currents_are_mended_by_the_constants_of_the_robot_file():
     (fault,) = check_logs(replace(robot, torque_per_unit=CONSTANTS), amperes).faults
     scale = tuple(CONSTANTS.tolist())
     assert fault.repairs == (Repair("tau", (1, 2, 3, 4, 5, 6), scale=scale),)
+
+
+def test_one_factor_for_all_is_told_as_one():
+    robot, logs = clean_logs("small")
+    (fault,) = check_logs(robot, edited(logs, tau=times(1 / 12))).faults
+    assert (fault.kind, fault.certain) == ("torque_unit", True)
+    (number,) = re.findall(r"times about ([\d.]+\d):", fault.evidence)
+    assert float(number) == pytest.approx(12, rel=0.05)
 
 
 def test_a_unit_that_has_a_name_has_its_line():

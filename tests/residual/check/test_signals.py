@@ -96,6 +96,12 @@ def test_an_encoder_that_wraps_is_not_taken_for_degrees():
     assert "out_of_range" not in [f.kind for f in check_logs(robot, degrees).faults]
 
 
+def test_a_unit_of_two_torques_is_not_said_of_all():
+    robot, logs = clean_logs("irb140")
+    damaged = edited(logs[:1], tau=lambda tau: tau * [1, 1e3, 1, 1e3, 1, 1])
+    assert not [f for f in check_logs(robot, damaged).faults if f.certain]
+
+
 def with_velocity(logs):
     return [replace(r, qd=np.gradient(r.q, r.t, axis=0)) for r in logs]
 
