@@ -41,17 +41,14 @@ def copy_checkout(folder: Path) -> None:
 
 
 def order_tests(folder: Path, file: str) -> list[str]:
-    """Return the files of tests of a file of the core: the nearest first, then the quick."""
+    """Return the tests of a file of the core: those that import it first, short before long."""
     where, module = os.path.dirname(file), file.removesuffix(".py").replace("/", ".")
     places = [folder / p for p in TESTS.get(file) or TESTS.get(where, ["tests/residual"])]
     files = [p for place in places for p in (place.rglob("test_*.py"), [place])[place.is_file()]]
 
-    def distance(path: Path) -> tuple:
-        text, names = path.read_text(encoding="utf-8"), [*reversed(module.split("."))][:2]
-        named = [name not in path.stem for name in names]
-        imported = [name not in text for name in (module, module.rpartition(".")[0])]
-        slow = any(word in text for word in ("diagnose", "check_logs", "searched"))
-        return named[0], imported[0], named[1], slow, imported[1], len(text)
+    def distance(path: Path) -> tuple[bool, int]:
+        text = path.read_text(encoding="utf-8")
+        return module not in text, len(text)
 
     return [str(path.relative_to(folder)) for path in sorted(files, key=distance)]
 

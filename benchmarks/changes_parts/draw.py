@@ -11,9 +11,10 @@ from benchmarks.changes_parts.sizes import solved
 from benchmarks.harness.cases import named, seed_range
 from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.visible import Stage, share
+from residual.errors import InputError
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
-from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.effect_catalogue import check_effect
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"
@@ -157,12 +158,13 @@ def _changed(
             values = scale_effect_parameters(name, values, factor)
         return PlantEffect(name, usual.joints, tuple(sorted(values.items())))
 
-    lowest = list_plant_effects()[name].above
-
     def size_at(factor: float) -> float | None:
         effect = times(factor)
-        below = any(value <= lowest.get(key, -np.inf) for key, value in effect.parameters)
-        return None if below or factor > _MOST else share(robot, effect, stages)
+        try:
+            check_effect(effect, robot)
+        except InputError:  # no arm has that
+            return None
+        return None if factor > _MOST else share(robot, effect, stages)
 
     found = solved(size_at, target)
     if found is None:
