@@ -233,22 +233,17 @@ def recorded_rows(name: str) -> list[str]:
 
 
 _SHARES = tuple(f"alone, {share:g} % of the joint's torque" for share in (10, 5, 2, 1))
-# Of the recorded run, which drew multiples of the detectable size.
-_THREE_TIMES = "alone, three times its detectable size or more"
 _USUAL = "alone, at a usual size where no other could be drawn"
 _DETECTABLE = "at exactly its detectable size (a half is expected)"
-_SIZES = (*_SHARES, _THREE_TIMES, _USUAL, _DETECTABLE)
+_SIZES = (*_SHARES, _USUAL, _DETECTABLE)
 
 
-def _size(group: str, case: dict) -> str | None:
-    """Return in words how large the effect of a case is; None for what is not shown."""
+def _size(group: str, case: dict) -> str:
+    """Return in words how large the effect of a case is."""
     if group == "detection":
         return _DETECTABLE
-    if case.get("share"):
-        return f"alone, {100 * case['share']:g} % of the joint's torque"
-    if "share" in case or case["multiple"] is None:
-        return _USUAL
-    return _THREE_TIMES if case["multiple"] >= 3 - 1e-6 else None
+    share = case["share"]
+    return f"alone, {100 * share:g} % of the joint's torque" if share else _USUAL
 
 
 def named_instead(name: str) -> Counter[str]:

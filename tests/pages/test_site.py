@@ -66,6 +66,9 @@ def test_an_effect_has_a_curve_of_its_own_columns(name):
 def test_an_effect_s_rate_is_that_of_the_recorded_figure():
     path = ROOT / "benchmarks" / "results" / "diagnosis.json"
     figures = json.loads(path.read_text(encoding="utf-8"))["figures"]
-    for name, (right, total) in figures["singles_right"]["per_effect"].items():
-        told = f"three times its detectable size or more | {right} of {total} |"
-        assert told in how_often_found(name)
+    for share in (10, 5, 2, 1):
+        rates = figures[f"singles_of_{share}_right"]["per_effect"]
+        assert rates
+        for name, (right, total) in rates.items():
+            told = f"alone, {share} % of the joint's torque | {right} of {total} |"
+            assert told in how_often_found(name)
