@@ -229,8 +229,8 @@ def _smallest_effect(
     if len(middle.ids) > 1 or not np.isfinite(size):
         return _with_direction(size, size, bench, middle)
     robot = bench.search.score.design.states[0].robot
-    told = effect.values(np.array([size]), middle.shape, robot)
-    return _with_direction(abs(told[0]), size, bench, middle)
+    values = effect.values(np.array([size]), middle.shape, robot)
+    return _with_direction(abs(values[0]), size, bench, middle)
 
 
 def _median_shape(
@@ -243,9 +243,9 @@ def _median_shape(
     """
     effect, joints = groups[0].effect, groups[0].joints
     shapes = [PlacedEffect(effect, joints, shape) for shape in effect.least_seen]
-    made = bench.search.score.design.add(shapes) or [groups[len(groups) // 2]]
-    sizes = [_smallest(bench, group) for group in made]
-    return float(np.median(sizes)), made[int(np.argsort(sizes)[len(sizes) // 2])]
+    added = bench.search.score.design.add(shapes) or [groups[len(groups) // 2]]
+    sizes = [_smallest(bench, group) for group in added]
+    return float(np.median(sizes)), added[int(np.argsort(sizes)[len(sizes) // 2])]
 
 
 def _with_direction(

@@ -119,8 +119,8 @@ def check_angle_noise(
     if all(r.q_ref is not None for r in recordings):
         logs = outcome.logs
         recordings = split_long_logs(recordings, logs.filters.torque)
-        asked = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
-        tracks, _ = build_tracks(asked, logs.filters, logs.speed_floor)
+        commanded = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
+        tracks, _ = build_tracks(commanded, logs.filters, logs.speed_floor)
         return _by_instruments(outcome, fitted, keep_measured_rows(logs.tracks, tracks))
     return _by_redrawing(outcome, fitted, outcome.logs.shaken)
 

@@ -174,11 +174,11 @@ def _slope(design: Design, group: CandidateColumns, theta: Array) -> CandidateCo
         return ((above - below) @ theta / (2 * step))[:, :, None]
 
     derivative = Effect(effect.name, "", {}, columns, scope=effect.scope)
-    (made,) = design.add([PlacedEffect(derivative, group.joints, ())])
+    (steps,) = design.add([PlacedEffect(derivative, group.joints, ())])
     # The search was confined to the shape's own scale: 100 % of it, one sigma.
     width = abs(x)
     return CandidateColumns(
-        derivative, group.joints, (), made.ids, np.eye(1) / width**2, -2 * np.log(width)
+        derivative, group.joints, (), steps.ids, np.eye(1) / width**2, -2 * np.log(width)
     )
 
 

@@ -558,14 +558,14 @@ class UnexplainedAnalysis:
 
 def analyze_unexplained(outcome: Outcome, fitted: Fit, augmented: Model) -> UnexplainedAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
-    told, tracks = outcome.adequacy, outcome.logs.sketch
-    found = analyze_joint_remainders(outcome.design, tracks, fitted, told)
-    made = fit_correction(augmented, tracks, found)
+    adequacy, tracks = outcome.adequacy, outcome.logs.sketch
+    found = analyze_joint_remainders(outcome.design, tracks, fitted, adequacy)
+    correction = fit_correction(augmented, tracks, found)
     sentences = ()
-    if made is not None and made.uncorrected_joints:
-        on = format_joint_numbers([j + 1 for j in made.uncorrected_joints])
+    if correction is not None and correction.uncorrected_joints:
+        on = format_joint_numbers([j + 1 for j in correction.uncorrected_joints])
         sentences = (
             f"{on}: not correctable from state: tables of position, speed, "
             "acceleration and load do not help on logs left out",
         )
-    return UnexplainedAnalysis(found, made, sentences)
+    return UnexplainedAnalysis(found, correction, sentences)
