@@ -90,7 +90,7 @@ def collect_candidates(
             single.setdefault(g.effect.name, []).append(g)
     together = [merge_groups(parts) for parts in single.values() if len(parts) == dof > 1]
     groups += together
-    price = price_keys(groups)
+    price = price_keys(groups, dof)
     # A model that lacks all that every drive has must gain it in one step, since each
     # alone leaves a residual in which the others cannot be seen.
     drive_groups = [g for g in together if g.effect.drive_order]
@@ -103,10 +103,18 @@ def collect_candidates(
     return Candidates(tuple(groups), price)
 
 
-def price_keys(groups: Sequence[CandidateColumns]) -> dict[tuple, float]:
-    """What one of so many keys, and one of so many shapes, costs [nats]."""
+def price_keys(groups: Sequence[CandidateColumns], dof: int) -> dict[tuple, float]:
+    """What one of so many keys, and one of so many shapes, costs [nats].
+
+    A link that differs from its given body is one of ``dof`` that are all in doubt: it
+    costs as many choices more than what no model has. Without that price values that
+    are exact but for one link outdo values that are all a little wrong.
+    """
     variants = Counter(g.key for g in groups)
-    return {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
+    for key in {g.key for g in groups if g.effect.replaces_link}:
+        price[key] += float(np.log(dof))
+    return price
 
 
 def list_present_effects(span: MotionSpan, clocked: bool) -> list[Effect]:

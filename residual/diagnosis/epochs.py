@@ -259,9 +259,9 @@ def _see_changes(
         [(model if i < first else seen).observe(track) for i, track in enumerate(logs.tracks)]
     )
     reading = [g for g in groups if EffectTrait.USES_MODEL in g.effect.traits]
-    made = iter(raw.add([g.placed for g in reading]))
+    added = iter(raw.add([g.placed for g in reading]))
     return tuple(
-        replace(g, ids=next(made).ids) if EffectTrait.USES_MODEL in g.effect.traits else g
+        replace(g, ids=next(added).ids) if EffectTrait.USES_MODEL in g.effect.traits else g
         for g in groups
     )
 
@@ -430,9 +430,9 @@ def _measure_unrest(
     plain = [g for g in groups if g.effect.scope == "local" and g.shape == ()]
     plain = [g for g in plain if len(g.ids) == 1]
     raw, out = design.raw, np.ones(design.dof)
-    made = raw.add([g.placed for g in plain])
+    added = raw.add([g.placed for g in plain])
     for j, joint in joints.items():
-        own = [g.ids for g in made if g.joints == (j,)]
+        own = [g.ids for g in added if g.joints == (j,)]
         if not own:
             continue
         before = ~joint.rows.second
@@ -460,18 +460,15 @@ def _measure_unrest(
 
 def _build_candidates(design: EpochDesign, logs: FitLogs, live: Sequence[int]) -> Candidates:
     """Every effect that may have changed, on each joint and in each shape."""
-    wanted = []
+    placed = []
     for effect in list_present_effects(logs.span, logs.clock is not None):
         for on in effect.candidates(design.dof, logs.span.prismatic):
             if effect.scope in ("local", "pair") and not set(on) <= set(live):
                 continue
             shapes = effect.shapes(logs.span, on[0] if on else 0)
-            wanted += [PlacedEffect(effect, on, x) for x in _extend(effect, shapes)]
-    groups = design.add(wanted)
-    price = price_keys(groups)
-    for key in {g.key for g in groups if g.effect.replaces_link}:
-        price[key] += THRESHOLDS.link_nats
-    return Candidates(tuple(groups), price)
+            placed += [PlacedEffect(effect, on, x) for x in _extend(effect, shapes)]
+    groups = design.add(placed)
+    return Candidates(tuple(groups), price_keys(groups, design.dof))
 
 
 def _extend(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:

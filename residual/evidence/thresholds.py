@@ -68,7 +68,6 @@ class EvidenceThresholds:
     one_way_share: float = 0.1  # of what friction moves by: more one way than the other
     gain_share: float = 0.05  # of a large change: what a drive may misreport of it
     load_precision: float = 0.1  # of that of a usual load: one that is hung on
-    link_nats: float = 3.0  # price of a link that changed where a load would do
     usual_joints: float = 2.0  # joints, or logs, that what is usual of friction counts as
     few_logs: int = 3  # logs from which their differences are known
     few_logs_factor: float = 1.2  # least unrest where they are fewer

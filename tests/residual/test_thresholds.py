@@ -12,7 +12,7 @@ from residual.check import thresholds as of_check
 from residual.diagnosis import epoch_outcome, epochs, outcome, score, search, select
 from residual.evidence import epoch_design, thresholds
 
-MOST, MOST_OF_EPOCHS, MOST_OF_CHECK = 30, 22, 40
+MOST, MOST_OF_EPOCHS, MOST_OF_CHECK = 30, 21, 40
 FREE = {0, 1, 2, 0.5}
 # Grids (joined blocks, sizes, a finer shape), rounds of fits, and where a signal ends.
 GRIDS = {
