@@ -164,6 +164,11 @@ class Search:
             fitted, left = self._join(fitted, best)
         return SearchRun(self.score, fitted, left)
 
+    def select_allowed(self, members: Members) -> Members:
+        """Members of a search under another prior that this one may name."""
+        names = {g.effect.name for g in self.candidates.groups}
+        return tuple(g for g in members if is_curve(g) or g.effect.name in names)
+
     def settle(self, members: Members) -> SearchRun:
         """A given set without what does not carry its price."""
         fitted = self._drop(self.score.fit(members))

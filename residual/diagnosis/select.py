@@ -9,6 +9,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.special import logsumexp
 
 from residual.diagnosis.adequacy import assess_adequacy, torque_from_angle_noise
 from residual.diagnosis.candidates import Candidates, build_candidates, recompute_candidates
@@ -85,10 +86,11 @@ def select_names(
 
     runs: dict[tuple, SearchRun] = {}
 
-    def run(prior: NominalPrior) -> SearchRun:
+    def run(prior: NominalPrior, near: Sequence[CandidateColumns] = ()) -> SearchRun:
         key = prior.scale, tuple(sorted(prior.widths.items()))
         if key not in runs:
-            runs[key] = search(prior).run()
+            here = search(prior)
+            runs[key] = here.run(here.select_allowed(near))
             progress(len(runs) / (len(runs) + 3))
         return runs[key]
 
@@ -100,23 +102,26 @@ def select_names(
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
     # Below the scales that are too rough for names of bodies such a name may mend it.
+    # These begin with what the last of them found; rough bodies would explain it away.
     for rough in (True, False):
         own: list[SearchRun] = []
         for scale in reversed(space.scales):
             if (scale > THRESHOLDS.rough_scale) == rough:
-                own.append(run(space.at(scale, space.even[0])))
+                near = own[-1].fit.members if own and not rough else ()
+                own.append(run(space.at(scale, space.even[0]), near))
                 if _falls_behind(own):
                     break
-    weighted = _weigh(design, candidates, list(runs.values()))
+    weighted = _weigh(space, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         scales = [prior.scale for prior in weighted.list_near()]
+        near = weighted.best.fit.members
         for prior in others:
-            run(prior)
+            run(prior, near)
         # What the best widths gain beside one scale counts for its rivals, too.
-        widths = _weigh(design, candidates, list(runs.values())).best.score.prior.widths
+        best = _weigh(space, candidates, list(runs.values())).best
         for scale in scales:
-            run(space.at(scale, widths))
-        weighted = _weigh(design, candidates, list(runs.values()))
+            run(space.at(scale, best.score.prior.widths), best.fit.members)
+        weighted = _weigh(space, candidates, list(runs.values()))
     constants = _Constants.of(design, nominal, curves)
     return _conclude(logs, nominal, weighted, search, constants, runs)
 
@@ -175,8 +180,9 @@ class Weighted:
         return [run.score.prior for run, share in pairs if share >= least]
 
 
-def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
-    """Weigh runs by evidence, each name priced."""
+def _weigh(space: PriorSpace, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
+    """Weigh runs by evidence, averaged over the scales beside each; each name priced."""
+    design = space.design
     power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
     lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
@@ -185,11 +191,14 @@ def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) ->
     counted = np.max([r.fit.counted for r in runs], axis=0)
 
     def evidence(run: SearchRun) -> float:
-        prior, start = run.score.prior, run.fit.variance
-        members = run.fit.members
-        common = fit_jointly(design, prior, members, counted, start, rounds=4)
+        members, start = run.fit.members, run.fit.variance
+        scores = [
+            fit_jointly(design, prior, members, counted, start, rounds=4).score
+            for prior in space.list_beside(run.score.prior)
+        ]
         search = Search(run.score, candidates, ())
-        return common.score - sum(search.cost(g) for g in members)
+        mean = float(logsumexp(scores)) - np.log(len(scores))
+        return mean - sum(search.cost(g) for g in members)
 
     values = np.array([evidence(r) for r in same])
     order = np.argsort(-values)

@@ -7,10 +7,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+from residual.diagnosis.candidates import price_keys
 from residual.diagnosis.detectable import DetectionModel
 from residual.diagnosis.findings import estimate_uncertainties
 from residual.diagnosis.search import CURVES, add_curves, refine_last_shape
 from residual.diagnosis.select import _replace_constants
+from residual.effects import load_effects
 from residual.effects.base import Effect, EffectTrait, ShapeRefinement
 from residual.effects.base import build_joint_columns as joint_columns
 from residual.evidence.thresholds import THRESHOLDS
@@ -159,6 +161,32 @@ def test_a_set_that_was_given_loses_what_does_not_carry_its_price(rng):
     problem = Problem.draw(rng, [(LINE, (0,), [3.0])], rows=200)
     groups = problem.design.add([(LINE, (0,), ()), (PLANE, (1,), ())])
     assert keys(problem.search(groups).settle(tuple(groups)).named) == [("line", (0,))]
+
+
+@pytest.mark.parametrize("which", [0, 1])
+def test_a_search_that_begins_with_another_search_s_names_ends_with_its_own(rng, which):
+    """A false name in the start, and a true one missing from it."""
+    problem = Problem.draw(rng, [(LINE, (0,), [3.0]), (PLANE, (1,), [2.0, -2.0])], rows=200)
+    search = problem.search(every_group(problem.design))
+    start = [g for g in search.candidates.groups if g.key in {("other", (1,)), ("line", (0,))}]
+    warm = search.run(search.select_allowed(start[which : which + 1]))
+    assert keys(warm.named) == keys(search.run().named) == [("line", (0,)), ("plane", (1,))]
+    without = search.candidates.without(["line"])
+    assert "line" not in {
+        n for n, _ in keys(replace(search, candidates=without).select_allowed(start))
+    }
+
+
+def test_a_link_costs_a_choice_among_the_links_beside_that_among_the_keys():
+    effects = load_effects()
+    groups = [
+        SimpleNamespace(key=(name, (j,)), effect=effects[name])
+        for name in ("viscous", "link_inertia")
+        for j in range(3)
+    ]
+    price = price_keys(groups, 3)
+    assert price["viscous", (0,)] == pytest.approx(np.log(6))
+    assert price["link_inertia", (0,)] == pytest.approx(np.log(6) + np.log(3))
 
 
 def test_a_search_whose_member_drops_what_brings_it_back_ends(rng, monkeypatch):
