@@ -102,18 +102,18 @@ def select_names(
 
     # From free to exact: where values are worse than a scale says, so is its forecast.
     # Below the scales that are too rough for names of bodies such a name may mend it.
-    # These begin with what the last of them found; rough bodies would explain it away.
     for rough in (True, False):
         own: list[SearchRun] = []
         for scale in reversed(space.scales):
             if (scale > THRESHOLDS.rough_scale) == rough:
-                near = own[-1].fit.members if own and not rough else ()
-                own.append(run(space.at(scale, space.even[0]), near))
+                own.append(run(space.at(scale, space.even[0])))
                 if _falls_behind(own):
                     break
     weighted = _weigh(space, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         scales = [prior.scale for prior in weighted.list_near()]
+        # With other widths a search begins with what the best found; at another scale it
+        # does not, since a wrong set of one scale may stand at the next.
         near = weighted.best.fit.members
         for prior in others:
             run(prior, near)
