@@ -30,6 +30,8 @@ from sim.plant.closed_loop import (
     SimulationTrace,
     build_and_simulate,
     build_open_loop_controller,
+    build_servo_law,
+    follow_goal,
     simulate_closed_loop,
 )
 from sim.plant.effect_catalogue import list_drive_effects, resolve_effects
@@ -42,7 +44,6 @@ from sim.plant.sensors import (
     simulate_encoder,
     simulate_torque_report,
 )
-from sim.plant.servo import build_servo_law, follow_goal
 from sim.plant.typical_sizes import estimate_typical_sizes
 
 _NOMINAL = PlantSpec(scatter=0.0)

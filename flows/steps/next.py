@@ -17,7 +17,6 @@ from flows.storage.diagnosis import parse_verdict, read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content
-from residual.planning.drive_logs import list_separating_logs
 from residual.planning.next_experiment import (
     ExpectedSeparation,
     MotionInformation,
@@ -28,6 +27,7 @@ from residual.planning.next_experiment import (
     expect_separation,
     find_inseparable_pairs,
     find_settling_time,
+    list_separating_logs,
 )
 from residual.robot.robot import Robot
 from residual.verdict.diagnosis import Diagnosis

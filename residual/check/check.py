@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.commanded import find_commanded_torque
-from residual.check.drive_chain import find_drive_faults
+from residual.check.drive_chain import find_commanded_torque, find_drive_faults
 from residual.check.evidence import (
     ROUGH,
     CheckMotion,
@@ -39,10 +38,15 @@ from residual.check.slips import repair_motion, repair_torques
 from residual.check.thresholds import CHECK
 from residual.errors import InputError, join_with_commas
 from residual.recording import Recording
-from residual.robot.limits import drop_placeholder_limits, find_limit_flaws, find_placeholder_limits
+from residual.robot.limits import (
+    drop_placeholder_limits,
+    find_gravity_flaw,
+    find_limit_flaws,
+    find_placeholder_limits,
+    find_unit_flaw,
+)
 from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot
-from residual.robot.whole_file import find_gravity_flaw, find_unit_flaw
 from residual.signals.splitting import pick_spread_pieces
 
 _VELOCITY = "velocity_mismatch"

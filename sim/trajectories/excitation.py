@@ -41,13 +41,15 @@ from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, compute_clearances
 from sim.engine.plant_records import DriveParameters, ReferenceMotion
 from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
-from sim.trajectories.motion_curves import FourierSeries, bound_series_peaks, differentiate_series
 from sim.trajectories.planning_limits import (
+    FourierSeries,
     MotionPlan,
     MotionWorkspace,
     bound_nominal_torque,
     bound_overshoot_between_samples,
+    bound_series_peaks,
     build_workspace,
+    differentiate_series,
     read_declared_drives,
 )
 

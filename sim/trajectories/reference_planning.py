@@ -10,8 +10,8 @@ from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from sim.engine.plant_records import ReferenceMotion, TrajectorySpec, create_random_stream
 from sim.trajectories.excitation import build_given_series, draw_excitation
-from sim.trajectories.motion_curves import RAMP
 from sim.trajectories.planning_limits import (
+    RAMP,
     MotionLimitError,
     MotionPlan,
     check_plan,

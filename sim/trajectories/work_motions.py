@@ -35,29 +35,27 @@ from sim.engine.geometry import (
     solve_pose_path,
 )
 from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
-from sim.trajectories.motion_curves import (
+from sim.trajectories.planning_limits import (
     RAMP,
     FourierSeries,
     JointPath,
     Motion,
+    MotionPlan,
     MotionStage,
+    MotionWorkspace,
+    PlanningLimits,
+    bound_nominal_torque,
     build_dwell,
     build_joint_move,
     build_path_stage,
+    build_workspace,
     compute_path_nodes,
     evaluate_ramped_series,
     find_shortest_move_time,
     find_shortest_stage_time,
     interpolate_joint_path,
-    repeat_stages,
-)
-from sim.trajectories.planning_limits import (
-    MotionPlan,
-    MotionWorkspace,
-    PlanningLimits,
-    bound_nominal_torque,
-    build_workspace,
     read_planning_limits,
+    repeat_stages,
 )
 
 _MOST_PLACES, _LEAST_PLACES = 40, 2  # places per period
