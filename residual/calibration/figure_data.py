@@ -12,9 +12,8 @@ from residual.calibration.calibration_rows import (
     CalibrationRun,
     name_state_columns,
 )
-from residual.calibration.correction_choice import LEAST_SQUARES, CorrectionOption
+from residual.calibration.correction_choice import LEAST_SQUARES, CorrectionOption, TableColumns
 from residual.calibration.nominal_pls import NominalPlsForm
-from residual.calibration.table_regression import TableColumns
 from residual.calibration.validation_scores import (
     DEFAULT,
     LS,

@@ -20,13 +20,13 @@ from residual.calibration.correction_choice import (
     NONE,
     PLSR,
     CorrectionOption,
+    TableColumns,
     TrainingRows,
     add_errors_by_second,
     choose_joint_options,
     fit_all_corrections,
 )
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import TableColumns
 from residual.errors import InputError
 from residual.quantity import check_count, check_varying
 from residual.recording import Array
