@@ -318,17 +318,11 @@ def read_declared_drives(robot: Robot) -> DriveParameters:
     return DriveParameters(**known)
 
 
-def compute_torque_without_coulomb(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the nominal torque without Coulomb friction [N m]. Shape (n, dof)."""
-    own = read_declared_drives(robot)
-    rigid = compute_inverse_dynamics(robot.model, q, qd, qdd)
-    return rigid + own.rotor * qdd + own.viscous * qd
-
-
 def bound_nominal_torque(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
     """Return the nominal torque, friction of the worse direction [N m]. (n, dof)."""
-    level = read_declared_drives(robot).coulomb
-    return np.abs(compute_torque_without_coulomb(robot, q, qd, qdd)) + level
+    own = read_declared_drives(robot)
+    rigid = compute_inverse_dynamics(robot.model, q, qd, qdd)
+    return np.abs(rigid + own.rotor * qdd + own.viscous * qd) + own.coulomb
 
 
 def bound_overshoot_between_samples(values: Array) -> Array:
