@@ -128,95 +128,6 @@ def _shared(edges: Array, width: int) -> Array:
     return (group[:, None] == group[None, :]).astype(float)
 
 
-@dataclass(eq=False)
-class TableRegression:
-    """Normal equations of some rows; coefficients are solved for when asked for."""
-
-    tables: TableColumns
-    gram: Array  # centred Z'Z, (k, k)
-    share: Array  # share of the rows in each column, (k,)
-    right: Array  # Z'(Y - ybar), (k, j)
-    y_mean: Array  # mean of the responses, (j,)
-    rows: int
-    _solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
-
-    def coefficients(self, ridge: float, paired: bool) -> Array:
-        """Contribution of each column of Z to each response [N m]. Shape (k, j).
-
-        Those of each table have mean zero over the rows.
-
-        Args:
-            ridge: Per 20 000 rows.
-            paired: Whether each joint has a table of its speed and load.
-        """
-        if ridge not in self._solved:
-            self._solved[ridge] = self._solve(ridge * self.rows / ROWS)
-        return self._solved[ridge][int(paired)]
-
-    def _solve(self, stiff: float) -> tuple[Array, Array]:
-        """Coefficients without the tables of speed and load, and with them.
-
-        With A = L L' the system of the variables alone and B that part of a joint's
-        cells, the cells solve a Schur complement of their own size.
-        """
-        count, starts = len(self.tables.state_penalty), self.tables.starts
-        A = self.gram[:count, :count] + stiff * self.tables.state_penalty
-        L = cholesky(A, lower=True, check_finite=False)
-
-        def forward(b: Array) -> Array:
-            return solve_triangular(L, b, lower=True, check_finite=False)
-
-        def back(b: Array) -> Array:
-            return solve_triangular(L, b, lower=True, trans="T", check_finite=False)
-
-        right, across = forward(self.right[:count]), forward(self.gram[:count, count:])
-        plain, paired = np.zeros((2, *self.right.shape))
-        plain[:count] = back(right)
-        first = len(self.tables.states.sizes)
-        for j, penalty in enumerate(self.tables.paired):
-            cells = slice(*starts[first + j : first + j + 2])
-            B = across[:, cells.start - count : cells.stop - count]
-            schur = self.gram[cells, cells] + stiff * penalty - B.T @ B
-            target = self.right[cells, j] - B.T @ right[:, j]
-            paired[cells, j] = cho_solve(cho_factor(schur), target)
-            paired[:count, j] = right[:, j] - B @ paired[cells, j]
-        paired[:count] = back(paired[:count])
-        return self._centred(plain), self._centred(paired)
-
-    def _centred(self, out: Array) -> Array:
-        for a, b in zip(self.tables.starts, self.tables.starts[1:], strict=False):
-            out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
-        return out
-
-    def build_lookup_tables(self, coefficients: Array) -> tuple[list[LevelAxis], list[LookupTable]]:
-        """Return coefficients as tables, those that are zero left out.
-
-        Loads are variables behind all states, in the order of the joints.
-        """
-        states, loads = self.tables.states, self.tables.load_levels
-        cut = np.split(coefficients, self.tables.starts[1:-1])
-        axes = [LevelAxis(i, edges) for i, edges in enumerate(states.edges)]
-        count = len(axes)
-        out = [LookupTable((i,), make_read_only(t)) for i, t in enumerate(cut[:count]) if t.any()]
-        for j, values in enumerate(cut[count:]):
-            if not values.any():
-                continue
-            sizes = loads.sizes[2 * j : 2 * j + 2]
-            place, values = len(axes), values.reshape(*sizes, -1)
-            out.append(LookupTable((place, place + 1), make_read_only(values.copy())))
-            axes.append(LevelAxis(self.tables.speed_columns[j], loads.edges[2 * j]))
-            axes.append(LevelAxis(count + j, loads.edges[2 * j + 1]))
-        return axes, out
-
-
-def sum_table_rows(tables: TableColumns, Z: csr_matrix, Y: Array) -> TableRegression:
-    """Sum up rows: their columns Z of the tables, and responses Y [N m] (n, j)."""
-    n, y_mean = Z.shape[0], Y.mean(axis=0)
-    share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (Y - y_mean)
-    gram = (Z.T @ Z).toarray() - n * np.outer(share, share)
-    return TableRegression(tables, gram, share, right, y_mean, n)
-
-
 @dataclass(frozen=True, slots=True)
 class CorrectionOption:
     """One choice for one joint."""
@@ -292,11 +203,17 @@ class TrainingRows:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CorrectionFits:
-    """All forms, fitted to the same rows."""
+    """All forms, fitted to the same rows; a ridge is solved for when it is asked for."""
 
     line: tuple[Array, Array]  # least squares: constant (j,), slope (d, j)
     pls: PlsModel
-    effects: TableRegression
+    tables: TableColumns
+    gram: Array  # centred Z'Z, (k, k)
+    share: Array  # share of the rows in each column of Z, (k,)
+    right: Array  # Z'(Y - ybar), (k, j)
+    y_mean: Array  # mean of the responses, (j,)
+    rows: int
+    solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
     def forecasts(self, rows: TrainingRows, options: Sequence[CorrectionOption]) -> Array:
         """Return the corrections of rows if all joints take each of some options.
@@ -318,21 +235,17 @@ class CorrectionFits:
 
         Loads become variables, after all states, only if a joint takes them.
         """
-        states, joints = self.effects.tables.states, len(options)
+        states, loads, joints = self.tables.states, self.tables.load_levels, len(options)
         offset, slope = np.zeros(joints), np.zeros((len(states.names), joints))
-        coefficients = np.zeros(self.effects.right.shape)
+        coefficients = np.zeros(self.right.shape)
         for j, option in enumerate(options):
             own_offset, own_slope = self._line(option)
             offset[j], slope[:, j] = own_offset[j], own_slope[:, j]
             if option.ridge is not None:
                 coefficients[:, j] = self._coefficients(option)[:, j]
-        axes: list[LevelAxis] = []
-        tables: list[LookupTable] = []
-        if coefficients.any():
-            axes, tables = self.effects.build_lookup_tables(coefficients)
+        axes, tables = self._tables(coefficients) if coefficients.any() else ([], [])
         names, low, high = states.names, states.low, states.high
         if any(option.kind == PAIRS for option in options):
-            loads = self.effects.tables.load_levels
             names = (*names, *loads.names[1::2])
             slope = np.vstack([slope, np.zeros((joints, joints))])
             low, high = (np.r_[a, b[1::2]] for a, b in ((low, loads.low), (high, loads.high)))
@@ -346,22 +259,82 @@ class CorrectionFits:
             return self.line
         if option.kind == PLSR:
             return self.pls.linear(option.count)
-        mean = self.effects.y_mean
-        constant = np.zeros_like(mean) if option.kind == NONE else mean
+        constant = np.zeros_like(self.y_mean) if option.kind == NONE else self.y_mean
         return constant, np.zeros_like(self.line[1])
 
     def _coefficients(self, option: CorrectionOption) -> Array:
-        return self.effects.coefficients(option.ridge, option.kind == PAIRS)
+        """Contribution of each column of Z to each response [N m]. Shape (k, j).
+
+        Those of each table have mean zero over the rows.
+        """
+        if option.ridge not in self.solved:
+            self.solved[option.ridge] = self._solve(option.ridge * self.rows / ROWS)
+        return self.solved[option.ridge][int(option.kind == PAIRS)]
+
+    def _solve(self, stiff: float) -> tuple[Array, Array]:
+        """Coefficients without the tables of speed and load, and with them.
+
+        With A = L L' the system of the variables alone and B that part of a joint's
+        cells, the cells solve a Schur complement of their own size.
+        """
+        count, starts = len(self.tables.state_penalty), self.tables.starts
+        A = self.gram[:count, :count] + stiff * self.tables.state_penalty
+        L = cholesky(A, lower=True, check_finite=False)
+
+        def forward(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, check_finite=False)
+
+        def back(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, trans="T", check_finite=False)
+
+        right, across = forward(self.right[:count]), forward(self.gram[:count, count:])
+        plain, paired = np.zeros((2, *self.right.shape))
+        plain[:count] = back(right)
+        first = len(self.tables.states.sizes)
+        for j, penalty in enumerate(self.tables.paired):
+            cells = slice(*starts[first + j : first + j + 2])
+            B = across[:, cells.start - count : cells.stop - count]
+            schur = self.gram[cells, cells] + stiff * penalty - B.T @ B
+            target = self.right[cells, j] - B.T @ right[:, j]
+            paired[cells, j] = cho_solve(cho_factor(schur), target)
+            paired[:count, j] = right[:, j] - B @ paired[cells, j]
+        paired[:count] = back(paired[:count])
+        return self._centred(plain), self._centred(paired)
+
+    def _centred(self, out: Array) -> Array:
+        for a, b in zip(self.tables.starts, self.tables.starts[1:], strict=False):
+            out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
+        return out
+
+    def _tables(self, coefficients: Array) -> tuple[list[LevelAxis], list[LookupTable]]:
+        """Return coefficients as tables, those that are zero left out."""
+        states, loads = self.tables.states, self.tables.load_levels
+        cut = np.split(coefficients, self.tables.starts[1:-1])
+        axes = [LevelAxis(i, edges) for i, edges in enumerate(states.edges)]
+        count = len(axes)
+        out = [LookupTable((i,), make_read_only(t)) for i, t in enumerate(cut[:count]) if t.any()]
+        for j, values in enumerate(cut[count:]):
+            if not values.any():
+                continue
+            sizes = loads.sizes[2 * j : 2 * j + 2]
+            place, values = len(axes), values.reshape(*sizes, -1)
+            out.append(LookupTable((place, place + 1), make_read_only(values.copy())))
+            axes.append(LevelAxis(self.tables.speed_columns[j], loads.edges[2 * j]))
+            axes.append(LevelAxis(count + j, loads.edges[2 * j + 1]))
+        return axes, out
 
 
 def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
-    """Fit all forms to rows as taught; a ridge is solved for when it is asked for."""
+    """Fit all forms to rows as taught."""
     lines = [
         fit_linear(rows.X[moves], rows.Y[moves][:, [j]]) for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    effects = sum_table_rows(tables, rows.Z, rows.Y)
-    return CorrectionFits((offset, slope), fit_pls(rows.X, rows.Y), effects)
+    Z, n, y_mean = rows.Z, rows.Z.shape[0], rows.Y.mean(axis=0)
+    share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (rows.Y - y_mean)
+    gram = (Z.T @ Z).toarray() - n * np.outer(share, share)
+    pls = fit_pls(rows.X, rows.Y)
+    return CorrectionFits((offset, slope), pls, tables, gram, share, right, y_mean, n)
 
 
 def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:

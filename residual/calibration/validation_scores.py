@@ -196,7 +196,12 @@ def cross_validate_corrections(
             both = zip(predicted, map(by_count, (fit_rows, new)), strict=True)
             predicted = [np.concatenate(pair) for pair in both]
         parts = zip((fit_rows, new), predicted, strict=True)
-        errors.append([_squares(part, of_part) for part, of_part in parts])
+        errors.append(
+            [
+                np.stack([part.squared_errors(p).sum(axis=0) for p in of_part])
+                for part, of_part in parts
+            ]
+        )
         power_fitted.append(fit_rows.squared_errors(fit_rows.Y - fit_rows.tau).sum(axis=0))
         if fold == shown_fold:
             forecasts = predicted[1]
@@ -234,11 +239,6 @@ def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[Tr
         return np.cumsum(steps, axis=0)
 
     return predict
-
-
-def _squares(rows: TrainingRows, predicted: Array) -> Array:
-    """Squared error of every choice. Shape (c, m, j) to (c, j)."""
-    return np.stack([rows.squared_errors(p).sum(axis=0) for p in predicted])
 
 
 @dataclass(frozen=True, eq=False, slots=True)

@@ -130,20 +130,14 @@ def read_log_check(document: Mapping) -> LogCheck:
         raise InputError(
             f"A check of schema {quote_value(document.get('schema'))}, expected {SCHEMA}."
         )
+    faults = []
     try:
-        return LogCheck(tuple(map(_read_fault, document["faults"])))
+        for each in document["faults"]:
+            line = each["repair"]  # in checks of before one line, or null
+            own = each["kind"], tuple(each["joints"]), each["certain"], each["evidence"]
+            repair = tuple([line] if isinstance(line, str) else line or ())
+            rivals, settle = tuple(each.get("rivals", ())), each.get("settle", "")
+            faults.append(Fault(*own, repair=repair, rivals=rivals, settle=settle))
     except (KeyError, TypeError) as error:
         raise InputError(f"This is no whole check: {error!r}.") from error
-
-
-def _read_fault(document: Mapping) -> Fault:
-    line = document["repair"]  # in checks of before one line, or null
-    return Fault(
-        document["kind"],
-        tuple(document["joints"]),
-        document["certain"],
-        document["evidence"],
-        repair=tuple([line] if isinstance(line, str) else line or ()),
-        rivals=tuple(document.get("rivals", ())),
-        settle=document.get("settle", ""),
-    )
+    return LogCheck(tuple(faults))

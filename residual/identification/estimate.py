@@ -426,15 +426,6 @@ def compute_weighted_gram(blocks: Blocks, joint_weights: Array) -> Array:
     return sum(w * r[:, :-1].T @ r[:, :-1] for w, r in pairs)
 
 
-def compute_condition_number(blocks: Blocks, joint_weights: Array, free_indices: Array) -> float:
-    """Return the condition number of the weighted, column-normalised rows."""
-    rows = stack_weighted_blocks(blocks, joint_weights)[:, free_indices]
-    size = np.linalg.norm(rows, axis=0)
-    if len(free_indices) == 0 or size.min() == 0:
-        return float("inf")
-    return float(np.linalg.cond(rows / size))
-
-
 def compute_joint_residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
     """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
@@ -493,13 +484,16 @@ def estimate_parameters(
     inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
     covariance = np.zeros((len(start.size), len(start.size)))
     covariance[pick] = inverse @ inner @ inverse * unit
+    active = stack_weighted_blocks(blocks, weight)[:, start.free]
+    norm = np.linalg.norm(active, axis=0)
+    shown = len(norm) > 0 and norm.min() > 0
     return Estimate(
         theta=theta,
         covariance=covariance,
         noise=noise,
         independent_rows=rows.counts / memory,
         weight=weight,
-        condition=compute_condition_number(blocks, weight, start.free),
+        condition=float(np.linalg.cond(active / norm)) if shown else float("inf"),
         outliers=outliers,
         counts=rows.counts,
         row_weights=weights,

@@ -30,7 +30,7 @@ from residual.robot.dynamics import (
 )
 from residual.robot.robot import Robot
 from residual.signals.splitting import exceed_split_length, split_long_logs
-from residual.signals.track import StandstillFriction, Track, build_tracks
+from residual.signals.track import StandstillFriction, Track, build_tracks, interpolate_signals
 
 POSES = 10_000
 CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
@@ -65,8 +65,8 @@ def compute_acceleration_error(
     pieces = split_long_logs(recordings, base.filters.torque)
     tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
     for recording, track in zip(pieces, tracks, strict=True):
-        measured = [np.interp(track.t, recording.t, c) for c in recording.tau.T]
-        computed = compute_acceleration(model, track, np.column_stack(measured))
+        measured = interpolate_signals(track.t, recording.t, recording.tau)
+        computed = compute_acceleration(model, track, measured)
         both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)

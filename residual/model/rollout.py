@@ -27,6 +27,7 @@ from residual.model.records import PositionErrors
 from residual.recording import Array, Recording
 from residual.robot.dynamics import compute_flange_jacobian, replace_inertial_parameters
 from residual.signals.splitting import slice_recording
+from residual.signals.track import interpolate_signals
 
 STEP = 2e-3  # s: ten steps in a radian of the stiffest servo (50 rad/s)
 LOST = 2 * np.pi  # rad (m where a joint slides): a model so far from the log is lost
@@ -149,13 +150,15 @@ def simulate_position(model: Model, log: Recording) -> Rollout:
     held = np.searchsorted(log.t, t + _DONE, side="right") - 1
     # Between samples the goal goes on evenly, as in the torque that the model fits.
     followed = limit_goal(log.drive, log.q_ref, log.t)
-    goal = np.column_stack([np.interp(t, log.t, x) for x in followed.T])
+    goal = interpolate_signals(t, log.t, followed)
     h = float(t[1] - t[0])
     on = np.ones(goal.shape) if log.enabled is None else log.enabled[held]
     gain, limit = (log.drive.values(name, log.dof) for name in ("gain", "limit"))
     arm, session = _build_arm(model), t[0] if model.clock is None else model.clock
     data, rotor = arm.body.createData(), arm.body.armature.copy()
-    q, v = log.q[0].copy(), _read_first_velocity(log)
+    # The slope at the first sample, of a parabola.
+    early = max(4, int(np.searchsorted(log.t, log.t[0] + _START, side="right")))
+    q, v = log.q[0].copy(), np.polyfit(log.t[:early] - log.t[0], log.q[:early], 2)[1]
     path, impulse = np.full(goal.shape, np.nan), np.zeros(log.dof)
     upper, diverged = np.triu(np.ones((log.dof, log.dof), bool)), None
     for k in range(len(t)):
@@ -172,14 +175,7 @@ def simulate_position(model: Model, log: Recording) -> Rollout:
         if not np.abs(q - log.q[held[k]]).max() < LOST:
             diverged = float(t[k])
             break
-    columns = [np.interp(log.t, t, x) for x in path.T]
-    return Rollout(np.column_stack(columns), diverged, arm.left_out)
-
-
-def _read_first_velocity(log: Recording) -> Array:
-    """Return the slope at the first sample, of a parabola [rad/s]. Shape (dof,)."""
-    early = max(4, int(np.searchsorted(log.t, log.t[0] + _START, side="right")))
-    return np.polyfit(log.t[:early] - log.t[0], log.q[:early], 2)[1]
+    return Rollout(interpolate_signals(log.t, t, path), diverged, arm.left_out)
 
 
 def _stop(inverse: Array, free: Array, most: Array, impulse: Array) -> Array:

@@ -1,18 +1,17 @@
-"""Limits, units and gravity that no arm has; limits that logs show to be placeholders.
+"""Limits of joints that no arm has, and those that logs show to be placeholders.
 
 Who writes a file without knowing a limit writes some number: a torque that does not
 hold the arm, one number for shoulder and wrist, or limits of which no joint keeps any.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
 
 from residual.quantity import convert_to_sliding_unit
-from residual.recording import Array, Recording, compute_speed_quantile
-from residual.robot.dynamics import compute_gravity_torque, compute_last_joint_distance
+from residual.recording import Array, Recording, compute_usual_speeds
+from residual.robot.dynamics import compute_gravity_torque
 from residual.robot.robot import Robot
 
 POSTURES = 200  # in which the weight is looked at
@@ -49,7 +48,7 @@ BROKEN = 1.5  # times a limit: files are a little too strict
 ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
 NEARLY = 0.8  # of the joints
 FEWEST = 3  # joints: of two nobody says what is usual
-STRIDE, SHARE = 0.1, 0.95  # s over which a speed is taken; of the samples are slower
+SHARE = 0.95  # of the samples are slower
 # What arms do at most; beyond it columns or units are wrong, not the file. A torque
 # that is so many times its limit is in another unit.
 FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
@@ -64,11 +63,7 @@ _WORDS = {
 
 def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speeds = []
-    for r in logs:
-        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
-        speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
-    speed = np.max(speeds, axis=0)
+    speed = compute_usual_speeds(logs, SHARE)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
     span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
@@ -113,51 +108,3 @@ def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Ro
     if "upper" in out:
         out["lower"] = -out["upper"]
     return replace(robot, **out) if out else robot
-
-
-# Masses, lengths and gravity of a whole robot file.
-
-EARTH = (9.6, 10.0)  # m/s^2
-
-
-@dataclass(frozen=True, slots=True)
-class FileFlaw:
-    """What is wrong with a whole robot file."""
-
-    words: str
-    certain: bool = True
-    scale: float | None = None  # of all its lengths, or masses, that mends it
-
-
-def find_unit_flaw(model: pin.Model) -> FileFlaw | None:
-    """Find masses or lengths of a whole file that are in another unit."""
-    bodies = list(model.inertias)[1:]
-    mass, last = sum(b.mass for b in bodies), bodies[-1]
-    reach = compute_last_joint_distance(model) + np.linalg.norm(last.lever)
-    if not reach:  # a wheel: its radius
-        reach = np.sqrt(np.trace(last.inertia) / max(last.mass, 1e-9))
-    density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
-    # A weight at the end of a lever is as dense as a ball of steel about the joint.
-    densest = 1e3 if len(bodies) > 2 else 3e4
-    for there, sizes, unit, scale in (
-        (reach > 50.0, "lengths", "millimetres", 1e-3),
-        (density > densest and reach > 0.05, "masses", "grams", 1e-3),
-        (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
-        (density < 1e-2, "masses", "tonnes", 1e3),
-    ):
-        if there:
-            words = (
-                f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m: its {sizes} "
-                f"look like {unit}."
-            )
-            return FileFlaw(words, scale=scale)
-    return None
-
-
-def find_gravity_flaw(model: pin.Model) -> FileFlaw | None:
-    """Find gravity of another size than the earth's."""
-    size = float(np.linalg.norm(model.gravity.linear))
-    if not size or EARTH[0] < size < EARTH[1]:
-        return None
-    words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
-    return FileFlaw(words, certain=size > 3 * EARTH[1])

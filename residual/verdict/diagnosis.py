@@ -21,7 +21,7 @@ from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.model.records import PositionErrors
 from residual.quantity import convert_to_plain_values
-from residual.recording import Array, Recording
+from residual.recording import Recording
 from residual.robot.dynamics import find_flange_frame
 from residual.robot.robot import Robot
 from residual.verdict.result import (
@@ -165,8 +165,12 @@ def tabulate_errors(
             for s, e in errors.items()
         }
 
+    def row(error: ErrorSums | None, kind: str) -> tuple[Number, ...] | None:
+        values = np.array(np.nan) if error is None else error.per_joint(kind)
+        return None if np.isnan(values).all() else tuple(convert_to_plain_values(values))
+
     def per_joint(kind: str) -> dict:
-        return {s: _per_joint(e, kind) for s, e in errors.items()}
+        return {s: row(e, kind) for s, e in errors.items()}
 
     return ErrorTables(
         metric=METRIC,
@@ -182,15 +186,6 @@ def tabulate_errors(
         worse=tuple(worse),
         position=position,
     )
-
-
-def _per_joint(errors: ErrorSums | None, kind: str) -> tuple[Number, ...] | None:
-    values = None if errors is None else errors.per_joint(kind)
-    return None if values is None or np.isnan(values).all() else _row(values)
-
-
-def _row(values: Sequence[float]) -> tuple[Number, ...]:
-    return tuple(convert_to_plain_values(np.asarray(values)))
 
 
 ROUNDS = 3  # of parameters and noise in turn
@@ -212,35 +207,24 @@ ROUNDS = 3  # of parameters and noise in turn
 
 def fit_all_parameters(design: Design) -> Model:
     """Fit all that a design's nominal model has, freely, on the design's rows."""
+    sums, size = [], len(design.nominal)
+    for j in range(design.dof):  # of the nominal columns on each joint, and their indices
+        place, have = design.present(j, design.nominal)
+        gram, cross = design.total(j)
+        sums.append((gram[np.ix_(place, place)], cross[place], have))
     weight = design.rows / np.maximum(design.power.sum(axis=0), 1e-300)
     for _ in range(ROUNDS):
-        theta = _solve(design, weight)
-        errors = [_squared_error(design, j, theta) for j in range(design.dof)]
+        total, right = np.zeros((size, size)), np.zeros(size)
+        for w, (gram, cross, have) in zip(weight, sums, strict=True):
+            total[np.ix_(have, have)] += w * gram
+            right[have] += w * cross
+        theta = solve_minimum_norm(total, right)
+        errors = [
+            power.sum() - 2 * theta[have] @ cross + theta[have] @ gram @ theta[have]
+            for power, (gram, cross, have) in zip(design.power.T, sums, strict=True)
+        ]
         weight = design.rows / np.maximum(errors, 1e-12 * design.rms**2 * design.rows)
     return design.model.with_coefficients(design.model.coefficients() + theta)
-
-
-def _solve(design: Design, weight: Array) -> Array:
-    size = len(design.nominal)
-    gram, cross = np.zeros((size, size)), np.zeros(size)
-    for j in range(design.dof):
-        own, right, have = _sums(design, j)
-        gram[np.ix_(have, have)] += weight[j] * own
-        cross[have] += weight[j] * right
-    return solve_minimum_norm(gram, cross)
-
-
-def _sums(design: Design, j: int) -> tuple[Array, Array, Array]:
-    """Gram and cross product of the nominal columns on joint j, and their indices."""
-    place, have = design.present(j, design.nominal)
-    gram, cross = design.total(j)
-    return gram[np.ix_(place, place)], cross[place], have
-
-
-def _squared_error(design: Design, j: int, theta: Array) -> float:
-    gram, cross, have = _sums(design, j)
-    own = theta[have]
-    return float(design.power[:, j].sum() - 2 * own @ cross + own @ gram @ own)
 
 
 def reset_effect_parameters(model: Model, nominal: Model, effect) -> Model | None:
