@@ -33,9 +33,9 @@ from residual.robot.robot import Robot
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import Verdict
 from sim.engine.plant_records import TrajectorySpec, create_random_stream
+from sim.trajectories import plan_motion
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace
-from sim.trajectories.reference_planning import plan_motion
 from warehouse.robots import find_used_robot
 from warehouse.store_catalogue import read_record
 

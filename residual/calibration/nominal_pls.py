@@ -220,11 +220,6 @@ class LevelCells:
     count: Array  # rows in each cell, (c,)
     of_row: Array  # cell of each row, (n,)
 
-    @property
-    def pair_columns(self) -> int:
-        """Columns that all products of two variables' indicators would take."""
-        return int(self.sizes.sum() ** 2 - (self.sizes**2).sum()) // 2
-
     def sums(self, Y: Array) -> Array:
         """Sum of each column over the rows of each cell. Shape (c, j)."""
         columns = [np.bincount(self.of_row, y, len(self.count)) for y in Y.T]
@@ -377,7 +372,9 @@ def fit_nominal_pls(
     )
     check_count(form.components, 1, bound, "components", remedy)
     n, y_mean = len(Y), Y.mean(axis=0)
-    table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
+    # A row for each column that the products of two variables' indicators would take.
+    columns = int(cells.sizes.sum() ** 2 - (cells.sizes**2).sum()) // 2
+    table = np.zeros((columns, Y.shape[1] + 1))
     weighted = np.column_stack([cells.sums(Y - y_mean), cells.count])
     scatter_pairs(cells.codes, cells.sizes, weighted, table)
     x_mean = table[:, -1] / n
