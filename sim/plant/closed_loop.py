@@ -33,7 +33,7 @@ from sim.plant.plant_arm import (
     split_into_phases,
 )
 from sim.plant.sensors import invert_encoder_error, read_encoders
-from sim.plant.step_tables import PlantState, compile_lazily, pack_constants
+from sim.plant.step_tables import PlantState, compile_lazily
 from sim.plant.typical_sizes import read_nominal_drives
 
 # Critically damped at 30 rad/s: poles of eq. 10.
@@ -233,7 +233,7 @@ def _run(
     qd: Array,
 ) -> tuple[Array, Array]:
     """Run one phase; return position and velocity after its last step."""
-    model, arm = phase.model, pack_constants(phase.constants)
+    model, arm = phase.model, phase.constants
     data, dof, still = model.createData(), model.nv, np.zeros(model.nv)
     body, outside = np.empty((dof + 1, dof)), still
     with BulletWorld(model, arm.dt) as world:
@@ -283,9 +283,9 @@ def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tu
 
 def _give(phase: ArmPhase, load: Array) -> Array:
     """Return how far each transmission gives way under a load [rad]. Shape (dof,)."""
-    c = phase.constants
-    soft = c.elastic > 0
-    twist = load / np.where(soft, c.stiffness, 1.0) + np.sign(load) * c.gap
+    joints = phase.constants.joints
+    soft = joints[at.ELASTIC] > 0
+    twist = load / np.where(soft, joints[at.STIFFNESS], 1.0) + np.sign(load) * joints[at.GAP]
     return np.where(soft, twist, 0.0)
 
 
@@ -293,8 +293,8 @@ def _join_springs(
     phase: ArmPhase, before: ArmPhase, state: PlantState, link: tuple[Array, Array]
 ) -> None:
     """Let springs that come with an onset bear the load of that moment."""
-    now, then = phase.constants, before.constants
-    new = (now.stiffness != then.stiffness) | (now.gap != then.gap)
+    springs = [at.STIFFNESS, at.GAP]
+    new = (phase.constants.joints != before.constants.joints)[springs].any(axis=0)
     give = _give(phase, state.motors[at.LOADED])
     state.motors[at.ANGLE, new] = (link[0] + give)[new]
     state.motors[at.SPEED, new] = link[1][new]

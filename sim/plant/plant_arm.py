@@ -273,19 +273,12 @@ def _phase(
     errors = sum_encoder_errors(effects, dof)
     speed = USUAL_SPEED * compute_usual_motion_range(robot).velocity
     gain = 0.0 if arm.background is None else arm.background.gain
+    ratio = compute_torque_ratios(effects, dof) / (1.0 + gain)
+    power = compute_usual_friction_power(arm.base.coulomb, arm.base.viscous, speed)
+    joints = [rotor, elastic, *springs, ratio, robot.torque_limit, power, *errors]
     constants = StepConstants(
         dt=dt,
-        rotor=rotor,
-        elastic=elastic,
-        stiffness=springs[0],
-        damping=springs[1],
-        gap=springs[2],
-        ratio=compute_torque_ratios(effects, dof) / (1.0 + gain),
-        limit=np.array(robot.torque_limit, dtype=float),
-        power=compute_usual_friction_power(arm.base.coulomb, arm.base.viscous, speed),
-        shift=errors[0],
-        cos=errors[1],
-        sin=errors[2],
+        joints=np.array(joints, dtype=float),
         contacts=build_contact_rows(arm.effects, active, elastic),
         friction=build_friction_rows(arm.base, arm.effects, active, arm.background),
         torque=build_torque_rows(arm.effects, active, arm.background),
