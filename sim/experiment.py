@@ -35,8 +35,7 @@ from sim.plant.closed_loop import (
     simulate_closed_loop,
 )
 from sim.plant.effect_catalogue import list_drive_effects, resolve_effects
-from sim.plant.joint_background import simulate_torque_logging
-from sim.plant.plant_arm import build_plant_arm
+from sim.plant.plant_arm import build_plant_arm, simulate_torque_logging
 from sim.plant.sensors import (
     WHITE_TORQUE,
     draw_torque_noise,
