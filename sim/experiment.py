@@ -34,7 +34,7 @@ from sim.plant.closed_loop import (
     follow_goal,
     simulate_closed_loop,
 )
-from sim.plant.effect_catalogue import list_drive_effects, resolve_effects
+from sim.plant.effect_catalogue import list_drive_effects
 from sim.plant.plant_arm import build_plant_arm, simulate_torque_logging
 from sim.plant.sensors import (
     WHITE_TORQUE,
@@ -234,9 +234,8 @@ def record_plant_log(
     if plant.noise.encoder > 0:
         rng = create_random_stream(plant.seed, f"encoder/{label}")
         q = simulate_encoder(q, rng, plant.noise.encoder)
-    hidden = resolve_effects(plant.effects)
-    q = repeat_frozen_readings(q, t, hidden)
-    tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
+    q = repeat_frozen_readings(q, t, arm.effects)
+    tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, arm.effects)[::every]
     span = estimate_typical_sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
     rng = create_random_stream(plant.seed, f"torque/{label}")
     tau = simulate_torque_logging(

@@ -294,10 +294,14 @@ class MotionInformation:
 
         The more samples, the better effects with a memory are seen.
         """
-        signals = question.signals
+        signals, qd = question.signals, motion[1]
         t = signals.start + np.arange(len(motion[0])) / rate
         columns = all_torque_columns(question, question.seen_with.state(rate, t, motion))
-        weight = np.sqrt(signals.information * ~find_standstill_samples(question, motion[1], rate))
+        # Where a joint stands or turns round, and next to that, rows do not count.
+        still = np.abs(qd) < signals.speed_floor
+        still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+        still = dilate_mask(still, int(np.ceil(signals.margin * rate)))
+        weight = np.sqrt(signals.information * ~still)
         rows = np.sqrt(signals.rate / rate) * (weight[:, :, None] * columns)
         return cls(rows, rate, opening, signals.edge)
 
@@ -326,13 +330,6 @@ def all_torque_columns(question: OpenQuestion, state: State) -> Array:
         part[:, list(effect.rows(joints, dof))] = own
         parts.append(part)
     return np.concatenate(parts, axis=2)
-
-
-def find_standstill_samples(question: OpenQuestion, qd: Array, rate: float) -> Array:
-    """Return where a joint stands or turns round, and next to that. (n, dof)."""
-    still = np.abs(qd) < question.signals.speed_floor
-    still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    return dilate_mask(still, int(np.ceil(question.signals.margin * rate)))
 
 
 def describe_plan(

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import Protocol
 
 import numpy as np
 
@@ -267,16 +266,7 @@ def reset_effect_parameters(model: Model, nominal: Model, effect) -> Model | Non
 # sides through the identification filter, on logs of the arm that never had it.
 
 
-class LocatedEffect(Protocol):
-    """Whatever has a name and joints from 1: a finding, or what was hidden."""
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-
-    @property
-    def joints(self) -> tuple[int, ...]:
-        """Its joints from 1; empty for the whole arm."""
+LocatedEffect = Place | Finding  # what has a name, and joints from 1: none for the arm
 
 
 def remove_effects_from_model(model: Model, effects: Sequence[LocatedEffect]) -> Model:

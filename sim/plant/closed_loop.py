@@ -29,7 +29,6 @@ from sim.plant.plant_arm import (
     PlantArm,
     build_initial_state,
     build_plant_arm,
-    build_torque_series,
     split_into_phases,
 )
 from sim.plant.sensors import invert_encoder_error, read_encoders
@@ -200,7 +199,7 @@ def simulate_closed_loop(
     t, dt = reference.t, float(reference.t[1] - reference.t[0])
     channels = arm.channels
     rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
-    series = build_torque_series(arm.effects, start + t, seed, label)
+    series = arm.draw_torque_series(start + t, seed, label)
     parts = split_into_phases(arm, len(t), dt, series)
     state = build_initial_state(arm, start)
     q, qd = _start(parts[0], reference, state)
@@ -272,7 +271,7 @@ def compute_external_torques(phase: ArmPhase, arm: MovingArm) -> dict[str, Array
 
 def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tuple[Array, Array]:
     """Return where the arm is when its encoders read the beginning of the motion."""
-    motor = invert_encoder_error(reference.q[0], phase.errors)
+    motor = invert_encoder_error(reference.q[0], phase.constants.joints[at.SHIFT :])
     q, data = motor, phase.model.createData()
     for _ in range(5):  # the springs give way to the weight
         load = pin.rnea(phase.model, data, q, reference.qd[0], reference.qdd[0])

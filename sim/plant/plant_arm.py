@@ -14,7 +14,6 @@ from sim.engine.plant_records import (
     CLEAN,
     BackgroundWord,
     DriveParameters,
-    PlantEffect,
     PlantSpec,
     create_random_stream,
 )
@@ -181,122 +180,7 @@ def simulate_torque_logging(background: JointBackground | None, tau: Array, rate
     return np.round(out / background.step) * background.step
 
 
-Effects = Sequence[PlantEffect]
 COGGING = "background"  # channel of what the background adds beside friction
-
-
-def list_torque_channels(
-    effects: Effects, background: JointBackground | None = None
-) -> tuple[str, ...]:
-    """Return what has a torque channel: effects by name, then that of a background."""
-    names = sorted({e.kind.name for e in resolve_effects(effects) if e.kind.has_channel})
-    return (*names, COGGING) if background is not None else tuple(names)
-
-
-def build_contact_rows(effects: Effects, active: Sequence[int], soft: Array) -> Array:
-    """Return the contacts (`StepConstants`). Shape (c, 6).
-
-    A shared gear that does not act yet is there, without friction and inertia.
-    """
-    dof = len(soft)
-    motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
-    rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
-    for i, gear in find_shared_gears(effects):
-        inertia, sign, *_ = gear.kind.gear(gear.values)
-        one, two = gear.joints
-        inertia = inertia if i in active else 0.0
-        rows.append((motor[one], motor[two], sign, one, two, inertia))
-    return np.array(rows, dtype=float)
-
-
-def find_shared_gears(effects: Effects) -> list[tuple[int, ActingEffect]]:
-    """Return the gears that two joints share, with their place among the effects."""
-    return [(i, e) for i, e in enumerate(resolve_effects(effects)) if e.kind.gear]
-
-
-def build_friction_rows(
-    base: DriveParameters,
-    effects: Effects,
-    active: Sequence[int],
-    background: JointBackground | None = None,
-) -> Array:
-    """Return the rows of friction that act. Shape (f, WIDTH)."""
-    dof, hidden = len(base.coulomb), resolve_effects(effects)
-    rows = []
-    for j in range(dof):
-        rows.append(_row(j, 0, (friction_laws.LEVEL, base.coulomb[j])))
-        rows.append(_row(j, 0, (friction_laws.VISCOUS, base.viscous[j])))
-        rows.append(_row(j, len(effects) * dof + j, (friction_laws.WARMUP, 0.0, SLOW)))
-    gears = {i: dof + n for n, (i, _) in enumerate(find_shared_gears(effects))}
-    for i in active:
-        kind, p, joints, _ = hidden[i]
-        if kind.gear:
-            _, _, level, coefficient = kind.gear(p)
-            rows.append(_row(gears[i], 0, (friction_laws.LEVEL, level)))
-            rows.append(_row(gears[i], 0, (friction_laws.VISCOUS, coefficient)))
-        if kind.friction:
-            rows += [_row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints]
-    for j in range(dof if background is not None else 0):
-        rows.append(_row(j, 0, (friction_laws.FADING, background.level[j], background.speed[j])))
-        rows.append(_row(j, 0, (friction_laws.PRESSED, background.press[j], background.span[j])))
-    return np.array(rows)
-
-
-def build_torque_rows(
-    effects: Effects, active: Sequence[int], background: JointBackground | None = None
-) -> Array:
-    """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
-    channels, columns = list_torque_channels(effects, background), _columns(effects)
-    hidden, rows = resolve_effects(effects), []
-    for i in active:
-        kind, p, joints, _ = hidden[i]
-        if kind.series:
-            channel = channels.index(kind.name)
-            rows += [_row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints]
-        if kind.torque:
-            channel, numbers = channels.index(kind.name), kind.torque(p, joints)
-            on = joints[:1] if kind.scope == "pair" else joints
-            rows += [_row(j, channel, numbers) for j in on]
-    for wave in background.waves if background is not None else ():
-        channel = channels.index(COGGING)
-        rows += [_row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)]
-    return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
-
-
-def build_background_rows(background: JointBackground | None, first_slot: int) -> Array:
-    """Return friction of each joint by direction and warmth (`StepConstants`)."""
-    if background is None:
-        return np.zeros((0, 5))
-    slots = first_slot + 2 * np.arange(len(background.span))
-    return np.column_stack(
-        [background.lean, background.growth, background.oil, background.housing, slots]
-    )
-
-
-def build_torque_series(effects: Effects, t: Array, seed: int, label: str) -> Array:
-    """Return the torques that follow a clock or chance, for a whole motion.
-
-    Args:
-        t: Session time [s]. Shape (n,).
-        label: Name of the motion; chance differs from motion to motion.
-
-    Returns:
-        Torques [N m], a column per such effect and joint. Shape (n, s).
-    """
-    columns, hidden = _columns(effects), resolve_effects(effects)
-    out = np.zeros((len(t), len(columns)))
-    for (i, j), column in columns.items():
-        kind, p, *_ = hidden[i]
-        rng = create_random_stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
-        out[:, column] = kind.series(p, t, rng)
-    return out
-
-
-def _columns(effects: Effects) -> dict[tuple[int, int], int]:
-    """Return the column of each torque over time, by effect and joint (from 0)."""
-    hidden = enumerate(resolve_effects(effects))
-    keys = [(i, j) for i, e in hidden if e.kind.series for j in e.joints]
-    return {key: column for column, key in enumerate(keys)}
 
 
 def _row(place: int, slot: int, row: Sequence[float]) -> list[float]:
@@ -310,7 +194,7 @@ class PlantArm:
     """One arm, as built."""
 
     robot: Robot
-    effects: tuple[PlantEffect, ...]  # what it hides
+    effects: tuple[ActingEffect, ...]  # what it hides
     model: pin.Model  # true rigid body without the effects
     base: DriveParameters  # true friction and rotors without the effects
     # What all its joints have undeclared, None if it is clean.
@@ -319,8 +203,99 @@ class PlantArm:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of its explicit torques."""
-        return list_torque_channels(self.effects, self.background)
+        """Names of its explicit torques: effects by name, then that of a background."""
+        names = sorted({e.kind.name for e in self.effects if e.kind.has_channel})
+        return (*names, COGGING) if self.background is not None else tuple(names)
+
+    @property
+    def gears(self) -> dict[int, ActingEffect]:
+        """Gears that two joints share, by their place among the effects."""
+        return {i: e for i, e in enumerate(self.effects) if e.kind.gear}
+
+    @property
+    def series(self) -> dict[tuple[int, int], int]:
+        """Column of each torque over time, by effect and joint (from 0)."""
+        keys = [(i, j) for i, e in enumerate(self.effects) if e.kind.series for j in e.joints]
+        return {key: column for column, key in enumerate(keys)}
+
+    def draw_torque_series(self, t: Array, seed: int, label: str) -> Array:
+        """Return the torques that follow a clock or chance, for a whole motion.
+
+        Args:
+            t: Session time [s]. Shape (n,).
+            label: Name of the motion; chance differs from motion to motion.
+
+        Returns:
+            Torques [N m], a column per such effect and joint. Shape (n, s).
+        """
+        out = np.zeros((len(t), len(self.series)))
+        for (i, j), column in self.series.items():
+            kind, p, *_ = self.effects[i]
+            rng = create_random_stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
+            out[:, column] = kind.series(p, t, rng)
+        return out
+
+    def build_contact_rows(self, active: Sequence[int], soft: Array) -> Array:
+        """Return the contacts (`StepConstants`). Shape (c, 6).
+
+        A shared gear that does not act yet is there, without friction and inertia.
+        """
+        dof = len(soft)
+        motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
+        rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
+        for i, gear in self.gears.items():
+            inertia, sign, *_ = gear.kind.gear(gear.values)
+            one, two = gear.joints
+            inertia = inertia if i in active else 0.0
+            rows.append((motor[one], motor[two], sign, one, two, inertia))
+        return np.array(rows, dtype=float)
+
+    def build_friction_rows(self, active: Sequence[int]) -> Array:
+        """Return the rows of friction that act. Shape (f, WIDTH)."""
+        dof, base, rows = self.robot.dof, self.base, []
+        for j in range(dof):
+            rows.append(_row(j, 0, (friction_laws.LEVEL, base.coulomb[j])))
+            rows.append(_row(j, 0, (friction_laws.VISCOUS, base.viscous[j])))
+            rows.append(_row(j, len(self.effects) * dof + j, (friction_laws.WARMUP, 0.0, SLOW)))
+        contacts = {i: dof + n for n, i in enumerate(self.gears)}
+        for i in active:
+            kind, p, joints, _ = self.effects[i]
+            if kind.gear:
+                _, _, level, coefficient = kind.gear(p)
+                rows.append(_row(contacts[i], 0, (friction_laws.LEVEL, level)))
+                rows.append(_row(contacts[i], 0, (friction_laws.VISCOUS, coefficient)))
+            if kind.friction:
+                rows += [_row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints]
+        if (own := self.background) is not None:
+            for j in range(dof):
+                rows.append(_row(j, 0, (friction_laws.FADING, own.level[j], own.speed[j])))
+                rows.append(_row(j, 0, (friction_laws.PRESSED, own.press[j], own.span[j])))
+        return np.array(rows)
+
+    def build_torque_rows(self, active: Sequence[int]) -> Array:
+        """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
+        channels, columns, rows = self.channels, self.series, []
+        for i in active:
+            kind, p, joints, _ = self.effects[i]
+            if kind.series:
+                channel = channels.index(kind.name)
+                rows += [_row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints]
+            if kind.torque:
+                channel, numbers = channels.index(kind.name), kind.torque(p, joints)
+                on = joints[:1] if kind.scope == "pair" else joints
+                rows += [_row(j, channel, numbers) for j in on]
+        for wave in self.background.waves if self.background is not None else ():
+            channel = channels.index(COGGING)
+            rows += [_row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)]
+        return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
+
+    def build_background_rows(self) -> Array:
+        """Return friction of each joint by direction and warmth (`StepConstants`)."""
+        if (own := self.background) is None:
+            return np.zeros((0, 5))
+        first, dof = (len(self.effects) + 1) * self.robot.dof, self.robot.dof
+        slots = first + 2 * np.arange(dof)
+        return np.column_stack([own.lean, own.growth, own.oil, own.housing, slots])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -332,7 +307,6 @@ class ArmPhase:
     model: pin.Model  # rigid body
     constants: StepConstants  # everything else, as the compiled step reads it
     pushes: tuple[ActingEffect, ...]  # effects that push the links from outside
-    errors: Array  # constant, cosine, sine of the encoder errors [rad], (3, dof)
     faults: EncoderFaults | None = None  # encoders that are broken, None if none is
 
 
@@ -353,22 +327,22 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
         robot.model, plant.scatter, create_random_stream(plant.seed, "scatter")
     )
     background = draw_background(robot, plant.background, plant.seed, base.coulomb)
-    return PlantArm(robot, plant.effects, model, base, background, plant.worked_before)
+    effects = tuple(resolve_effects(plant.effects))
+    return PlantArm(robot, effects, model, base, background, plant.worked_before)
 
 
 def build_initial_state(arm: PlantArm, start: float) -> PlantState:
     """Return the state of an arm that has worked since its session began."""
     dof, count = arm.robot.dof, len(arm.effects)
     memory = np.zeros((count + 1) * dof)
-    rows = build_friction_rows(arm.base, arm.effects, range(count))
+    rows = arm.build_friction_rows(range(count))
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == friction_laws.WARMUP]:
         memory[int(slot)] = compute_warmth_after(start, constant)
     if arm.background is not None:
-        # Oil and housing side by side, joint by joint (`build_background_rows`).
+        # Oil and housing side by side, joint by joint (`PlantArm.build_background_rows`).
         warmth = compute_start_warmth(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
-    gears = len(find_shared_gears(arm.effects))
-    return PlantState(np.zeros((3, dof)), np.zeros(dof + gears), memory)
+    return PlantState(np.zeros((3, dof)), np.zeros(dof + len(arm.gears)), memory)
 
 
 def split_into_phases(arm: PlantArm, steps: int, dt: float, series: Array) -> list[ArmPhase]:
@@ -387,9 +361,9 @@ def split_into_phases(arm: PlantArm, steps: int, dt: float, series: Array) -> li
     return out
 
 
-def find_onset_step(effect: PlantEffect, steps: int, dt: float) -> int:
+def find_onset_step(effect: ActingEffect, steps: int, dt: float) -> int:
     """Return the first control step on which an effect acts."""
-    kind, p, _, onset = resolve_effects([effect])[0]
+    kind, p, _, onset = effect
     if kind.onset_share:
         onset = max(onset, kind.onset_share(p) * steps * dt)
     return int(np.ceil(onset / dt - 1e-6))
@@ -398,7 +372,7 @@ def find_onset_step(effect: PlantEffect, steps: int, dt: float) -> int:
 def _phase(
     arm: PlantArm, active: list[int], span: tuple[int, int], dt: float, series: Array
 ) -> ArmPhase:
-    effects = resolve_effects(arm.effects[i] for i in active)
+    effects = [arm.effects[i] for i in active]
     robot, dof = arm.robot, arm.robot.dof
     change = np.zeros(dof)
     for kind, p, joints, _ in effects:
@@ -421,16 +395,16 @@ def _phase(
     constants = StepConstants(
         dt=dt,
         joints=np.array(joints, dtype=float),
-        contacts=build_contact_rows(arm.effects, active, elastic),
-        friction=build_friction_rows(arm.base, arm.effects, active, arm.background),
-        torque=build_torque_rows(arm.effects, active, arm.background),
+        contacts=arm.build_contact_rows(active, elastic),
+        friction=arm.build_friction_rows(active),
+        torque=arm.build_torque_rows(active),
         series=series,
-        used=build_background_rows(arm.background, (len(arm.effects) + 1) * dof),
+        used=arm.build_background_rows(),
     )
     faults = collect_encoder_faults(effects, dt)
     pushes = tuple(effect for effect in effects if effect.kind.push)
     model = apply_body_effects(arm.model, effects)
-    return ArmPhase(*span, model, constants, pushes, errors, faults)
+    return ArmPhase(*span, model, constants, pushes, faults)
 
 
 def _springs(
