@@ -64,8 +64,7 @@ class Fault:
     @property
     def where(self) -> str:
         """Kind and joints: 'torque sign, joint 2'."""
-        joints = f", {format_joint_numbers(self.joints)}" if self.joints else ""
-        return self.kind.replace("_", " ") + joints
+        return name_fault(self.kind, self.joints)
 
     @property
     def sentence(self) -> str:
@@ -74,6 +73,11 @@ class Fault:
         fix = f" Fix: {' or: '.join(self.repair)}" if self.repair else ""
         text = f"fault of the logs ({self.where}, {sure}): {self.evidence}{fix}"
         return " ".join(text.split())
+
+
+def name_fault(kind: str, joints: tuple[int, ...]) -> str:
+    """Return a kind of fault and its joints in words."""
+    return kind.replace("_", " ") + (f", {format_joint_numbers(joints)}" if joints else "")
 
 
 def list_true_joints(mask: np.ndarray) -> tuple[int, ...]:

@@ -17,7 +17,6 @@ for every choice of columns and of the weights w_j between joints:
 min  sum_j w_j |x_j theta - y_j|^2 + (theta - theta_0)' L (theta - theta_0)
 """
 
-from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -227,22 +226,36 @@ def find_unobserved_parameters(
         joint_weights_and_counts: Weight w_j of one row of each joint, and how many
             there are. (2, dof).
     """
-    scaled = information * np.outer(parameter_scale, parameter_scale)
-    free, fixed = list(range(len(parameter_scale))), []
+    size, (weights, counts) = parameter_scale, joint_weights_and_counts
+    scaled = information * np.outer(size, size)
+    free, held = list(range(len(size))), {}
     while free:
         doubts = _doubt(scaled[np.ix_(free, free)])
         worst = int(np.argmax(doubts))
         if doubts[worst] <= _LIMIT:
             break
-        fixed.append((free.pop(worst), float(doubts[worst])))
-    remedies = _remedies(
-        model, base, scaled, parameter_scale, joint_weights_and_counts, free, [i for i, _ in fixed]
-    )
+        held[free.pop(worst)] = float(doubts[worst])
+    # The least motion, beside what there is, that shows each held parameter. As many rows
+    # as the logs have, so that it is the motion that counts, not time.
+    per_row = weights * max(counts.max(), 1.0) / _STATES
+    remedies: dict[int, str] = {}
+    for words, states in _motions(model):
+        if len(remedies) == len(held):
+            break
+        columns = compute_torque_columns(model, build_sampled_states(model, *states))
+        columns = columns[:, :, base.columns] * size * np.sqrt(per_row)[None, :, None]
+        flat = columns.reshape(-1, len(size))
+        richer = scaled + flat.T @ flat
+        for i in held.keys() - remedies.keys():
+            ids = [*free, i]
+            if _doubt(richer[np.ix_(ids, ids)])[-1] <= _LIMIT:
+                remedies[i] = f"it needs {words}"
+    nothing = "no motion within the limits of the arm would show it at this noise"
     unseen = (
-        UnobservedParameter(i, doubt * parameter_scale[i], remedies[i])
-        for i, doubt in sorted(fixed)
+        UnobservedParameter(i, doubt * size[i], remedies.get(i, nothing))
+        for i, doubt in sorted(held.items())
     )
-    standing = tuple(int(j) + 1 for j in np.flatnonzero(joint_weights_and_counts[1] == 0))
+    standing = tuple(int(j) + 1 for j in np.flatnonzero(counts == 0))
     return Observability(np.array(free, dtype=int), tuple(unseen), standing)
 
 
@@ -251,40 +264,6 @@ def _doubt(scaled: Array) -> Array:
     values, vectors = np.linalg.eigh(scaled)
     values = np.maximum(values, _LARGEST**-2)
     return np.sqrt((vectors**2 / values).sum(axis=1))
-
-
-def _remedies(
-    model: Model,
-    base: BaseParameters,
-    scaled: Array,
-    size: Array,
-    rows: Array,
-    free: Sequence[int],
-    fixed: Sequence[int],
-) -> dict[int, str]:
-    """The least motion, beside what there is, that shows each held parameter."""
-    out: dict[int, str] = {}
-    if not fixed:
-        return out
-    # As many rows as the logs have, so that it is the motion that counts, not time.
-    per_row = rows[0] * max(rows[1].max(), 1.0) / _STATES
-    for words, states in _motions(model):
-        columns = compute_torque_columns(model, build_sampled_states(model, *states))[
-            :, :, base.columns
-        ]
-        columns = columns * size * np.sqrt(per_row)[None, :, None]
-        flat = columns.reshape(-1, len(size))
-        richer = scaled + flat.T @ flat
-        for i in fixed:
-            if i in out:
-                continue
-            ids = [*free, i]
-            if _doubt(richer[np.ix_(ids, ids)])[-1] <= _LIMIT:
-                out[i] = f"it needs {words}"
-        if len(out) == len(fixed):
-            return out
-    nothing = "no motion within the limits of the arm would show it at this noise"
-    return {i: out.get(i, nothing) for i in fixed}
 
 
 def _motions(model: Model):

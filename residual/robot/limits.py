@@ -69,16 +69,15 @@ def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str
     span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
     leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
     travel = robot.upper - robot.lower
+    strong = (torque / robot.torque_limit).max() < STRONGEST
     checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
-        "torque_limit": (torque, robot.torque_limit, True),
+        "torque_limit": (torque, robot.torque_limit, strong),
         "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
     }
     out = {}
     for key, (size, limit, possible) in checked.items():
         ratio = size / limit
-        if key == "torque_limit":
-            possible = ratio.max() < STRONGEST
         if possible and _is_placeholder(ratio, limit):
             name, unit = _WORDS[key]
             worst = int(np.argmax(ratio))
