@@ -1,5 +1,6 @@
 """The checked log of one motion: what a robot measures, and nothing else."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
 
 import numpy as np
@@ -123,3 +124,12 @@ def compute_speed_quantile(recording: Recording, stride: int, share: float) -> A
     t, q = recording.t[::stride], recording.q[::stride]
     speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])
     return np.quantile(speed, share, axis=0)
+
+
+def compute_usual_speeds(recordings: Sequence[Recording], share: float) -> Array:
+    """Return the largest such speed of any log, over tenths of a second. (dof,)."""
+    speeds = []
+    for r in recordings:
+        stride = round(0.1 / float(np.median(np.diff(r.t))))
+        speeds.append(compute_speed_quantile(r, max(1, min(stride, len(r.t) // 4)), share))
+    return np.max(speeds, axis=0)

@@ -30,11 +30,12 @@ from sim.plant.closed_loop import (
     SimulationTrace,
     build_and_simulate,
     build_open_loop_controller,
+    build_servo_law,
+    follow_goal,
     simulate_closed_loop,
 )
-from sim.plant.effect_catalogue import list_drive_effects, resolve_effects
-from sim.plant.joint_background import simulate_torque_logging
-from sim.plant.plant_arm import build_plant_arm
+from sim.plant.effect_catalogue import list_drive_effects
+from sim.plant.plant_arm import build_plant_arm, simulate_torque_logging
 from sim.plant.sensors import (
     WHITE_TORQUE,
     draw_torque_noise,
@@ -42,7 +43,6 @@ from sim.plant.sensors import (
     simulate_encoder,
     simulate_torque_report,
 )
-from sim.plant.servo import build_servo_law, follow_goal
 from sim.plant.typical_sizes import estimate_typical_sizes
 
 _NOMINAL = PlantSpec(scatter=0.0)
@@ -234,9 +234,8 @@ def record_plant_log(
     if plant.noise.encoder > 0:
         rng = create_random_stream(plant.seed, f"encoder/{label}")
         q = simulate_encoder(q, rng, plant.noise.encoder)
-    hidden = resolve_effects(plant.effects)
-    q = repeat_frozen_readings(q, t, hidden)
-    tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, hidden)[::every]
+    q = repeat_frozen_readings(q, t, arm.effects)
+    tau = simulate_torque_report(trace.rows[:, at.DRIVE], trace.t, arm.effects)[::every]
     span = estimate_typical_sizes(arm.robot).torque * (plant.noise.torque / WHITE_TORQUE)
     rng = create_random_stream(plant.seed, f"torque/{label}")
     tau = simulate_torque_logging(

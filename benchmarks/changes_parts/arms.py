@@ -22,7 +22,7 @@ from sim.engine.plant_records import (
     SyntheticEffect,
     create_random_stream,
 )
-from sim.plant.joint_background import simulate_torque_logging
+from sim.plant.plant_arm import simulate_torque_logging
 from sim.plant.typical_sizes import compute_usual_motion_range
 
 Array = np.ndarray

@@ -28,8 +28,12 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.experiment import record_plant_log
-from sim.plant.closed_loop import SimulationDivergedError, build_and_simulate
-from sim.plant.servo import build_servo_law, follow_goal
+from sim.plant.closed_loop import (
+    SimulationDivergedError,
+    build_and_simulate,
+    build_servo_law,
+    follow_goal,
+)
 from sim.trajectories import plan_reference_motion
 
 _IRB140 = load_robot("irb140")

@@ -7,11 +7,7 @@ from numba import njit
 
 from residual.recording import Array
 from sim.engine import friction_laws
-from sim.plant.joint_background import (
-    JointBackground,
-    compute_start_warmth,
-    compute_usual_friction_power,
-)
+from sim.plant.plant_arm import JointBackground, compute_start_warmth, compute_usual_friction_power
 
 
 # One file with all it calls: numba keeps a function until its own file changes.

@@ -11,7 +11,7 @@ from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
-from sim.plant.joint_background import simulate_torque_logging
+from sim.plant.plant_arm import simulate_torque_logging
 from sim.plant.typical_sizes import compute_usual_motion_range
 
 DURATION = 20.0  # s

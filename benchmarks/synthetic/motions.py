@@ -11,14 +11,14 @@ from residual.recording import Array
 from sim.engine.plant_records import ReferenceMotion
 from sim.plant.typical_sizes import UsualMotionRange as Space
 from sim.plant.typical_sizes import draw_motion_centre as motion_centre
-from sim.trajectories.motion_curves import (
+from sim.trajectories.planning_limits import (
     RAMP,
     bound_series_peaks,
     evaluate_quintic_move,
     evaluate_ramped_series,
     find_shortest_move_time,
 )
-from sim.trajectories.motion_curves import FourierSeries as Series
+from sim.trajectories.planning_limits import FourierSeries as Series
 
 FAMILIES = ("fourier", "cyclic", "slow_cyclic", "move_stop_move")
 _RAMP_PEAK = 1.875 / RAMP  # largest rate of the path speed [1/s]

@@ -39,7 +39,7 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant.effect_catalogue import ActingEffect, apply_body_effects
-from sim.plant.joint_background import USUAL_SPEED, JointBackground, draw_background
+from sim.plant.plant_arm import USUAL_SPEED, JointBackground, draw_background
 from sim.plant.sensors import simulate_torque_report, sum_encoder_errors
 from sim.plant.typical_sizes import (
     compute_usual_motion_range,

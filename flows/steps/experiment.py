@@ -44,8 +44,8 @@ from residual.robot.robot import Robot
 from sim.effects import load_effects
 from sim.engine.plant_records import NAMES, PlantSpec, ReferenceMotion, TrajectorySpec
 from sim.experiment import compute_log_twin_errors, run_experiment
+from sim.plant.closed_loop import check_servo
 from sim.plant.effect_catalogue import check_effect
-from sim.plant.servo import check_servo
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code

@@ -12,7 +12,7 @@ from flows.inputs.read import read_log_sets
 from flows.settings import resolve_store_folder
 from flows.steps.model_choice import read_model
 from residual.errors import InputError, check_name
-from residual.export.c99 import to_c99
+from residual.export.c99 import to_c99, to_table
 from residual.export.model_export import (
     AnyModel,
     ModelExport,
@@ -22,7 +22,6 @@ from residual.export.model_export import (
     split_exportable_terms,
     to_json,
 )
-from residual.export.support_point_tables import to_table
 from residual.export.urdf_mjcf import to_mjcf, to_mujoco, to_urdf
 from residual.plugins import load_plugins
 from residual.quantity import convert_to_plain_values

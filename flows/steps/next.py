@@ -17,7 +17,6 @@ from flows.storage.diagnosis import parse_verdict, read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content
-from residual.planning.drive_logs import list_separating_logs
 from residual.planning.next_experiment import (
     ExpectedSeparation,
     MotionInformation,
@@ -28,14 +27,15 @@ from residual.planning.next_experiment import (
     expect_separation,
     find_inseparable_pairs,
     find_settling_time,
+    list_separating_logs,
 )
 from residual.robot.robot import Robot
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import Verdict
 from sim.engine.plant_records import TrajectorySpec, create_random_stream
+from sim.trajectories import plan_motion
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace
-from sim.trajectories.reference_planning import plan_motion
 from warehouse.robots import find_used_robot
 from warehouse.store_catalogue import read_record
 

@@ -33,7 +33,9 @@ from residual.calibration.correction_choice import (
     MAIN,
     NONE,
     CorrectionOption,
+    TableColumns,
     choose_joint_options,
+    choose_table_levels,
     fit_all_corrections,
     list_correction_options,
 )
@@ -47,7 +49,6 @@ from residual.calibration.figure_data import (
     sweep_level_counts,
 )
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import TableColumns, choose_table_levels
 from residual.calibration.validation_scores import (
     BLOCK,
     PAPER_FORM,

@@ -22,7 +22,7 @@ from residual.model.model import Model
 from residual.quantity import make_read_only
 from residual.recording import Array, Recording
 from residual.signals.splitting import slice_recording
-from residual.signals.track import FilterSettings, Track, estimate_sample_rate
+from residual.signals.track import FilterSettings, Track, estimate_sample_rate, interpolate_signals
 
 BLOCKS = 4  # of a run
 FEW = 4  # runs under which leaving one out leaves fewer than three
@@ -209,18 +209,13 @@ def build_measured_rows(
     for run, track in zip(runs, tracks, strict=True):
         chosen = select_row_samples(track, thinning_factor)
         moving = np.repeat(track.moving, track.step, axis=0)[: len(track.t)]
-        torque = interpolate_track_torque(run.log, track)
+        torque = interpolate_signals(track.t, run.log.t, run.log.tau)
         residual = torque - model.torque_on(track)
         signals = (track.q, track.qd, track.qdd, residual, torque, moving)
         *states, Y, tau, moves = (signal[chosen][:, columns] for signal in signals)
         parts.append((np.hstack(states), Y, tau, moves, track.t[chosen]))
         rates.append(track.rate / _step(track.rate, MEASURED_HZ) / thinning_factor)
     return _stacked(MEASURED, joints, parts, runs, rates)
-
-
-def interpolate_track_torque(log: Recording, track: Track) -> Array:
-    """Torque as logged, at the times of a track [N m]. Shape (n, dof)."""
-    return np.column_stack([np.interp(track.t, log.t, c) for c in log.tau.T])
 
 
 def select_row_samples(track: Track, thinning_factor: int = 1) -> Array:

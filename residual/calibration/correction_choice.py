@@ -8,23 +8,22 @@ smaller, and of another shape, than what it leaves on others.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
+from scipy.linalg import block_diag, cho_factor, cho_solve, cholesky, solve_triangular
 from scipy.sparse import csr_matrix
 
-from residual.calibration.nominal_pls import PlsModel, fit_pls
-from residual.calibration.table_regression import (
-    RIDGES,
-    TableColumns,
-    TableRegression,
-    sum_table_rows,
-)
+from residual.calibration.nominal_pls import DWELL, PlsModel, VariableLevels, build_levels, fit_pls
 from residual.model.compare import is_error_significant
 from residual.model.lookup import NONE, LevelAxis, Lookup, LookupTable
 from residual.quantity import check_column_names, make_read_only
 from residual.recording import Array
 
+LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; levels that are one in each width
+PAIR_LEVELS, PAIR_WIDTHS = 12, (1, 2)  # of speed and of load
+RIDGES = (20.0, 200.0, 2000.0)  # per ROWS rows
+ROWS = 20_000
 LEAST_SQUARES, PLSR = "least squares", "plsr"
 MAIN, PAIRS = "main effects", "main effects and load"
 # How surely a correction is better than nothing, one-sided. To take nothing has its
@@ -33,6 +32,100 @@ LIKELY = 0.9
 # What a model without the tables must leave more, so that the tables are no ornament: a
 # residual that time drives follows the state by a few thousandths all the same.
 WORTH = 0.02  # of its squared error
+
+
+# Our form is a table for each variable, and one of speed and load for each joint.
+# Friction is a function of one variable: a table of the velocity holds it on any path,
+# while the paper's pair tables would have to see it beside every value of the others. The
+# one pair of variables that has a name is speed and load: friction of a gear grows with
+# the torque that it carries, and that torque is known, since it is the model's. Its table
+# is fitted together with the others: fitted after them it would find that they have
+# already learnt the load as a function of the path.
+#
+# All tables are fitted by one ridge regression on levels of several widths at once:
+#
+#     min |Y - ybar - (Z - zbar) g|^2 + ridge n / 20000 g' K^-1 g
+#
+# with Z a column per level and K the number of widths in which two levels are one. Where
+# rows are few the wide levels speak, where they are many the narrow ones do.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class TableColumns:
+    """The tables that are fitted: levels of the variables, and of speeds and loads.
+
+    Columns of Z are the levels of the variables, then the cells of each joint's table.
+    """
+
+    states: VariableLevels
+    load_levels: VariableLevels  # speed and load of each joint by turns
+    speed_columns: tuple[int, ...]  # column of each joint's speed
+    state_penalty: Array  # penalty on the levels of the variables, (k, k)
+    paired: tuple[Array, ...]  # ... and on the cells of each joint's table
+
+    @property
+    def starts(self) -> Array:
+        """First column of each variable, of each joint's table, and their number."""
+        sizes = self.load_levels.sizes
+        cells = [a * b for a, b in zip(sizes[::2], sizes[1::2], strict=True)]
+        return np.cumsum([0, *self.states.sizes, *cells])
+
+    def encode(self, X: Array, loads: Array) -> csr_matrix:
+        """Return Z of rows: states (n, d), and loads of the joints [N m] (n, j)."""
+        codes = self.load_levels.encode(_by_turns(X[:, self.speed_columns], loads))
+        across = np.array(self.load_levels.sizes[1::2])
+        cells = codes[:, ::2].astype(np.int64) * across + codes[:, 1::2]
+        at = np.hstack([self.states.encode(X), cells]) + self.starts[:-1]
+        ends = np.arange(0, at.size + 1, at.shape[1])
+        shape = (len(X), int(self.starts[-1]))
+        return csr_matrix((np.ones(at.size), at.ravel(), ends), shape=shape)
+
+
+def choose_table_levels(
+    X: Array,
+    loads: Array,
+    speeds: Sequence[int],
+    names: Sequence[str],
+    velocities: Sequence[int] | None = None,
+) -> TableColumns:
+    """Choose levels by rows of states and loads; they say nothing of the responses.
+
+    Args:
+        X: States. Shape (n, d).
+        loads: Torque that each joint carries by the model [N m]. Shape (n, j).
+        speeds: Column of each joint's speed.
+        names: Of the states, then of the loads.
+        velocities: Columns that hold velocities; those of the joints if None.
+
+    Raises:
+        InputError: On a constant column, or a value that is not finite.
+    """
+    both, turns = _by_turns(X[:, speeds], loads), range(0, 2 * len(speeds), 2)
+    moving = speeds if velocities is None else velocities
+    states = build_levels(X, LEVELS, names[: X.shape[1]], velocities=moving)
+    name_pairs = zip((names[i] for i in speeds), names[X.shape[1] :], strict=True)
+    named = [name for pair in name_pairs for name in pair]
+    pairs = build_levels(both, PAIR_LEVELS, named, velocities=turns, allow_constant=True)
+    single = [sum(_shared(e, width) for width in WIDTHS) for e in states.edges]
+    paired = []
+    for a, b in zip(pairs.edges[::2], pairs.edges[1::2], strict=True):
+        paired.append(sum(np.kron(_shared(a, w), _shared(b, w)) for w in PAIR_WIDTHS))
+    penalty = block_diag(*map(np.linalg.inv, single))
+    return TableColumns(states, pairs, tuple(speeds), penalty, tuple(map(np.linalg.inv, paired)))
+
+
+def _by_turns(speeds: Array, loads: Array) -> Array:
+    return np.stack([speeds, loads], axis=2).reshape(len(loads), -1)
+
+
+def _shared(edges: Array, width: int) -> Array:
+    """Whether two levels are one where so many neighbours are. Shape (k, k)."""
+    level, still = np.arange(len(edges) + 1), np.flatnonzero(edges == -DWELL)
+    group = level // width
+    if len(still):  # either direction, and standing still, stay apart
+        level = level - (still[0] + 1)
+        group = np.sign(level) * np.ceil(np.abs(level) / width)
+    return (group[:, None] == group[None, :]).astype(float)
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,11 +203,17 @@ class TrainingRows:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CorrectionFits:
-    """All forms, fitted to the same rows."""
+    """All forms, fitted to the same rows; a ridge is solved for when it is asked for."""
 
     line: tuple[Array, Array]  # least squares: constant (j,), slope (d, j)
     pls: PlsModel
-    effects: TableRegression
+    tables: TableColumns
+    gram: Array  # centred Z'Z, (k, k)
+    share: Array  # share of the rows in each column of Z, (k,)
+    right: Array  # Z'(Y - ybar), (k, j)
+    y_mean: Array  # mean of the responses, (j,)
+    rows: int
+    solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
     def forecasts(self, rows: TrainingRows, options: Sequence[CorrectionOption]) -> Array:
         """Return the corrections of rows if all joints take each of some options.
@@ -136,21 +235,17 @@ class CorrectionFits:
 
         Loads become variables, after all states, only if a joint takes them.
         """
-        states, joints = self.effects.tables.states, len(options)
+        states, loads, joints = self.tables.states, self.tables.load_levels, len(options)
         offset, slope = np.zeros(joints), np.zeros((len(states.names), joints))
-        coefficients = np.zeros(self.effects.right.shape)
+        coefficients = np.zeros(self.right.shape)
         for j, option in enumerate(options):
             own_offset, own_slope = self._line(option)
             offset[j], slope[:, j] = own_offset[j], own_slope[:, j]
             if option.ridge is not None:
                 coefficients[:, j] = self._coefficients(option)[:, j]
-        axes: list[LevelAxis] = []
-        tables: list[LookupTable] = []
-        if coefficients.any():
-            axes, tables = self.effects.build_lookup_tables(coefficients)
+        axes, tables = self._tables(coefficients) if coefficients.any() else ([], [])
         names, low, high = states.names, states.low, states.high
         if any(option.kind == PAIRS for option in options):
-            loads = self.effects.tables.load_levels
             names = (*names, *loads.names[1::2])
             slope = np.vstack([slope, np.zeros((joints, joints))])
             low, high = (np.r_[a, b[1::2]] for a, b in ((low, loads.low), (high, loads.high)))
@@ -164,22 +259,82 @@ class CorrectionFits:
             return self.line
         if option.kind == PLSR:
             return self.pls.linear(option.count)
-        mean = self.effects.y_mean
-        constant = np.zeros_like(mean) if option.kind == NONE else mean
+        constant = np.zeros_like(self.y_mean) if option.kind == NONE else self.y_mean
         return constant, np.zeros_like(self.line[1])
 
     def _coefficients(self, option: CorrectionOption) -> Array:
-        return self.effects.coefficients(option.ridge, option.kind == PAIRS)
+        """Contribution of each column of Z to each response [N m]. Shape (k, j).
+
+        Those of each table have mean zero over the rows.
+        """
+        if option.ridge not in self.solved:
+            self.solved[option.ridge] = self._solve(option.ridge * self.rows / ROWS)
+        return self.solved[option.ridge][int(option.kind == PAIRS)]
+
+    def _solve(self, stiff: float) -> tuple[Array, Array]:
+        """Coefficients without the tables of speed and load, and with them.
+
+        With A = L L' the system of the variables alone and B that part of a joint's
+        cells, the cells solve a Schur complement of their own size.
+        """
+        count, starts = len(self.tables.state_penalty), self.tables.starts
+        A = self.gram[:count, :count] + stiff * self.tables.state_penalty
+        L = cholesky(A, lower=True, check_finite=False)
+
+        def forward(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, check_finite=False)
+
+        def back(b: Array) -> Array:
+            return solve_triangular(L, b, lower=True, trans="T", check_finite=False)
+
+        right, across = forward(self.right[:count]), forward(self.gram[:count, count:])
+        plain, paired = np.zeros((2, *self.right.shape))
+        plain[:count] = back(right)
+        first = len(self.tables.states.sizes)
+        for j, penalty in enumerate(self.tables.paired):
+            cells = slice(*starts[first + j : first + j + 2])
+            B = across[:, cells.start - count : cells.stop - count]
+            schur = self.gram[cells, cells] + stiff * penalty - B.T @ B
+            target = self.right[cells, j] - B.T @ right[:, j]
+            paired[cells, j] = cho_solve(cho_factor(schur), target)
+            paired[:count, j] = right[:, j] - B @ paired[cells, j]
+        paired[:count] = back(paired[:count])
+        return self._centred(plain), self._centred(paired)
+
+    def _centred(self, out: Array) -> Array:
+        for a, b in zip(self.tables.starts, self.tables.starts[1:], strict=False):
+            out[a:b] -= (self.share[a:b] @ out[a:b]) * out[a:b].any(axis=0)
+        return out
+
+    def _tables(self, coefficients: Array) -> tuple[list[LevelAxis], list[LookupTable]]:
+        """Return coefficients as tables, those that are zero left out."""
+        states, loads = self.tables.states, self.tables.load_levels
+        cut = np.split(coefficients, self.tables.starts[1:-1])
+        axes = [LevelAxis(i, edges) for i, edges in enumerate(states.edges)]
+        count = len(axes)
+        out = [LookupTable((i,), make_read_only(t)) for i, t in enumerate(cut[:count]) if t.any()]
+        for j, values in enumerate(cut[count:]):
+            if not values.any():
+                continue
+            sizes = loads.sizes[2 * j : 2 * j + 2]
+            place, values = len(axes), values.reshape(*sizes, -1)
+            out.append(LookupTable((place, place + 1), make_read_only(values.copy())))
+            axes.append(LevelAxis(self.tables.speed_columns[j], loads.edges[2 * j]))
+            axes.append(LevelAxis(count + j, loads.edges[2 * j + 1]))
+        return axes, out
 
 
 def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
-    """Fit all forms to rows as taught; a ridge is solved for when it is asked for."""
+    """Fit all forms to rows as taught."""
     lines = [
         fit_linear(rows.X[moves], rows.Y[moves][:, [j]]) for j, moves in enumerate(rows.counted.T)
     ]
     offset, slope = (np.concatenate(part, axis=-1) for part in zip(*lines, strict=True))
-    effects = sum_table_rows(tables, rows.Z, rows.Y)
-    return CorrectionFits((offset, slope), fit_pls(rows.X, rows.Y), effects)
+    Z, n, y_mean = rows.Z, rows.Z.shape[0], rows.Y.mean(axis=0)
+    share, right = np.asarray(Z.sum(axis=0)).ravel() / n, Z.T @ (rows.Y - y_mean)
+    gram = (Z.T @ Z).toarray() - n * np.outer(share, share)
+    pls = fit_pls(rows.X, rows.Y)
+    return CorrectionFits((offset, slope), pls, tables, gram, share, right, y_mean, n)
 
 
 def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:

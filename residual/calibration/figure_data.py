@@ -12,9 +12,8 @@ from residual.calibration.calibration_rows import (
     CalibrationRun,
     name_state_columns,
 )
-from residual.calibration.correction_choice import LEAST_SQUARES, CorrectionOption
+from residual.calibration.correction_choice import LEAST_SQUARES, CorrectionOption, TableColumns
 from residual.calibration.nominal_pls import NominalPlsForm
-from residual.calibration.table_regression import TableColumns
 from residual.calibration.validation_scores import (
     DEFAULT,
     LS,
@@ -117,17 +116,14 @@ def fit_pca(
     for i in range(surrogate_count):
         pairs = zip(spectra, parts, strict=True)
         new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
-        drawn[i] = np.linalg.eigvalsh(_correlation(np.concatenate(new) + means))[::-1]
+        correlation = np.corrcoef((np.concatenate(new) + means).T).reshape(X.shape[1], -1)
+        drawn[i] = np.linalg.eigvalsh(correlation)[::-1]
     limit = np.quantile(drawn, _QUANTILE, axis=0)
     # Variances of n rows are over n, as in a correlation matrix, and not over n - 1.
     values = pca.explained_variance_ * (len(X) - 1) / len(X)
     shares = (100 * v / X.shape[1] for v in (values, limit))
     ordered = pca.components_.T.copy(), *shares
     return PrincipalComponents(names, *map(make_read_only, ordered))
-
-
-def _correlation(X: Array) -> Array:
-    return np.corrcoef(X.T).reshape(X.shape[1], -1)
 
 
 INPUT, TWIN, WHITE, LEFT = "input", "twin error", "white noise", "residual"

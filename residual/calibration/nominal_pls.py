@@ -1,22 +1,24 @@
-"""Partial least squares regression (PLSR), of states and of nominal levels.
+"""Levels of variables, and partial least squares regression (PLSR) of states and levels.
 
 Kernel PLS: Dayal and MacGregor (1997), algorithm 1 (paper, eq. 14 to 27). The paper's
 modified PLSR (eq. 30) is of levels with interactions: each variable becomes a column
 per level, each two columns of different variables their product: 36 tables for 9
-variables, 17 424 columns at 22 levels. No column is formed: see
-`residual/calibration/kernels.py`. Rows that share all levels count as one.
+variables, 17 424 columns at 22 levels. No column is formed: the number of a level says
+the same in two bytes (section 2.6.1), and compiled loops read and add there
+(`residual/calibration/kernels.py`). Rows that share all levels count as one.
 """
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 from math import prod
 
 import numpy as np
 
-from residual.calibration.table_regression import VariableLevels, build_levels
+from residual.errors import InputError
 from residual.model.lookup import LevelAxis, Lookup, LookupTable
 from residual.quantity import (
+    check_block,
     check_block_pair,
     check_column_names,
     check_count,
@@ -28,6 +30,8 @@ from residual.recording import Array
 
 # Covariance below this share of the first one is rounding: nothing is left to explain.
 EXHAUSTED = 1e-12
+MOST = 4096  # levels of one variable; no encoder of ours resolves more in a log
+DWELL = 1e-3  # rad/s: a joint slower than this stands still
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -114,6 +118,100 @@ def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
+class VariableLevels:
+    """Intervals of each variable, with the range that they were made for."""
+
+    names: tuple[str, ...]
+    # Inner edges of each variable, increasing; a value at an edge belongs above it. One
+    # shape (levels - 1,) per variable.
+    edges: tuple[Array, ...]
+    # Calibrated range, (d,).
+    low: Array
+    high: Array
+
+    @property
+    def sizes(self) -> tuple[int, ...]:
+        """Number of levels of each variable."""
+        return tuple(len(edges) + 1 for edges in self.edges)
+
+    def encode(self, X: Array) -> Array:
+        """Return the level of every value, from 0; the outermost reach to infinity.
+
+        Shape (n, d), uint16.
+        """
+        X = check_rows(X, self.names, "the levels are of")
+        codes = np.empty(X.shape, np.uint16)
+        for i, edges in enumerate(self.edges):
+            codes[:, i] = np.searchsorted(edges, X[:, i], side="right")
+        return make_read_only(codes)
+
+
+Count = int | Sequence[int]  # levels of all variables, or of each
+
+
+def build_levels(
+    X: Array,
+    count: Count,
+    names: Sequence[str] | None = None,
+    *,
+    equally_wide: bool = False,
+    velocities: Collection[int] = (),
+    allow_constant: bool = False,
+) -> VariableLevels:
+    """Levels that hold about equally many calibration rows each, or are equally wide.
+
+    Equal edges, which many equal values make, are merged, so a variable may get fewer
+    levels. Velocities that go both ways get a level of standing still and half of the
+    levels on either side: friction jumps there, and a level that straddles zero cannot
+    tell one side from the other.
+
+    Args:
+        count: Levels of all variables, or of each, at least 2.
+        equally_wide: Whether all levels of a variable are (paper, section 2.6.1).
+        velocities: Columns (from 0) that hold velocities [rad/s].
+        allow_constant: Whether a column may be constant; all of it is then in one
+            level.
+    """
+    X = check_block(X, "X")
+    names = check_column_names(names, X.shape[1], "x")
+    counts = list(count) if isinstance(count, Sequence) else [count] * len(names)
+    if len(counts) != len(names):
+        raise InputError(
+            f"levels are of {len(counts)} variables, the rows of {len(names)}: give "
+            "one number for all, or one for each."
+        )
+    for levels in counts:
+        check_count(levels, 2, MOST, "levels", "One level cannot tell two states apart.")
+    if not allow_constant:
+        check_varying(X, names)
+    low, high = make_read_only(X.min(axis=0)), make_read_only(X.max(axis=0))
+    edges = []
+    for i, (column, k) in enumerate(zip(X.T, counts, strict=True)):
+        if equally_wide:
+            edges.append(low[i] + (high[i] - low[i]) * np.arange(1, k) / k)
+        else:
+            place = _around_zero if i in velocities else _quantiles
+            edges.append(place(column, k))
+    return VariableLevels(names, tuple(map(make_read_only, edges)), low, high)
+
+
+def _quantiles(x: Array, count: int) -> Array:
+    edges = np.unique(np.quantile(x, np.arange(1, count) / count))
+    # An edge at the smallest value would leave the level below it empty.
+    return edges[edges > x.min()] if (edges > x.min()).any() else x.max(keepdims=True)
+
+
+def _around_zero(x: Array, count: int) -> Array:
+    behind, ahead = x[x < -DWELL], x[x > DWELL]
+    if not len(behind) or not len(ahead):
+        return _quantiles(x, count)
+    half = max(count // 2, 1)
+    inner = np.arange(1, half) / half
+    sides = np.quantile(behind, inner), [-DWELL, DWELL], np.quantile(ahead, inner)
+    return np.unique(np.concatenate(sides))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
 class LevelCells:
     """Distinct combinations of levels."""
 
@@ -121,11 +219,6 @@ class LevelCells:
     sizes: Array  # number of levels of each variable, (d,)
     count: Array  # rows in each cell, (c,)
     of_row: Array  # cell of each row, (n,)
-
-    @property
-    def pair_columns(self) -> int:
-        """Columns that all products of two variables' indicators would take."""
-        return int(self.sizes.sum() ** 2 - (self.sizes**2).sum()) // 2
 
     def sums(self, Y: Array) -> Array:
         """Sum of each column over the rows of each cell. Shape (c, j)."""
@@ -279,7 +372,9 @@ def fit_nominal_pls(
     )
     check_count(form.components, 1, bound, "components", remedy)
     n, y_mean = len(Y), Y.mean(axis=0)
-    table = np.zeros((cells.pair_columns, Y.shape[1] + 1))
+    # A row for each column that the products of two variables' indicators would take.
+    columns = int(cells.sizes.sum() ** 2 - (cells.sizes**2).sum()) // 2
+    table = np.zeros((columns, Y.shape[1] + 1))
     weighted = np.column_stack([cells.sums(Y - y_mean), cells.count])
     scatter_pairs(cells.codes, cells.sizes, weighted, table)
     x_mean = table[:, -1] / n

@@ -20,13 +20,13 @@ from residual.calibration.correction_choice import (
     NONE,
     PLSR,
     CorrectionOption,
+    TableColumns,
     TrainingRows,
     add_errors_by_second,
     choose_joint_options,
     fit_all_corrections,
 )
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import TableColumns
 from residual.errors import InputError
 from residual.quantity import check_count, check_varying
 from residual.recording import Array
@@ -196,7 +196,12 @@ def cross_validate_corrections(
             both = zip(predicted, map(by_count, (fit_rows, new)), strict=True)
             predicted = [np.concatenate(pair) for pair in both]
         parts = zip((fit_rows, new), predicted, strict=True)
-        errors.append([_squares(part, of_part) for part, of_part in parts])
+        errors.append(
+            [
+                np.stack([part.squared_errors(p).sum(axis=0) for p in of_part])
+                for part, of_part in parts
+            ]
+        )
         power_fitted.append(fit_rows.squared_errors(fit_rows.Y - fit_rows.tau).sum(axis=0))
         if fold == shown_fold:
             forecasts = predicted[1]
@@ -234,11 +239,6 @@ def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[Tr
         return np.cumsum(steps, axis=0)
 
     return predict
-
-
-def _squares(rows: TrainingRows, predicted: Array) -> Array:
-    """Squared error of every choice. Shape (c, m, j) to (c, j)."""
-    return np.stack([rows.squared_errors(p).sum(axis=0) for p in predicted])
 
 
 @dataclass(frozen=True, eq=False, slots=True)

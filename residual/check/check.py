@@ -5,8 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.commanded import find_commanded_torque
-from residual.check.drive_chain import find_drive_faults
+from residual.check.drive_chain import find_commanded_torque, find_drive_faults
 from residual.check.evidence import (
     ROUGH,
     CheckMotion,
@@ -24,6 +23,8 @@ from residual.check.kinematics import (
     find_time_unit,
     find_uneven_time_steps,
     find_velocity_faults,
+    find_wrong_gravity,
+    find_wrong_units,
 )
 from residual.check.readings import find_misreadings
 from residual.check.result import UNITS, Fault, LogCheck, Repair, list_true_joints
@@ -42,7 +43,6 @@ from residual.recording import Recording
 from residual.robot.limits import drop_placeholder_limits, find_limit_flaws, find_placeholder_limits
 from residual.robot.plausibility import BODY_REMEDY, describe_body_flaws
 from residual.robot.robot import Robot
-from residual.robot.whole_file import find_gravity_flaw, find_unit_flaw
 from residual.signals.splitting import pick_spread_pieces
 
 _VELOCITY = "velocity_mismatch"
@@ -242,12 +242,7 @@ def check_robot(robot: Robot) -> LogCheck:
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:
     """Find masses, lengths, moments and gravity that no arm has."""
-    out = []
-    if unit := find_unit_flaw(robot.model):
-        repairs = (Repair("robot", scale=unit.scale),)
-        out.append(Fault("robot_file", (), True, unit.words, repairs))
-    if gravity := find_gravity_flaw(robot.model):
-        out.append(Fault("robot_file", (), gravity.certain, gravity.words))
+    out = find_wrong_units(robot) + find_wrong_gravity(robot)
     if robot.flaws and not out:
         joints = tuple(sorted({flaw.joint for flaw in robot.flaws}))
         words = f"{'; '.join(describe_body_flaws(robot.flaws))}. {BODY_REMEDY}"

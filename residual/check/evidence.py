@@ -404,15 +404,14 @@ class NominalShares:
         return self.load > least_share * self.load.max()
 
 
-def fit_nominal_shares(sums: ArmSums, order: Array, weightless: bool = False) -> NominalShares:
+def fit_nominal_shares(sums: ArmSums, order: Array) -> NominalShares:
     """Fit tau = share * nominal + friction + offset + rotor, joint by joint.
 
     A rough file, a load or a gear's losses leave the shares near one on the joints that
     carry the arm; torque in another unit, or without a part, does not.
     """
-    plain = np.array(_PLAIN + ([_WEIGHT] if weightless else []))
-    joints, size = np.arange(sums.dof), len(plain) + 1
-    use = _LOCAL * joints[:, None] + plain
+    joints, size = np.arange(sums.dof), len(_PLAIN) + 1
+    use = _LOCAL * joints[:, None] + _PLAIN
     gram = np.zeros((sums.dof, size, size))
     gram[:, 1:, 1:] = sums.gram[joints[:, None, None], use[:, :, None], use[:, None]]
     gram[:, 0, 1:] = gram[:, 1:, 0] = sums.model[joints[:, None], use]

@@ -1,4 +1,4 @@
-"""Whether time, angles and velocities go together, and are within an arm's limits.
+"""Whether time, angles and velocities go together and within limits, and a file's units.
 
 Over windows of a fifth of a second the angle must change by the integral of the
 velocity: no derivative of a noisy signal is taken.
@@ -13,11 +13,13 @@ from residual.check.sample_faults import compute_running_median
 from residual.check.thresholds import CHECK
 from residual.errors import join_with_commas
 from residual.quantity import convert_to_sliding_unit
-from residual.recording import Array, Recording, compute_speed_quantile
+from residual.recording import Array, Recording, compute_speed_quantile, compute_usual_speeds
+from residual.robot.dynamics import compute_last_joint_distance
 from residual.robot.robot import Robot
 
 _VELOCITY = "velocity_mismatch"
 _SHARE, _USUAL = 0.99, 0.95  # of the samples, so that single ones do not count
+_EARTH = (9.6, 10.0)  # m/s^2
 _WINDOW = 0.2  # s over which angles and velocities are compared
 _TIME_UNITS = {
     1e-3: "milliseconds",
@@ -214,10 +216,11 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
     speeds = [
         np.diff(r.q, axis=0) / np.diff(r.t)[:, None] if r.qd is None else r.qd for r in recordings
     ]
+    usual_speed = compute_usual_speeds(recordings, share)
     torques = [r.tau for r in recordings]
     tau = np.max([np.quantile(np.abs(x), share, axis=0) for x in torques], axis=0)
     for does, signals, usual, limit, unit in (
-        ("joint {} moves at", speeds, _speeds(recordings), robot.velocity_limit, "rad/s"),
+        ("joint {} moves at", speeds, usual_speed, robot.velocity_limit, "rad/s"),
         ("tau{} reaches", torques, tau, robot.torque_limit, "N m"),
     ):
         # What outlives a running median. Of what is large all along the unit is wrong,
@@ -237,7 +240,7 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
 
 def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find single joints whose angles can be degrees but no radians."""
-    speed = _speeds(recordings) / robot.velocity_limit
+    speed = compute_usual_speeds(recordings, _SHARE) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
     far = (speed > CHECK.certain_ratio) | (reach > CHECK.certain_ratio * limit)
@@ -260,11 +263,35 @@ def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> lis
     return [Fault("angle_unit", joints, True, words, (repair,))]
 
 
-def _speeds(recordings: Sequence[Recording]) -> Array:
-    """Usual largest speed of each joint in any log [rad/s]. Shape (dof,)."""
-    speeds = []
-    for r in recordings:
-        stride = round(0.1 / float(np.median(np.diff(r.t))))
-        stride = max(1, min(stride, len(r.t) // 4))
-        speeds.append(compute_speed_quantile(r, stride, _SHARE))
-    return np.max(speeds, axis=0)
+def find_wrong_units(robot: Robot) -> list[Fault]:
+    """Find masses or lengths of a whole robot file that are in another unit."""
+    bodies = list(robot.model.inertias)[1:]
+    mass, last = sum(b.mass for b in bodies), bodies[-1]
+    reach = compute_last_joint_distance(robot.model) + np.linalg.norm(last.lever)
+    if not reach:  # a wheel: its radius
+        reach = np.sqrt(np.trace(last.inertia) / max(last.mass, 1e-9))
+    density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
+    # A weight at the end of a lever is as dense as a ball of steel about the joint.
+    densest = 1e3 if len(bodies) > 2 else 3e4
+    for there, sizes, unit, scale in (
+        (reach > 50.0, "lengths", "millimetres", 1e-3),
+        (density > densest and reach > 0.05, "masses", "grams", 1e-3),
+        (reach < 0.01 and mass > 1, "lengths", "kilometres", 1e3),
+        (density < 1e-2, "masses", "tonnes", 1e3),
+    ):
+        if there:
+            words = (
+                f"The arm weighs {mass:.4g} kg and reaches {reach:.4g} m: its {sizes} "
+                f"look like {unit}."
+            )
+            return [Fault("robot_file", (), True, words, (Repair("robot", scale=scale),))]
+    return []
+
+
+def find_wrong_gravity(robot: Robot) -> list[Fault]:
+    """Find gravity of another size than the earth's in a robot file."""
+    size = float(np.linalg.norm(robot.model.gravity.linear))
+    if not size or _EARTH[0] < size < _EARTH[1]:
+        return []
+    words = f"Gravity is {size:.4g} m/s^2 in the robot file, expected 9.81."
+    return [Fault("robot_file", (), size > 3 * _EARTH[1], words)]

@@ -35,7 +35,7 @@ from residual.check.evidence import (
     measure_strain,
     sum_arm,
 )
-from residual.check.result import MOUNTING, REMOVED, Fault, list_true_joints
+from residual.check.result import MOUNTING, REMOVED, Fault, list_true_joints, name_fault
 from residual.check.slips import (
     SIGNS,
     Slip,
@@ -55,7 +55,6 @@ from residual.check.slips import (
     swap_channels,
 )
 from residual.check.thresholds import CHECK
-from residual.errors import format_joint_numbers
 from residual.recording import Array
 from residual.robot.robot import Robot
 
@@ -167,7 +166,7 @@ class Reading:
     @property
     def name(self) -> str:
         """Its slips in words."""
-        return _name(self.slips)
+        return " and ".join(name_fault(slip.kind, slip.joints) for slip in self.slips)
 
 
 @dataclass(frozen=True, eq=False)
@@ -536,14 +535,6 @@ def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
             if fit.nats > reached and is_possible(without.sums, fit):
                 out.append(name)
     return out
-
-
-def _name(slips: Sequence[Slip]) -> str:
-    words = []
-    for slip in slips:
-        where = f", {format_joint_numbers(slip.joints)}" if slip.joints else ""
-        words.append(slip.kind.replace("_", " ") + where)
-    return " and ".join(words)
 
 
 def _count_strain(strain: Array) -> float:

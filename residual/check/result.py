@@ -64,8 +64,7 @@ class Fault:
     @property
     def where(self) -> str:
         """Kind and joints: 'torque sign, joint 2'."""
-        joints = f", {format_joint_numbers(self.joints)}" if self.joints else ""
-        return self.kind.replace("_", " ") + joints
+        return name_fault(self.kind, self.joints)
 
     @property
     def sentence(self) -> str:
@@ -74,6 +73,11 @@ class Fault:
         fix = f" Fix: {' or: '.join(self.repair)}" if self.repair else ""
         text = f"fault of the logs ({self.where}, {sure}): {self.evidence}{fix}"
         return " ".join(text.split())
+
+
+def name_fault(kind: str, joints: tuple[int, ...]) -> str:
+    """Return a kind of fault and its joints in words."""
+    return kind.replace("_", " ") + (f", {format_joint_numbers(joints)}" if joints else "")
 
 
 def list_true_joints(mask: np.ndarray) -> tuple[int, ...]:
@@ -130,20 +134,14 @@ def read_log_check(document: Mapping) -> LogCheck:
         raise InputError(
             f"A check of schema {quote_value(document.get('schema'))}, expected {SCHEMA}."
         )
+    faults = []
     try:
-        return LogCheck(tuple(map(_read_fault, document["faults"])))
+        for each in document["faults"]:
+            line = each["repair"]  # in checks of before one line, or null
+            own = each["kind"], tuple(each["joints"]), each["certain"], each["evidence"]
+            repair = tuple([line] if isinstance(line, str) else line or ())
+            rivals, settle = tuple(each.get("rivals", ())), each.get("settle", "")
+            faults.append(Fault(*own, repair=repair, rivals=rivals, settle=settle))
     except (KeyError, TypeError) as error:
         raise InputError(f"This is no whole check: {error!r}.") from error
-
-
-def _read_fault(document: Mapping) -> Fault:
-    line = document["repair"]  # in checks of before one line, or null
-    return Fault(
-        document["kind"],
-        tuple(document["joints"]),
-        document["certain"],
-        document["evidence"],
-        repair=tuple([line] if isinstance(line, str) else line or ()),
-        rivals=tuple(document.get("rivals", ())),
-        settle=document.get("settle", ""),
-    )
+    return LogCheck(tuple(faults))

@@ -14,6 +14,7 @@ from residual.evidence.fit import FitEquations, PossibleModel, solve_minimum_nor
 from residual.evidence.priors import SCALES, build_relative_prior
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums, HeldOutLog, compute_error_rise, find_worse_joints
+from residual.model.dynamics import compute_position_errors
 from residual.model.model import Model
 from residual.model.nominal import (
     DEFAULT_DECLARED,
@@ -21,7 +22,6 @@ from residual.model.nominal import (
     build_free_nominal,
     choose_standstill_behaviour,
 )
-from residual.model.rollout import compute_position_errors
 from residual.recording import Array, Recording
 from residual.verdict.diagnosis import tabulate_errors
 from residual.verdict.result import PLAIN, STAGES, ErrorTables

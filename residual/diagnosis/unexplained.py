@@ -14,8 +14,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_array
 
-from residual.calibration.correction_choice import TrainingRows, fit_chosen_tables
-from residual.calibration.table_regression import choose_table_levels
+from residual.calibration.correction_choice import (
+    TrainingRows,
+    choose_table_levels,
+    fit_chosen_tables,
+)
 from residual.diagnosis.adequacy import Adequacy, find_motion_period
 from residual.diagnosis.outcome import Outcome
 from residual.errors import format_joint_numbers

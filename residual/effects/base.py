@@ -207,6 +207,22 @@ class MotionSpan:
 Columns = Callable[[State, Joints, Shape], Array]
 
 
+def plot_over_signal(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
+    """Draw over a signal of the joint, whose number goes into the label."""
+
+    def variable(state: State, j: int) -> tuple[Array, str]:
+        text = convert_to_sliding_unit(label) if state.robot.prismatic[j] else label
+        return getattr(state, signal)[:, j], text.format(j + 1)
+
+    return variable
+
+
+against_speed = plot_over_signal("qd", "qd{} [rad/s]")
+against_position = plot_over_signal("q", "q{} [rad]")
+against_load = plot_over_signal("rigid", "rigid-body torque {} [N m]")
+against_torque = plot_over_signal("tau_model", "model torque {} [N m]")
+
+
 @dataclass(frozen=True, slots=True)
 class ShapeRefinement:
     """How the first number of a shape is searched between the grid points.
@@ -319,9 +335,7 @@ class Effect:
     columns: Columns
     noun: str = ""
     equation: str = ""
-    variable: Callable[[State, int], tuple[Array, str]] | None = lambda state, j: plot_over_signal(
-        "qd", "qd{} [rad/s]"
-    )(state, j)
+    variable: Callable[[State, int], tuple[Array, str]] | None = against_speed
     portable: ExportedLaw = NOWHERE
     traits: EffectTrait = EffectTrait.NONE
     scope: Scope = "local"
@@ -460,21 +474,6 @@ def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
         return {"amplitude": (float(np.hypot(s, c)), unit), "largest at": (angle, "°")}
 
     return display
-
-
-def plot_over_signal(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
-    """Draw over a signal of the joint, whose number goes into the label."""
-
-    def variable(state: State, j: int) -> tuple[Array, str]:
-        text = convert_to_sliding_unit(label) if state.robot.prismatic[j] else label
-        return getattr(state, signal)[:, j], text.format(j + 1)
-
-    return variable
-
-
-against_position = plot_over_signal("q", "q{} [rad]")
-against_load = plot_over_signal("rigid", "rigid-body torque {} [N m]")
-against_torque = plot_over_signal("tau_model", "model torque {} [N m]")
 
 
 def append_shape(values: Array, robot: Robot) -> tuple[Array, Shape]:

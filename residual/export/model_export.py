@@ -43,12 +43,10 @@ class NoiselessMotion:
         return self.q, self.qd, self.qdd
 
 
-def build_reference_motion(
-    robot: Robot, seconds: float = SECONDS, rate: float = RATE
-) -> NoiselessMotion:
+def build_reference_motion(robot: Robot, seconds: float = SECONDS) -> NoiselessMotion:
     """Return three sines per joint, within its range and near its speed limit."""
     lower, upper, speed = fill_joint_limits(robot)
-    t = np.arange(round(seconds * rate)) / rate
+    t = np.arange(round(seconds * RATE)) / RATE
     q, qd, qdd = np.zeros((3, len(t), robot.dof))
     for j in range(robot.dof):
         # No two joints ever repeat the same pose together.

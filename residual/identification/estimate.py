@@ -1,4 +1,4 @@
-"""One fit of the rows, by the method asked for, with its covariance.
+"""The rows of a fit, what their motion can tell, and one fit by the chosen method.
 
 - ols: every row of every joint weighs the same;
 - wls: a joint weighs by its noise, w_j = 1 / (s_j^2 t_j), with s_j the standard
@@ -18,14 +18,271 @@ min  sum_j w_j |x_j theta - y_j|^2 + (theta - theta_0)' L (theta - theta_0)
 """
 
 from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
+from residual.effects.base import State
 from residual.errors import InputError, check_name
 from residual.evidence.design import LAGS
 from residual.evidence.fit import estimate_autocorrelation_time
-from residual.identification.observability import JointRows
+from residual.evidence.priors import compute_inertial_precision
+from residual.model.model import Model, compute_torque_columns
 from residual.recording import Array
+from residual.robot import dynamics
+from residual.robot.dynamics import (
+    BaseParameters,
+    StandardParameter,
+    compute_base_parameters,
+    draw_random_states,
+    extend_independent_columns,
+    list_inertial_parameters,
+    reduce_to_base_parameters,
+)
+from residual.signals.track import Track
+
+# What a model can be fitted by, and what of it a motion can tell.
+#
+# Base parameters of its body and its effects together: some effects move the same torque
+# as inertia does (the rotor of joint 1 turns about the same axis as link 1). They are
+# taken into the base parameter, so that what is fitted is independent; the mapping says
+# what was taken.
+#
+# The standard deviation that a parameter would have is sqrt((A^-1)_ii), with A the
+# information of the rows under the noise of each joint. A parameter cannot be told if
+# that exceeds all by which it could be off anyway: its whole nominal value and more than
+# a usual load would add.
+
+
+_AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
+_LOAD, _REACH = 0.08, 0.2  # a usual load: of the arm's mass, m off its link
+_STATES = 120  # of a motion that is tried
+_LIMIT = 1.0
+_FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 where a robot has no limits
+_LARGEST = 1e9
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class JointRows:
+    """The rows of each joint that count, filtered: y_j = x_j theta + noise."""
+
+    x: tuple[Array, ...]  # columns of the base parameters, per joint, (m_j, b)
+    y: tuple[Array, ...]  # filtered torque, per joint [N m], (m_j,)
+    series: tuple[Array, ...]  # which log, and which of its rows, each row is, (m_j, 2)
+
+    @property
+    def counts(self) -> Array:
+        """Rows of each joint. Shape (dof,)."""
+        return np.array([len(y) for y in self.y])
+
+    @property
+    def rms(self) -> Array:
+        """Torque rms of each joint, 0 where it has no rows [N m]. Shape (dof,)."""
+        return np.array([np.sqrt(np.mean(y**2)) if len(y) else 0.0 for y in self.y])
+
+
+def compute_model_base_parameters(model: Model) -> BaseParameters:
+    """Return the base parameters of a model, effects included."""
+    states = draw_random_states(model.robot.model)
+    columns = compute_torque_columns(model, build_sampled_states(model, *states))
+    rows = columns.reshape(-1, columns.shape[2])
+    rigid = compute_base_parameters(model.robot.model).columns
+    effects = range(len(model.inertial), rows.shape[1])
+    names = (*list_inertial_parameters(model.robot.dof), *name_effect_coefficients(model))
+    return reduce_to_base_parameters(rows, extend_independent_columns(rows, rigid, effects), names)
+
+
+def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
+    """Return what the coefficients of the effects stand for."""
+    out = []
+    for term in model.terms:
+        joints = [j + 1 for j in term.joints]
+        place = " and ".join(map(str, joints))
+        if joints:
+            place = f" of joint{'s' if len(joints) > 1 else ''} {place}"
+        words = term.effect.name.replace("_", " ")
+        # The effect's own keys where coefficients and parameters are the same thing.
+        count = len(term.theta)
+        probe = 1.5 + np.arange(count)
+        values = term.effect.values(probe, term.shape, model.robot)[:count]
+        keys = [(f"coefficient {i + 1}", "") for i in range(count)]
+        if np.array_equal(values, probe):
+            keys = list(term.effect.units(term.joints, model.robot).items())[:count]
+        for key, unit in keys:
+            name = words if words.endswith(key) else f"{words} {key}"
+            out.append(StandardParameter(f"{name}{place}", unit, joints[0] if joints else 1))
+    return tuple(out)
+
+
+def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State:
+    """Return single states as the effects see them, a second apart. Shapes (n, dof)."""
+    regressor = dynamics.compute_robot_regressor(model.robot, q, qd, qdd)
+    rigid = regressor @ model.inertial
+    t = np.arange(len(q), dtype=float)
+    # A drive that is off in a part tells its damping from the joint's.
+    on = np.broadcast_to((np.arange(len(q)) % 2)[:, None], q.shape)
+    own = model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid
+    return State(*own, enabled=on)
+
+
+def build_joint_rows(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> JointRows:
+    """Filter torque and base columns alike, and keep the rows that count.
+
+    Rows of joint j are samples at which joint j moves (``signals``).
+    """
+    dof = model.robot.dof
+    joint_rows: list[list[tuple]] = [[] for _ in range(dof)]
+    for number, track in enumerate(tracks):
+        columns = compute_torque_columns(model, model.observe(track))
+        for j in range(dof):
+            use = np.flatnonzero(track.moving[:, j] & (np.ptp(track.tau[:, j]) > 0))
+            active = columns[:, j, base.columns]
+            some = np.flatnonzero(np.any(active, axis=0))
+            x = np.zeros((len(use), len(base)))
+            x[:, some] = track.filter(active[:, some])[use]
+            series = np.column_stack([np.full(len(use), number), use])
+            joint_rows[j].append((x, track.tau[use, j], series))
+    parts = ([np.concatenate(p) for p in zip(*active, strict=True)] for active in joint_rows)
+    return JointRows(*map(tuple, zip(*parts, strict=True)))
+
+
+def compute_nominal_covariance(model: Model, torque_rms: Array, columns: Array) -> Array:
+    """Return how much each nominal coefficient is doubted, at a relative scale of 1.
+
+    A covariance (s, s): inertia as in ``prior``; the coefficient of an effect by its
+    own size, or, where that is 0, by what would make 30 % of the torque, given the
+    torque rms of each joint [N m] and all columns on some states (n, dof, s).
+    """
+    size = len(model.inertial)
+    coefficients = model.coefficients()
+    out = np.zeros((len(coefficients), len(coefficients)))
+    out[:size, :size] = np.linalg.inv(compute_inertial_precision(model.robot))
+    share = np.sqrt(np.mean(columns[:, :, size:] ** 2, axis=0))
+    per_joint = _AMPLITUDE * np.maximum(torque_rms, 1e-3 * torque_rms.max())[:, None]
+    with np.errstate(divide="ignore"):
+        typical = (per_joint / share).min(axis=0)
+    typical = np.where(np.isfinite(typical), typical, 1.0)
+    sd = np.maximum(np.abs(coefficients[size:]), typical)
+    out[range(size, len(out)), range(size, len(out))] = sd**2
+    return out
+
+
+def compute_load_parameters(model: Model) -> Array:
+    """Return what a usual load adds to each coefficient, 0 for effects. Shape (s,).
+
+    However small a link's nominal inertia is, it may carry a tool.
+    """
+    out = np.zeros(len(model.coefficients()))
+    mass = _LOAD * sum(body.mass for body in model.robot.model.inertias)
+    per_link = mass * np.array([1.0] + 3 * [_REACH] + 6 * [_REACH**2])
+    out[: len(model.inertial)] = np.tile(per_link, model.robot.dof)
+    return out
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class UnobservedParameter:
+    """A parameter that the motion does not show."""
+
+    index: int  # which base parameter
+    sd: float  # standard deviation that it would have [SI]
+    remedy: str  # which motion would show it, in words
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Observability:
+    """What a motion can tell."""
+
+    free: Array  # parameters that the motion shows, (k,)
+    # Parameters that are better left at their nominal value.
+    fixed: tuple[UnobservedParameter, ...]
+    standing: tuple[int, ...]  # joints that never move, from 1
+
+    def lines(self, base: BaseParameters) -> list[str]:
+        """Say it in words, a line each."""
+        out = []
+        if self.standing:
+            joints = ", ".join(map(str, self.standing))
+            out.append(f"joint {joints} never moves: nothing acts on it that can be told")
+        for parameter in self.fixed:
+            lead = base.leading[parameter.index]
+            out.append(
+                f"{lead.name} cannot be told from this motion (at best to "
+                f"{parameter.sd:.3g} {lead.unit}) and stays nominal; {parameter.remedy}"
+            )
+        return out
+
+
+def find_unobserved_parameters(
+    model: Model,
+    base: BaseParameters,
+    information: Array,
+    parameter_scale: Array,
+    joint_weights_and_counts: Array,
+) -> Observability:
+    """Say which parameters a motion cannot tell, and which motion would.
+
+    Args:
+        information: A: weighted x'x of the rows, in SI units. Shape (b, b).
+        joint_weights_and_counts: Weight w_j of one row of each joint, and how many
+            there are. (2, dof).
+    """
+    size, (weights, counts) = parameter_scale, joint_weights_and_counts
+    scaled = information * np.outer(size, size)
+    free, held = list(range(len(size))), {}
+    while free:
+        doubts = _doubt(scaled[np.ix_(free, free)])
+        worst = int(np.argmax(doubts))
+        if doubts[worst] <= _LIMIT:
+            break
+        held[free.pop(worst)] = float(doubts[worst])
+    # The least motion, beside what there is, that shows each held parameter. As many rows
+    # as the logs have, so that it is the motion that counts, not time.
+    per_row = weights * max(counts.max(), 1.0) / _STATES
+    remedies: dict[int, str] = {}
+    for words, states in _motions(model):
+        if len(remedies) == len(held):
+            break
+        columns = compute_torque_columns(model, build_sampled_states(model, *states))
+        columns = columns[:, :, base.columns] * size * np.sqrt(per_row)[None, :, None]
+        flat = columns.reshape(-1, len(size))
+        richer = scaled + flat.T @ flat
+        for i in held.keys() - remedies.keys():
+            ids = [*free, i]
+            if _doubt(richer[np.ix_(ids, ids)])[-1] <= _LIMIT:
+                remedies[i] = f"it needs {words}"
+    nothing = "no motion within the limits of the arm would show it at this noise"
+    unseen = (
+        UnobservedParameter(i, doubt * size[i], remedies.get(i, nothing))
+        for i, doubt in sorted(held.items())
+    )
+    standing = tuple(int(j) + 1 for j in np.flatnonzero(counts == 0))
+    return Observability(np.array(free, dtype=int), tuple(unseen), standing)
+
+
+def _doubt(scaled: Array) -> Array:
+    """Expected sd of each parameter in units of its size, at most 1e9."""
+    values, vectors = np.linalg.eigh(scaled)
+    values = np.maximum(values, _LARGEST**-2)
+    return np.sqrt((vectors**2 / values).sum(axis=1))
+
+
+def _motions(model: Model):
+    """Motions to try, the simplest first: words, and q, qd, qdd of random states."""
+    robot, rng = model.robot, np.random.default_rng(0)
+    low, high = robot.ends
+    speed = np.where(np.isfinite(robot.velocity_limit), robot.velocity_limit, 2 * _FAST)
+    hard = robot.acceleration_limit
+    hard = np.full(robot.dof, 2 * _HARD) if hard is None else hard
+    draw = rng.uniform(-0.5, 0.5, (3, _STATES, robot.dof))
+    middle, joints = (low + high) / 2, range(robot.dof)
+    q, qd, qdd = middle + 0.8 * (high - low) * draw[0], speed * draw[1], hard * draw[2]
+    for some in [*((j,) for j in joints), *combinations(joints, 2), tuple(joints)]:
+        keep = np.isin(joints, some)
+        named = " and ".join(str(j + 1) for j in some)
+        words = f"joint{'s' if len(some) > 1 else ''} {named}"
+        words = "all joints at once" if len(some) == robot.dof else words
+        yield f"motion of {words}", (np.where(keep, q, middle), qd * keep, qdd * keep)
+
 
 METHODS = ("ols", "wls", "irls")
 _CUT = 1e-10  # singular values below this share tell nothing: nominal stays
@@ -148,15 +405,6 @@ def compute_weighted_gram(blocks: Blocks, joint_weights: Array) -> Array:
     return sum(w * r[:, :-1].T @ r[:, :-1] for w, r in pairs)
 
 
-def compute_condition_number(blocks: Blocks, joint_weights: Array, free_indices: Array) -> float:
-    """Return the condition number of the weighted, column-normalised rows."""
-    rows = stack_weighted_blocks(blocks, joint_weights)[:, free_indices]
-    size = np.linalg.norm(rows, axis=0)
-    if len(free_indices) == 0 or size.min() == 0:
-        return float("inf")
-    return float(np.linalg.cond(rows / size))
-
-
 def compute_joint_residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
     """Return y_j - x_j theta [N m]. Shapes (m_j,)."""
     return tuple(y - x @ theta for x, y in zip(rows.x, rows.y, strict=True))
@@ -215,13 +463,16 @@ def estimate_parameters(
     inverse = np.linalg.pinv(outer, rcond=1e-14, hermitian=True)
     covariance = np.zeros((len(start.size), len(start.size)))
     covariance[pick] = inverse @ inner @ inverse * unit
+    active = stack_weighted_blocks(blocks, weight)[:, start.free]
+    norm = np.linalg.norm(active, axis=0)
+    shown = len(norm) > 0 and norm.min() > 0
     return Estimate(
         theta=theta,
         covariance=covariance,
         noise=noise,
         independent_rows=rows.counts / memory,
         weight=weight,
-        condition=compute_condition_number(blocks, weight, start.free),
+        condition=float(np.linalg.cond(active / norm)) if shown else float("inf"),
         outliers=outliers,
         counts=rows.counts,
         row_weights=weights,

@@ -14,23 +14,21 @@ from residual.errors import InputError
 from residual.identification.estimate import (
     Estimate,
     FitStart,
-    Options,
-    compress_joint_rows,
-    compute_joint_weights,
-    compute_weighted_gram,
-    estimate_parameters,
-    solve_least_squares,
-    stack_weighted_blocks,
-    sum_squared_residuals,
-)
-from residual.identification.observability import (
     Observability,
+    Options,
     build_joint_rows,
     build_sampled_states,
+    compress_joint_rows,
+    compute_joint_weights,
     compute_load_parameters,
     compute_model_base_parameters,
     compute_nominal_covariance,
+    compute_weighted_gram,
+    estimate_parameters,
     find_unobserved_parameters,
+    solve_least_squares,
+    stack_weighted_blocks,
+    sum_squared_residuals,
 )
 from residual.model.bodies import build_body_sums, compute_link_eigenvalues, find_nearest_possible
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out

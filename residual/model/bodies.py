@@ -52,13 +52,10 @@ class BodySums:
         """Pseudo-inertias in units of their scale. Shape (bodies, 4, 4)."""
         return build_pseudo_inertias(self.sums @ coefficients) / _squares(self.scale)
 
-    def compute_least_eigenvalues(self, coefficients: Array) -> Array:
-        """Least eigenvalue of each in units of its scale. Shape (bodies,)."""
-        return np.linalg.eigvalsh(self.compute_pseudo_inertias(coefficients))[:, 0]
-
     def list_impossible(self, coefficients: Array) -> tuple[str, ...]:
         """The bodies that cannot exist with these coefficients."""
-        bad = self.compute_least_eigenvalues(coefficients) < 0.5 * LEAST
+        least = np.linalg.eigvalsh(self.compute_pseudo_inertias(coefficients))[:, 0]
+        bad = least < 0.5 * LEAST
         return tuple(n for n, b in zip(self.names, bad, strict=True) if b)
 
 

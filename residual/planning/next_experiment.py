@@ -16,7 +16,7 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 from residual.effects.base import PlacedEffect, State
 from residual.model.model import Model
 from residual.quantity import format_number, format_probability
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.track import dilate_mask
 from residual.verdict.result import UNTOLD, Alternative, Place
@@ -294,10 +294,14 @@ class MotionInformation:
 
         The more samples, the better effects with a memory are seen.
         """
-        signals = question.signals
+        signals, qd = question.signals, motion[1]
         t = signals.start + np.arange(len(motion[0])) / rate
         columns = all_torque_columns(question, question.seen_with.state(rate, t, motion))
-        weight = np.sqrt(signals.information * ~find_standstill_samples(question, motion[1], rate))
+        # Where a joint stands or turns round, and next to that, rows do not count.
+        still = np.abs(qd) < signals.speed_floor
+        still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
+        still = dilate_mask(still, int(np.ceil(signals.margin * rate)))
+        weight = np.sqrt(signals.information * ~still)
         rows = np.sqrt(signals.rate / rate) * (weight[:, :, None] * columns)
         return cls(rows, rate, opening, signals.edge)
 
@@ -326,13 +330,6 @@ def all_torque_columns(question: OpenQuestion, state: State) -> Array:
         part[:, list(effect.rows(joints, dof))] = own
         parts.append(part)
     return np.concatenate(parts, axis=2)
-
-
-def find_standstill_samples(question: OpenQuestion, qd: Array, rate: float) -> Array:
-    """Return where a joint stands or turns round, and next to that. (n, dof)."""
-    still = np.abs(qd) < question.signals.speed_floor
-    still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
-    return dilate_mask(still, int(np.ceil(question.signals.margin * rate)))
 
 
 def describe_plan(
@@ -510,3 +507,37 @@ def draw_fourier_motion(
     size = np.min([(upper - lower) / 2 / half, speed / tops[0], top / tops[1]], axis=0)
     centre = (upper + lower) / 2 - size * (q.max(axis=0) + q.min(axis=0)) / 2
     return centre + size * q, size * qd, size * qdd
+
+
+# Which logs separate what goals and positions alone leave open, of any motion.
+#
+# The torque of a drive is gain times what is left of the way. So all torques hold up to
+# one factor per joint, which only a known mass fixes; at one gain a wrong motor constant
+# and friction are alike; and damping by the drive is friction until the drive is off.
+
+
+def list_separating_logs(robot: Robot, logs: Sequence[Recording]) -> tuple[str, ...]:
+    """Return what to log in addition, a sentence each; none where torque is measured.
+
+    Args:
+        logs: Those that were fitted.
+    """
+    driven = [log for log in logs if log.drive is not None]
+    if not driven:
+        return ()
+    out = []
+    if not any(log.enabled is not None and not log.enabled.all() for log in driven):
+        out.append(
+            "No log has the drive off: switch it off once while the arm moves, and log "
+            "that, to separate damping by the drive from friction."
+        )
+    if "payload.mass" not in robot.known_values:
+        out.append(
+            "No mass is known: log once with a weighed load and give it with --known "
+            "payload.mass=..., to fix the factor of all torques."
+        )
+    out.append(
+        "Log the same motion at another gain, with a map of its own, to separate "
+        "gain and motor constant from viscous friction."
+    )
+    return tuple(out)

@@ -185,15 +185,10 @@ def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
     check_keys(chain, ("joints",), f"[chain] of {where}")
     joints = chain.get("joints", [])
     if not isinstance(joints, list) or not all(isinstance(j, str) for j in joints):
-        raise RobotError(
-            f"{where}: joints of [chain] is {quote_value(joints)}, expected a list of names."
-        )
+        raise _wrong_value(where, "joints of [chain]", joints, "a list of names")
     for joint, value in locked.items():
         if not _is_number(value):
-            raise RobotError(
-                f"{where}: {joint} in [locked] is {quote_value(value)}, expected a "
-                "position in rad or m."
-            )
+            raise _wrong_value(where, f"{joint} in [locked]", value, "a position in rad or m")
     return ArmChoice(tuple(joints), None, (), dict(locked))
 
 
@@ -221,10 +216,8 @@ def parse_robot_settings(
             check_keys(table, _TABLES[name], f"[{name}] of {where}")
     about = content.get("robot", {})
     if not isinstance(about.get("gravcomp", True), bool):
-        raise RobotError(
-            f"{where}: gravcomp is {quote_value(about['gravcomp'])}, expected true or "
-            "false: whether what the MJCF states of it holds for the logs."
-        )
+        expected = "true or false: whether what the MJCF states of it holds for the logs"
+        raise _wrong_value(where, "gravcomp", about["gravcomp"], expected)
     return {
         **_joints(content.get("joints", {}), dof, where),
         "declared": _all_declared(content.get("declared", {}), dof, where, effects),
@@ -288,21 +281,21 @@ def _scale(table: dict, where: str) -> float | None:
     if scale == "estimate":
         return None
     if not (_is_number(scale) and scale > 0):
-        raise RobotError(
-            f"{where}: prior scale is {quote_value(scale)}, expected 'estimate' or a "
-            "positive number such as 0.03."
-        )
+        expected = "'estimate' or a positive number such as 0.03"
+        raise _wrong_value(where, "prior scale", scale, expected)
     return float(scale)
 
 
 def _known_values(table: dict, where: str) -> Mapping[str, float]:
     for word, value in table.items():
         if not _is_number(value):
-            raise RobotError(
-                f"{where}: {word} is {quote_value(value)}, expected a number, as in "
-                f'"payload.mass" = 2.8 (a name with dots stands in quotes).'
-            )
+            expected = 'a number, as in "payload.mass" = 2.8 (a name with dots stands in quotes)'
+            raise _wrong_value(where, word, value, expected)
     return {word: float(value) for word, value in table.items()}
+
+
+def _wrong_value(where: str, what: str, value: object, expected: str) -> RobotError:
+    return RobotError(f"{where}: {what} is {quote_value(value)}, expected {expected}.")
 
 
 def _is_number(value: object) -> bool:
@@ -315,7 +308,7 @@ def _text(table: dict, key: str, where: str) -> str | None:
     text = table.get(key)
     pattern, expected = _TEXTS[key]
     if text is not None and not (isinstance(text, str) and pattern.fullmatch(text)):
-        raise RobotError(f"{where}: {key} is {quote_value(text)}, expected {expected}.")
+        raise _wrong_value(where, key, text, expected)
     return text
 
 

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.quantity import convert_to_sliding_unit
-from residual.recording import Array, Recording, compute_speed_quantile
+from residual.recording import Array, Recording, compute_usual_speeds
 from residual.robot.dynamics import compute_gravity_torque
 from residual.robot.robot import Robot
 
@@ -48,7 +48,7 @@ BROKEN = 1.5  # times a limit: files are a little too strict
 ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
 NEARLY = 0.8  # of the joints
 FEWEST = 3  # joints: of two nobody says what is usual
-STRIDE, SHARE = 0.1, 0.95  # s over which a speed is taken; of the samples are slower
+SHARE = 0.95  # of the samples are slower
 # What arms do at most; beyond it columns or units are wrong, not the file. A torque
 # that is so many times its limit is in another unit.
 FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
@@ -63,26 +63,21 @@ _WORDS = {
 
 def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
     """Return which limits no joint keeps to, by the field of the robot, with words."""
-    speeds = []
-    for r in logs:
-        stride = max(1, round(STRIDE / float(np.median(np.diff(r.t)))))
-        speeds.append(compute_speed_quantile(r, min(stride, len(r.t) // 4 or 1), SHARE))
-    speed = np.max(speeds, axis=0)
+    speed = compute_usual_speeds(logs, SHARE)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
     # Another zero, or an encoder that begins again, leaves a range for what it is.
     span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
     leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
     travel = robot.upper - robot.lower
+    strong = (torque / robot.torque_limit).max() < STRONGEST
     checked = {
         "velocity_limit": (speed, robot.velocity_limit, speed.max() < FASTEST),
-        "torque_limit": (torque, robot.torque_limit, True),
+        "torque_limit": (torque, robot.torque_limit, strong),
         "upper": (span, travel, span.max() < FARTHEST and leap < LEAP),
     }
     out = {}
     for key, (size, limit, possible) in checked.items():
         ratio = size / limit
-        if key == "torque_limit":
-            possible = ratio.max() < STRONGEST
         if possible and _is_placeholder(ratio, limit):
             name, unit = _WORDS[key]
             worst = int(np.argmax(ratio))

@@ -101,14 +101,19 @@ def read_link_bodies(model: pin.Model, urdf: str) -> tuple[LinkBody, ...]:
         centre = _vector(origin, "xyz")
         sizes = [float(np.linalg.norm(end)) for end in ends.get(name, [])]
         length = max(*sizes, _ball(mass, LIGHTEST), 0.0)
-        at = [_distance(centre, end) for end in (np.zeros(3), *ends.get(name, []))]
+        at = []  # distances from the lines from the origin to each end
+        for end in (np.zeros(3), *ends.get(name, [])):
+            along = float(np.clip(centre @ end / max(end @ end, 1e-12), 0.0, 1.0))
+            at.append(float(np.linalg.norm(centre - along * end)))
+        xx, yy, zz, xy, xz, yz = given
+        own = turned @ np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]]) @ turned.T
         out.append(
             LinkBody(
                 name,
                 int(frame.parentJoint),
                 mass,
                 frame.placement.act(centre),
-                turned @ _matrix(given) @ turned.T,
+                own,
                 given,
                 max(length, 2 * float(np.linalg.norm(centre))),
                 min(at) / max(length, 1e-9),
@@ -269,17 +274,6 @@ def _ball(mass: float, density: float) -> float:
     return 2 * (3 * max(mass, 0.0) / (4 * np.pi * density)) ** (1 / 3)
 
 
-def _distance(point: Array, end: Array) -> float:
-    """Distance from the line from the origin to an end [m]."""
-    along = float(np.clip(point @ end / max(end @ end, 1e-12), 0.0, 1.0))
-    return float(np.linalg.norm(point - along * end))
-
-
 def _vector(node: ET.Element | None, key: str) -> Array:
     text = "0 0 0" if node is None else node.get(key, "0 0 0")
     return np.array(text.split(), float)
-
-
-def _matrix(entries: Sequence[float]) -> Array:
-    xx, yy, zz, xy, xz, yz = entries
-    return np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])

@@ -473,7 +473,8 @@ def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float])
     for holder, names in holders.items():
         carried = [read_joint_link(tree.joints[name], "child") for name in names]
         links = set().union(*(tree.carried(link, chain) for link in carried))
-        mass = sum(_mass(tree.links[link]) for link in links)
+        masses = [tree.links[link].find("inertial/mass") for link in links]
+        mass = sum(float(node.get("value", "0")) for node in masses if node is not None)
         where = f"joint {chain.index(holder) + 1} ({holder})" if holder else "the base"
         at = abbreviate_list([f"{n} = {locked[n]:.4g}" for n in names])
         parts.append(f"{at} ({mass:.3g} kg on {where})")
@@ -488,11 +489,6 @@ def abbreviate_list(names: Sequence[str]) -> str:
 
 
 # Bodies and limits of the arm.
-
-
-def _mass(link: ET.Element) -> float:
-    node = link.find("inertial/mass")
-    return 0.0 if node is None else float(node.get("value", "0"))
 
 
 def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:

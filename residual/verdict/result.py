@@ -403,7 +403,9 @@ class Verdict:
         said = "nothing found" if self.verdict == "none" else "something without a name"
         if self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
-            odds = [f"probability {_odds(min(sure))}"] if sure else []
+            # No data give certainty.
+            least = ["> 0.99" if p > 0.99 else f"= {p:.2f}" for p in sorted(sure)[:1]]
+            odds = [f"probability {p}" for p in least]
             said = ", ".join([*(f.where for f in self.effects), *odds])
         elif self.verdict == "unknown":
             said += _joints_phrase(self.unexplained.joints)
@@ -414,8 +416,3 @@ class Verdict:
 
 def _joints_phrase(joints: tuple[int, ...]) -> str:
     return f" on {format_joint_numbers(joints)}" if joints else ""
-
-
-def _odds(value: float) -> str:
-    """A probability as '> 0.99' or '= 0.97': no data give certainty."""
-    return "> 0.99" if value > 0.99 else f"= {value:.2f}"

@@ -13,12 +13,8 @@ from sim.effects.base import (
 from sim.engine import friction_laws
 
 
-def _polar(p):
-    return np.hypot(p["cos"], p["sin"]), np.arctan2(-p["cos"], p["sin"])
-
-
 def _row(p, joints):
-    size, zero = _polar(p)
+    size, zero = np.hypot(p["cos"], p["sin"]), np.arctan2(-p["cos"], p["sin"])
     return friction_laws.GAS_SPRING, size / friction_laws.gas_spring_peak_torque(), zero
 
 

@@ -15,10 +15,6 @@ from sim.effects.base import (
 )
 
 
-def _force(p: Values) -> Array:
-    return np.array([p[axis] for axis in "xyz"])
-
-
 def _push(p: Values, arm: MovingArm) -> Array:
     """Return J' force."""
     frame = find_flange_frame(arm.model)
@@ -26,7 +22,7 @@ def _push(p: Values, arm: MovingArm) -> Array:
         arm.model, arm.data, arm.q, frame, pin.ReferenceFrame.LOCAL_WORLD_ALIGNED
     )
     # Pinocchio gives a matrix of one column as a vector.
-    return jacobian.reshape(6, -1)[:3].T @ _force(p)
+    return jacobian.reshape(6, -1)[:3].T @ np.array([p[axis] for axis in "xyz"])
 
 
 def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:

@@ -111,35 +111,16 @@ class _Bullet:
 bullet = _Bullet()
 
 
-class _Client:
-    """One arm in one physics client; close it, or use it in a with block."""
-
-    def __init__(self, urdf: str, flags: int = 0) -> None:
-        self._client = bullet.connect(bullet.DIRECT)
-        self._on = {"physicsClientId": self._client}
-        with tempfile.TemporaryDirectory() as folder, silence_c_output():
-            path = Path(folder) / "arm.urdf"
-            path.write_text(urdf, encoding="utf-8")
-            self._arm = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._on)
-
-    def close(self) -> None:
-        """Let go of the physics client; twice is once."""
-        if self._client >= 0:
-            bullet.disconnect(self._client)
-            self._client = -1
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self.close()
-
-
-class BulletWorld(_Client):
-    """One arm that moves by physics."""
+class BulletWorld:
+    """One arm that moves by physics, in a client of its own; use it in a with block."""
 
     def __init__(self, model: pin.Model, dt: float) -> None:
-        super().__init__(write_model_urdf(model), bullet.URDF_USE_INERTIA_FROM_FILE)
+        self._on = {"physicsClientId": bullet.connect(bullet.DIRECT)}
+        with tempfile.TemporaryDirectory() as folder, silence_c_output():
+            path = Path(folder) / "arm.urdf"
+            path.write_text(write_model_urdf(model), encoding="utf-8")
+            flags = bullet.URDF_USE_INERTIA_FROM_FILE
+            self._arm = bullet.loadURDF(str(path), useFixedBase=True, flags=flags, **self._on)
         self._joints = list(range(model.nv))
         bullet.setGravity(*model.gravity.linear.tolist(), **self._on)
         bullet.setPhysicsEngineParameter(
@@ -150,11 +131,8 @@ class BulletWorld(_Client):
             deterministicOverlappingPairs=1,
             **self._on,
         )
-        self._set_free()
-
-    def _set_free(self) -> None:
-        """Switch off dampers, limits and motors that Bullet adds by itself."""
-        # One property per call: combined, changeDynamics drops some of them silently.
+        # Dampers, limits and motors that Bullet adds by itself are switched off, one
+        # property per call: combined, changeDynamics drops some of them silently.
         for link in (-1, *self._joints):
             free = {"linearDamping": 0, "angularDamping": 0}
             bullet.changeDynamics(self._arm, link, **free, **self._on)
@@ -166,6 +144,12 @@ class BulletWorld(_Client):
         motors = bullet.VELOCITY_CONTROL
         bullet.setJointMotorControlArray(self._arm, self._joints, motors, forces=still, **self._on)
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        bullet.disconnect(**self._on)
+
     def reset(self, q: Array, qd: Array) -> None:
         """Put the arm into a state."""
         for joint, position, velocity in zip(self._joints, q, qd, strict=True):
@@ -173,16 +157,13 @@ class BulletWorld(_Client):
 
     def state(self) -> tuple[Array, Array]:
         """Return positions [rad] and velocities [rad/s], shapes (dof,)."""
-        states = bullet.getJointStates(self._arm, self._joints, physicsClientId=self._client)
+        states = bullet.getJointStates(self._arm, self._joints, **self._on)
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
     def step(self, torque: Array) -> None:
         """Go on by one time step under these joint torques [N m]. Shape (dof,)."""
+        forces, control = torque.tolist(), bullet.TORQUE_CONTROL
         bullet.setJointMotorControlArray(
-            self._arm,
-            self._joints,
-            bullet.TORQUE_CONTROL,
-            forces=torque.tolist(),
-            physicsClientId=self._client,
+            self._arm, self._joints, control, forces=forces, **self._on
         )
-        bullet.stepSimulation(physicsClientId=self._client)
+        bullet.stepSimulation(**self._on)

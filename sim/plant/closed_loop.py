@@ -8,18 +8,19 @@ a_q = qdd* - Kp (q - q*) - Kd (qd - qd*)                       (paper eq. 9)
 The paper prints the inverse of M in eq. 8; it must be M.
 """
 
+from collections import deque
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 
 import numpy as np
 import pinocchio as pin
 
 from residual import one_blas_thread
-from residual.errors import ModelgapError
+from residual.errors import InputError, ModelgapError
 from residual.recording import Array
 from residual.robot.robot import Robot
 from sim.effects.base import MovingArm
-from sim.engine.plant_records import PlantSpec, ReferenceMotion, format_motion_label
+from sim.engine.plant_records import PlantSpec, ReferenceMotion, ServoDrive, format_motion_label
 from sim.engine.pybullet_world import BulletWorld
 from sim.plant import step_tables as at
 from sim.plant.drive_train_step import step_drive_train
@@ -28,11 +29,10 @@ from sim.plant.plant_arm import (
     PlantArm,
     build_initial_state,
     build_plant_arm,
-    build_torque_series,
     split_into_phases,
 )
 from sim.plant.sensors import invert_encoder_error, read_encoders
-from sim.plant.step_tables import PlantState, compile_lazily, pack_constants
+from sim.plant.step_tables import PlantState, compile_lazily
 from sim.plant.typical_sizes import read_nominal_drives
 
 # Critically damped at 30 rad/s: poles of eq. 10.
@@ -199,7 +199,7 @@ def simulate_closed_loop(
     t, dt = reference.t, float(reference.t[1] - reference.t[0])
     channels = arm.channels
     rows = np.zeros((len(t), at.CHANNELS + len(channels), arm.robot.dof))
-    series = build_torque_series(arm.effects, start + t, seed, label)
+    series = arm.draw_torque_series(start + t, seed, label)
     parts = split_into_phases(arm, len(t), dt, series)
     state = build_initial_state(arm, start)
     q, qd = _start(parts[0], reference, state)
@@ -232,7 +232,7 @@ def _run(
     qd: Array,
 ) -> tuple[Array, Array]:
     """Run one phase; return position and velocity after its last step."""
-    model, arm = phase.model, pack_constants(phase.constants)
+    model, arm = phase.model, phase.constants
     data, dof, still = model.createData(), model.nv, np.zeros(model.nv)
     body, outside = np.empty((dof + 1, dof)), still
     with BulletWorld(model, arm.dt) as world:
@@ -271,7 +271,7 @@ def compute_external_torques(phase: ArmPhase, arm: MovingArm) -> dict[str, Array
 
 def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tuple[Array, Array]:
     """Return where the arm is when its encoders read the beginning of the motion."""
-    motor = invert_encoder_error(reference.q[0], phase.errors)
+    motor = invert_encoder_error(reference.q[0], phase.constants.joints[at.SHIFT :])
     q, data = motor, phase.model.createData()
     for _ in range(5):  # the springs give way to the weight
         load = pin.rnea(phase.model, data, q, reference.qd[0], reference.qdd[0])
@@ -282,9 +282,9 @@ def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tu
 
 def _give(phase: ArmPhase, load: Array) -> Array:
     """Return how far each transmission gives way under a load [rad]. Shape (dof,)."""
-    c = phase.constants
-    soft = c.elastic > 0
-    twist = load / np.where(soft, c.stiffness, 1.0) + np.sign(load) * c.gap
+    joints = phase.constants.joints
+    soft = joints[at.ELASTIC] > 0
+    twist = load / np.where(soft, joints[at.STIFFNESS], 1.0) + np.sign(load) * joints[at.GAP]
     return np.where(soft, twist, 0.0)
 
 
@@ -292,8 +292,59 @@ def _join_springs(
     phase: ArmPhase, before: ArmPhase, state: PlantState, link: tuple[Array, Array]
 ) -> None:
     """Let springs that come with an onset bear the load of that moment."""
-    now, then = phase.constants, before.constants
-    new = (now.stiffness != then.stiffness) | (now.gap != then.gap)
+    springs = [at.STIFFNESS, at.GAP]
+    new = (phase.constants.joints != before.constants.joints)[springs].any(axis=0)
     give = _give(phase, state.motors[at.LOADED])
     state.motors[at.ANGLE, new] = (link[0] + give)[new]
     state.motors[at.SPEED, new] = link[1][new]
+
+
+# A position-controlled arm: what its servos make of the goals that they are sent.
+#
+# A host sends a goal with every sample of its log, the bus delivers it late, the firmware
+# walks towards it no faster than it may, and presses in proportion to what is left.
+
+
+def check_servo(servo: ServoDrive | None, robot: Robot) -> None:
+    """Check that each value of the servos, if there are some, is there per joint."""
+    for name, values in asdict(servo or ServoDrive()).items():
+        if len(values) not in (0, robot.dof):
+            raise InputError(
+                f"[drive] {name} has {len(values)} values, expected {robot.dof}: one "
+                f"for each joint of {robot.name}."
+            )
+
+
+def follow_goal(servo: ServoDrive, reference: ReferenceMotion, stride: int) -> ReferenceMotion:
+    """Return the motion that the servos walk along, at the rate of the controller.
+
+    Args:
+        stride: Steps of the controller from one goal of the host to the next.
+    """
+    dt, dof = reference.t[1] - reference.t[0], reference.q.shape[1]
+    late = np.round(np.array(servo.delay or [0.0] * dof) / dt).astype(int)
+    stretch = np.array(servo.goal_speed or [np.inf] * dof) * dt
+    walked = np.empty_like(reference.q)
+    for j in range(dof):
+        place = reference.q[0, j]
+        bus = deque([place] * late[j])
+        for k in range(len(walked)):
+            bus.append(reference.q[k - k % stride, j])
+            left = bus.popleft() - place
+            place += left if abs(left) <= stretch[j] else np.copysign(stretch[j], left)
+            walked[k, j] = place
+    return replace(reference, q=walked)
+
+
+def build_servo_law(
+    servo: ServoDrive, walked: ReferenceMotion
+) -> Callable[[int, Array, Array, Array], Array]:
+    """Return the law of servos that press towards the motion they walk along."""
+    dof = walked.q.shape[1]
+    gain = np.array(servo.gain or [1.0] * dof)
+    most = np.array(servo.limit or [np.inf] * dof)
+
+    def torque(k: int, reading: Array, rate: Array, demand: Array) -> Array:
+        return np.minimum(np.maximum(gain * (walked.q[k] - reading), -most), most)
+
+    return torque

@@ -32,7 +32,7 @@ from numba import njit
 
 from sim.engine import friction_laws
 from sim.plant import step_tables as at
-from sim.plant.step_tables import compile_lazily, unpack_constants
+from sim.plant.step_tables import compile_lazily
 
 _direction = njit(friction_laws.smooth_motion_direction)
 _quadratic = njit(friction_laws.smooth_absolute_speed)
@@ -290,7 +290,7 @@ def sum_explicit_torques(table, q, motor_q, motor, series_torques, channels):
 
 
 @compile_lazily
-def step_drive_train(k, rigid_dynamics, external_torque, packed, state, trace):
+def step_drive_train(k, rigid_dynamics, external_torque, arm, state, trace):
     """Go one step on.
 
     Args:
@@ -303,20 +303,20 @@ def step_drive_train(k, rigid_dynamics, external_torque, packed, state, trace):
     Returns:
         Torque of each joint on the rigid arm [N m]. Shape (dof,).
     """
-    arm, now = unpack_constants(packed), trace[k]
-    dt, dof, motor_q = arm.dt, len(arm.rotor), state.motors[at.ANGLE]
+    now, dt = trace[k], arm.dt
+    dof, motor_q = arm.joints.shape[1], state.motors[at.ANGLE]
     motor = now[at.MOTOR]
     for j in range(dof):
-        drive = min(max(now[at.DRIVE, j], -arm.limit[j]), arm.limit[j])
+        drive = min(max(now[at.DRIVE, j], -arm.joints[at.LIMIT, j]), arm.joints[at.LIMIT, j])
         now[at.DRIVE, j] = drive
-        motor[j] = drive * arm.ratio[j]
+        motor[j] = drive * arm.joints[at.RATIO, j]
     at_link, at_motor = sum_explicit_torques(
         arm.torque, now[at.Q], motor_q, motor, arm.series[k], now[at.CHANNELS :]
     )
-    x = np.empty(dof + int(arm.elastic.sum()))
+    x = np.empty(dof + int(arm.joints[at.ELASTIC].sum()))
     for j in range(dof):
         x[j] = now[at.QD, j]
-        if arm.elastic[j] > 0:
+        if arm.joints[at.ELASTIC, j] > 0:
             x[int(arm.contacts[j, 0])] = state.motors[at.SPEED, j]
     mass, momentum = _inertia(arm, rigid_dynamics, x)
     springs = _springs(arm, state, now[at.Q], mass, momentum)
@@ -328,9 +328,9 @@ def step_drive_train(k, rigid_dynamics, external_torque, packed, state, trace):
     friction = _record_friction(arm, state, rubbing, now, x, x_new)
     for j in range(dof):
         m = int(arm.contacts[j, 0])
-        now[at.ROTOR, j] = arm.rotor[j] * (x_new[m] - x[m]) / dt
+        now[at.ROTOR, j] = arm.joints[at.INERTIA, j] * (x_new[m] - x[m]) / dt
         gear = motor[j] - at_motor[j] - friction[j] - now[at.ROTOR, j]
-        if arm.elastic[j] > 0:
+        if arm.joints[at.ELASTIC, j] > 0:
             gear = springs[0, j] + springs[1, j] * (x_new[m] - x_new[j])
             state.motors[at.SPEED, j] = x_new[m]
             motor_q[j] += dt * x_new[m]
@@ -342,13 +342,13 @@ def step_drive_train(k, rigid_dynamics, external_torque, packed, state, trace):
 @compile_lazily
 def _inertia(arm, body, x):
     """Return the mass matrix of links, rotors and shared gears, and its momentum."""
-    dof, size = len(arm.rotor), len(x)
+    dof, size = arm.joints.shape[1], len(x)
     mass = np.zeros((size, size))
     for i in range(dof):
         for j in range(dof):
             mass[i, j] = body[i, j]
     for c in range(len(arm.contacts)):
-        inertia = arm.rotor[c] if c < dof else arm.contacts[c, 5]
+        inertia = arm.joints[at.INERTIA, c] if c < dof else arm.contacts[c, 5]
         _add(mass, arm.contacts[c], inertia)
     momentum = np.zeros(size)
     for i in range(size):
@@ -373,16 +373,16 @@ def _springs(arm, state, q, mass, momentum):
     """Add the transmissions; return their torque now and its growth. (2, dof)."""
     torque = np.zeros((2, len(q)))
     for j in range(len(q)):
-        if arm.elastic[j] == 0:
+        if arm.joints[at.ELASTIC, j] == 0:
             continue
         m = int(arm.contacts[j, 0])
         now, growth = compute_spring_torque(
             state.motors[at.ANGLE, j] - q[j],
-            arm.stiffness[j],
-            arm.damping[j],
-            arm.gap[j],
+            arm.joints[at.STIFFNESS, j],
+            arm.joints[at.DAMPING, j],
+            arm.joints[at.GAP, j],
             arm.dt,
-            1.0 / arm.rotor[j] + 1.0 / (mass[j, j] + 1e-12),
+            1.0 / arm.joints[at.INERTIA, j] + 1.0 / (mass[j, j] + 1e-12),
         )
         torque[0, j], torque[1, j] = now, growth
         momentum[j] += arm.dt * now
@@ -406,7 +406,7 @@ def _speed(contact, x):
 @compile_lazily
 def _rub(arm, state, now, x, mass, momentum):
     """Add viscosity and bristles; return both levels, viscosity, bristles. (4, c)."""
-    dof, dt = len(arm.rotor), arm.dt
+    dof, dt = arm.joints.shape[1], arm.dt
     rubbing = np.zeros((4, len(arm.contacts)))
     for f in range(len(arm.friction)):
         row = arm.friction[f]
@@ -419,7 +419,7 @@ def _rub(arm, state, now, x, mass, momentum):
         rubbing[1, c] += backward
         rubbing[2, c] += viscosity
         if row[0] == friction_laws.BRISTLE:
-            z, torque = step_bristle(state.memory[slot], u, row, arm.rotor[c], dt)
+            z, torque = step_bristle(state.memory[slot], u, row, arm.joints[at.INERTIA, c], dt)
             state.memory[slot] = z
             rubbing[3, c] += torque
             momentum[int(arm.contacts[c, 0])] -= dt * torque
@@ -489,7 +489,7 @@ def invert_mass_matrix(mass):
 @compile_lazily
 def _record_friction(arm, state, rubbing, now, x, x_new):
     """Return friction per joint, shared gears included; warm what friction heats."""
-    dof, dt = len(arm.rotor), arm.dt
+    dof, dt = arm.joints.shape[1], arm.dt
     power, friction = np.zeros(len(arm.contacts)), now[at.FRICTION]
     for c in range(len(arm.contacts)):
         u = _speed(arm.contacts[c], x_new)
@@ -508,6 +508,8 @@ def _record_friction(arm, state, rubbing, now, x, x_new):
             c, slot = int(row[1]), int(row[2])
             warmth = state.memory[slot]
             now[at.TEMPERATURE, c] = AMBIENT + RISE * warmth
-            state.memory[slot] = _heated(warmth, power[c] / arm.power[c], row[4], dt)
-    step_background_warmth(arm.used, state.memory, power, arm.power, now[at.TEMPERATURE], dt)
+            state.memory[slot] = _heated(warmth, power[c] / arm.joints[at.POWER, c], row[4], dt)
+    step_background_warmth(
+        arm.used, state.memory, power, arm.joints[at.POWER], now[at.TEMPERATURE], dt
+    )
     return friction

@@ -1,16 +1,22 @@
 """The arm that is there: not quite its description, and with something hidden."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, fields
 
 import numpy as np
 import pinocchio as pin
 
-from residual.errors import InputError
+from residual.errors import InputError, check_name
 from residual.recording import Array
 from residual.robot.robot import Robot, refuse_carried_weight
 from sim.engine import friction_laws
-from sim.engine.plant_records import DriveParameters, PlantEffect, PlantSpec, create_random_stream
+from sim.engine.plant_records import (
+    CLEAN,
+    BackgroundWord,
+    DriveParameters,
+    PlantSpec,
+    create_random_stream,
+)
 from sim.plant import step_tables as at
 from sim.plant.drive_train_step import SLOW, combine_springs, compute_warmth_after
 from sim.plant.effect_catalogue import (
@@ -18,13 +24,6 @@ from sim.plant.effect_catalogue import (
     apply_body_effects,
     check_effect,
     resolve_effects,
-)
-from sim.plant.joint_background import (
-    USUAL_SPEED,
-    JointBackground,
-    compute_start_warmth,
-    compute_usual_friction_power,
-    draw_background,
 )
 from sim.plant.sensors import (
     EncoderFaults,
@@ -35,126 +34,153 @@ from sim.plant.sensors import (
 from sim.plant.step_tables import PlantState, StepConstants
 from sim.plant.typical_sizes import (
     compute_usual_motion_range,
+    estimate_typical_sizes,
     read_nominal_drives,
     scatter_inertias,
 )
 
-Effects = Sequence[PlantEffect]
-COGGING = "background"  # channel of what the background adds beside friction
+# What every joint of a used arm has beside its model: undeclared, small, of own form.
+#
+# Drawn from the seed of the arm, the same in all its runs; the laws stand in
+# `sim.engine.friction_laws`.
+
+# How much of everything there is.
+_SCALE: Mapping[BackgroundWord, float] = {CLEAN: 0.0, "workshop": 1.0, "worn": 2.0}
+
+# Engineering judgement, after logs of arms in use.
+_LEVEL = (0.15, 0.5)  # of Coulomb friction
+_SPEED = (0.03, 0.12)  # rad/s
+_PRESS = (0.01, 0.05)  # of the torque that the gear carries
+_LEAN = 0.08
+_LOSS, _TIME = (0.05, 0.2), (100.0, 400.0)  # of all friction when warm; s
+_QUICK = 0.25  # oil is so much quicker than the housing
+_RIPPLE, _ORDERS = (0.003, 0.012), (6.0, 30.0)  # of the torque range; per turn
+_HARMONICS = ((1.0, 1.0), (2.0, 0.5), (3.0, 0.3))  # order and weight
+_GAIN = 0.04
+_TWIST = (3e-4, 1.5e-3)  # rad under the torque range
+_CUTOFF, _STEP = 40.0, 0.001  # Hz; of the torque range
+USUAL_SPEED = 0.35  # of the robot's usual speed
 
 
-def list_torque_channels(
-    effects: Effects, background: JointBackground | None = None
-) -> tuple[str, ...]:
-    """Return what has a torque channel: effects by name, then that of a background."""
-    names = sorted({e.kind.name for e in resolve_effects(effects) if e.kind.has_channel})
-    return (*names, COGGING) if background is not None else tuple(names)
+@dataclass(frozen=True, eq=False, slots=True)
+class JointBackground:
+    """What one arm has on all joints, and no file declares."""
+
+    span: Array  # torque range that sizes go by [N m], (dof,)
+    level: Array  # extra dry friction at rest [N m], (dof,)
+    speed: Array  # speed at which a third of it is left [rad/s], (dof,)
+    press: Array  # friction per torque that the gear carries, at its range, (dof,)
+    lean: Array  # part by which dry friction is more forwards, less backwards, (dof,)
+    growth: Array  # cold friction over warm one, less one, (dof,)
+    oil: Array  # time constant of the oil [s], (dof,)
+    housing: Array  # time constant of the housing [s], (dof,)
+    ripple: Array  # amplitude of each wave of cogging [N m], (h, dof)
+    order: Array  # waves per turn, (h, dof)
+    phase: Array  # phase of each wave [rad], (h, dof)
+    gain: Array  # reported torque over real torque, less one, (dof,)
+    twist: Array  # twist of the gear under the torque range [rad], (dof,)
+    cutoff: Array  # corner of the low pass that torque goes through [Hz], (dof,)
+    step: Array  # step of the reported torque [N m], (dof,)
+
+    @property
+    def waves(self) -> Array:
+        """Amplitude, order and phase of each wave on each joint. Shape (h, dof, 3)."""
+        return np.stack([self.ripple, self.order, self.phase], axis=-1)
+
+    @property
+    def drawn(self) -> dict[str, Array]:
+        """Every number by name, those of several waves numbered. Shapes (dof,)."""
+        out = {}
+        for each in fields(self):
+            value = getattr(self, each.name)
+            if value.ndim == 1:
+                out[each.name] = value
+            else:
+                out |= {f"{each.name}_{i}": v for i, v in enumerate(value, 1)}
+        return out
 
 
-def build_contact_rows(effects: Effects, active: Sequence[int], soft: Array) -> Array:
-    """Return the contacts (`StepConstants`). Shape (c, 6).
+def draw_background(
+    robot: Robot, level: BackgroundWord, seed: int, coulomb: Array
+) -> JointBackground | None:
+    """Draw the background of one arm.
 
-    A shared gear that does not act yet is there, without friction and inertia.
+    Args:
+        level: How much of it: "clean", "workshop", or twice as much, "worn".
+        coulomb: True Coulomb friction of the arm [N m]. Shape (dof,).
     """
-    dof = len(soft)
-    motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
-    rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
-    for i, gear in find_shared_gears(effects):
-        inertia, sign, *_ = gear.kind.gear(gear.values)
-        one, two = gear.joints
-        inertia = inertia if i in active else 0.0
-        rows.append((motor[one], motor[two], sign, one, two, inertia))
-    return np.array(rows, dtype=float)
+    scale = _SCALE[check_name(level, _SCALE, "background of the plant")]
+    if scale == 0:
+        return None
+    span, dof = estimate_typical_sizes(robot).torque, robot.dof
 
+    def uniform(name: str, low: float, high: float) -> Array:
+        return create_random_stream(seed, f"background/{name}").uniform(low, high, dof)
 
-def find_shared_gears(effects: Effects) -> list[tuple[int, ActingEffect]]:
-    """Return the gears that two joints share, with their place among the effects."""
-    return [(i, e) for i, e in enumerate(resolve_effects(effects)) if e.kind.gear]
-
-
-def build_friction_rows(
-    base: DriveParameters,
-    effects: Effects,
-    active: Sequence[int],
-    background: JointBackground | None = None,
-) -> Array:
-    """Return the rows of friction that act. Shape (f, WIDTH)."""
-    dof, hidden = len(base.coulomb), resolve_effects(effects)
-    rows = []
-    for j in range(dof):
-        rows.append(_row(j, 0, (friction_laws.LEVEL, base.coulomb[j])))
-        rows.append(_row(j, 0, (friction_laws.VISCOUS, base.viscous[j])))
-        rows.append(_row(j, len(effects) * dof + j, (friction_laws.WARMUP, 0.0, SLOW)))
-    gears = {i: dof + n for n, (i, _) in enumerate(find_shared_gears(effects))}
-    for i in active:
-        kind, p, joints, _ = hidden[i]
-        if kind.gear:
-            _, _, level, coefficient = kind.gear(p)
-            rows.append(_row(gears[i], 0, (friction_laws.LEVEL, level)))
-            rows.append(_row(gears[i], 0, (friction_laws.VISCOUS, coefficient)))
-        if kind.friction:
-            rows += [_row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints]
-    for j in range(dof if background is not None else 0):
-        rows.append(_row(j, 0, (friction_laws.FADING, background.level[j], background.speed[j])))
-        rows.append(_row(j, 0, (friction_laws.PRESSED, background.press[j], background.span[j])))
-    return np.array(rows)
-
-
-def build_torque_rows(
-    effects: Effects, active: Sequence[int], background: JointBackground | None = None
-) -> Array:
-    """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
-    channels, columns = list_torque_channels(effects, background), _columns(effects)
-    hidden, rows = resolve_effects(effects), []
-    for i in active:
-        kind, p, joints, _ = hidden[i]
-        if kind.series:
-            channel = channels.index(kind.name)
-            rows += [_row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints]
-        if kind.torque:
-            channel, numbers = channels.index(kind.name), kind.torque(p, joints)
-            on = joints[:1] if kind.scope == "pair" else joints
-            rows += [_row(j, channel, numbers) for j in on]
-    for wave in background.waves if background is not None else ():
-        channel = channels.index(COGGING)
-        rows += [_row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)]
-    return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
-
-
-def build_background_rows(background: JointBackground | None, first_slot: int) -> Array:
-    """Return friction of each joint by direction and warmth (`StepConstants`)."""
-    if background is None:
-        return np.zeros((0, 5))
-    slots = first_slot + 2 * np.arange(len(background.span))
-    return np.column_stack(
-        [background.lean, background.growth, background.oil, background.housing, slots]
+    loss, time = scale * uniform("loss", *_LOSS), uniform("time", *_TIME)
+    waves = _waves(scale * uniform("peak", *_RIPPLE) * span, seed)
+    return JointBackground(
+        span=span,
+        level=scale * uniform("level", *_LEVEL) * coulomb,
+        speed=uniform("speed", *_SPEED),
+        press=scale * uniform("press", *_PRESS),
+        lean=scale * uniform("lean", -_LEAN, _LEAN),
+        growth=loss / (1.0 - loss),
+        oil=_QUICK * time,
+        housing=time,
+        ripple=waves[0],
+        order=waves[1],
+        phase=waves[2],
+        gain=scale * uniform("gain", -_GAIN, _GAIN),
+        twist=scale * uniform("twist", *_TWIST),
+        cutoff=np.full(dof, _CUTOFF / scale),
+        step=scale * _STEP * span,
     )
 
 
-def build_torque_series(effects: Effects, t: Array, seed: int, label: str) -> Array:
-    """Return the torques that follow a clock or chance, for a whole motion.
+def _waves(amplitude: Array, seed: int) -> Array:
+    """Return amplitude, order and phase of waves whose sum has that peak. (3, h, dof).
+
+    A gear and its harmonics, of a random phase each.
+    """
+    rng, dof = create_random_stream(seed, "background/waves"), len(amplitude)
+    multiple, weight = np.array(_HARMONICS).T[:, :, None]
+    order = multiple * rng.uniform(*_ORDERS, dof)
+    phase = rng.uniform(0.0, 2 * np.pi, order.shape)
+    turn = np.linspace(-np.pi, np.pi, 7201)[:, None, None]
+    peak = np.abs((weight * np.sin(order * turn + phase)).sum(axis=1)).max(axis=0)
+    return np.array([weight * amplitude / peak, order, phase])
+
+
+def compute_start_warmth(background: JointBackground, working_time: float) -> Array:
+    """Return the warmth of oil and housing after so long of usual work. (2, dof)."""
+    return 1.0 - np.exp(-working_time / np.array([background.oil, background.housing]))
+
+
+def compute_usual_friction_power(coulomb: Array, viscous: Array, speed: Array) -> Array:
+    """Return the power of friction in usual work, which warms by one unit [W]."""
+    return coulomb * speed + viscous * speed**2 + 1e-9
+
+
+def simulate_torque_logging(background: JointBackground | None, tau: Array, rate: float) -> Array:
+    """Return what is logged of a torque: through a low pass, in whole steps [N m].
 
     Args:
-        t: Session time [s]. Shape (n,).
-        label: Name of the motion; chance differs from motion to motion.
-
-    Returns:
-        Torques [N m], a column per such effect and joint. Shape (n, s).
+        background: That of the arm; a clean one logs what it is given.
     """
-    columns, hidden = _columns(effects), resolve_effects(effects)
-    out = np.zeros((len(t), len(columns)))
-    for (i, j), column in columns.items():
-        kind, p, *_ = hidden[i]
-        rng = create_random_stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
-        out[:, column] = kind.series(p, t, rng)
-    return out
+    if background is None:
+        return tau
+    from scipy.signal import lfilter
+
+    out = np.empty_like(tau)
+    for j, corner in enumerate(background.cutoff):
+        keep = np.exp(-2 * np.pi * corner / rate)
+        at_rest = [keep * tau[0, j]]
+        out[:, j], _ = lfilter([1 - keep], [1, -keep], tau[:, j], zi=at_rest)
+    return np.round(out / background.step) * background.step
 
 
-def _columns(effects: Effects) -> dict[tuple[int, int], int]:
-    """Return the column of each torque over time, by effect and joint (from 0)."""
-    hidden = enumerate(resolve_effects(effects))
-    keys = [(i, j) for i, e in hidden if e.kind.series for j in e.joints]
-    return {key: column for column, key in enumerate(keys)}
+COGGING = "background"  # channel of what the background adds beside friction
 
 
 def _row(place: int, slot: int, row: Sequence[float]) -> list[float]:
@@ -168,7 +194,7 @@ class PlantArm:
     """One arm, as built."""
 
     robot: Robot
-    effects: tuple[PlantEffect, ...]  # what it hides
+    effects: tuple[ActingEffect, ...]  # what it hides
     model: pin.Model  # true rigid body without the effects
     base: DriveParameters  # true friction and rotors without the effects
     # What all its joints have undeclared, None if it is clean.
@@ -177,8 +203,99 @@ class PlantArm:
 
     @property
     def channels(self) -> tuple[str, ...]:
-        """Names of its explicit torques."""
-        return list_torque_channels(self.effects, self.background)
+        """Names of its explicit torques: effects by name, then that of a background."""
+        names = sorted({e.kind.name for e in self.effects if e.kind.has_channel})
+        return (*names, COGGING) if self.background is not None else tuple(names)
+
+    @property
+    def gears(self) -> dict[int, ActingEffect]:
+        """Gears that two joints share, by their place among the effects."""
+        return {i: e for i, e in enumerate(self.effects) if e.kind.gear}
+
+    @property
+    def series(self) -> dict[tuple[int, int], int]:
+        """Column of each torque over time, by effect and joint (from 0)."""
+        keys = [(i, j) for i, e in enumerate(self.effects) if e.kind.series for j in e.joints]
+        return {key: column for column, key in enumerate(keys)}
+
+    def draw_torque_series(self, t: Array, seed: int, label: str) -> Array:
+        """Return the torques that follow a clock or chance, for a whole motion.
+
+        Args:
+            t: Session time [s]. Shape (n,).
+            label: Name of the motion; chance differs from motion to motion.
+
+        Returns:
+            Torques [N m], a column per such effect and joint. Shape (n, s).
+        """
+        out = np.zeros((len(t), len(self.series)))
+        for (i, j), column in self.series.items():
+            kind, p, *_ = self.effects[i]
+            rng = create_random_stream(seed, f"effect/{i}/{kind.name}/{j}/{label}")
+            out[:, column] = kind.series(p, t, rng)
+        return out
+
+    def build_contact_rows(self, active: Sequence[int], soft: Array) -> Array:
+        """Return the contacts (`StepConstants`). Shape (c, 6).
+
+        A shared gear that does not act yet is there, without friction and inertia.
+        """
+        dof = len(soft)
+        motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
+        rows = [(motor[j], -1.0, 0.0, j, -1.0, 0.0) for j in range(dof)]
+        for i, gear in self.gears.items():
+            inertia, sign, *_ = gear.kind.gear(gear.values)
+            one, two = gear.joints
+            inertia = inertia if i in active else 0.0
+            rows.append((motor[one], motor[two], sign, one, two, inertia))
+        return np.array(rows, dtype=float)
+
+    def build_friction_rows(self, active: Sequence[int]) -> Array:
+        """Return the rows of friction that act. Shape (f, WIDTH)."""
+        dof, base, rows = self.robot.dof, self.base, []
+        for j in range(dof):
+            rows.append(_row(j, 0, (friction_laws.LEVEL, base.coulomb[j])))
+            rows.append(_row(j, 0, (friction_laws.VISCOUS, base.viscous[j])))
+            rows.append(_row(j, len(self.effects) * dof + j, (friction_laws.WARMUP, 0.0, SLOW)))
+        contacts = {i: dof + n for n, i in enumerate(self.gears)}
+        for i in active:
+            kind, p, joints, _ = self.effects[i]
+            if kind.gear:
+                _, _, level, coefficient = kind.gear(p)
+                rows.append(_row(contacts[i], 0, (friction_laws.LEVEL, level)))
+                rows.append(_row(contacts[i], 0, (friction_laws.VISCOUS, coefficient)))
+            if kind.friction:
+                rows += [_row(j, i * dof + j, kind.friction(p, base.coulomb[j])) for j in joints]
+        if (own := self.background) is not None:
+            for j in range(dof):
+                rows.append(_row(j, 0, (friction_laws.FADING, own.level[j], own.speed[j])))
+                rows.append(_row(j, 0, (friction_laws.PRESSED, own.press[j], own.span[j])))
+        return np.array(rows)
+
+    def build_torque_rows(self, active: Sequence[int]) -> Array:
+        """Return the rows of explicit torque that act. Shape (e, WIDTH)."""
+        channels, columns, rows = self.channels, self.series, []
+        for i in active:
+            kind, p, joints, _ = self.effects[i]
+            if kind.series:
+                channel = channels.index(kind.name)
+                rows += [_row(j, channel, (friction_laws.SERIES, columns[i, j])) for j in joints]
+            if kind.torque:
+                channel, numbers = channels.index(kind.name), kind.torque(p, joints)
+                on = joints[:1] if kind.scope == "pair" else joints
+                rows += [_row(j, channel, numbers) for j in on]
+        for wave in self.background.waves if self.background is not None else ():
+            channel = channels.index(COGGING)
+            rows += [_row(j, channel, (friction_laws.WAVE, *row)) for j, row in enumerate(wave)]
+        return np.array(rows, dtype=float).reshape(-1, at.WIDTH)
+
+    def build_background_rows(self) -> Array:
+        """Return friction of each joint by direction and warmth (`StepConstants`)."""
+        if (own := self.background) is None:
+            return np.zeros((0, 5))
+        first, dof = (len(self.effects) + 1) * self.robot.dof, self.robot.dof
+        slots = first + 2 * np.arange(dof)
+        return np.column_stack([own.lean, own.growth, own.oil, own.housing, slots])
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -190,7 +307,6 @@ class ArmPhase:
     model: pin.Model  # rigid body
     constants: StepConstants  # everything else, as the compiled step reads it
     pushes: tuple[ActingEffect, ...]  # effects that push the links from outside
-    errors: Array  # constant, cosine, sine of the encoder errors [rad], (3, dof)
     faults: EncoderFaults | None = None  # encoders that are broken, None if none is
 
 
@@ -211,22 +327,22 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
         robot.model, plant.scatter, create_random_stream(plant.seed, "scatter")
     )
     background = draw_background(robot, plant.background, plant.seed, base.coulomb)
-    return PlantArm(robot, plant.effects, model, base, background, plant.worked_before)
+    effects = tuple(resolve_effects(plant.effects))
+    return PlantArm(robot, effects, model, base, background, plant.worked_before)
 
 
 def build_initial_state(arm: PlantArm, start: float) -> PlantState:
     """Return the state of an arm that has worked since its session began."""
     dof, count = arm.robot.dof, len(arm.effects)
     memory = np.zeros((count + 1) * dof)
-    rows = build_friction_rows(arm.base, arm.effects, range(count))
+    rows = arm.build_friction_rows(range(count))
     for _, _, slot, _, constant, *_ in rows[rows[:, 0] == friction_laws.WARMUP]:
         memory[int(slot)] = compute_warmth_after(start, constant)
     if arm.background is not None:
-        # Oil and housing side by side, joint by joint (`build_background_rows`).
+        # Oil and housing side by side, joint by joint (`PlantArm.build_background_rows`).
         warmth = compute_start_warmth(arm.background, arm.worked + start)
         memory = np.concatenate([memory, warmth.T.ravel()])
-    gears = len(find_shared_gears(arm.effects))
-    return PlantState(np.zeros((3, dof)), np.zeros(dof + gears), memory)
+    return PlantState(np.zeros((3, dof)), np.zeros(dof + len(arm.gears)), memory)
 
 
 def split_into_phases(arm: PlantArm, steps: int, dt: float, series: Array) -> list[ArmPhase]:
@@ -245,9 +361,9 @@ def split_into_phases(arm: PlantArm, steps: int, dt: float, series: Array) -> li
     return out
 
 
-def find_onset_step(effect: PlantEffect, steps: int, dt: float) -> int:
+def find_onset_step(effect: ActingEffect, steps: int, dt: float) -> int:
     """Return the first control step on which an effect acts."""
-    kind, p, _, onset = resolve_effects([effect])[0]
+    kind, p, _, onset = effect
     if kind.onset_share:
         onset = max(onset, kind.onset_share(p) * steps * dt)
     return int(np.ceil(onset / dt - 1e-6))
@@ -256,7 +372,7 @@ def find_onset_step(effect: PlantEffect, steps: int, dt: float) -> int:
 def _phase(
     arm: PlantArm, active: list[int], span: tuple[int, int], dt: float, series: Array
 ) -> ArmPhase:
-    effects = resolve_effects(arm.effects[i] for i in active)
+    effects = [arm.effects[i] for i in active]
     robot, dof = arm.robot, arm.robot.dof
     change = np.zeros(dof)
     for kind, p, joints, _ in effects:
@@ -273,29 +389,22 @@ def _phase(
     errors = sum_encoder_errors(effects, dof)
     speed = USUAL_SPEED * compute_usual_motion_range(robot).velocity
     gain = 0.0 if arm.background is None else arm.background.gain
+    ratio = compute_torque_ratios(effects, dof) / (1.0 + gain)
+    power = compute_usual_friction_power(arm.base.coulomb, arm.base.viscous, speed)
+    joints = [rotor, elastic, *springs, ratio, robot.torque_limit, power, *errors]
     constants = StepConstants(
         dt=dt,
-        rotor=rotor,
-        elastic=elastic,
-        stiffness=springs[0],
-        damping=springs[1],
-        gap=springs[2],
-        ratio=compute_torque_ratios(effects, dof) / (1.0 + gain),
-        limit=np.array(robot.torque_limit, dtype=float),
-        power=compute_usual_friction_power(arm.base.coulomb, arm.base.viscous, speed),
-        shift=errors[0],
-        cos=errors[1],
-        sin=errors[2],
-        contacts=build_contact_rows(arm.effects, active, elastic),
-        friction=build_friction_rows(arm.base, arm.effects, active, arm.background),
-        torque=build_torque_rows(arm.effects, active, arm.background),
+        joints=np.array(joints, dtype=float),
+        contacts=arm.build_contact_rows(active, elastic),
+        friction=arm.build_friction_rows(active),
+        torque=arm.build_torque_rows(active),
         series=series,
-        used=build_background_rows(arm.background, (len(arm.effects) + 1) * dof),
+        used=arm.build_background_rows(),
     )
     faults = collect_encoder_faults(effects, dt)
     pushes = tuple(effect for effect in effects if effect.kind.push)
     model = apply_body_effects(arm.model, effects)
-    return ArmPhase(*span, model, constants, pushes, errors, faults)
+    return ArmPhase(*span, model, constants, pushes, faults)
 
 
 def _springs(

@@ -101,7 +101,7 @@ def read_encoders(k, joints, motors, goal, trace):
         The joint, from 1, that has run away farthest; 0 if none has.
     """
     now, astray, farthest = trace[k], 0, 1.0
-    elastic, shift, cos, sin = joints[1], joints[8], joints[9], joints[10]
+    elastic, shift, cos, sin = joints[at.ELASTIC], joints[at.SHIFT], joints[at.COS], joints[at.SIN]
     for j in range(len(elastic)):
         if elastic[j] == 0:
             motors[at.ANGLE, j], motors[at.SPEED, j] = now[at.Q, j], now[at.QD, j]

@@ -6,7 +6,6 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numba
-import numpy as np
 
 from residual.recording import Array
 
@@ -40,6 +39,8 @@ WIDTH = 7
 ) = range(13)
 CHANNELS = 13
 ANGLE, SPEED, LOADED = range(3)
+# Rows of what an arm has one number per joint of (`StepConstants`).
+INERTIA, ELASTIC, STIFFNESS, DAMPING, GAP, RATIO, LIMIT, POWER, SHIFT, COS, SIN = range(11)
 
 
 def compile_lazily(function: Callable) -> Callable:
@@ -53,22 +54,19 @@ def compile_lazily(function: Callable) -> Callable:
 
 
 class StepConstants(NamedTuple):
-    """One arm during one phase, as the compiled step reads it."""
+    """One arm during one phase, as the compiled step reads it.
+
+    Each array that crosses from Python to compiled code costs time at every step, so
+    all that has one number per joint is in one.
+    """
 
     dt: float  # time step [s]
-    rotor: Array  # rotor inertia at the joint [kg m^2], (dof,)
-    elastic: Array  # whether a spring is between motor and link, 1 or 0, (dof,)
-    # Transmission, N m/rad, N m s/rad, rad, (dof,) each.
-    stiffness: Array
-    damping: Array
-    gap: Array
-    ratio: Array  # real over reported torque, (dof,)
-    limit: Array  # largest torque of each drive [N m], (dof,)
-    power: Array  # usual power of friction, which heats by one unit [W], (dof,)
-    # Error of the encoder: true minus reading [rad], (dof,).
-    shift: Array
-    cos: Array
-    sin: Array
+    # Rows, from `INERTIA` on: rotor inertia at the joint [kg m^2]; whether a spring is
+    # between motor and link, 1 or 0; stiffness, damping and half gap of the
+    # transmission [N m/rad, N m s/rad, rad]; real over reported torque; largest torque
+    # of the drive [N m]; usual power of friction, which heats by one unit [W]; error of
+    # the encoder, true minus reading: constant, cosine, sine [rad]. Shape (11, dof).
+    joints: Array
     # Where friction acts, joints first, then shared gears: index of an unknown, of a
     # second one or -1, sign of that; both joints; inertia of a shared gear [kg m^2],
     # (c, 6).
@@ -82,21 +80,6 @@ class StepConstants(NamedTuple):
     used: Array
 
 
-class PackedStepConstants(NamedTuple):
-    """Constants with all that has one number per joint in one array.
-
-    Each array that crosses from Python to compiled code costs time at every step.
-    """
-
-    dt: float
-    joints: Array
-    contacts: Array
-    friction: Array
-    torque: Array
-    series: Array
-    used: Array
-
-
 class PlantState(NamedTuple):
     """What an arm carries from step to step, changed in place."""
 
@@ -105,34 +88,3 @@ class PlantState(NamedTuple):
     motors: Array
     impulse: Array  # friction impulse of each contact [N m s], (c,)
     memory: Array  # bristles and temperatures of the terms, (m,)
-
-
-def pack_constants(constants: StepConstants) -> PackedStepConstants:
-    """Return the same in fewer arrays."""
-    dt, *joints = constants[:12]
-    return PackedStepConstants(dt, np.array(joints), *constants[12:])
-
-
-@compile_lazily
-def unpack_constants(packed):
-    """Return the constants by name, as views; free inside compiled code."""
-    j = packed.joints
-    return StepConstants(
-        packed.dt,
-        j[0],
-        j[1],
-        j[2],
-        j[3],
-        j[4],
-        j[5],
-        j[6],
-        j[7],
-        j[8],
-        j[9],
-        j[10],
-        packed.contacts,
-        packed.friction,
-        packed.torque,
-        packed.series,
-        packed.used,
-    )

@@ -41,13 +41,15 @@ from residual.robot.robot import Robot
 from sim.engine.geometry import MARGIN, compute_clearances
 from sim.engine.plant_records import DriveParameters, ReferenceMotion
 from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
-from sim.trajectories.motion_curves import FourierSeries, bound_series_peaks, differentiate_series
 from sim.trajectories.planning_limits import (
+    FourierSeries,
     MotionPlan,
     MotionWorkspace,
     bound_nominal_torque,
     bound_overshoot_between_samples,
+    bound_series_peaks,
     build_workspace,
+    differentiate_series,
     read_declared_drives,
 )
 
@@ -69,16 +71,8 @@ _SLOW_TRIES = 50  # slow motions that are drawn at most
 
 def expand_free_coefficients(free_coefficients: Array) -> tuple[Array, Array]:
     """Return sines and cosines at rest at t = 0. Shapes (8, dof) to 2 x (5, dof)."""
-    half = HARMONICS - 1
-    return _BALANCED @ free_coefficients[:half] / _ORDER, _BALANCED @ free_coefficients[
-        half:
-    ] / _ORDER**2
-
-
-def extract_free_coefficients(series: FourierSeries) -> Array:
-    """Return what `expand_free_coefficients` made a series of. Shape (8, dof)."""
-    first, second = series.sine * _ORDER, series.cosine * _ORDER**2
-    return np.vstack([_BALANCED.T @ first, _BALANCED.T @ second])
+    sine, cosine = np.split(free_coefficients, 2)
+    return _BALANCED @ sine / _ORDER, _BALANCED @ cosine / _ORDER**2
 
 
 def sample_series(series: FourierSeries, t: Array) -> tuple[Array, Array, Array]:
@@ -116,13 +110,8 @@ def draw_unchecked_series(
     near = draw_motion_centre(compute_usual_motion_range(workspace.robot), rng)
     far = limits.middle + rng.uniform(-_APART, _APART, len(near)) * limits.half
     centre = far if anywhere else near
-    return scale_series_to_limits(
-        workspace, FourierSeries(centre, *expand_free_coefficients(free), workspace.period)
-    )
-
-
-def scale_series_to_limits(workspace: MotionWorkspace, series: FourierSeries) -> FourierSeries:
-    """Scale every joint to the end of its range, speed or acceleration."""
+    series = FourierSeries(centre, *expand_free_coefficients(free), workspace.period)
+    # Every joint to the end of its range, speed or acceleration.
     return scale_series(series, compute_growth_factors(workspace, series))
 
 
@@ -178,7 +167,9 @@ def export_series_coefficients(series: FourierSeries) -> tuple[tuple[float, ...]
     Returns:
         Centre, then the free coefficients: 9 rows of dof numbers [rad].
     """
-    rows = np.vstack([series.centre, extract_free_coefficients(series)]).round(DIGITS) + 0.0
+    # What `expand_free_coefficients` made the series of.
+    free = _BALANCED.T @ (series.sine * _ORDER), _BALANCED.T @ (series.cosine * _ORDER**2)
+    rows = np.vstack([series.centre, *free]).round(DIGITS) + 0.0
     return tuple(tuple(row) for row in rows.tolist())
 
 
@@ -502,10 +493,12 @@ def optimize_excitation(workspace: MotionWorkspace, rng: np.random.Generator) ->
     points.append(_improved(search, points[0], _STEPS[1]))
     found = [s for x in points if (s := shrink_to_feasible(workspace, search.series(x)))]
     found = [s for series in found if (s := _stirred(workspace, series))]
-    return min(
-        found or [draw_feasible_series(workspace, rng)],
-        key=lambda series: compute_series_condition(workspace, series),
-    )
+    t = np.arange(100) / 100 * workspace.period
+
+    def condition(series: FourierSeries) -> float:
+        return measure_excitation(workspace.robot.model, *sample_series(series, t)).condition
+
+    return min(found or [draw_feasible_series(workspace, rng)], key=condition)
 
 
 def _stirred(place: MotionWorkspace, series: FourierSeries) -> FourierSeries | None:
@@ -516,12 +509,6 @@ def _stirred(place: MotionWorkspace, series: FourierSeries) -> FourierSeries | N
     return shrink_to_feasible(
         place, scale_series(series, np.where(more < _ASLEEP, 1.0, _STIRRED * more))
     )
-
-
-def compute_series_condition(space: MotionWorkspace, series: FourierSeries) -> float:
-    """Return the condition number of one period of a motion."""
-    t = np.arange(100) / 100 * space.period
-    return measure_excitation(space.robot.model, *sample_series(series, t)).condition
 
 
 def _improved(search: ExcitationProblem, x: Array, steps: int) -> Array:

@@ -35,29 +35,27 @@ from sim.engine.geometry import (
     solve_pose_path,
 )
 from sim.plant.typical_sizes import compute_usual_motion_range, draw_motion_centre
-from sim.trajectories.motion_curves import (
+from sim.trajectories.planning_limits import (
     RAMP,
     FourierSeries,
     JointPath,
     Motion,
+    MotionPlan,
     MotionStage,
+    MotionWorkspace,
+    PlanningLimits,
+    bound_nominal_torque,
     build_dwell,
     build_joint_move,
     build_path_stage,
+    build_workspace,
     compute_path_nodes,
     evaluate_ramped_series,
     find_shortest_move_time,
     find_shortest_stage_time,
     interpolate_joint_path,
-    repeat_stages,
-)
-from sim.trajectories.planning_limits import (
-    MotionPlan,
-    MotionWorkspace,
-    PlanningLimits,
-    bound_nominal_torque,
-    build_workspace,
     read_planning_limits,
+    repeat_stages,
 )
 
 _MOST_PLACES, _LEAST_PLACES = 40, 2  # places per period
@@ -408,35 +406,22 @@ def _gun(piece: WorkPiece, angle: float, strokes: int):
     return piece.pose(x, np.cos(angle), _SWING * np.sin(own) * piece.along)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Point:
-    """Where the torch is: place on the piece, -1 to 1, and lean [rad]."""
-
-    place: Array
-    lean: Array
+# Joint angles along a seam, and along the air move that follows it; the last air move
+# leads back to the first seam.
+_Route = tuple[JointPath, JointPath]
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class _Routes:
-    """Joint angles along seams, and along the air move that follows each.
-
-    The last air move leads back to the first seam.
-    """
-
-    seams: list[JointPath]
-    moves: list[JointPath]
-
-
-def _draw_seam(piece: WorkPiece, rng: np.random.Generator) -> tuple[_Point, _Point]:
+def _draw_seam(piece: WorkPiece, rng: np.random.Generator) -> Array:
+    """Draw both ends: place on the piece, -1 to 1, and lean [rad]. Shape (2, 5)."""
     axes = np.array([piece.across, piece.along, np.cross(piece.across, piece.along)])
     lean = rng.uniform(-_LEAN, _LEAN, 3) @ axes
     ends = rng.uniform(-1, 1, (2, 2))
     while np.linalg.norm((ends[1] - ends[0]) * piece.half) < _LENGTH * piece.half[0]:
         ends = rng.uniform(-1, 1, (2, 2))
-    return _Point(ends[0], lean), _Point(ends[1], lean)
+    return np.hstack([ends, [lean, lean]])
 
 
-def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> _Routes | None:
+def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> list[_Route] | None:
     """Return the joint angles along all paths, None where the arm cannot follow."""
     lift, found = _LIFT * space.ways.length, []
     last = piece.posture
@@ -450,21 +435,18 @@ def _routes(space: ToolWorkspace, piece: WorkPiece, seams: list) -> _Routes | No
             last = q[-1]
     if np.abs(found[-1][-1] - found[0][0]).max() > 1e-6:
         return None  # back over the first seam in another posture
-    return _Routes(
-        [interpolate_joint_path(q) for q in found[::2]],
-        [interpolate_joint_path(q) for q in found[1::2]],
-    )
+    paths = [interpolate_joint_path(q) for q in found]
+    return list(zip(paths[::2], paths[1::2], strict=True))
 
 
-def _torch(piece: WorkPiece, start: _Point, end: _Point, height: float, x: float) -> pin.SE3:
-    """Return the pose of the flange on the way between two points, x from 0 to 1."""
-    place = start.place + x * (end.place - start.place)
-    lean = start.lean + x * (end.lean - start.lean)
-    return piece.pose(place[0], place[1], lean, height * 16 * x**2 * (1 - x) ** 2)
+def _torch(piece: WorkPiece, start: Array, end: Array, height: float, x: float) -> pin.SE3:
+    """Return the pose of the flange on the way between two ends, x from 0 to 1."""
+    at = start + x * (end - start)
+    return piece.pose(at[0], at[1], at[2:], height * 16 * x**2 * (1 - x) ** 2)
 
 
 def _timed(
-    limits: PlanningLimits, routes: _Routes, period: float, hurry: bool
+    limits: PlanningLimits, routes: list[_Route], period: float, hurry: bool
 ) -> list[MotionStage] | None:
     """Return the stages of one period; what time is left goes to the seams.
 
@@ -473,12 +455,9 @@ def _timed(
         so fast that it fits.
     """
     bounds = (limits.velocity, limits.acceleration)
-    seams = np.array(
-        [find_shortest_stage_time(build_path_stage(r, 1.0, True), *bounds) for r in routes.seams]
-    )
-    moves = np.array(
-        [find_shortest_stage_time(build_path_stage(r, 1.0, False), *bounds) for r in routes.moves]
-    )
+    stages = ([build_path_stage(s, 1.0, True), build_path_stage(a, 1.0, False)] for s, a in routes)
+    least = [[find_shortest_stage_time(stage, *bounds) for stage in pair] for pair in stages]
+    seams, moves = np.array(least).T
     seams = np.maximum(_EASE * seams, _SEAM)
     moves, still = np.maximum(_EASE * moves, _AIR), _DWELL
     needed = seams.sum() + moves.sum() + 2 * still * len(seams)
@@ -489,7 +468,7 @@ def _timed(
     else:
         return None
     stages = []
-    for i, (seam, air) in enumerate(zip(routes.seams, routes.moves, strict=True)):
+    for i, (seam, air) in enumerate(routes):
         begin, end = (seam.at(np.array([x]))[0] for x in (0.0, 1.0))
         stages += [build_dwell(begin, still), build_path_stage(seam, float(seams[i]), True)]
         stages += [build_dwell(end, still), build_path_stage(air, float(moves[i]), False)]

@@ -14,7 +14,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from residual.export.c99 import make_c_identifier
+from residual.export.c99 import POSITION, SPEED, evaluate_table_curve, make_c_identifier
 from residual.export.model_export import (
     RATE,
     ModelExport,
@@ -23,7 +23,6 @@ from residual.export.model_export import (
     fill_joint_limits,
     remove_tables,
 )
-from residual.export.support_point_tables import POSITION, SPEED, evaluate_table_curve
 from residual.model.model import LEAST_SPEED, Model
 from residual.model.model_files import model_from_record
 from residual.recording import Array

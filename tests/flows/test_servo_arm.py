@@ -8,7 +8,7 @@ from flows.steps import experiment, rerun
 from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
-from sim.plant.servo import build_servo_law, follow_goal
+from sim.plant.closed_loop import build_servo_law, follow_goal
 from warehouse.runs import open_seal, read_channels, read_run
 
 GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]

@@ -9,14 +9,18 @@ from numpy.testing import assert_allclose
 from sklearn.model_selection import LeaveOneGroupOut
 
 from flows.report.calibration import describe_calibration
-from residual.calibration import table_regression
+from residual.calibration import correction_choice
 from residual.calibration.calibrate import CalibrationSettings, calibrate, prepare_runs
 from residual.calibration.calibrate import identify_without_blocks as without_blocks
 from residual.calibration.calibration_rows import GUARD, CalibrationRun, build_paper_rows
-from residual.calibration.correction_choice import MAIN, PAIRS, CorrectionOption
+from residual.calibration.correction_choice import (
+    MAIN,
+    PAIRS,
+    CorrectionOption,
+    choose_table_levels,
+)
 from residual.calibration.correction_choice import list_correction_options as correction_options
 from residual.calibration.nominal_pls import NominalPlsForm
-from residual.calibration.table_regression import choose_table_levels
 from residual.calibration.validation_scores import (
     BLOCK,
     DEFAULT,
@@ -43,7 +47,7 @@ QUICK = CalibrationSettings(form=SMALL)
 @pytest.fixture(autouse=True)
 def lean(monkeypatch):
     """Tables of ten levels instead of twenty: a step is a step on either."""
-    monkeypatch.setattr(table_regression, "LEVELS", 10)
+    monkeypatch.setattr(correction_choice, "LEVELS", 10)
 
 
 @cache

@@ -8,13 +8,14 @@ import pytest
 from residual.calibration.correction_choice import (
     MAIN,
     PAIRS,
+    ROWS,
     CorrectionOption,
     TrainingRows,
+    choose_table_levels,
     fit_all_corrections,
     fit_chosen_tables,
 )
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
-from residual.calibration.table_regression import ROWS, choose_table_levels
 from residual.errors import InputError
 from residual.model.lookup import NONE
 from tests.residual.motion_blocks import NAMES, motion

@@ -13,7 +13,7 @@ from residual.model.model import Term
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.robot.robot import load_robot
 from residual.signals.track import FilterSettings
-from residual.verdict.edit_test import (
+from residual.verdict.diagnosis import (
     fit_all_parameters,
     measure_errors,
     remove_effects_from_model,

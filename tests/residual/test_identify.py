@@ -8,9 +8,8 @@ from numpy.testing import assert_allclose
 
 from residual.errors import InputError
 from residual.identification import estimate
-from residual.identification.estimate import Options
+from residual.identification.estimate import JointRows, Options, build_joint_rows
 from residual.identification.identify import identify
-from residual.identification.observability import JointRows, build_joint_rows
 from residual.recording import Recording
 from tests.residual.arms import arm, plain_logs
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth

@@ -6,8 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from residual.calibration.nominal_pls import merge_equal_rows
-from residual.calibration.table_regression import build_levels
+from residual.calibration.nominal_pls import build_levels, merge_equal_rows
 from residual.errors import InputError
 
 COLUMNS = arrays(

@@ -8,8 +8,8 @@ from scipy.integrate import solve_ivp
 
 from residual.drive import Drive, compute_drive_torque
 from residual.effects import load_effects
+from residual.model.dynamics import compute_position_errors, simulate_position
 from residual.model.model import Model, Term
-from residual.model.rollout import compute_position_errors, simulate_position
 from residual.recording import Recording
 from residual.robot.robot import build_robot, load_robot
 

@@ -36,8 +36,8 @@ def balance(trace: SimulationTrace, every: int = 50) -> Balance:
         speed = motor if i in at_motor else link
         lost = lost + now[:, at.CHANNELS + i] * speed
     twist = np.abs(now[:, at.MOTOR_Q] - now[:, at.Q])
-    engaged = (twist >= arm.gap) & (arm.elastic > 0)
-    lost = lost + arm.damping * engaged * (motor - link) ** 2
+    engaged = (twist >= arm.joints[at.GAP]) & (arm.joints[at.ELASTIC] > 0)
+    lost = lost + arm.joints[at.DAMPING] * engaged * (motor - link) ** 2
     work = np.concatenate([[0.0], np.cumsum((power - lost).sum(axis=1)) * dt])
     looks = range(0, len(rows), every)
     stored = np.array([_stored(trace, k) for k in looks])
@@ -51,9 +51,9 @@ def _stored(trace: SimulationTrace, k: int) -> float:
     data, dof = model.createData(), model.nv
     energy = pin.computeKineticEnergy(model, data, now[at.Q], now[at.QD])
     energy += pin.computePotentialEnergy(model, data, now[at.Q])
-    energy += 0.5 * (arm.rotor * now[at.MOTOR_QD] ** 2).sum()
-    stretch = np.maximum(np.abs(now[at.MOTOR_Q] - now[at.Q]) - arm.gap, 0.0)
-    energy += 0.5 * (arm.stiffness * stretch**2).sum()
+    energy += 0.5 * (arm.joints[at.INERTIA] * now[at.MOTOR_QD] ** 2).sum()
+    stretch = np.maximum(np.abs(now[at.MOTOR_Q] - now[at.Q]) - arm.joints[at.GAP], 0.0)
+    energy += 0.5 * (arm.joints[at.STIFFNESS] * stretch**2).sum()
     for _, _, sign, first, second, inertia in arm.contacts[dof:]:
         speed = now[at.MOTOR_QD, int(first)] + sign * now[at.MOTOR_QD, int(second)]
         energy += 0.5 * inertia * speed**2

@@ -6,7 +6,7 @@ import pytest
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import InputError
-from sim.plant.joint_background import draw_background, simulate_torque_logging
+from sim.plant.plant_arm import draw_background, simulate_torque_logging
 from sim.plant.typical_sizes import estimate_typical_sizes
 from tests.sim.plant_cases import ROBOT
 

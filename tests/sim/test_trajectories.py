@@ -16,10 +16,9 @@ from sim.engine.geometry import (
     compute_flange_pose,
 )
 from sim.engine.plant_records import TrajectorySpec
-from sim.trajectories import KINDS, plan_reference_motion
+from sim.trajectories import KINDS, plan_motion, plan_reference_motion, sample_plan
 from sim.trajectories import excitation as search
 from sim.trajectories.planning_limits import read_planning_limits
-from sim.trajectories.reference_planning import plan_motion, sample_plan
 
 ROBOT = load_robot("irb140")
 LIMITS = read_planning_limits(ROBOT)
