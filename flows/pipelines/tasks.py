@@ -23,7 +23,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
 from flows.inputs.read import read_run_robot
-from flows.project.deployments import ALARM, COMMITTED, NOTICE, STORE
+from flows.project import ALARM, COMMITTED, NOTICE, STORE
 from flows.report import experiments, stored_pages
 from flows.report.calibration import build_terminal_parts as calibrated_parts
 from flows.report.document import ReportTable

@@ -123,7 +123,7 @@ _RUNS = f"""
     ORDER BY created DESC, id
 """
 
-# Logs that an inbox refused, with the reason (`flows.inbox.import_logs`).
+# Logs that an inbox refused, with the reason (`flows.inbox`).
 _REFUSED = """
     SELECT validation_id AS id, robot, verdict AS why, created
     FROM validations WHERE kind = 'refused' ORDER BY created DESC, id

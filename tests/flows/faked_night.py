@@ -21,7 +21,9 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.pipelines import adoption_flow, nightly, tasks
+    from flows.pipelines import flows as adoption_flow
+    from flows.pipelines import flows as nightly
+    from flows.pipelines import tasks
 
     page = tmp_path / "report.html"
     page.write_text("<html>")

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.prefect
 @pytest.fixture(scope="module")
 def flows(server):
     """All flows, loaded only now: Prefect takes its settings when it is."""
-    from flows.pipelines import nightly
+    from flows.pipelines import flows as nightly
 
     return nightly
 
@@ -220,7 +220,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
 
 
 def test_the_events_of_the_deployments_are_those_that_flows_send(server):
-    from flows.project import deployments
+    from flows import project as deployments
 
     expected = {
         (d["name"], event, trigger["match"]["prefect.resource.id"])

@@ -25,7 +25,7 @@ def night_store(arm_nights):
 
 @pytest.fixture
 def nights(server, night_store, monkeypatch):
-    from flows.pipelines import adoption_flow
+    from flows.pipelines import flows as adoption_flow
 
     events = []
     monkeypatch.setattr(

@@ -12,7 +12,7 @@ def flow_run(server, monkeypatch, tmp_path):
     from prefect.exceptions import Pause
     from prefect.flow_engine import run_flow
 
-    from flows.pipelines import adoption_flow
+    from flows.pipelines import flows as adoption_flow
 
     given = []
     monkeypatch.setattr(adoption_flow, "render_proposal", lambda *_: "| now | then |")

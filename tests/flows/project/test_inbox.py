@@ -9,14 +9,14 @@ from pathlib import Path
 import pytest
 
 import warehouse
+from flows import inbox as run
 from flows.cli import main
-from flows.inbox import import_logs as run
-from flows.inbox.batches import find_new_runs
-from flows.inbox.import_logs import (
+from flows.inbox import (
     KNOWN,
     STORED,
     WAITING,
     LogImport,
+    find_new_runs,
     import_inbox_logs,
     import_log,
     list_inboxes,
@@ -24,7 +24,7 @@ from flows.inbox.import_logs import (
     lock_inbox,
     select_unchanged,
 )
-from flows.project.read import read_project
+from flows.project import read_project
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
 from warehouse.record_commit import commit_record
@@ -130,8 +130,8 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     killed = f"""
 import os, signal
 from flows.inbox import import_logs as run
-from flows.inbox.import_logs import list_logs
-from flows.project.read import read_project
+from flows.inbox import list_logs
+from flows.project import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
     put, count = run.move_imported_log, []
