@@ -19,6 +19,11 @@ def json_text(document: Mapping) -> str:
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def describe_repair_file(lines: str) -> str:
+    """Return where repair lines belong, in words."""
+    return "robot.toml, [robot]" if lines.startswith("grav") else "--map"
+
+
 def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
     """Check, before the work, that the files can be written after it.
 

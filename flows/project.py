@@ -15,7 +15,7 @@ import yaml
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.outputs import write_files
 from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, resolve_store_folder
 from residual.errors import InputError

@@ -249,7 +249,7 @@ LOADED = {
         {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl", "numpy", "tomllib"},
     ),
     "the steps": (
-        "import flows.steps.calibrate, flows.steps.diagnose, flows.steps.imports, "
+        "import flows.steps.fit, flows.steps.diagnose, flows.steps.imports, "
         "flows.steps.experiment, flows.report.models",
         {"prefect", "pybullet", "cvxpy"},
     ),

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -480,3 +481,34 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
         "was changed. Look at it with modelgap models, and try again if it still holds."
     )
+
+
+class AdoptionEntry(NamedTuple):
+    """An adoption of a store, with its number and when it was made, in words."""
+
+    number: str
+    adoption: ModelAdoption
+    since: str
+
+
+def read_adoptions(store: Path) -> list[AdoptionEntry]:
+    """Return all adoptions, the first one first."""
+    out = []
+    for id in list_record_folders(store, ADOPTIONS):
+        path = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+        created = read_parquet(path, ["created"]).column("created")[0].as_py()
+        since = f"{created:%Y-%m-%d %H:%M}"
+        out.append(AdoptionEntry(id, read_adoption(store, id), since))
+    return out
+
+
+def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
+    """Return whether the model of a diagnosis is adopted, in one line."""
+    entries = read_adoptions(store)
+    last = {(record.robot, record.serial): id for id, record, _ in entries}
+    for id, record, since in reversed(entries):
+        if record.diagnosis_id == diagnosis:
+            current = last[record.robot, record.serial] == id
+            now = "the current model" if current else "replaced since"
+            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
+    return f"not adopted: modelgap adopt {diagnosis[:8]}"

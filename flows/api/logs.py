@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from flows.api.remedies import advise_in_python, name_arguments
-from flows.inputs.read import LogSets, apply_known_values, load_command_robot, read_log_sets
+from flows.inputs import LogSets, apply_known_values, load_command_robot, read_log_sets
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
 from flows.settings import resolve_store_folder

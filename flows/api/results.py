@@ -12,17 +12,20 @@ import pyarrow as pa
 from flows.api.logs import check_recordings, check_robot
 from flows.api.remedies import advise_in_python
 from flows.api.store import Table
-from flows.inputs.read import LogSets, apply_known_values, is_run_id
+from flows.inputs import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.calibrate import calibrate as calibrate_request
 from flows.steps.diagnose import ROLES, add_stored_runs, read_stored_runs, store_diagnosis
 from flows.steps.diagnose import diagnose as diagnose_request
-from flows.steps.identify import identify as identify_request
+from flows.steps.fit import (
+    build_calibration_document,
+    build_identification_document,
+    build_parameter_rows,
+)
+from flows.steps.fit import calibrate as calibrate_request
+from flows.steps.fit import identify as identify_request
 from flows.steps.model_choice import choose_request_model
-from flows.storage import calibration as calibrated
-from flows.storage import identification_record as identified
 from residual.calibration import calibrate as core
 from residual.calibration.calibration_rows import CalibrationRun
 from residual.calibration.validation_scores import DEFAULT, NOTHING, RUN, find_model_score
@@ -214,7 +217,7 @@ class Identification(ValidatedIdentification):
     @property
     def parameters(self) -> Table:
         """Base parameters: value, standard deviation, nominal value, unit, status."""
-        rows = pa.Table.from_pylist(identified.build_parameter_rows(self))
+        rows = pa.Table.from_pylist(build_parameter_rows(self))
         return Table(rows.select(_COLUMNS))
 
     @property
@@ -227,7 +230,7 @@ class Identification(ValidatedIdentification):
 
     def to_json(self) -> dict:
         """The result as JSON values (docs/method.md)."""
-        return identified.build_identification_document(self)
+        return build_identification_document(self)
 
     def __repr__(self) -> str:
         before, after = (
@@ -291,9 +294,7 @@ class Calibration(core.Calibration):
         """The result as JSON values (docs/calibration.md)."""
         from flows.report.calibration import describe_calibration
 
-        return calibrated.build_calibration_document(
-            self, describe_calibration(self), self.warnings, {}
-        )
+        return build_calibration_document(self, describe_calibration(self), self.warnings, {})
 
     @property
     def model(self) -> CorrectedModel | None:

@@ -164,7 +164,7 @@ def validate(
         runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
-    from flows.inputs.read import query_run_ids
+    from flows.inputs import query_run_ids
     from flows.report import experiments
     from flows.report.document import print_parts
     from flows.steps import validate as trial
@@ -226,7 +226,7 @@ def trajectory(
         out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
             (rad/s^2).
     """
-    from flows.inputs.read import load_command_robot
+    from flows.inputs import load_command_robot
     from flows.report.document import print_parts
     from flows.report.experiments import build_motion_parts
     from flows.steps.experiment import format_reference_csv

@@ -56,7 +56,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
         logs: Logs: CSV, Parquet, ROS bag or MCAP files, windows (FILE@0:16.5,
             FILE@60%:) or ids of stored runs; none to check the robot file alone.
     """
-    from flows.inputs.read import read_logs
+    from flows.inputs import read_logs
     from flows.report.document import print_parts
     from flows.report.robot_file import build_robot_document, describe_robot_check
     from flows.report.sentences import describe_check
@@ -198,7 +198,7 @@ def diagnose(
         json: File for the verdict as JSON; "-" prints it alone.
         save_model: File for the augmented model, for predict and export.
     """
-    from flows.inputs.read import load_request_robot, select_request_runs
+    from flows.inputs import load_request_robot, select_request_runs
     from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
     from flows.report.page import describe_request_origin
     from flows.steps import diagnose as steps
@@ -274,7 +274,7 @@ def next_(
             (rad/s^2).
         json: File for the verdict with its next_experiment; "-" prints it alone.
     """
-    from flows.inputs.read import is_run_id
+    from flows.inputs import is_run_id
     from flows.report.document import print_parts
     from flows.report.experiments import (
         build_ranking_table,
@@ -344,14 +344,11 @@ def identify(
             runs.
         out: New folder for the identified URDF and robot.toml, for --robot.
     """
-    from flows.inputs.read import load_request_robot, select_request_runs
+    from flows.inputs import load_request_robot, select_request_runs
     from flows.report.document import print_parts, widen_piped_console
     from flows.report.models import build_identification_parts as identified
-    from flows.steps import identify as identification
+    from flows.steps import fit
     from flows.steps.model_choice import choose_request_model
-    from flows.storage.identification_record import (
-        build_identification_document as identification_document,
-    )
     from residual.model.model_files import build_robot_folder
 
     request = select_request_runs(request, logs, where, held_out_where)
@@ -362,15 +359,15 @@ def identify(
     outputs = Outputs({"--json": json}, list_input_files(words, request.columns))
     if out is not None:
         check_new_folder("--out", Path(out))
-    read = identification.read_logs(request, robot)
+    read = fit.read_identification_logs(request, robot)
     outputs.say(*read.lines[:1], *choice.lines, *read.lines[1:])
-    outcome, kept = identification.identify(request, read)
+    outcome, kept = fit.identify(request, read)
     files = {}
     if out is not None:
         about = f"identified from {' '.join(outcome.fit)}"
         files = place_in_folder(out, build_robot_folder(outcome.best, about))
     print_parts(widen_piped_console(outputs.console), *identified(outcome))
-    outputs.write(document=lambda: identification_document(outcome), more=files)
+    outputs.write(document=lambda: fit.build_identification_document(outcome), more=files)
     outputs.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 
@@ -401,37 +398,35 @@ def calibrate(
         json: File for all figures as JSON; "-" prints it alone.
         out: New folder for the tables, their model, and evaluators in NumPy and C.
     """
-    from flows.inputs.read import select_request_runs
+    from flows.inputs import select_request_runs
     from flows.report.calibration import (
         build_terminal_parts,
         describe_calibration,
         render_calibration_page,
     )
     from flows.report.document import print_parts, widen_piped_console
-    from flows.steps import calibrate as calibration
-    from flows.storage.calibration import build_calibration_document as calibration_document
-    from flows.storage.calibration import build_calibration_files
+    from flows.steps import fit
 
     request = select_request_runs(request, logs, where)
     inputs = list_input_files((*request.logs, request.robot), request.columns)
     outputs = Outputs({"--report": report, "--json": json}, inputs)
     if out is not None:
         check_new_folder("--out", Path(out))
-    read, runs = calibration.read_logs(request)
+    read, runs = fit.read_calibration_runs(request)
     if request.paper:
         from flows.steps.experiment import add_twin_errors
 
         runs = add_twin_errors(read.robot, runs)
     outputs.say(*read.lines)
     with show_progress_bar() as progress:
-        done = calibration.calibrate(request, read, runs, progress)
+        done = fit.calibrate(request, read, runs, progress)
     result = done.calibration
     outputs.write(
         {"--report": lambda: render_calibration_page(result, done.warnings)},
-        lambda: calibration_document(
+        lambda: fit.build_calibration_document(
             result, describe_calibration(result), done.warnings, done.stored
         ),
-        place_in_folder(out, build_calibration_files(result)) if out is not None else {},
+        place_in_folder(out, fit.build_calibration_files(result)) if out is not None else {},
     )
     print_parts(widen_piped_console(outputs.console), *build_terminal_parts(done))
     if done.stored:

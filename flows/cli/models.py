@@ -175,7 +175,7 @@ def predict(
     """
     from flows.report.document import print_parts
     from flows.report.models import build_prediction_table
-    from flows.steps import predict as predicting
+    from flows.steps import export as predicting
 
     check_outside("--out", out, resolve_store_folder(store))
     inputs = list_input_files((*logs, model), columns)

@@ -85,7 +85,7 @@ def verify(*, store: Store = None) -> None:
     with the hash of its content. Exit code 1 if something is damaged or missing.
     Changes nothing, and takes about as long as reading the store from the disk.
     """
-    from flows.steps import diff as steps
+    from flows.steps import rerun as steps
 
     for line in steps.find_damaged_files(resolve_store_folder(store)):
         print(line, flush=True)
@@ -167,9 +167,9 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.diagnosis import describe_parents, print_diagnosis
     from flows.report.document import print_parts, widen_piped_console
-    from flows.storage.adoptions import describe_diagnosis_adoption
     from flows.storage.diagnosis import parse_verdict
     from residual.verdict.diagnosis import Diagnosis
+    from warehouse.record_commit import describe_diagnosis_adoption
 
     id, content = record["id"], record["content"]
     try:
@@ -338,7 +338,7 @@ def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store =
     """
     from flows.report.document import print_parts, widen_piped_console
     from flows.report.records import build_diff_record, build_diff_tables
-    from flows.steps import diff as steps
+    from flows.steps import rerun as steps
 
     difference = steps.diff_records(one, two, resolve_store_folder(store))
     if format == "json":

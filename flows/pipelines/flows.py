@@ -39,9 +39,9 @@ from flows.report.models import describe_adoption, render_proposal_markdown, ren
 from flows.report.page import read_record_origin
 from flows.report.store_index import write_index
 from flows.settings import HEALTHY, count_cores, resolve_store_folder
-from flows.steps import diff as verification
 from flows.steps import experiment as campaigns
 from flows.steps import monitor as monitoring
+from flows.steps import rerun as verification
 from flows.steps.adopt import Proposal, find_same_proposal, judge_adoption, store_proposal
 from flows.steps.adopt import adopt as give
 from flows.steps.model_choice import resolve_adopted_model

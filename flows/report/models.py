@@ -9,12 +9,12 @@ from flows.report.page import Pairs, render_html
 from flows.report.phrases import read_page_texts
 from flows.report.sentences import list_headline_sentences
 from flows.steps.adopt import Judgment, Proposal
-from flows.storage.adoptions import AdoptionEntry
 from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
 from residual.model.compare import EDITED, WHOLE
 from residual.quantity import format_number, format_percent, format_percent_number, format_unit
 from residual.verdict.result import ErrorTables
+from warehouse.record_commit import AdoptionEntry
 
 _TEXT = read_page_texts()["proposal"]
 

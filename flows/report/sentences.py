@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from flows.inputs.repair import describe_repair_file
+from flows.outputs import describe_repair_file
 from flows.report.phrases import (
     WEIGH_LOAD,
     At,

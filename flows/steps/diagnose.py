@@ -5,8 +5,8 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs import read as inputs
-from flows.inputs.read import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
+from flows import inputs
+from flows.inputs import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder

@@ -18,7 +18,7 @@ from time import perf_counter
 import numpy as np
 from pydantic import TypeAdapter
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.outputs import Progress
 from flows.settings import count_cores, resolve_store_folder
 from flows.specs import (

@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.read import LogSets, load_command_robot, require_logs, suggest_column_map
+from flows.inputs import LogSets, load_command_robot, require_logs, suggest_column_map
 from flows.requests import LONGEST_WORD, Import, check_tags, is_short_word
 from flows.settings import resolve_store_folder
 from flows.steps.check import refuse_faulty_logs

@@ -8,11 +8,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.read import is_run_id, load_run_robot, read_run_robot
+from flows.inputs import is_run_id, load_run_robot, read_run_robot
 from flows.requests import Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.storage.calibration import CORRECTED
-from flows.storage.diagnosis import models_from_record, read_adoptable_model, read_models
+from flows.storage.diagnosis import CORRECTED, models_from_record, read_adoptable_model, read_models
 from residual.calibration.calibrate import add_correction_tables
 from residual.calibration.calibration_rows import PAPER
 from residual.errors import InputError, check_name

@@ -5,7 +5,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.read import is_run_id, load_run_robot, read_file_serial, read_run_serial
+from flows.inputs import is_run_id, load_run_robot, read_file_serial, read_run_serial
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
 from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model

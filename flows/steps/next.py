@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.inputs.read import LogSets, is_run_id
+from flows.inputs import LogSets, is_run_id
 from flows.outputs import Progress
 from flows.requests import Diagnose, Next
 from flows.settings import resolve_store_folder

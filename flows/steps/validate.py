@@ -20,7 +20,7 @@ from time import perf_counter
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.requests import Validate as Request
 from flows.settings import resolve_store_folder
 from flows.steps.experiment import parse_sealed_plant

@@ -25,6 +25,7 @@ from warehouse.store_files import read_parquet
 
 PROOFS, CLOUDS = "proofs", "clouds"
 STATES = "states"  # the table, and its file in the folder of a model
+CORRECTED = "corrected.json"  # file of a calibrated model
 # What lists and tables of other sizes and kinds make Python say.
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 

@@ -100,7 +100,7 @@ def several_page():
 def few_tables(monkeypatch):
     """A calibration of fewer levels and components: same words, quick numbers."""
     lean = partial(core.CalibrationSettings, form=NominalPlsForm(6, 4))
-    monkeypatch.setattr("flows.steps.calibrate.CalibrationSettings", lean)
+    monkeypatch.setattr("flows.steps.fit.CalibrationSettings", lean)
     monkeypatch.setattr("residual.calibration.table_regression.LEVELS", 10)
     monkeypatch.setattr("residual.calibration.figure_data.SWEEP", (2, 5))
 

@@ -8,7 +8,7 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.inputs.read import read_logs
+from flows.inputs import read_logs
 from flows.report.sentences import format_headline
 from flows.requests import Check, Diagnose
 from flows.steps import check as steps

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.read import load_run_robot
+from flows.inputs import load_run_robot
 from flows.report.experiments import describe_alarms
 from flows.requests import Monitor
 from flows.specs import parse_spec

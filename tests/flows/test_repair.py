@@ -5,7 +5,7 @@ import tomllib
 import numpy as np
 import pytest
 
-from flows.inputs.repair import format_gravity_line, format_repair_lines
+from flows.steps.check import format_gravity_line, format_repair_lines
 from residual.check.result import Repair
 from residual.robot.robot import load_robot
 from warehouse.logs import ColumnMap, read_column_map, read_log_despite_doubts

@@ -12,8 +12,7 @@ from flows.requests import Diagnose
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from flows.steps.diagnose import diagnose_stored_runs
-from flows.steps.diff import diff_records
-from flows.steps.rerun import find_cause
+from flows.steps.rerun import diff_records, find_cause
 from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
