@@ -254,7 +254,7 @@ LOADED = {
         {"prefect", "pybullet", "cvxpy"},
     ),
     "a query": (
-        "import flows.report.query_results, warehouse.query.store",
+        "import flows.report.records, warehouse.query.store",
         {"pinocchio", "pyarrow.compute", "pydantic"},
     ),
 }

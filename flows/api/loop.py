@@ -5,8 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from flows.api.logs import check_recordings
-from flows.api.remedies import advise_in_python
+from flows.api.logs import advise_in_python, check_recordings
 from flows.api.results import Diagnosis, build_log_sets, convert_to_subclass
 from flows.outputs import Progress, write_files
 from flows.requests import Diagnose

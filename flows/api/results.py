@@ -9,8 +9,7 @@ from typing import Any
 import numpy as np
 import pyarrow as pa
 
-from flows.api.logs import check_recordings, check_robot
-from flows.api.remedies import advise_in_python
+from flows.api.logs import advise_in_python, check_recordings, check_robot
 from flows.api.store import Table
 from flows.inputs import LogSets, apply_known_values, is_run_id
 from flows.outputs import Progress, write_files

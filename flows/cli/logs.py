@@ -134,7 +134,7 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         dry_run: Show the columns and the id, store nothing.
     """
     from flows.report.document import print_parts
-    from flows.report.records import build_channel_table, describe_imported_log
+    from flows.report.robot_file import build_channel_table, describe_imported_log
     from flows.steps import imports
     from warehouse.remote_store import format_store_name
 

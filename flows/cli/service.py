@@ -36,8 +36,8 @@ from flows.settings import (
 from residual.errors import InputError, RunError, strip_control_characters
 
 if TYPE_CHECKING:
-    from flows.inbox import Inbox
     from flows.project import Project
+    from flows.steps.inbox import Inbox
 
 _PAUSE = 5.0  # s between two looks
 
@@ -88,8 +88,8 @@ def inbox(folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
         once: Return after the logs that are there now; default: run until Ctrl-C.
         import_only: Do not monitor or diagnose.
     """
-    from flows.inbox import KNOWN, REFUSED, STORED, WAITING, list_inboxes, list_logs
     from flows.project import read_project
+    from flows.steps.inbox import KNOWN, REFUSED, STORED, WAITING, list_inboxes, list_logs
 
     project = read_project(folder)
     of = list_inboxes(project)
@@ -110,8 +110,8 @@ def inbox(folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
 
 
 def _import_round(project: "Project", of: Sequence["Inbox"], import_only: bool) -> Counter:
-    from flows.inbox import diagnose_new_runs, import_inbox_logs, wait_for_unchanged_logs
     from flows.report.sentences import format_headline
+    from flows.steps.inbox import diagnose_new_runs, import_inbox_logs, wait_for_unchanged_logs
     from flows.steps.monitor import monitor_new_runs
 
     counts: Counter = Counter()
@@ -173,8 +173,8 @@ def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
     Args:
         foreground: Run until Ctrl-C, then stop everything; for service managers.
     """
-    from flows.inbox import list_inboxes
     from flows.project import build_deployments, read_current_project
+    from flows.steps.inbox import list_inboxes
     from warehouse.remote_store import format_store_name
 
     place = resolve_store_folder(request.store)

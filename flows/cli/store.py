@@ -50,7 +50,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         limit: Number of runs.
         format: Format of the output.
     """
-    from flows.report.query_results import (
+    from flows.report.records import (
         print_damaged_files,
         print_query_result,
         refuse_binary_on_terminal,
@@ -138,7 +138,7 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    from flows.report.query_results import print_damaged_files
+    from flows.report.records import print_damaged_files
     from warehouse.query.store import open_store
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record, read_record
@@ -187,7 +187,7 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
 
 
 def _relatives(store: "Opened", id: str) -> dict:
-    from warehouse.query.sql_views import quote_sql_text as quoted
+    from warehouse.query.sql_guard import quote_sql_text as quoted
 
     queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
@@ -243,7 +243,7 @@ def sql(
         truth: Open the seals of all simulated runs, and mark these as opened: this
             query has the view truth (docs/sql.md).
     """
-    from flows.report.query_results import (
+    from flows.report.records import (
         list_named_queries,
         list_schema_columns,
         print_damaged_files,
@@ -290,7 +290,7 @@ def sql(
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
-    from flows.report.query_results import describe_query_values
+    from flows.report.records import describe_query_values
     from warehouse.query.named_queries import NAMED
     from warehouse.query.sql_guard import LONGEST
 
@@ -311,7 +311,7 @@ def _query(
 
 
 def _write(rows: "pa.Table", format: str, out: str | None) -> None:
-    from flows.report.query_results import encode_query_result, print_query_result
+    from flows.report.records import encode_query_result, print_query_result
 
     if out is None:
         print_query_result(rows, format)

@@ -17,18 +17,6 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 from prefect.runtime import flow_run
 
-from flows.inbox import (
-    KNOWN,
-    REFUSED,
-    STORED,
-    WAITING,
-    find_new_runs,
-    find_project_robot,
-    import_inbox_logs,
-    list_inboxes,
-    wait_for_unchanged_logs,
-)
-from flows.inbox import diagnose_new_runs as diagnose_runs
 from flows.pipelines import tasks
 from flows.pipelines.proposals import cancel_settled_proposals
 from flows.pipelines.tasks import task
@@ -44,6 +32,18 @@ from flows.steps import monitor as monitoring
 from flows.steps import rerun as verification
 from flows.steps.adopt import Proposal, find_same_proposal, judge_adoption, store_proposal
 from flows.steps.adopt import adopt as give
+from flows.steps.inbox import (
+    KNOWN,
+    REFUSED,
+    STORED,
+    WAITING,
+    find_new_runs,
+    find_project_robot,
+    import_inbox_logs,
+    list_inboxes,
+    wait_for_unchanged_logs,
+)
+from flows.steps.inbox import diagnose_new_runs as diagnose_runs
 from flows.steps.model_choice import resolve_adopted_model
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
 from flows.storage.diagnosis import read_verdict

@@ -27,7 +27,6 @@ from flows.report.document import (
     print_line,
     print_parts,
 )
-from flows.report.next_step import describe_next_step
 from flows.report.page import Pairs
 from flows.report.page import render_html as render_page
 from flows.report.phrases import (
@@ -43,6 +42,7 @@ from flows.report.phrases import (
     is_link_or_load,
     read_page_texts,
 )
+from flows.report.sentences import MORE_MOTION, list_wrong_values
 from residual.quantity import MISSING, format_fraction, format_number, format_probability, is_number
 from residual.verdict.diagnosis import Diagnosis
 from residual.verdict.result import Verdict
@@ -344,3 +344,34 @@ def _terms(verdict: Verdict) -> Section:
     terms = {word: text.format(cutoff=at) for word, text in read_page_texts()["reading"].items()}
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
     return Section("read", "How to read this page", [terms, more], open=False, printed=False)
+
+
+# Words in capitals in a command are for the reader to fill in.
+_LOGS = "LOG... --robot ROBOT"
+
+
+def describe_next_step(verdict: Verdict) -> tuple[str, str]:
+    """Return what to do next, in words, and the command that does it."""
+    faults = verdict.log_check.faults if verdict.log_check else ()
+    again = f"modelgap diagnose {_LOGS}"
+    alike = {is_link_or_load(f) for f in verdict.effects if f.equivalent}
+    if not verdict.trusted or any(fault.repair for fault in faults):
+        return "apply the fix that the check proposes", f"modelgap check {_LOGS}"
+    if any(fault.kind in MORE_MOTION for fault in faults):
+        program = "modelgap trajectory fourier --robot ROBOT --out MOTION.csv"
+        return "log a motion that shows more", program
+    if alike == {True}:
+        return "weigh the load and say so", f"{again} --known payload.mass=KG"
+    if verdict.next_experiment or alike or verdict.suspected:
+        motion = f"modelgap next VERDICT.json {_LOGS}"
+        return "look for the motion that settles what is open", motion
+    if verdict.verdict == "unknown":
+        return "compare with healthy logs", f"{again} --baseline HEALTHY_LOG..."
+    if verdict.error.same_run:
+        return "prove it on a log that was not fitted", f"{again} --holdout OTHER_LOG"
+    if verdict.effects:
+        return "save the augmented model", f"{again} --save-model MODEL.json"
+    if list_wrong_values(verdict):
+        return "write the identified robot", f"modelgap identify {_LOGS} --out DIR"
+    later = f"modelgap diagnose NEW_{_LOGS} --baseline LOG..."
+    return "compare later logs with these", later

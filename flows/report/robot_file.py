@@ -1,19 +1,21 @@
-"""A robot file without logs: its arm, limits and bodies, and what is implausible."""
+"""A robot file without logs: its arm and what is implausible; a log as it is imported."""
 
 import xml.etree.ElementTree as ET
 from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from flows.report.document import Heading, ReportTable
+from flows.report.document import Heading, ReportTable, build_text_table
 from flows.report.phrases import capitalize_first
 from flows.report.sentences import describe_faults
+from flows.steps.imports import ImportedLog
 from residual.check.result import LogCheck
 from residual.quantity import convert_to_plain_values
 from residual.robot.dynamics import compute_reach
 from residual.robot.plausibility import LinkBody, read_link_bodies
 from residual.robot.robot import Robot
 from residual.robot.urdf import read_joint_link
+from warehouse.logs.column_map import abbreviate_column_names
 
 
 def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
@@ -148,3 +150,35 @@ def _limit(value: float, unit: str) -> str:
 
 def _finite(value: float) -> float | None:
     return float(value) if np.isfinite(value) else None
+
+
+def build_channel_table(log: ImportedLog) -> ReportTable:
+    """Return the column of a log behind each channel, and its conversion."""
+    heads = ("channel", "column", "unit in the file", "conversion")
+    rows = [(c, column, unit, done or "–") for c, column, unit, done in log.summary.channels]
+    return build_text_table(heads, rows)
+
+
+def describe_imported_log(log: ImportedLog, robot: Robot, all: bool) -> list[str]:
+    """Return how a log was read, one line each."""
+    known = log.summary
+    if not all:
+        return [known.text, *(f"warning: {w}" for w in known.warnings)]
+    joints = ", ".join(f"{i} {name}" for i, name in enumerate(robot.joints, 1))
+    gaps = [w for w in known.warnings if "gap(s)" in w]
+    window = f", window @{known.window}" if known.window else ""
+    return [
+        f"log: {known.file}{window}",
+        f"robot: {robot.name}, {robot.dof} joints: {joints}",
+        f"rows: {known.rows}, {known.rate:.6g} Hz, {known.duration:.6g} s, from "
+        f"t = {log.recording.t[0]:.9g} s",
+        *([] if gaps else ["gaps: none"]),
+        *(f"warning: {warning}" for warning in known.warnings),
+        *(f"file: {note}" for note in known.notes),
+        f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
+        f"serial number: {log.manifest['serial'] or 'none'}, "
+        f"tags: {' '.join(log.manifest['tags']) or 'none'}",
+        f"ignored columns: {abbreviate_column_names(known.ignored) or 'none'}",
+        f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
+        "a dry run stores nothing",
+    ]

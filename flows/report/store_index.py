@@ -13,10 +13,10 @@ from pathlib import Path
 from markupsafe import Markup
 
 from flows.outputs import write_files
-from flows.report.document import Document, HeadlineFigure, ReportTable, Section, html_tag
-from flows.report.page import render_html
-from flows.report.phrases import count_noun
-from flows.report.record_page import render_record_page
+from flows.report.document import Document, Facts, HeadlineFigure, ReportTable, Section, html_tag
+from flows.report.page import read_record_origin, render_html
+from flows.report.phrases import capitalize_first, count_noun
+from flows.report.records import format_record_lines
 from flows.report.sentences import format_claim, format_error_change, list_wrong_values
 from flows.storage.diagnosis import read_verdict
 from residual.errors import InputError
@@ -24,7 +24,7 @@ from residual.quantity import MISSING
 from warehouse.code_provenance import format_version
 from warehouse.query.store import Store, open_store
 from warehouse.record_ids import ID_DIGITS
-from warehouse.store_catalogue import find_record
+from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import verify_file
 from warehouse.verification import list_extra_files
 
@@ -123,7 +123,7 @@ _RUNS = f"""
     ORDER BY created DESC, id
 """
 
-# Logs that an inbox refused, with the reason (`flows.inbox`).
+# Logs that an inbox refused, with the reason (`flows.steps.inbox`).
 _REFUSED = """
     SELECT validation_id AS id, robot, verdict AS why, created
     FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
@@ -297,3 +297,61 @@ def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
     )
     weak = " (end of the fitted run)" if pair and verdict.error.same_run else ""
     return state, words, f"{pair}{weak}"
+
+
+_ERRORS = """
+    SELECT stage, metric, coalesce(joint::VARCHAR, 'all') AS joint, value
+    FROM errors WHERE source_id = $id ORDER BY metric, stage, errors.joint
+"""
+_PARAMETERS = """
+    SELECT name, coalesce(joint::VARCHAR, '') AS joint, value, std, nominal, unit,
+           status
+    FROM parameters WHERE model_id = $id ORDER BY parameters.joint, name
+"""
+
+
+def render_record_page(store: Path, id: str) -> str:
+    """Return the page of a record of any kind.
+
+    Raises:
+        InputError: If there is no such record, or it is damaged.
+    """
+    record, held = find_record(store, id), read_record(store, id)
+    with open_store(store) as opened:
+        tables = {
+            heading: opened.sql(query, {"id": record.id}).to_pylist()
+            for heading, query in (("Parameters", _PARAMETERS), ("Errors", _ERRORS))
+        }
+    facts = [(k, v) for k, v in held.items() if isinstance(v, str | int | float)]
+    more = format_record_lines({k: v for k, v in held.items() if (k, v) not in facts})
+    sections = [
+        Section("facts", "Record", [Facts([(k, str(v)) for k, v in facts])]),
+        *(
+            Section(heading.lower(), heading, [_table(rows)])
+            for heading, rows in tables.items()
+            if rows
+        ),
+        Section("more", "Details", [more], open=False),
+    ]
+    kind = capitalize_first(record.kind.removesuffix("s"))
+    return render_html(
+        Document(
+            title=f"{kind} {record.id[:8]}",
+            about=str(held.get("robot") or store.name),
+            headline=f"{kind} {record.id}",
+            sections=sections,
+            foot=read_record_origin(store, record.id),
+        )
+    )
+
+
+def _table(rows: list[dict]) -> ReportTable:
+    cells = [[_cell(value) for value in row.values()] for row in rows]
+    words = [i for i, v in enumerate(rows[0].values()) if not isinstance(v, float)]
+    return ReportTable(tuple(rows[0]), cells, text_columns=words)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return MISSING
+    return f"{value:.5g}" if isinstance(value, float) else str(value)

@@ -26,6 +26,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot, replace_gravity
 from warehouse.logs.column_map import (
     LOGGED_UNITS,
+    PRESETS,
     TIME_UNITS,
     UNITS,
     ColumnMap,
@@ -34,7 +35,6 @@ from warehouse.logs.column_map import (
     build_default_signal,
 )
 from warehouse.logs.log_window import split_log_spec
-from warehouse.logs.maker_formats import PRESETS
 from warehouse.logs.map_draft import ColumnMapDraft, draft_column_map
 
 _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")

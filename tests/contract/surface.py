@@ -17,7 +17,7 @@ from cyclopts import App, Argument
 
 import modelgap as mg
 from flows.cli.app import app
-from flows.report.query_results import describe_query_values
+from flows.report.records import describe_query_values
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json

@@ -8,7 +8,7 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.store_parts.records import records, run
-from flows.report.query_results import encode_query_result
+from flows.report.records import encode_query_result
 from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import mutated

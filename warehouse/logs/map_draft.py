@@ -3,7 +3,7 @@
 The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
 tests the map against the physics of the arm.
 
-To add a public log format, add an entry to `PRESETS` of maker_formats.py; to add a
+To add a public log format, add an entry to `PRESETS` of column_map.py; to add a
 word of a signal, to `WORDS`. In a name "#" stands for the number of the joint, counted
 from 0 or 1.
 """
@@ -19,10 +19,13 @@ from residual.drive import Drive
 from residual.errors import InputError, check_name
 from residual.robot.robot import Robot
 from warehouse.logs.column_map import (
+    GRAVITY,
+    PRESETS,
     TIME_UNITS,
     UNITS,
     BagFormat,
     ColumnMap,
+    MakerLogFormat,
     SignalMap,
     abbreviate_column_names,
 )
@@ -30,7 +33,6 @@ from warehouse.logs.log_reading import open_log
 from warehouse.logs.log_tables import UNITS as HEADER_UNITS
 from warehouse.logs.log_tables import LogFile, guess_csv_format
 from warehouse.logs.log_window import LIMIT_SLACK, MIN_RATE
-from warehouse.logs.maker_formats import GRAVITY, PRESETS, MakerLogFormat
 from warehouse.logs.ros_bags import list_joint_topics
 
 _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")

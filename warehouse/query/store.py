@@ -14,6 +14,8 @@ import pyarrow as pa
 from residual.errors import InputError
 from warehouse.bucket import is_bucket_address
 from warehouse.query.sql_guard import (
+    build_catalogue_views,
+    build_signal_table,
     check_reads_only,
     collect_answer,
     explain_error,
@@ -21,7 +23,6 @@ from warehouse.query.sql_guard import (
     limit_query_time,
     open_read_only_connection,
 )
-from warehouse.query.sql_views import build_catalogue_views, build_signal_table
 from warehouse.record_ids import build_damage_error
 from warehouse.remote_store import (
     check_store_folder,

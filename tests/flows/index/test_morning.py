@@ -8,15 +8,15 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inbox import (
+from flows.project import read_project
+from flows.report.store_index import list_refused_logs, read_page
+from flows.steps.inbox import (
     find_new_runs,
     find_project_robot,
     import_inbox_logs,
     list_inboxes,
     list_logs,
 )
-from flows.project import read_project
-from flows.report.store_index import list_refused_logs, read_page
 from flows.steps.monitor import find_diagnosis
 from flows.storage.diagnosis import store_report
 from tests.flows.index.stores import diagnose
