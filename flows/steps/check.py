@@ -26,7 +26,6 @@ from residual.recording import Recording
 from residual.robot.robot import Robot, replace_gravity
 from warehouse.logs.column_map import (
     LOGGED_UNITS,
-    PRESETS,
     TIME_UNITS,
     UNITS,
     ColumnMap,
@@ -35,7 +34,7 @@ from warehouse.logs.column_map import (
     build_default_signal,
 )
 from warehouse.logs.log_window import split_log_spec
-from warehouse.logs.map_draft import ColumnMapDraft, draft_column_map
+from warehouse.logs.map_draft import PRESETS, ColumnMapDraft, draft_column_map
 
 _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
