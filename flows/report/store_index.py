@@ -5,6 +5,7 @@ the server of the store receives a request for it; a browser filters it.
 """
 
 import re
+import tomllib
 from collections.abc import Iterator, Mapping
 from datetime import UTC, date, datetime, timedelta
 from functools import lru_cache
@@ -41,93 +42,13 @@ _RECORD = re.compile(rf"record_id=(\w{{1,{ID_DIGITS}}})\.html")
 _FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
 _HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
 
+_FILE = Path(__file__).parent / "templates" / "index.toml"
 # A robot is its name and, where it has one, its serial number: two of a kind are two.
 _ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
-
-# Every diagnosis with its number among those of its robot, and its report.
-_DIAGNOSES = f"""
-    WITH page AS (
-        SELECT parent AS diagnosis_id, arg_max(report_id, created) AS report_id
-        FROM reports JOIN lineage ON child = report_id AND role = 'diagnosis'
-        WHERE kind IN ('demo', 'nightly') GROUP BY ALL
-    )
-    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created, d.verdict,
-           report_id, row_number() OVER (
-               PARTITION BY d.robot, d.serial ORDER BY d.created, d.diagnosis_id
-           ) AS number
-    FROM diagnoses d LEFT JOIN page USING (diagnosis_id)
-    ORDER BY d.created DESC, d.diagnosis_id DESC
-"""
-
-# A proposal is answered where its robot has got another model since.
-_PROPOSALS = f"""
-    SELECT report_id, {_ROBOT.format("d")} AS robot, r.created, parent AS id,
-           NOT EXISTS (SELECT 1 FROM adoptions a
-                       WHERE a.robot = d.robot AND a.created > r.created
-                         AND a.serial IS NOT DISTINCT FROM d.serial) AS waits
-    FROM reports r JOIN lineage ON child = report_id AND role = 'diagnosis'
-    JOIN diagnoses d ON diagnosis_id = parent
-    WHERE kind = 'proposal' ORDER BY r.created DESC, report_id
-"""
-
-_ALARMS = f"""
-    SELECT v.validation_id AS id, v.created, count(DISTINCT a.run_id) AS runs,
-           any_value({_ROBOT.format("u")}) AS robot,
-           list(DISTINCT concat('joint ', a.joint, ': ',
-                CASE WHEN starts_with(a.fault, a.sensor) THEN a.fault
-                     ELSE concat(a.sensor, ' ', a.fault) END)) AS what
-    FROM validations v JOIN alarms a USING (validation_id)
-    LEFT JOIN runs u ON u.run_id = a.run_id
-    GROUP BY ALL ORDER BY v.created DESC, id
-"""
-
-# What has no row of its own above: models outside diagnoses, validations, adoptions,
-# campaigns. Of a batch its diagnosis has one.
-_RECORDS = f"""
-    WITH record AS (
-        SELECT model_id AS id, {_ROBOT.format("m")} AS robot, created,
-               CASE stage WHEN 'identified' THEN 'identification'
-                    WHEN 'calibrated' THEN 'calibration' ELSE stage END AS state,
-               NULL AS words
-        FROM models m
-        WHERE NOT EXISTS (FROM diagnoses d WHERE d.model_id = m.model_id)
-        UNION ALL
-        SELECT validation_id, {_ROBOT.format("v")}, created,
-               CASE WHEN kind = 'monitor' THEN 'no alarm'
-                    WHEN kind = 'calibration' THEN 'calibration check'
-                    WHEN kind = 'held_out' THEN 'held-out proof'
-                    WHEN starts_with(kind, 'open_loop') THEN 'validation'
-                    ELSE kind END, verdict
-        FROM validations v
-        WHERE kind NOT IN ('batch', 'refused')
-          AND NOT EXISTS (FROM alarms a WHERE a.validation_id = v.validation_id)
-        UNION ALL
-        SELECT adoption_id, {_ROBOT.format("a")}, created, concat('model ', action),
-               concat_ws(': ', concat('adoption ', adoption_id::INT), nullif(note, ''))
-        FROM adoptions a
-        UNION ALL
-        SELECT campaign_id, coalesce(robot, '?'), created, 'campaign', name
-        FROM campaigns
-    )
-    SELECT record.*, (SELECT list(DISTINCT parent ORDER BY parent) FROM lineage
-                      WHERE child = id AND parent IN (SELECT run_id FROM runs)) AS runs
-    FROM record ORDER BY created DESC, id
-"""
-
-# Runs by robot, night and motion.
-_RUNS = f"""
-    SELECT {_ROBOT.format("r")} AS robot, max(created) AS created, count(*) AS runs,
-           any_value(run_id) AS id, source, trajectory
-    FROM runs r GROUP BY robot, serial, source, trajectory,
-                         (created + INTERVAL 12 HOUR)::DATE
-    ORDER BY created DESC, id
-"""
-
-# Logs that an inbox refused, with the reason (`flows.steps.inbox`).
-_REFUSED = """
-    SELECT validation_id AS id, robot, verdict AS why, created
-    FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
-"""
+_SQL = {
+    name: query.format_map({table: _ROBOT.format(table) for table in "dmvaur"})
+    for name, query in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
+}
 
 # Time, robot, state, result, error.
 Row = tuple[datetime, str, Markup | str, Markup | str, str]
@@ -212,7 +133,7 @@ def date_night(time: datetime) -> date:
 def title_diagnosis(store: Path, diagnosis: str) -> str:
     """Return robot and number of a diagnosis, as "irb140 #2"."""
     with open_store(store) as opened:
-        rows = _ask(opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis)
+        rows = _ask(opened, f"SELECT * FROM ({_SQL['diagnoses']}) WHERE id = $id", id=diagnosis)
     return _title(rows[0])
 
 
@@ -222,12 +143,12 @@ def list_refused_logs(store: Path, since: datetime) -> list[dict]:
     Each has `robot`, `why` and `created` [UTC].
     """
     with open_store(store) as opened:
-        rows = _ask(opened, _REFUSED)
+        rows = _ask(opened, _SQL["refused"])
     return [row for row in rows if row["created"] and row["created"] > since]
 
 
 def _rows(opened: Store, served: bool) -> Iterator[Row]:
-    diagnoses = _ask(opened, _DIAGNOSES)
+    diagnoses = _ask(opened, _SQL["diagnoses"])
     titles = {each["id"]: _title(each) for each in diagnoses}
     for each in diagnoses[:MOST]:
         state, words, error = _verdict(opened.path, each["id"])
@@ -236,7 +157,7 @@ def _rows(opened: Store, served: bool) -> Iterator[Row]:
             text = _report(each["report_id"], "report.html", text)
         word = html_tag("span", STATES.get(state, state), f"of {state}")
         yield each["created"], each["robot"], word, text, error
-    for each in _ask(opened, _PROPOSALS)[:MOST]:
+    for each in _ask(opened, _SQL["proposals"])[:MOST]:
         title = titles.get(each["id"], each["robot"])
         words = f"{title}: proposed model beside the present one"
         text = _report(each["report_id"], "proposal.html", words)
@@ -244,19 +165,19 @@ def _rows(opened: Store, served: bool) -> Iterator[Row]:
             text += Markup(" ") + html_tag("kbd", f"modelgap adopt {each['id'][:8]}")
         state = "waits for a decision" if each["waits"] else "decided"
         yield each["created"], each["robot"], state, text, ""
-    for each in _ask(opened, _ALARMS)[:MOST]:
+    for each in _ask(opened, _SQL["alarms"])[:MOST]:
         alarms = ", ".join(sorted(each["what"]))
         words = f"in {count_noun(each['runs'], 'run')}: {alarms}"
         yield each["created"], each["robot"], "alarm", words, ""
-    for each in _ask(opened, _REFUSED)[:MOST]:
+    for each in _ask(opened, _SQL["refused"])[:MOST]:
         yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
-    for each in _ask(opened, _RECORDS)[:MOST]:
+    for each in _ask(opened, _SQL["records"])[:MOST]:
         runs = each["runs"] or ()
         of = f"of run {runs[0][:8]}" if len(runs) == 1 else f"of {len(runs)} runs"
         words = each["words"] or f"{each['state']} {of if runs else each['id'][:8]}"
         text = _link(served, each["id"], words)
         yield each["created"], each["robot"], each["state"], text, ""
-    for each in _ask(opened, _RUNS)[:MOST]:
+    for each in _ask(opened, _SQL["runs"])[:MOST]:
         motion = f": {each['trajectory']}" if each["trajectory"] else ""
         words = f"{count_noun(each['runs'], each['source'] + ' run')}{motion}"
         text = _link(served, each["id"], words) if each["runs"] == 1 else words
@@ -299,17 +220,6 @@ def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
     return state, words, f"{pair}{weak}"
 
 
-_ERRORS = """
-    SELECT stage, metric, coalesce(joint::VARCHAR, 'all') AS joint, value
-    FROM errors WHERE source_id = $id ORDER BY metric, stage, errors.joint
-"""
-_PARAMETERS = """
-    SELECT name, coalesce(joint::VARCHAR, '') AS joint, value, std, nominal, unit,
-           status
-    FROM parameters WHERE model_id = $id ORDER BY parameters.joint, name
-"""
-
-
 def render_record_page(store: Path, id: str) -> str:
     """Return the page of a record of any kind.
 
@@ -320,7 +230,7 @@ def render_record_page(store: Path, id: str) -> str:
     with open_store(store) as opened:
         tables = {
             heading: opened.sql(query, {"id": record.id}).to_pylist()
-            for heading, query in (("Parameters", _PARAMETERS), ("Errors", _ERRORS))
+            for heading, query in (("Parameters", _SQL["parameters"]), ("Errors", _SQL["errors"]))
         }
     facts = [(k, v) for k, v in held.items() if isinstance(v, str | int | float)]
     more = format_record_lines({k: v for k, v in held.items() if (k, v) not in facts})

@@ -41,7 +41,7 @@ def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(flows, o
     def fail(*_):
         raise RunError("no tables")
 
-    monkeypatch.setattr(flows.tasks.calibration, "calibrate", fail)
+    monkeypatch.setattr(flows.tasks.fitting, "calibrate", fail)
     with pytest.raises(RunError, match="no tables"):
         flows.nightly("CAMPAIGN.toml", store="store")
     assert [name for name, _ in order][-1] == "judge_adoption"

@@ -16,6 +16,7 @@ in it must be on a list.
 import json
 import os
 import threading
+import tomllib
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
@@ -243,57 +244,30 @@ def explain_error(error: Exception) -> str:
     return text or format_duckdb_error(error) + hint
 
 
-# Metrics are named after what they are of; a calibration's after their scheme.
-_UNIT = """
-    CASE WHEN metric IN ('held_out', 'filtered', 'moving') THEN '%'
-         WHEN starts_with(metric, 'rmsec') OR starts_with(metric, 'rmsev') THEN '%'
-         WHEN ends_with(metric, '_q') THEN 'rad'
-         WHEN ends_with(metric, '_qd') THEN 'rad/s'
-         WHEN ends_with(metric, '_qdd') THEN 'rad/s^2'
-         WHEN ends_with(metric, '_tau') THEN 'N m'
-         WHEN metric = 'energy' THEN 'J'
-    END
-"""
+_SQL = tomllib.loads(Path(__file__).with_name("views.toml").read_text(encoding="utf-8"))
 
 
 def build_catalogue_views() -> dict[str, str]:
-    """Return the query behind each view that is made of catalogue rows, by name."""
-    views = {"catalogue.arms": _arms()}
-    views |= {name: _rows(kind) for name, kind in KINDS.items() if name != "runs"}
-    views["runs"] = (
-        f"SELECT {_listed(VIEWS['runs'][:-2])}, "
-        "run_id IN (FROM catalogue.quarantine) AS quarantined, "
-        "run_id IN (FROM catalogue.opened) AS opened FROM catalogue.runs"
-    )
-    views["channels"] = """
-        SELECT run_id, concat(signal, joint) AS channel, unit, joint
-        FROM (
-            SELECT run_id, signal, unit,
-                   unnest(CASE WHEN per_joint THEN range(1, dof + 1) ELSE [NULL] END)
-                       ::INTEGER AS joint
-            FROM (SELECT run_id, dof, unnest(signals) AS signal FROM catalogue.runs)
-            JOIN catalogue.signals USING (signal)
-        )
+    """Return the query behind each view that is made of catalogue rows, by name.
+
+    Those that no list of columns gives stand in views.toml beside this file.
     """
-    # The number decides, not the clock of who wrote it.
-    views["adopted"] = (
-        f"SELECT {_listed(VIEWS['adopted'])} FROM catalogue.adoptions QUALIFY "
-        "row_number() OVER (PARTITION BY robot, serial ORDER BY adoption_id DESC) = 1"
+    parts = " UNION ALL ".join(
+        f"SELECT {KINDS[name].key} AS id, unnest(lineage, recursive := true) FROM catalogue.{name}"
+        for name in COMPUTED
+        if name in KINDS
     )
-    views["verdicts"] = _verdicts()
+    views = {"catalogue.arms": _SQL["arms"].format(parts=parts)}
+    views |= {name: _rows(kind) for name, kind in KINDS.items() if name != "runs"}
+    views["runs"] = _SQL["runs"].format(columns=_listed(VIEWS["runs"][:-2]))
+    views["channels"] = _SQL["channels"]
+    views["adopted"] = _SQL["adopted"].format(columns=_listed(VIEWS["adopted"]))
+    views["verdicts"] = _SQL["verdicts"]
     for view in dict.fromkeys(v for kind in KINDS.values() for v in kind.nested_views):
         kinds = [kind for kind in KINDS.values() if view in kind.nested_views]
-        parts = [_unnested(view, kind.name, kind.key) for kind in kinds]
-        views[view] = " UNION ALL ".join(parts)
-    views["errors"] = f"""
-        SELECT e.* REPLACE (coalesce(e.trajectory, r.trajectory, motion) AS trajectory),
-               {_UNIT} AS unit, coalesce(r.robot, a.robot) AS robot,
-               coalesce(r.serial, a.serial) AS serial,
-               coalesce(r.recorded_at, a.recorded_at) AS recorded_at
-        FROM ({views["errors"]}) e
-        LEFT JOIN catalogue.runs r USING (run_id)
-        LEFT JOIN catalogue.arms a ON a.id = e.source_id
-    """
+        queries = [_unnested(view, kind.name, kind.key) for kind in kinds]
+        views[view] = " UNION ALL ".join(queries)
+    views["errors"] = _SQL["errors"].format(errors=views["errors"])
     return views
 
 
@@ -312,37 +286,6 @@ def _rows(kind: RecordKind) -> str:
         f"FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
         f"LEFT JOIN catalogue.arms arm ON arm.id = own.{kind.key}"
     )
-
-
-def _arms() -> str:
-    """A row per record: its robot, serial number, and when its last run was recorded.
-
-    By the runs that it was fitted to, where there are such; and of held-out runs the
-    motion, where that is one.
-    """
-    kinds = [KINDS[name] for name in COMPUTED if name in KINDS]
-    parts = " UNION ALL ".join(
-        f"SELECT {kind.key} AS id, unnest(lineage, recursive := true) FROM catalogue.{kind.name}"
-        for kind in kinds
-    )
-    return f"""
-        SELECT id, any_value(robot) FILTER (counts) AS robot,
-               CASE WHEN bool_and(serial IS NOT NULL) FILTER (counts)
-                         AND count(DISTINCT serial) FILTER (counts) = 1
-                    THEN any_value(serial) FILTER (counts) END AS serial,
-               max(recorded_at) FILTER (counts) AS recorded_at,
-               CASE WHEN count(DISTINCT trajectory) FILTER (role = 'held_out') = 1
-                    THEN any_value(trajectory) FILTER (role = 'held_out') END AS motion
-        FROM (
-            SELECT id, role, r.robot, r.serial, r.recorded_at, r.trajectory,
-                   role = 'fit' OR NOT bool_or(role = 'fit') OVER (PARTITION BY id)
-                       AS counts
-            FROM ({parts}) JOIN catalogue.runs r ON run_id = parent
-        )
-        GROUP BY id
-        UNION ALL
-        SELECT run_id, robot, serial, recorded_at, trajectory FROM catalogue.runs
-    """
 
 
 def quote_sql_text(value: str) -> str:
@@ -365,28 +308,6 @@ def _unnested(view: str, kind: str, key: str) -> str:
         # Of one held-out run a diagnosis has figures both of the run and of all runs.
         return f"SELECT * EXCLUDE (value), min(value) AS value FROM ({query}) GROUP BY ALL"
     return query
-
-
-def _verdicts() -> str:
-    """A row per finding and run; one without a finding for a verdict that has none."""
-    return """
-        SELECT d.diagnosis_id, d.created, d.robot, r.serial, d.verdict,
-               e."order", e.name AS effect, e.joints, e.parameter, e.value, e.std,
-               e.unit, e.probability, r.run_id, l.role, r.trajectory, r.recorded_at,
-               r.tags
-        FROM catalogue.diagnoses d
-        LEFT JOIN (
-            SELECT diagnosis_id, item.* FROM (
-                SELECT diagnosis_id, unnest(effects) AS item FROM catalogue.diagnoses
-            )
-        ) e USING (diagnosis_id)
-        LEFT JOIN (
-            SELECT diagnosis_id, item.parent, item.role FROM (
-                SELECT diagnosis_id, unnest(lineage) AS item FROM catalogue.diagnoses
-            ) WHERE item.role IN ('fit', 'held_out', 'baseline')
-        ) l USING (diagnosis_id)
-        LEFT JOIN catalogue.runs r ON r.run_id = l.parent
-    """
 
 
 def build_signal_table() -> pa.Table:

@@ -129,7 +129,7 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     (place / "in/bad.csv").write_text("t,q1\n0,1\n")
     killed = f"""
 import os, signal
-from flows.steps.inbox import import_logs as run
+from flows.steps import inbox as run
 from flows.steps.inbox import list_logs
 from flows.project import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
