@@ -144,6 +144,12 @@ def print_plain(console: Console, *lines: str) -> None:
         console.print(strip_control_characters(line), markup=False, highlight=False, soft_wrap=True)
 
 
+def print_damaged_files(damaged: Iterable[str]) -> None:
+    """Print on standard error which files of a store cannot be read."""
+    for line in damaged:
+        print(f"modelgap: left out: {line}", file=sys.stderr)
+
+
 # Called with the stage and the fraction done.
 Progress = Callable[[str, float], None]
 Clock = Callable[[], float]

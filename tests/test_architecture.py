@@ -244,6 +244,11 @@ LOADED = {
         "import residual.verdict.document",
         {"scipy", "pinocchio", "numba", "residual.effects"},
     ),
+    "a printed verdict": (
+        "import flows.report.diagnosis; from residual.effects import find_effect; "
+        "find_effect('payload'), find_effect('coulomb')",
+        {"scipy", "pinocchio", "numba", "jinja2", "residual.effects.viscous"},
+    ),
     "the help page": (
         "from flows.cli import main; main(['--help'])",
         {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl", "numpy", "tomllib"},

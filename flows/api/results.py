@@ -35,7 +35,7 @@ from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict import diagnosis
+from residual.verdict import result
 from residual.verdict.document import to_json
 from warehouse.logs import check_logs_distinct
 from warehouse.runs import read_run
@@ -77,7 +77,7 @@ def build_log_sets(
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Diagnosis(diagnosis.Diagnosis):
+class Diagnosis(result.Diagnosis):
     """The result of a diagnosis, with its report, JSON and tables.
 
     Attributes:
@@ -88,7 +88,7 @@ class Diagnosis(diagnosis.Diagnosis):
 
     def save_report(self, path: str | Path) -> None:
         """Write the report as one self-contained HTML file."""
-        from flows.report.diagnosis import render_diagnosis_page
+        from flows.report.charts import render_diagnosis_page
 
         write_files({Path(path): render_diagnosis_page(self, self.verdict.robot)})
 

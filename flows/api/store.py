@@ -8,7 +8,6 @@ import pyarrow as pa
 
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
-from warehouse.query.named_queries import NAMED
 
 if TYPE_CHECKING:
     from warehouse.query.store import Store as StoreReader
@@ -104,12 +103,16 @@ class Store:
             with open_store(self.path) as reader:  # a connection of its own
                 show_truth(reader)
                 return Table(reader.sql(text, values or None))
+        from warehouse.query.sql_guard import NAMED
+
         text = NAMED[text][1] if text in NAMED else text
         return Table(self._reader.sql(text, values or None))
 
     @property
     def named(self) -> Mapping[str, str]:
         """Names of ready queries, each with one sentence."""
+        from warehouse.query.sql_guard import NAMED
+
         return {name: about for name, (about, _) in NAMED.items()}
 
     def close(self) -> None:

@@ -199,7 +199,8 @@ def diagnose(
         save_model: File for the augmented model, for predict and export.
     """
     from flows.inputs import load_request_robot, select_request_runs
-    from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
+    from flows.report.charts import render_diagnosis_page
+    from flows.report.diagnosis import print_diagnosis
     from flows.report.page import describe_request_origin
     from flows.steps import diagnose as steps
     from flows.steps.model_choice import choose_request_model

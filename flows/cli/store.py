@@ -12,7 +12,13 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import STDOUT
-from flows.outputs import check_outside, check_writable, print_plain, write_files
+from flows.outputs import (
+    check_outside,
+    check_writable,
+    print_damaged_files,
+    print_plain,
+    write_files,
+)
 from flows.requests import (
     File,
     Flag,
@@ -50,11 +56,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         limit: Number of runs.
         format: Format of the output.
     """
-    from flows.report.records import (
-        print_damaged_files,
-        print_query_result,
-        refuse_binary_on_terminal,
-    )
+    from flows.report.records import print_query_result, refuse_binary_on_terminal
     from warehouse.query.store import open_store
     from warehouse.runs import read_manifest
 
@@ -66,7 +68,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
         print_query_result(rows, format)
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
         for id in rows.column("run_id").to_pylist():
             try:
                 read_manifest(opened.path, id)
@@ -138,7 +140,6 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    from flows.report.records import print_damaged_files
     from warehouse.query.store import open_store
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record, read_record
@@ -153,7 +154,7 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
             "quarantined": read_quarantine_reason(opened.path, place.id),
             "content": read_record(opened.path, place.id),
         }
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
     elif place.kind == "diagnoses":
@@ -167,8 +168,8 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.diagnosis import describe_parents, print_diagnosis
     from flows.report.document import print_parts, widen_piped_console
-    from flows.storage.diagnosis import parse_verdict
-    from residual.verdict.diagnosis import Diagnosis
+    from residual.verdict.document import parse_verdict
+    from residual.verdict.result import Diagnosis
     from warehouse.record_commit import describe_diagnosis_adoption
 
     id, content = record["id"], record["content"]
@@ -246,7 +247,6 @@ def sql(
     from flows.report.records import (
         list_named_queries,
         list_schema_columns,
-        print_damaged_files,
         print_query_result,
         refuse_binary_on_terminal,
     )
@@ -284,15 +284,14 @@ def sql(
             show_truth(opened)
         rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
         _write(rows, format, out)
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
 
 
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
     from flows.report.records import describe_query_values
-    from warehouse.query.named_queries import NAMED
-    from warehouse.query.sql_guard import LONGEST
+    from warehouse.query.sql_guard import LONGEST, NAMED
 
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)

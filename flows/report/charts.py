@@ -1,4 +1,4 @@
-"""The figures of a diagnosis, each with a caption and a text alternative."""
+"""The figures of a diagnosis, each with a caption and a text alternative, and its page."""
 
 import base64
 from collections.abc import Mapping, Sequence
@@ -6,13 +6,14 @@ from typing import Any
 
 import numpy as np
 
-from flows.report.document import Chart
-from flows.report.phrases import find_effect, format_effect_noun, join_with_and
+from flows.report.diagnosis import DiagnosisFigures, build_diagnosis_document
+from flows.report.document import Chart, Pairs
+from flows.report.page import render_html
+from flows.report.phrases import Demonstration, find_effect, format_effect_noun, join_with_and
 from flows.report.tables import METRICS, list_errors, list_metrics
 from residual.model.compare import FindingScatter, LogPrediction
 from residual.quantity import format_fraction, format_percent, format_percent_number, is_number
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import STAGES
+from residual.verdict.result import STAGES, Diagnosis
 
 Array = np.ndarray
 
@@ -418,3 +419,21 @@ def _curve_chart(
     titled = build_layout(f"Joint {joint}", time, upper, **more)
     plot = {"data": traces, "layout": titled}
     return Chart(alt, text, joint, None, plot, 400)
+
+
+def render_diagnosis_page(
+    result: Diagnosis,
+    robot: str,
+    demonstration: Demonstration | None = None,
+    origin: Pairs = (),
+    records: Sequence[str] = (),
+) -> str:
+    """Return the report page: one HTML document, the same bytes every time."""
+    figures = DiagnosisFigures(
+        chart_errors(result),
+        chart_findings(result),
+        *chart_held_out_motions(result),
+        chart_clouds(result.residual_clouds, result),
+    )
+    document = build_diagnosis_document(result, robot, demonstration, origin, records, figures)
+    return render_html(document)

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from flows.report.document import Document, ReportTable, Section, build_text_table
-from flows.report.page import Pairs, render_html
+from flows.report.document import Document, Pairs, ReportTable, Section, build_text_table
+from flows.report.page import render_html
 from flows.report.phrases import read_page_texts
 from flows.report.sentences import list_headline_sentences
 from flows.steps.adopt import Judgment, Proposal

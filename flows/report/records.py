@@ -20,8 +20,7 @@ from rich.tree import Tree
 
 from flows.report.document import ReportTable, build_text_table, print_parts, widen_piped_console
 from residual.errors import InputError, strip_control_characters
-from warehouse.query.named_queries import NAMED, TAKES
-from warehouse.query.store import Store
+from warehouse.query.sql_guard import NAMED, TAKES
 from warehouse.view_schema import list_views
 
 _SHOWN = 40  # lines of one table
@@ -235,12 +234,6 @@ def refuse_binary_on_terminal(format: str, out: str | None) -> None:
         raise InputError(
             "Parquet is not text. Name a file with --out FILE, or redirect with > FILE."
         )
-
-
-def print_damaged_files(store: Store) -> None:
-    """Print on standard error which files cannot be read."""
-    for line in store.damaged:
-        print(f"modelgap: left out: {line}", file=sys.stderr)
 
 
 def _check_names(rows: pa.Table, format: str) -> None:

@@ -42,12 +42,12 @@ _RECORD = re.compile(rf"record_id=(\w{{1,{ID_DIGITS}}})\.html")
 _FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
 _HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
 
-_FILE = Path(__file__).parent / "templates" / "index.toml"
+_QUERIES = Path(__file__).parent / "templates" / "index.toml"
 # A robot is its name and, where it has one, its serial number: two of a kind are two.
 _ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
 _SQL = {
     name: query.format_map({table: _ROBOT.format(table) for table in "dmvaur"})
-    for name, query in tomllib.loads(_FILE.read_text(encoding="utf-8")).items()
+    for name, query in tomllib.loads(_QUERIES.read_text(encoding="utf-8")).items()
 }
 
 # Time, robot, state, result, error.

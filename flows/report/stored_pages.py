@@ -7,7 +7,7 @@ from pathlib import Path
 from pydantic import TypeAdapter
 
 from flows.outputs import json_text
-from flows.report.diagnosis import render_diagnosis_page
+from flows.report.charts import render_diagnosis_page
 from flows.report.page import read_diagnosis_origin
 from flows.report.phrases import Demonstration, HiddenEffect
 from flows.report.sentences import list_headline_sentences

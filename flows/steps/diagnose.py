@@ -18,7 +18,7 @@ from residual.drive import FACTOR
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
 ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}

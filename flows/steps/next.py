@@ -13,7 +13,7 @@ from flows.requests import Diagnose, Next
 from flows.settings import resolve_store_folder
 from flows.steps.diagnose import diagnose, read_logs, read_stored_runs
 from flows.steps.model_choice import resolve_diagnosis_id
-from flows.storage.diagnosis import parse_verdict, read_verdict
+from flows.storage.diagnosis import read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content
@@ -30,8 +30,8 @@ from residual.planning.next_experiment import (
     find_settling_time,
 )
 from residual.robot.robot import Robot
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import Verdict
+from residual.verdict.document import parse_verdict
+from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.plant_records import TrajectorySpec, create_random_stream
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
 from sim.trajectories.planning_limits import build_workspace

@@ -15,7 +15,7 @@ from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_stored_runs
 from residual.check.result import Fault, LogCheck, Repair
 from residual.errors import InputError
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from tests.checkout import ROOT
 from tests.residual.identified import workplace
 from tests.verdict_documents import typed

@@ -17,7 +17,7 @@ from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
 from warehouse.query.store import open_store
 from warehouse.runs import read_run

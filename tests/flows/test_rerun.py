@@ -213,7 +213,7 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
 
 @pytest.fixture
 def diagnosed(tmp_path, plant, calls, monkeypatch):
-    from residual.verdict.diagnosis import Diagnosis
+    from residual.verdict.result import Diagnosis
 
     def diagnose(robot, fit, **options):
         doc = store_samples.verdict([log.id for log in options["held_out"]])

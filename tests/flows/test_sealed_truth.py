@@ -19,7 +19,7 @@ from tests.flows import adopted_arm
 from tests.flows.test_points import OPEN
 from tests.once import once
 from warehouse import store_files
-from warehouse.query.named_queries import NAMED
+from warehouse.query.sql_guard import NAMED
 from warehouse.query.store import open_store, query_store_rows, select_run_ids
 from warehouse.store_files import ReadOnlyStoreError
 from warehouse.verification import verify_store

@@ -7,14 +7,13 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from flows.storage.diagnosis import parse_verdict
 from residual.errors import InputError
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.model_files import load_model, model_from_record
 from residual.recording import Recording
 from residual.robot.dynamics import read_inertial_parameters
-from residual.verdict.document import from_json, to_json
+from residual.verdict.document import from_json, parse_verdict, to_json
 from tests.fuzz.arm import arm, as_csv, samples
 from tests.fuzz.mutation import mutated, mutated_json
 from tests.fuzz.reader import ROOT, Reader, same_json

@@ -7,7 +7,7 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.query.named_queries import NAMED
+from warehouse.query.sql_guard import NAMED
 from warehouse.query.store import open_store
 from warehouse.record_commit import (
     ADOPTED,

@@ -8,7 +8,7 @@ import warehouse
 from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
-from warehouse.query.named_queries import NAMED
+from warehouse.query.sql_guard import NAMED
 from warehouse.record_commit import commit_record, commit_run
 from warehouse.runs import read_run
 

@@ -319,3 +319,10 @@ def build_signal_table() -> pa.Table:
             "per_joint": [signal.per_joint for signal in SIGNALS.values()],
         }
     )
+
+
+_NAMED = tomllib.loads(Path(__file__).with_name("named.toml").read_text(encoding="utf-8"))
+# Named queries of frequent questions: what each answers, and its SQL; the values that
+# each needs.
+NAMED = {name: (each["about"], each["sql"]) for name, each in _NAMED.items()}
+TAKES = {name: each.get("takes", {}) for name, each in _NAMED.items()}
