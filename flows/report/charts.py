@@ -1,7 +1,9 @@
 """The figures of a diagnosis, each with a caption and a text alternative, and its page."""
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -96,7 +98,7 @@ def compute_bin_medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]
 MEASURED, EXPLAINED = "#1d2429", "#0072b2"
 COLORS = {"nominal": "#6f7780", "identified": "#d55e00", "augmented": EXPLAINED}
 COLORS["plsr"] = "#009e73"
-SAMPLES, SOFT, GRID, STANDING = "#8b959e", "#56606a", "#e3e7ea", "#eef1f3"
+SAMPLES, SOFT, STANDING = "#8b959e", "#56606a", "#eef1f3"
 JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2429", "#e69f00", "#56b4e9")
 LABELS = {
     "nominal": "nominal",
@@ -104,7 +106,8 @@ LABELS = {
     "augmented": "augmented (with findings)",
     "plsr": "augmented, and tables of the residual",
 }
-_FONT = "system-ui, -apple-system, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
+# What all figures look like, as plotly's layout has it.
+_STYLE = json.loads((Path(__file__).parent / "templates" / "figure.json").read_text("utf-8"))
 _GAP = 5.0  # median steps of time: over more no line is drawn
 
 Trace = dict[str, Any]
@@ -149,50 +152,13 @@ def build_marker_trace(name: str, x: Array, y: Array, **marker: Any) -> Trace:
 
 def build_axis(title: str, **more: Any) -> dict[str, Any]:
     """Return an axis with its title, which has the unit."""
-    return {
-        "title": {"text": title, "standoff": 6},
-        "gridcolor": GRID,
-        "zeroline": False,
-        "automargin": True,
-        "ticks": "outside",
-        "ticklen": 4,
-        "tickcolor": GRID,
-        **more,
-    }
+    return {"title": {"text": title, "standoff": 6}, **_STYLE["axis"], **more}
 
 
 def build_layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
     """Return the layout that all figures have."""
-    return {
-        "title": {
-            "text": escape_plotly_markup(title),
-            "x": 0,
-            "xanchor": "left",
-            "xref": "paper",
-            "font": {"size": 14},
-            "yref": "container",
-            "y": 1,
-            "yanchor": "top",
-            "pad": {"t": 6},
-        },
-        "font": {"family": _FONT, "size": 12, "color": MEASURED},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "margin": {"l": 56, "r": 12, "t": 58, "b": 44},
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1,
-            "yanchor": "bottom",
-            "yref": "paper",
-            "font": {"size": 11},
-        },
-        "hovermode": "closest",
-        "xaxis": dict(x),
-        "yaxis": dict(y),
-        **more,
-    }
+    named = {"text": escape_plotly_markup(title), **_STYLE["title"]}
+    return {"title": named, **_STYLE["layout"], "xaxis": dict(x), "yaxis": dict(y), **more}
 
 
 def escape_plotly_markup(text: str) -> str:

@@ -17,7 +17,7 @@ from residual.signals.splitting import pick_spread_pieces
 from residual.signals.track import FilterSettings, resample_recording
 from residual.verdict.document import parse_verdict, to_json
 from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
-from warehouse.record_commit import DiagnosisRecords, commit_diagnosis, commit_record
+from warehouse.record_commit import commit_diagnosis, commit_record
 from warehouse.record_ids import build_record_path
 from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import read_parquet
@@ -232,25 +232,25 @@ def store_outcome(
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
-    serial_entry = {"serial": serial} if serial else {}
     motion = build_states_table(logs)
-    rows = DiagnosisRecords(
-        record={
-            "robot": verdict.robot,
-            "verdict": verdict.verdict,
-            "nominal_scale": verdict.nominal_scale,
-            "unexplained": verdict.unexplained.fraction,
-            "document": to_json(verdict),
-            **request_entry,
-            **serial_entry,
-        },
-        model=request_entry | {"models": models_to_record(diagnosis.models)} | content,
-        nominal=(request or {}).get("model"),
+    shown = {
+        "robot": verdict.robot,
+        "verdict": verdict.verdict,
+        "nominal_scale": verdict.nominal_scale,
+        "unexplained": verdict.unexplained.fraction,
+        "document": to_json(verdict),
+    }
+    diagnosis_id = commit_diagnosis(
+        store,
+        shown | request_entry | ({"serial": serial} if serial else {}),
+        request_entry | {"models": models_to_record(diagnosis.models)} | content,
+        runs,
         effects=list(build_effect_rows(diagnosis.effects)),
         errors=[*build_error_view_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
+        nominal=(request or {}).get("model"),
+        seconds=seconds,
     )
-    diagnosis_id = commit_diagnosis(store, rows, runs, seconds)
     proof, curves = diagnosis_to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header

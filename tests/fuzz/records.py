@@ -17,7 +17,7 @@ from residual.verdict.document import from_json, parse_verdict, to_json
 from tests.fuzz.arm import arm, as_csv, samples
 from tests.fuzz.mutation import mutated, mutated_json
 from tests.fuzz.reader import ROOT, Reader, same_json
-from warehouse.logs import read_log_despite_doubts
+from warehouse.logs import read_log
 
 
 @cache
@@ -89,7 +89,7 @@ def _read_verdict(data: bytes, place: Path) -> None:
 def _read_words(data: bytes, place: Path) -> None:
     words = data.decode("utf-8", errors="replace").replace("\0", "")
     (place / "log.csv").write_text(as_csv())
-    log, understood = read_log_despite_doubts(f"{place}/{words}", arm())
+    log, understood = read_log(f"{place}/{words}", arm(), despite_doubts=True)
     assert 2 <= len(log.t) <= len(samples())
     assert understood.rows == len(log.t)
 

@@ -30,26 +30,11 @@ from warehouse.view_schema import COMPUTED, INDEX, KINDS, SIGNALS, VIEWS, Record
 
 _QUERIES = {"SELECT_NODE", "SET_OPERATION_NODE", "RECURSIVE_CTE_NODE", "CTE_NODE", "VALUES_NODE"}
 _FUNCTIONS = {
-    "duckdb_columns",
-    "duckdb_functions",
-    "duckdb_tables",
-    "duckdb_views",
-    "generate_series",
-    "histogram",
-    "histogram_values",
-    "json_each",
-    "json_tree",
-    "parquet_file_metadata",
-    "parquet_kv_metadata",
-    "parquet_metadata",
-    "parquet_scan",
-    "parquet_schema",
-    "pragma_table_info",
-    "range",
-    "read_parquet",
-    "repeat",
-    "summary",
-    "unnest",
+    *("duckdb_columns", "duckdb_functions", "duckdb_tables", "duckdb_views"),
+    *("generate_series", "histogram", "histogram_values", "json_each", "json_tree"),
+    *("parquet_file_metadata", "parquet_kv_metadata", "parquet_metadata", "parquet_scan"),
+    *("parquet_schema", "pragma_table_info", "range", "read_parquet", "repeat"),
+    *("summary", "unnest"),
 }
 LONGEST = 100_000  # characters of a query
 _LINE = 600  # characters of what is wrong with one
