@@ -208,7 +208,7 @@ def query_run_ids(store: str | Path | None, where: str | None) -> tuple[str, ...
     if where is None:
         return ()
     # DuckDB, which no command without a condition needs.
-    from warehouse.query.store import select_run_ids
+    from warehouse.queries import select_run_ids
 
     return select_run_ids(resolve_store_folder(store), where)
 

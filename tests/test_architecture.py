@@ -259,7 +259,7 @@ LOADED = {
         {"prefect", "pybullet", "cvxpy"},
     ),
     "a query": (
-        "import flows.report.records, warehouse.query.store",
+        "import flows.report.records, warehouse.queries",
         {"pinocchio", "pyarrow.compute", "pydantic"},
     ),
 }

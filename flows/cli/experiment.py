@@ -282,10 +282,10 @@ def demo(
     """
     from flows.report.diagnosis import print_diagnosis, print_truth
     from flows.report.phrases import Demonstration
-    from flows.report.stored_pages import parse_hidden_effects, store_demo_page
+    from flows.report.store_index import parse_hidden_effects, store_demo_page
     from flows.steps import demo as demonstration
     from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
-    from flows.storage.diagnosis import read_outcome
+    from flows.storage import read_outcome
     from warehouse.remote_store import format_store_name
 
     place, console = resolve_store_folder(store), Console()

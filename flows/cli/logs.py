@@ -58,7 +58,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     """
     from flows.inputs import read_logs
     from flows.report.document import print_parts
-    from flows.report.robot_file import build_robot_document, describe_robot_check
+    from flows.report.models import build_robot_document, describe_robot_check
     from flows.report.sentences import describe_check
     from flows.steps import check as checking
 
@@ -134,7 +134,7 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         dry_run: Show the columns and the id, store nothing.
     """
     from flows.report.document import print_parts
-    from flows.report.robot_file import build_channel_table, describe_imported_log
+    from flows.report.models import build_channel_table, describe_imported_log
     from flows.steps import imports
     from warehouse.remote_store import format_store_name
 

@@ -39,7 +39,7 @@ from residual.errors import InputError, RunError, check_name
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warehouse.query.store import Store as Opened
+    from warehouse.queries import Store as Opened
 
 _COLUMNS = "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 
@@ -57,7 +57,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         format: Format of the output.
     """
     from flows.report.records import print_query_result, refuse_binary_on_terminal
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
     from warehouse.runs import read_manifest
 
     if limit < 1:
@@ -108,7 +108,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
     from warehouse.runs import quarantine_run as set_aside
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record
@@ -140,7 +140,7 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
         id: Id of the record, or its beginning.
         format: Format of the output.
     """
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record, read_record
 
@@ -188,7 +188,7 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
 
 
 def _relatives(store: "Opened", id: str) -> dict:
-    from warehouse.query.sql_guard import quote_sql_text as quoted
+    from warehouse.sql_guard import quote_sql_text as quoted
 
     queries = {
         "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
@@ -250,7 +250,7 @@ def sql(
         print_query_result,
         refuse_binary_on_terminal,
     )
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
 
     place = resolve_store_folder(store)
     if json is not None:
@@ -279,7 +279,7 @@ def sql(
     text, values = _query(query, named, with_)
     with open_store(place) as opened:
         if truth:
-            from flows.storage.sealed_truth import show_truth
+            from flows.sealed_truth import show_truth
 
             show_truth(opened)
         rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
@@ -291,7 +291,7 @@ def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
     from flows.report.records import describe_query_values
-    from warehouse.query.sql_guard import LONGEST, NAMED
+    from warehouse.sql_guard import LONGEST, NAMED
 
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
@@ -370,7 +370,7 @@ def lineage(
     """
     from flows.report.document import widen_piped_console
     from flows.report.records import print_tree
-    from warehouse.query.store import build_lineage_tree, open_store
+    from warehouse.queries import build_lineage_tree, open_store
 
     directions = {"made from": up or not down, "gave": down or not up}
     with open_store(resolve_store_folder(store)) as opened:

@@ -46,7 +46,7 @@ from flows.steps.inbox import (
 from flows.steps.inbox import diagnose_new_runs as diagnose_runs
 from flows.steps.model_choice import resolve_adopted_model
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
-from flows.storage.diagnosis import read_verdict
+from flows.storage import read_verdict
 from flows.workers import ProcessExecutor, read_runner_setting
 from residual import one_blas_thread
 from residual.errors import InputError, RunError

@@ -24,7 +24,7 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows import requests
 from flows.inputs import read_run_robot
 from flows.project import ALARM, COMMITTED, NOTICE, STORE
-from flows.report import experiments, stored_pages
+from flows.report import experiments, store_index
 from flows.report.calibration import build_terminal_parts as calibrated_parts
 from flows.report.document import ReportTable
 from flows.report.experiments import build_alarm_table, describe_alarms
@@ -38,7 +38,7 @@ from flows.steps import fit as fitting
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
-from flows.storage.diagnosis import read_verdict
+from flows.storage import read_verdict
 from flows.workers import DASK, InlineExecutor, read_runner_setting, run_job
 from residual.errors import RunError
 
@@ -254,10 +254,10 @@ def report(ids: list[str], store: str) -> str:
 
     It and the sentences of the verdict become artifacts.
     """
-    page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
+    page = store_index.store_diagnosis_page(ids, Path(store), "nightly")
     name = format_run_name(ids[0], Path(store))
     verdict = read_verdict(Path(store), ids[0])
-    publish_verdict(name, page, stored_pages.read_verdict_headline(ids[1], Path(store)))
+    publish_verdict(name, page, store_index.read_verdict_headline(ids[1], Path(store)))
     rename_flow_run(name)
     if verdict.effects:
         title = f"{verdict.robot}: {format_headline(verdict)}"

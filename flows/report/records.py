@@ -20,7 +20,7 @@ from rich.tree import Tree
 
 from flows.report.document import ReportTable, build_text_table, print_parts, widen_piped_console
 from residual.errors import InputError, strip_control_characters
-from warehouse.query.sql_guard import NAMED, TAKES
+from warehouse.sql_guard import NAMED, TAKES
 from warehouse.view_schema import list_views
 
 _SHOWN = 40  # lines of one table

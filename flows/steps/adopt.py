@@ -6,7 +6,7 @@ from pathlib import Path
 from flows.inputs import load_command_robot
 from flows.settings import read_user_name, resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
-from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict, store_report
+from flows.storage import read_adoptable_model, read_models, read_verdict, store_report
 from residual import one_blas_thread
 from residual.diagnosis.adoption import AdoptionCheck, check_adoption
 from residual.errors import InputError

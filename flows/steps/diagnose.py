@@ -6,12 +6,12 @@ from pathlib import Path
 from time import perf_counter
 
 from flows import inputs
+from flows import storage as records
 from flows.inputs import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
-from flows.storage import diagnosis as records
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.drive import FACTOR

@@ -24,7 +24,7 @@ from flows.outputs import Progress
 from flows.requests import Calibrate, Identify
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
-from flows.storage.diagnosis import CORRECTED, read_adoptable_model
+from flows.storage import CORRECTED, read_adoptable_model
 from residual import one_blas_thread
 from residual.calibration.calibrate import Calibration, CalibrationSettings, build_corrected_model
 from residual.calibration.calibrate import calibrate as fit_tables

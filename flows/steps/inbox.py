@@ -26,12 +26,12 @@ from flows.settings import count_cores, prefect_home
 from flows.steps import imports
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
 from flows.steps.model_choice import resolve_adopted_model
-from flows.storage.diagnosis import read_verdict
+from flows.storage import read_verdict
 from flows.workers import InlineExecutor, JobResult, ProcessExecutor, run_jobs
 from residual.errors import InputError, shorten_value, strip_control_characters
 from residual.robot.robot import Robot
 from residual.verdict.result import Verdict
-from warehouse.query.store import query_store_rows
+from warehouse.queries import query_store_rows
 from warehouse.record_commit import commit_record
 
 STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"

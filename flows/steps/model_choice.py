@@ -11,7 +11,7 @@ from pathlib import Path
 from flows.inputs import is_run_id, load_run_robot, read_run_robot
 from flows.requests import Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.storage.diagnosis import CORRECTED, models_from_record, read_adoptable_model, read_models
+from flows.storage import CORRECTED, models_from_record, read_adoptable_model, read_models
 from residual.calibration.calibrate import add_correction_tables
 from residual.calibration.calibration_rows import PAPER
 from residual.errors import InputError, check_name
@@ -150,7 +150,7 @@ def resolve_diagnosis_id(store: Path, word: str) -> str:
     if found.kind == "validations" and (id := read_record(store, found.id).get("diagnosis")):
         return id
     if found.kind == "models":
-        from warehouse.query.store import query_store_rows
+        from warehouse.queries import query_store_rows
 
         query = (
             "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created LIMIT 1"

@@ -13,7 +13,7 @@ from flows.requests import Diagnose, Next
 from flows.settings import resolve_store_folder
 from flows.steps.diagnose import diagnose, read_logs, read_stored_runs
 from flows.steps.model_choice import resolve_diagnosis_id
-from flows.storage.diagnosis import read_verdict
+from flows.storage import read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content

@@ -30,7 +30,7 @@ from flows.steps.model_choice import (
     check_description,
     read_controller_model,
 )
-from flows.storage.diagnosis import read_models
+from flows.storage import read_models
 from residual import one_blas_thread
 from residual.errors import InputError
 from residual.export.model_export import AnyModel, remove_tables

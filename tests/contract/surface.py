@@ -23,7 +23,7 @@ from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Verdict
 from tests.checkout import ROOT
-from warehouse.query.sql_guard import NAMED
+from warehouse.sql_guard import NAMED
 from warehouse.view_schema import list_views
 
 RECORD = Path(__file__).with_name("surface.json")

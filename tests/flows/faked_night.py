@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from flows.report import stored_pages
+from flows.report import store_index
 from flows.report.document import ReportTable
 from flows.steps import diagnose, fit, validate
 from flows.steps import experiment as campaign
@@ -41,8 +41,8 @@ def faked(monkeypatch, tmp_path):
     clock = SimpleNamespace(scheduled_start_time=due)
     monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
-    take(stored_pages, "store_diagnosis_page", page)
-    take(stored_pages, "read_verdict_headline", "Nothing is missing.")
+    take(store_index, "store_diagnosis_page", page)
+    take(store_index, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))

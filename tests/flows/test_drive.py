@@ -27,7 +27,7 @@ from residual.model.model import Model, Term
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
 from sim.plant.typical_sizes import read_nominal_drives
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import find_record

@@ -11,7 +11,7 @@ from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import experiment as campaign
-from flows.storage.diagnosis import diagnosis_from_record, diagnosis_to_record
+from flows.storage import diagnosis_from_record, diagnosis_to_record
 from flows.workers import run_job
 from residual.errors import InputError
 from residual.model.compare import FindingScatter, LogPrediction

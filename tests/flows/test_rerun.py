@@ -17,7 +17,7 @@ from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import code_provenance
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
 from warehouse.store_catalogue import RERUN_OF, find_record, read_record
@@ -222,7 +222,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         return Diagnosis(typed(doc, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
-    monkeypatch.setattr("flows.storage.diagnosis.build_run_error_rows", lambda _: [])
+    monkeypatch.setattr("flows.storage.build_run_error_rows", lambda _: [])
     runs = [experiment.simulate_and_store(spec(seed=k), tmp_path) for k in range(3)]
     fit, held_out = tuple(runs[:2]), (runs[2],)
     request = Diagnose(fit, robot="irb140", held_out=held_out, store=tmp_path)

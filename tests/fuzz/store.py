@@ -13,7 +13,7 @@ from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
-from warehouse.query.store import Store, open_store
+from warehouse.queries import Store, open_store
 
 _QUERIES = [
     text.encode()

@@ -3,7 +3,7 @@
 import numpy as np
 
 import warehouse
-from flows.storage.diagnosis import build_effect_rows, build_error_view_rows
+from flows.storage import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document

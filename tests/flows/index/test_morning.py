@@ -18,12 +18,12 @@ from flows.steps.inbox import (
     list_logs,
 )
 from flows.steps.monitor import find_diagnosis
-from flows.storage.diagnosis import store_report
+from flows.storage import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as samples
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record, commit_run
 from warehouse.robots import store_robot_description
 from warehouse.view_schema import build_view_table

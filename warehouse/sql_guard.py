@@ -229,13 +229,13 @@ def explain_error(error: Exception) -> str:
     return text or format_duckdb_error(error) + hint
 
 
-_SQL = tomllib.loads(Path(__file__).with_name("views.toml").read_text(encoding="utf-8"))
+_SQL = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text(encoding="utf-8"))
 
 
 def build_catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name.
 
-    Those that no list of columns gives stand in views.toml beside this file.
+    Those that no list of columns gives stand in catalogue.toml beside this file.
     """
     parts = " UNION ALL ".join(
         f"SELECT {KINDS[name].key} AS id, unnest(lineage, recursive := true) FROM catalogue.{name}"
