@@ -1,9 +1,8 @@
 """Diagnose, identify and calibrate from Python: the results of the steps, to keep."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
@@ -11,12 +10,11 @@ import pyarrow as pa
 
 from flows.api.logs import advise_in_python, check_recordings, check_robot
 from flows.api.store import Table
-from flows.inputs import LogSets, apply_known_values, is_run_id
+from flows.inputs import LogSets
 from flows.outputs import Progress, write_files
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.diagnose import ROLES, add_stored_runs, read_stored_runs, store_diagnosis
-from flows.steps.diagnose import diagnose as diagnose_request
+from flows.steps.diagnose import diagnose_recordings
 from flows.steps.fit import (
     build_calibration_document,
     build_identification_document,
@@ -24,7 +22,6 @@ from flows.steps.fit import (
 )
 from flows.steps.fit import calibrate as calibrate_request
 from flows.steps.fit import identify as identify_request
-from flows.steps.model_choice import choose_request_model
 from residual.calibration import calibrate as core
 from residual.calibration.calibration_rows import CalibrationRun
 from residual.calibration.validation_scores import DEFAULT, NOTHING, RUN, find_model_score
@@ -38,7 +35,6 @@ from residual.robot.robot import Robot
 from residual.verdict import result
 from residual.verdict.document import to_json
 from warehouse.logs import check_logs_distinct
-from warehouse.runs import read_run
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
 _FINDINGS = pa.schema(
@@ -172,40 +168,12 @@ def diagnose(
         trust_log=trust_log,
         store=None if store is None else resolve_store_folder(str(store)),
     )
-    if store is not None:
-        return _diagnose_runs(request, logs, progress)
-    logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
-    return convert_to_subclass(Diagnosis, diagnose_request(request, logs, progress))
+    outcome, id = diagnose_recordings(request, logs, progress)
+    return convert_to_subclass(Diagnosis, outcome, id=id)
 
 
 def _names(declared: Sequence[str] | None) -> tuple[str, ...] | None:
     return None if declared is None else tuple(declared)
-
-
-def _diagnose_runs(request: Diagnose, logs: LogSets, progress: Progress | None) -> Diagnosis:
-    """Diagnose runs of a store by the steps of the command, and store the result."""
-    ids = {
-        role: tuple(_find_run(log, request.store) for log in getattr(logs, role)) for role in ROLES
-    }
-    request = add_stored_runs(request, ids)
-    choice = choose_request_model(request, logs.robot)
-    request = replace(request, model=choice.diagnosis)
-    read, begun = read_stored_runs(request), perf_counter()
-    outcome = diagnose_request(request, read, progress)
-    stored, _ = store_diagnosis(request, read, outcome, perf_counter() - begun)
-    return convert_to_subclass(Diagnosis, outcome, id=stored)
-
-
-def _find_run(log: Recording, store: Path) -> str:
-    """Return the id of the run that a recording is; InputError where it is none."""
-    if is_run_id(log.id):
-        run = read_run(store, log.id)
-        if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
-            return run.id
-    raise InputError(
-        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
-        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
-    )
 
 
 class Identification(ValidatedIdentification):

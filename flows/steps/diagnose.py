@@ -5,13 +5,24 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
+import numpy as np
+
 from flows import inputs
 from flows import storage as records
-from flows.inputs import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
+from flows.inputs import (
+    LogSets,
+    apply_known_values,
+    is_run_id,
+    parse_known_values,
+    read_file_serial,
+    read_run_robot,
+    read_run_serial,
+)
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.model_choice import choose_request_model
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.drive import FACTOR
@@ -125,6 +136,43 @@ def diagnose_stored_runs(request: Diagnose, progress: Progress | None = None) ->
     logs, begun = read_stored_runs(request), perf_counter()
     result = diagnose(request, logs, progress)
     return store_diagnosis(request, logs, result, perf_counter() - begun)
+
+
+def diagnose_recordings(
+    request: Diagnose, logs: LogSets, progress: Progress | None = None
+) -> tuple[Diagnosis, str | None]:
+    """Diagnose recordings that are in memory; where the request has a store, its runs.
+
+    Runs are diagnosed as by the command: against the adopted model of the robot, and
+    the diagnosis is stored.
+
+    Returns:
+        The diagnosis, and its id in the store; None where it is not stored.
+    """
+    if request.store is None:
+        known = parse_known_values(request.known)
+        logs = replace(logs, robot=apply_known_values(logs.robot, known, logs.baseline))
+        return diagnose(request, logs, progress), None
+    ids = {
+        role: tuple(_find_run(log, request.store) for log in getattr(logs, role)) for role in ROLES
+    }
+    request = add_stored_runs(request, ids)
+    request = replace(request, model=choose_request_model(request, logs.robot).diagnosis)
+    read, begun = read_stored_runs(request), perf_counter()
+    result = diagnose(request, read, progress)
+    return result, store_diagnosis(request, read, result, perf_counter() - begun)[0]
+
+
+def _find_run(log: Recording, store: Path) -> str:
+    """Return the id of the run that a recording is; InputError where it is none."""
+    if is_run_id(log.id):
+        run = read_run(store, log.id)
+        if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
+            return run.id
+    raise InputError(
+        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
+        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
+    )
 
 
 def store_diagnosis(

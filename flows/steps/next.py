@@ -73,20 +73,28 @@ class ReopenedDiagnosis:
 def reopen_diagnosis(request: Next, progress: Progress | None = None) -> ReopenedDiagnosis:
     """Diagnose the logs of a verdict again, and return the question that they leave.
 
-    A comparison with a baseline leaves none: then the new logs are diagnosed alone.
-
     Raises:
         InputError: If the request, the verdict or a log is not usable.
     """
     check_duration(request.seconds)
     stored = is_run_id(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
-    found = diagnose(again, logs, progress)
-    question = found.question
-    if question is None:
-        question = diagnose(again, logs, progress, ignore_baseline=True).question
+    found, question = diagnose_open_question(again, logs, progress)
     lines = (*logs.lines, *list_separating_logs(logs.robot, logs.fit))
     return ReopenedDiagnosis(verdict, found, question, logs.robot, lines)
+
+
+def diagnose_open_question(
+    request: Diagnose, logs: LogSets, progress: Progress | None = None
+) -> tuple[Diagnosis, OpenQuestion | None]:
+    """Diagnose logs, and return the question that they leave; None for none.
+
+    A comparison with a baseline leaves none: then the new logs are diagnosed alone.
+    """
+    found = diagnose(request, logs, progress)
+    if found.question is not None:
+        return found, found.question
+    return found, diagnose(request, logs, progress, ignore_baseline=True).question
 
 
 def check_duration(seconds: float) -> None:
