@@ -39,7 +39,6 @@ from residual.errors import InputError, RunError, check_name
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warehouse.queries import Store as Opened
 
 _COLUMNS = "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 
@@ -125,6 +124,12 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
     print(f"{run_id} {text}")
 
 
+_RELATIVES = {
+    "parents": "SELECT parent, role FROM lineage WHERE child = $id",
+    "children": "SELECT child, role FROM lineage WHERE parent = $id",
+}
+
+
 def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> None:
     """Show one run, model, diagnosis, validation or report.
 
@@ -150,7 +155,10 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
             "kind": place.kind,
             "id": place.id,
             "folder": str(place.folder.relative_to(opened.path)),
-            **_relatives(opened, place.id),
+            **{
+                name: opened.sql(query, {"id": place.id}, without_damaged=True).to_pylist()
+                for name, query in _RELATIVES.items()
+            },
             "quarantined": read_quarantine_reason(opened.path, place.id),
             "content": read_record(opened.path, place.id),
         }
@@ -185,18 +193,6 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     if record["quarantined"]:
         print_plain(console, f"in quarantine: {record['quarantined']}")
     print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
-
-
-def _relatives(store: "Opened", id: str) -> dict:
-    from warehouse.sql_guard import quote_sql_text as quoted
-
-    queries = {
-        "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
-        "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
-    }
-    return {
-        name: store.sql(query, without_damaged=True).to_pylist() for name, query in queries.items()
-    }
 
 
 _ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'

@@ -38,24 +38,19 @@ ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     read = inputs.read_logs(request, "to diagnose", robot)
-    warnings = [*read.warnings, *_of_others(request, read.robot)]
+    robot, warnings = read.robot, list(read.warnings)
+    for run in filter(is_run_id, request.baseline):
+        serial = read_run_serial(run, request.store)
+        if (serial or read_file_serial(robot)) != robot.serial:
+            warnings.append(
+                f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not "
+                f"of {robot.serial or 'an arm without a number'}: differences between the "
+                "two arms are findings too"
+            )
     driven = any(r.drive is not None for r in (*read.fit, *read.baseline))
-    if driven and "payload.mass" not in read.robot.known_values:
+    if driven and "payload.mass" not in robot.known_values:
         warnings.append(f"torque follows from the drives' gains: {FACTOR}")
     return replace(read, warnings=tuple(warnings))
-
-
-def _of_others(request: Diagnose, robot: Robot) -> list[str]:
-    """Say which runs of the baseline are of another arm of the kind."""
-    runs = [run for run in request.baseline if is_run_id(run)]
-    serials = {run: read_run_serial(run, request.store) for run in runs}
-    return [
-        f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not of "
-        f"{robot.serial or 'an arm without a number'}: differences between the two "
-        "arms are findings too"
-        for run, serial in serials.items()
-        if (serial or read_file_serial(robot)) != robot.serial
-    ]
 
 
 @one_blas_thread

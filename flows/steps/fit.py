@@ -157,7 +157,7 @@ def store_identification(
 
 def read_identification_logs(request: Identify, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
-    _options(request)
+    Options(request.method, request.prior)  # wrong ones are refused first
     return inputs.read_logs(request, "to identify from", robot)
 
 
@@ -173,8 +173,9 @@ def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification,
         known = read_adoptable_model(resolve_store_folder(request.store), request.model)
     report = refuse_faulty_logs(logs, request.trust_log)
     logs = correct_mounting(logs, report)
+    options = Options(request.method, request.prior)
     result = identify_and_validate(
-        logs.robot, logs.fit, logs.held_out, known, _options(request), request.consistent
+        logs.robot, logs.fit, logs.held_out, known, options, request.consistent
     )
     warnings = (*logs.warnings, *report.sentences, *result.warnings)
     result, runs = replace(result, warnings=warnings), logs.runs or {}
@@ -182,10 +183,6 @@ def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification,
         return result, None
     seconds = {"identify": perf_counter() - begun}
     return result, _keep(result, request, runs, seconds)
-
-
-def _options(request: Identify) -> Options:
-    return Options(request.method, request.prior)
 
 
 def _keep(
@@ -418,19 +415,12 @@ def calibrate(
     begun = perf_counter()
     report = refuse_faulty_logs(logs, request.trust_log)
     robot = correct_mounting(logs, report).robot
-    settings = replace(_settings(request), with_figures=with_figures)
-    # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(robot, runs, settings, progress)
-    asked = request.to_record() | {"logs": list(ids), "robot_hash": logs.robot.content_hash}
-    stored = len(ids) == len(runs)
-    seconds = {"calibrate": perf_counter() - begun}
-    kept = store_calibration(store, made, asked, seconds) if stored else {}
-    return StoredCalibration(made, (*logs.warnings, *report.sentences), kept)
-
-
-def _settings(request: Calibrate) -> CalibrationSettings:
     settings = CalibrationSettings(
-        paper=request.paper, declared=request.declared, joints=request.joints
+        paper=request.paper,
+        declared=request.declared,
+        joints=request.joints,
+        exact_components=request.components is not None,
+        with_figures=with_figures,
     )
     form = settings.form
     if request.components is not None:
@@ -438,7 +428,13 @@ def _settings(request: Calibrate) -> CalibrationSettings:
     if request.levels is not None:
         one, *more = request.levels
         form = replace(form, levels=request.levels if more else one)
-    return replace(settings, form=form, exact_components=request.components is not None)
+    # One thread: the products are small, two threads only wait for each other.
+    made = fit_tables(robot, runs, replace(settings, form=form), progress)
+    asked = request.to_record() | {"logs": list(ids), "robot_hash": logs.robot.content_hash}
+    stored = len(ids) == len(runs)
+    seconds = {"calibrate": perf_counter() - begun}
+    kept = store_calibration(store, made, asked, seconds) if stored else {}
+    return StoredCalibration(made, (*logs.warnings, *report.sentences), kept)
 
 
 def _beside(store: Path, id: str) -> tuple[str | None, dict]:
