@@ -29,7 +29,8 @@ from flows.specs import (
     format_point,
     load_campaign,
 )
-from flows.steps.model_choice import choose_model, read_controller_model
+from flows.steps.fit import read_controller_model
+from flows.steps.model_choice import choose_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun

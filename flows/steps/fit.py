@@ -24,22 +24,30 @@ from flows.outputs import Progress
 from flows.requests import Calibrate, Identify
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.model_choice import read_model
 from flows.storage import CORRECTED, read_adoptable_model
 from residual import one_blas_thread
-from residual.calibration.calibrate import Calibration, CalibrationSettings, build_corrected_model
+from residual.calibration.calibrate import (
+    Calibration,
+    CalibrationSettings,
+    add_correction_tables,
+    build_corrected_model,
+)
 from residual.calibration.calibrate import calibrate as fit_tables
-from residual.calibration.calibration_rows import CalibrationRun
+from residual.calibration.calibration_rows import PAPER, CalibrationRun
 from residual.calibration.validation_scores import RUN, ModelScore, compute_relative_error
+from residual.errors import InputError
 from residual.export.c99 import to_c99
-from residual.export.model_export import to_json
+from residual.export.model_export import AnyModel, remove_tables, to_json
 from residual.identification.estimate import Options
 from residual.identification.identify import ValidatedIdentification, identify_and_validate
-from residual.model.lookup import build_lookup_files
+from residual.model.lookup import Lookup, build_lookup_files
+from residual.model.model import Model
 from residual.quantity import convert_to_plain_values
 from residual.robot.robot import Robot
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_channels
-from warehouse.store_catalogue import find_run
+from warehouse.store_catalogue import find_record, find_run, read_record
 from warehouse.store_files import read_parquet
 from warehouse.view_schema import build_view_table
 
@@ -447,3 +455,36 @@ def _beside(store: Path, id: str) -> tuple[str | None, dict]:
 def _about(run: CalibrationRun) -> str:
     log, family = run.log, run.family or "unknown motion"
     return f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, {log.duration:.2f} s"
+
+
+def read_controller_model(
+    store: Path, word: str, robot: Robot, nominal: Model | None = None
+) -> AnyModel:
+    """Return the model that a controller is to have.
+
+    Args:
+        word: Id of a diagnosis (its augmented model, tables included), of a model, or
+            of a calibration (its look-up tables on the model that they correct).
+        nominal: The robot as described, for tables of the paper's form: they correct a
+            simulated twin.
+
+    Raises:
+        InputError: If it is of another robot, or of another description of it.
+    """
+    found = find_record(store, word)
+    record = read_record(store, found.id)
+    if nominal and found.kind == "models" and record.get("mode") == PAPER:
+        own, hash = record["robot"], record["request"]["robot_hash"]
+        lookup = Lookup.load(found.folder / "model.npz")
+        model: AnyModel = add_correction_tables(nominal, lookup, record["joints"])
+    else:
+        diagnosis = found.kind == "diagnoses"
+        model = (read_adoptable_model if diagnosis else read_model)(store, found.id)
+        of = remove_tables(model).robot
+        own, hash = of.name, of.content_hash
+    if hash != robot.content_hash:
+        raise InputError(
+            f"The model of {word} is of {own} as it was described then, the robot is "
+            f"{robot.name} as it is described now. Give a model of this one."
+        )
+    return model

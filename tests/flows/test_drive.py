@@ -12,7 +12,7 @@ from flows.requests import Validate
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.model_choice import read_controller_model
+from flows.steps.fit import read_controller_model
 from flows.steps.rerun import compare_records
 from flows.steps.rerun import remake_record as again
 from flows.steps.validate import validate
