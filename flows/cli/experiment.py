@@ -16,7 +16,7 @@ from flows.requests import (
     Json,
     Monitor,
     Number,
-    OutCsv,
+    Program,
     RobotRequest,
     RobotWord,
     Seconds,
@@ -207,7 +207,11 @@ _DEFAULT_MOTION = Trajectory()
 
 
 def trajectory(
-    family: str, /, *, request: Trajectory = _DEFAULT_MOTION, out: OutCsv = None
+    family: str,
+    /,
+    *,
+    request: Trajectory = _DEFAULT_MOTION,
+    out: Annotated[Program, Parameter(name=("--out", "--csv"))] = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 
@@ -223,8 +227,6 @@ def trajectory(
     Args:
         family: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
-            (rad/s^2).
     """
     from flows.inputs import load_command_robot
     from flows.report.document import print_parts

@@ -29,6 +29,8 @@ from flows.requests import (
     Name,
     Next,
     OutFolder,
+    Program,
+    Report,
     RobotRequest,
     Where,
 )
@@ -161,7 +163,7 @@ def diagnose(
     request: Diagnose,
     where: Where = None,
     held_out_where: HeldOutWhere = None,
-    report: File = None,
+    report: Report = None,
     json: File = None,
     save_model: File = None,
 ) -> None:
@@ -194,7 +196,6 @@ def diagnose(
         logs: Logs to fit: CSV, Parquet, ROS bag or MCAP file, or id of a stored run.
             FILE@0:16.5 is a window in seconds from the first sample, FILE@60%: the last
             40 percent.
-        report: HTML file for the report.
         json: File for the verdict as JSON; "-" prints it alone.
         save_model: File for the augmented model, for predict and export.
     """
@@ -247,7 +248,7 @@ def next_(
     *logs: Log,
     request: Next = _DEFAULT,
     rate: Hertz = 250.0,
-    out: File = None,
+    out: Program = None,
     json: File = None,
 ) -> None:
     """Choose the motion that separates the open rivals of a verdict.
@@ -271,8 +272,6 @@ def next_(
             diagnose --json.
         logs: Logs of that file: CSV, Parquet, ROS bag or MCAP, or ids of runs.
         rate: Samples per second of the program.
-        out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
-            (rad/s^2).
         json: File for the verdict with its next_experiment; "-" prints it alone.
     """
     from flows.inputs import is_run_id
@@ -376,7 +375,7 @@ def calibrate(
     *logs: Log,
     request: Calibrate,
     where: Where = None,
-    report: File = None,
+    report: Report = None,
     json: Json = None,
     out: OutFolder = None,
 ) -> None:
@@ -395,7 +394,6 @@ def calibrate(
     Args:
         logs: Logs to fit: files, windows (FILE@0:16.5, FILE@60%:) or ids of stored
             runs. A single log is cut into parts.
-        report: HTML file for the report.
         json: File for all figures as JSON; "-" prints it alone.
         out: New folder for the tables, their model, and evaluators in NumPy and C.
     """

@@ -26,6 +26,7 @@ from flows.requests import (
     Json,
     Name,
     Number,
+    RecordId,
     Seconds,
     Store,
     TableFormat,
@@ -53,7 +54,6 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
 
     Args:
         limit: Number of runs.
-        format: Format of the output.
     """
     from flows.report.records import print_query_result, refuse_binary_on_terminal
     from warehouse.queries import open_store
@@ -130,7 +130,7 @@ _RELATIVES = {
 }
 
 
-def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> None:
+def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -> None:
     """Show one run, model, diagnosis, validation or report.
 
     ```
@@ -140,10 +140,6 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 
     Of a diagnosis: verdict, findings, errors, sources, and whether its model is
     adopted; json has the whole record.
-
-    Args:
-        id: Id of the record, or its beginning.
-        format: Format of the output.
     """
     from warehouse.queries import open_store
     from warehouse.runs import read_quarantine_reason
@@ -205,7 +201,9 @@ def sql(
     named: Name = None,
     with_: Annotated[Tags, Parameter(name="--with", metavar="KEY=VALUE")] = (),
     schema: Flag = False,
-    format: Format = "table",
+    format: Annotated[
+        Format, Parameter(help="Format of the answer; parquet needs --out on a terminal.")
+    ] = "table",
     out: File = None,
     json: Json = None,
     timeout: Seconds = 60.0,
@@ -233,7 +231,6 @@ def sql(
         named: Name of a ready query (--schema lists them).
         with_: Value of a ready query, as name=value; may be repeated.
         schema: Show the views with the unit of every column, and the ready queries.
-        format: Format of the answer; parquet needs --out on a terminal.
         out: File for the answer, not among the records of the store.
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
@@ -329,7 +326,6 @@ def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store =
     Args:
         one: Id of a record, or its beginning.
         two: Id of a second record of the same kind.
-        format: Format of the output.
     """
     from flows.report.document import print_parts, widen_piped_console
     from flows.report.records import build_diff_record, build_diff_tables
@@ -343,7 +339,7 @@ def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store =
 
 
 def lineage(
-    id: str,
+    id: RecordId,
     /,
     *,
     up: Flag = False,
@@ -359,10 +355,8 @@ def lineage(
     ```
 
     Args:
-        id: Id of the record, or its beginning.
         up: Only the sources.
         down: Only the records made from it.
-        format: Format of the output.
     """
     from flows.report.document import widen_piped_console
     from flows.report.records import print_tree
@@ -384,7 +378,7 @@ def lineage(
 
 
 def rerun(
-    id: str, /, *, verify: Flag = False, format: TextFormat = "text", store: Store = None
+    id: RecordId, /, *, verify: Flag = False, format: TextFormat = "text", store: Store = None
 ) -> None:
     """Repeat a run, model, diagnosis or validation, and compare bit for bit.
 
@@ -406,10 +400,8 @@ def rerun(
     the code is the same.
 
     Args:
-        id: Id of the record, or its beginning.
         verify: Only compare, store nothing. A measured run is checked against the hash
             of its values.
-        format: Format of the output.
     """
     from flows.report.records import build_rerun_record, describe_rerun
     from flows.steps import rerun as reruns
