@@ -54,9 +54,11 @@ from warehouse.store_catalogue import (
 )
 from warehouse.store_files import hash_table, read_parquet, table_to_arrays
 from warehouse.verification import (
+    GONE,
     ChannelDifference,
     compare_channels,
     compare_values,
+    find_differing_values,
     find_record_faults,
     is_readable_by_others,
     list_extra_files,
@@ -141,19 +143,10 @@ def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
 
 
 def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object], ...]:
-    names = [channel.name for channel in compare_values(dict(first), dict(second))]
-    return tuple((name, _at(first, name), _at(second, name)) for name in names)
-
-
-def _at(record: object, name: str) -> object:
-    """Return what stands at a place such as "effects[0].name"; None if nothing does."""
-    for part in name.replace("[", ".[").split("."):
-        if part.startswith("[") and isinstance(record, list):
-            index = int(part[1:-1])
-            record = record[index] if index < len(record) else None
-        else:
-            record = record.get(part) if isinstance(record, Mapping) else None
-    return record
+    return tuple(
+        (name, *(None if value is GONE else value for value in pair))
+        for name, *pair in find_differing_values(first, second)
+    )
 
 
 def find_damaged_files(place: Path) -> Iterator[str]:
@@ -551,7 +544,7 @@ def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]
 def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[ChannelDifference, ...]:
     """Return where two records of one kind differ, value by value."""
     first, second = (json.loads(read_catalogue_row(each)["record"]) for each in (record, other))
-    out = compare_values(first, second, "")
+    out = compare_values(first, second)
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
         out += _compare_tables(name, old.get(name), new.get(name))
