@@ -87,12 +87,6 @@ def list_input_files(words: Iterable[str], *files: str | None) -> list[Path]:
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
 
-def place_in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
-    """Return files by path in a folder, which is created if it does not exist."""
-    Path(folder).mkdir(exist_ok=True)
-    return {Path(folder) / name: content for name, content in files.items()}
-
-
 def _can_write(place: Path) -> bool:
     """Try it: permission bits are not enough for /sys, /proc and read-only mounts."""
     if place.exists() and not os.access(place, os.W_OK):

@@ -15,7 +15,7 @@ from flows.requests import Import
 from flows.settings import resolve_store_folder
 from flows.steps import imports
 from flows.steps.check import check_log_sets as check_sets
-from flows.steps.export import export_model, place_export_files
+from flows.steps.export import export_model
 from residual.check.result import LogCheck
 from residual.errors import InputError, ModelgapError, shorten_value
 from residual.export.model_export import AnyModel, ModelExport
@@ -281,7 +281,7 @@ def export(
     check_new_folder("folder", Path(folder))
     exported = export_model(model, to, log)
     Path(folder).mkdir(exist_ok=True)
-    write_files(place_export_files(exported, folder))
+    write_files({Path(folder) / name: text for name, text in exported.files.items()})
     return exported
 
 

@@ -37,7 +37,6 @@ DryRun = Annotated[
         "and what breaks a limit of the arm."
     ),
 ]
-_VALIDATE = Validate()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -137,7 +136,7 @@ def _list(planned: list["PlannedExperiment"], console: Console, rehearsed: bool)
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _VALIDATE,
+    request: Validate = Validate(),
     where: Where = None,
     report: File = None,
 ) -> None:
@@ -203,14 +202,11 @@ class Trajectory(RobotRequest):
     rate: Hertz = 250.0
 
 
-_DEFAULT_MOTION = Trajectory()
-
-
 def trajectory(
     family: str,
     /,
     *,
-    request: Trajectory = _DEFAULT_MOTION,
+    request: Trajectory = Trajectory(),
     out: Annotated[Program, Parameter(name=("--out", "--csv"))] = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
@@ -307,14 +303,11 @@ def demo(
     print_plain(console, f"\nreport: {page}")
 
 
-_MONITOR = Monitor()
-
-
 def monitor(
     model: str,
     /,
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Monitor = _MONITOR,
+    request: Monitor = Monitor(),
     nominal: Flag = False,
 ) -> None:
     """Monitor the sensors of runs, with limits from healthy runs.

@@ -7,13 +7,7 @@ from time import perf_counter
 from rich.console import Console
 
 from flows.cli.app import FASTEST, SEEDS, Outputs, check_option_range
-from flows.outputs import (
-    check_new_folder,
-    list_input_files,
-    place_in_folder,
-    print_plain,
-    show_progress_bar,
-)
+from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.requests import (
     Calibrate,
     Check,
@@ -239,14 +233,11 @@ def diagnose(
     out.finish(*([f"stored as a diagnosis: modelgap show {kept}"] if kept else []))
 
 
-_DEFAULT = Next()
-
-
 def next_(
     verdict: str,
     /,
     *logs: Log,
-    request: Next = _DEFAULT,
+    request: Next = Next(),
     rate: Hertz = 250.0,
     out: Program = None,
     json: File = None,
@@ -356,18 +347,15 @@ def identify(
     choice = choose_request_model(request, robot)
     request = replace(request, model=choice.diagnosis)
     words = (*request.logs, *request.held_out, request.robot)
-    outputs = Outputs({"--json": json}, list_input_files(words, request.columns))
-    if out is not None:
-        check_new_folder("--out", Path(out))
+    outputs = Outputs({"--json": json}, list_input_files(words, request.columns), out)
     read = fit.read_identification_logs(request, robot)
     outputs.say(*read.lines[:1], *choice.lines, *read.lines[1:])
     outcome, kept = fit.identify(request, read)
-    files = {}
-    if out is not None:
-        about = f"identified from {' '.join(outcome.fit)}"
-        files = place_in_folder(out, build_robot_folder(outcome.best, about))
     print_parts(widen_piped_console(outputs.console), *identified(outcome))
-    outputs.write(document=lambda: fit.build_identification_document(outcome), more=files)
+    outputs.write(
+        document=lambda: fit.build_identification_document(outcome),
+        folder=lambda: build_robot_folder(outcome.best, f"identified from {' '.join(outcome.fit)}"),
+    )
     outputs.finish(*([f"stored as a model: modelgap show {kept}"] if kept else []))
 
 
@@ -408,9 +396,7 @@ def calibrate(
 
     request = select_request_runs(request, logs, where)
     inputs = list_input_files((*request.logs, request.robot), request.columns)
-    outputs = Outputs({"--report": report, "--json": json}, inputs)
-    if out is not None:
-        check_new_folder("--out", Path(out))
+    outputs = Outputs({"--report": report, "--json": json}, inputs, out)
     read, runs = fit.read_calibration_runs(request)
     if request.paper:
         from flows.steps.experiment import add_twin_errors
@@ -425,7 +411,7 @@ def calibrate(
         lambda: fit.build_calibration_document(
             result, describe_calibration(result), done.warnings, done.stored
         ),
-        place_in_folder(out, fit.build_calibration_files(result)) if out is not None else {},
+        lambda: fit.build_calibration_files(result),
     )
     print_parts(widen_piped_console(outputs.console), *build_terminal_parts(done))
     if done.stored:

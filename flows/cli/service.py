@@ -152,10 +152,10 @@ def _print_line(text: str) -> None:
     print(strip_control_characters(text), flush=True)
 
 
-_DEFAULT, NOTHING = ServiceRequest(), "nothing runs"
+NOTHING = "nothing runs"
 
 
-def up(*, request: ServiceRequest = _DEFAULT, foreground: Flag = False) -> None:
+def up(*, request: ServiceRequest = ServiceRequest(), foreground: Flag = False) -> None:
     """Start server, worker and schedules of a store.
 
     ```

@@ -315,8 +315,3 @@ def build_omissions_document(result: ModelExport) -> dict:
         "left": convert_to_plain_values([asdict(each) for each in result.omissions]),
         "missing": {"rms": result.rms, "largest": result.largest},
     }
-
-
-def place_export_files(result: ModelExport, folder: str | Path) -> dict[Path, bytes]:
-    """Return the files of an export by where they go."""
-    return {Path(folder) / name: text for name, text in result.files.items()}
