@@ -29,22 +29,7 @@ from residual.errors import (
     strip_control_characters,
 )
 
-_HELP = """Find what a robot's dynamic model is missing.
-
-Names the missing effect (friction, payload, spring, wrong sensor), adds it to
-the model and tests that on held-out motion: for dynamic identification, payload
-identification, friction compensation and feed-forward. Start with one of these:
-
- modelgap demo
- modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
-
-The first simulates an arm with a hidden effect, the second reads your own logs.
-'modelgap COMMAND --help' explains a command; 'modelgap store', 'modelgap model'
-and so on list more commands.
-
-Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
-input; 130 interrupted.
-"""
+_HELP = Path(__file__).with_name("help.txt").read_text("utf-8")
 
 # By heading, in the order of the help: `commands` by name, each with MODULE:FUNCTION of
 # flows.cli, the usage behind the name ("": that of Cyclopts) and the first sentence of
