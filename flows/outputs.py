@@ -19,6 +19,11 @@ def json_text(document: Mapping) -> str:
     return json.dumps(document, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
 
 
+def describe_repair_file(lines: str) -> str:
+    """Return where repair lines belong, in words."""
+    return "robot.toml, [robot]" if lines.startswith("grav") else "--map"
+
+
 def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
     """Check, before the work, that the files can be written after it.
 
@@ -82,12 +87,6 @@ def list_input_files(words: Iterable[str], *files: str | None) -> list[Path]:
     return [Path(word) for word in (*words, *windowless, *files) if word]
 
 
-def place_in_folder(folder: str, files: Mapping[str, bytes]) -> dict[Path, bytes]:
-    """Return files by path in a folder, which is created if it does not exist."""
-    Path(folder).mkdir(exist_ok=True)
-    return {Path(folder) / name: content for name, content in files.items()}
-
-
 def _can_write(place: Path) -> bool:
     """Try it: permission bits are not enough for /sys, /proc and read-only mounts."""
     if place.exists() and not os.access(place, os.W_OK):
@@ -137,6 +136,12 @@ def print_plain(console: Console, *lines: str) -> None:
     """Print lines as they are, without markup."""
     for line in lines:
         console.print(strip_control_characters(line), markup=False, highlight=False, soft_wrap=True)
+
+
+def print_damaged_files(damaged: Iterable[str]) -> None:
+    """Print on standard error which files of a store cannot be read."""
+    for line in damaged:
+        print(f"modelgap: left out: {line}", file=sys.stderr)
 
 
 # Called with the stage and the fraction done.

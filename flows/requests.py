@@ -37,7 +37,6 @@ File = Annotated[str | None, Parameter(metavar="FILE")]
 Folder = Annotated[str | None, Parameter(metavar="FOLDER")]
 # Where a result goes, with the names that the option had before.
 OutFolder = Annotated[str | None, Parameter(name=("--out", "--export"), metavar="FOLDER")]
-OutCsv = Annotated[str | None, Parameter(name=("--out", "--csv"), metavar="FILE")]
 Id = Annotated[str | None, Parameter(metavar="ID")]
 Name = Annotated[str | None, Parameter(metavar="NAME")]
 Model = Annotated[str | None, Parameter(metavar="MODEL")]
@@ -47,9 +46,6 @@ Seconds = Annotated[float, Parameter(metavar="SECONDS")]
 Hertz = Annotated[float, Parameter(metavar="HERTZ")]
 Number = Annotated[int, Parameter(metavar="NUMBER")]
 Count = Annotated[int | None, Parameter(metavar="COUNT")]
-Format = Annotated[Literal["table", "csv", "json", "parquet"], Parameter(metavar="NAME")]
-TextFormat = Annotated[Literal["text", "json"], Parameter(metavar="NAME")]
-TableFormat = Annotated[Literal["table", "json"], Parameter(metavar="NAME")]
 # Set by the command, no option.
 GivenWord = Annotated[str, Parameter(parse=False)]
 GivenWords = Annotated[tuple[str, ...], Parameter(parse=False)]
@@ -145,6 +141,14 @@ HeldOutWhere = Annotated[
         help="Held-out runs by a SQL condition, as --where.",
     ),
 ]
+Report = Annotated[str | None, Parameter(metavar="FILE", help="HTML file for the report.")]
+RecordId = Annotated[str, Parameter(help="Id of the record, or its beginning.")]
+_CSV = "CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1... (rad/s^2)."
+Program = Annotated[str | None, Parameter(metavar="FILE", help=_CSV)]
+_FORMAT = Parameter(metavar="NAME", help="Format of the output.")
+Format = Annotated[Literal["table", "csv", "json", "parquet"], _FORMAT]
+TextFormat = Annotated[Literal["text", "json"], _FORMAT]
+TableFormat = Annotated[Literal["table", "json"], _FORMAT]
 Json = Annotated[
     str | None, Parameter(metavar="FILE", help='File for the result as JSON; "-" prints it alone.')
 ]

@@ -50,7 +50,7 @@ def build_page_address(address: str, otherwise: Path) -> str:
 
 
 def _of_project() -> str:
-    # `flows.project.read` checks the rest of the file.
+    # `flows.project` checks the rest of the file.
     try:
         named = tomllib.loads(Path(PROJECT).read_text(encoding="utf-8")).get("store")
     except (OSError, ValueError, RecursionError):

@@ -244,17 +244,22 @@ LOADED = {
         "import residual.verdict.document",
         {"scipy", "pinocchio", "numba", "residual.effects"},
     ),
+    "a printed verdict": (
+        "import flows.report.diagnosis; from residual.effects import find_effect; "
+        "find_effect('payload'), find_effect('coulomb')",
+        {"scipy", "pinocchio", "numba", "jinja2", "residual.effects.viscous"},
+    ),
     "the help page": (
         "from flows.cli import main; main(['--help'])",
         {"cyclopts.completion", "difflib", "rich.progress", "threadpoolctl", "numpy", "tomllib"},
     ),
     "the steps": (
-        "import flows.steps.calibrate, flows.steps.diagnose, flows.steps.imports, "
+        "import flows.steps.fit, flows.steps.diagnose, flows.steps.imports, "
         "flows.steps.experiment, flows.report.models",
         {"prefect", "pybullet", "cvxpy"},
     ),
     "a query": (
-        "import flows.report.query_results, warehouse.query.store",
+        "import flows.report.records, warehouse.queries",
         {"pinocchio", "pyarrow.compute", "pydantic"},
     ),
 }

@@ -12,14 +12,14 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from warehouse.query.store import Store
+    from warehouse.queries import Store
 
 __all__ = ["open"]
 
 
 def open(path: Path | str) -> Store:
-    """Open a store for reading (``warehouse.query.store.open_store``)."""
+    """Open a store for reading (``warehouse.queries.open_store``)."""
     # Late import: reading logs does not need the database.
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
 
     return open_store(path)

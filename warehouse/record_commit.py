@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -335,38 +336,33 @@ def _one_row(kind: str, row: Mapping, extra: Mapping[str, str | None]) -> pa.Tab
     return table
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class DiagnosisRecords:
-    """What is kept of a diagnosis."""
-
-    # Its record as JSON can hold it; with ``robot``, and what else the view diagnoses
-    # shows, but for ``model_id``.
-    record: Mapping
-    # The record of the model it ends with; ``stage`` says if it is another than
-    # augmented.
-    model: Mapping
-    effects: Sequence[Mapping] = ()  # rows of the view effects
-    # Rows of the view errors, but for ``trajectory``; those without a ``run_id`` are
-    # over all held-out runs.
-    errors: Sequence[Mapping] = ()
-    # Other tables of it, such as curves.
-    tables: Mapping[str, pa.Table] = field(default_factory=dict)
-    # Id of the diagnosis whose model was the nominal one, if any.
-    nominal: str | None = None
-    # Tables that go with its model: the motion that it is from.
-    beside: Mapping[str, pa.Table] = field(default_factory=dict)
-
-
 def commit_diagnosis(
     store: Path,
-    rows: DiagnosisRecords,
+    record: Mapping,
+    model: Mapping,
     runs: Mapping[str, Sequence[str]],
+    *,
+    effects: Sequence[Mapping] = (),
+    errors: Sequence[Mapping] = (),
+    tables: Mapping[str, pa.Table] | None = None,
+    beside: Mapping[str, pa.Table] | None = None,
+    nominal: str | None = None,
     seconds: Mapping[str, float] | None = None,
 ) -> str:
     """Put a diagnosis and its model into the store.
 
     Args:
+        record: What the view diagnoses shows, but for ``model_id``, and more.
+        model: The record of the model it ends with; ``stage`` says if it is another
+            than augmented.
         runs: Ids of the runs that it was made from, by role: fit, baseline, held_out.
+        effects: Rows of the view effects.
+        errors: Rows of the view errors, but for ``trajectory``; those without a
+            ``run_id`` are over all held-out runs.
+        tables: Other tables of it, such as curves.
+        beside: Tables that go with its model: the motion that it is from.
+        nominal: Id of the diagnosis whose model was the nominal one, if any.
+        seconds: Time that each step took [s].
 
     Returns:
         The id of the diagnosis; the same one on the same runs has the same.
@@ -377,10 +373,10 @@ def commit_diagnosis(
         for ids in roles.values()
         for id in ids
     }
-    model = {"robot": rows.record["robot"], "stage": "augmented", **rows.model}
-    before = {"nominal": [rows.nominal]} if rows.nominal else {}
+    model = {"robot": record["robot"], "stage": "augmented", **model}
+    before = {"nominal": [nominal]} if nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
-    model_id = commit_record(store, "models", model, rows.beside, fitted)
+    model_id = commit_record(store, "models", model, beside, fitted)
     # What is over one held-out run, or over one kind of motion, is of it.
     held_out = roles.get("held_out", [])
     kinds = {motions[id] for id in held_out}
@@ -388,16 +384,16 @@ def commit_diagnosis(
         "run_id": held_out[0] if len(held_out) == 1 else None,
         "trajectory": kinds.pop() if len(kinds) == 1 else None,
     }
-    errors = [
+    rows = [
         row | ({"trajectory": motions.get(row["run_id"])} if row.get("run_id") else same)
-        for row in map(dict, rows.errors)
+        for row in map(dict, errors)
     ]
     tables = {
-        **rows.tables,
-        "errors": build_view_table("errors", errors),
-        "effects": build_view_table("effects", rows.effects),
+        **(tables or {}),
+        "errors": build_view_table("errors", rows),
+        "effects": build_view_table("effects", effects),
     }
-    record = {**rows.record, "model_id": model_id}
+    record = {**record, "model_id": model_id}
     parents = {**roles, **before, "model": [model_id]}
     return commit_record(store, "diagnoses", record, tables, parents, None, seconds)
 
@@ -480,3 +476,34 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
         "was changed. Look at it with modelgap models, and try again if it still holds."
     )
+
+
+class AdoptionEntry(NamedTuple):
+    """An adoption of a store, with its number and when it was made, in words."""
+
+    number: str
+    adoption: ModelAdoption
+    since: str
+
+
+def read_adoptions(store: Path) -> list[AdoptionEntry]:
+    """Return all adoptions, the first one first."""
+    out = []
+    for id in list_record_folders(store, ADOPTIONS):
+        path = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+        created = read_parquet(path, ["created"]).column("created")[0].as_py()
+        since = f"{created:%Y-%m-%d %H:%M}"
+        out.append(AdoptionEntry(id, read_adoption(store, id), since))
+    return out
+
+
+def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
+    """Return whether the model of a diagnosis is adopted, in one line."""
+    entries = read_adoptions(store)
+    last = {(record.robot, record.serial): id for id, record, _ in entries}
+    for id, record, since in reversed(entries):
+        if record.diagnosis_id == diagnosis:
+            current = last[record.robot, record.serial] == id
+            now = "the current model" if current else "replaced since"
+            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
+    return f"not adopted: modelgap adopt {diagnosis[:8]}"

@@ -44,7 +44,7 @@ from warehouse.view_schema import (
 
 Array = np.ndarray
 
-_GONE = object()
+GONE = object()
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,30 +104,38 @@ def select_differing_channels(
     return tuple(sorted(bad, key=lambda c: late if c.first is None else c.first))
 
 
-def compare_values(a: object, b: object, path: str = "") -> list[ChannelDifference]:
-    """Compare two records as JSON holds them: one entry for each value that differs."""
+def find_differing_values(
+    a: object, b: object, path: str = ""
+) -> Iterator[tuple[str, object, object]]:
+    """Yield name and both values wherever two records differ as JSON holds them.
+
+    A value that only one of them has is GONE in the other.
+    """
     if isinstance(a, Mapping) and isinstance(b, Mapping):
-        keys = dict.fromkeys([*a, *b])
-        parts = [
-            (f"{path}.{key}".lstrip("."), a.get(key, _GONE), b.get(key, _GONE)) for key in keys
-        ]
+        for key in dict.fromkeys([*a, *b]):
+            name = f"{path}.{key}".lstrip(".")
+            yield from find_differing_values(a.get(key, GONE), b.get(key, GONE), name)
     elif isinstance(a, list) and isinstance(b, list) and len(a) == len(b):
-        pairs = enumerate(zip(a, b, strict=True))
-        parts = [(f"{path}[{i}]", *pair) for i, pair in pairs]
+        for i, pair in enumerate(zip(a, b, strict=True)):
+            yield from find_differing_values(*pair, f"{path}[{i}]")
     # -0.0 == 0.0 and 1 == 1.0, yet they are not the same record.
-    elif repr(a) == repr(b):
-        return []
-    elif isinstance(a, int | float) and isinstance(b, int | float):
-        apart = abs(float(a) - float(b))
-        return [ChannelDifference(path, "", False, 1, 1, None, apart, apart)]
-    else:
-        note = f"{_short(a)} and {_short(b)}"
-        return [ChannelDifference(path, "", False, 1, 1, note=note)]
-    return [each for name, *pair in parts for each in compare_values(*pair, name)]
+    elif repr(a) != repr(b):
+        yield path, a, b
+
+
+def compare_values(a: object, b: object) -> list[ChannelDifference]:
+    """Compare two records: one entry for each value that differs."""
+    out = []
+    for name, *pair in find_differing_values(a, b):
+        apart, note = None, f"{_short(pair[0])} and {_short(pair[1])}"
+        if all(isinstance(value, int | float) for value in pair):
+            apart, note = abs(float(pair[0]) - float(pair[1])), ""
+        out.append(ChannelDifference(name, "", False, 1, 1, None, apart, apart, note))
+    return out
 
 
 def _short(value: object) -> str:
-    text = "nothing" if value is _GONE else repr(value)
+    text = "nothing" if value is GONE else repr(value)
     return text if len(text) <= 60 else f"{text[:57]}..."
 
 

@@ -51,20 +51,6 @@ class SampleSignal:
     about: str
 
 
-SIGNALS = {
-    "t": SampleSignal("s", False, "time of the sample, increasing"),
-    "q": SampleSignal("rad", True, "joint position, link side"),
-    "qd": SampleSignal("rad/s", True, "joint velocity where logged"),
-    "qdd": SampleSignal("rad/s^2", True, "joint acceleration where logged"),
-    "tau": SampleSignal("N m", True, "measured joint torque, link side"),
-    "q_ref": SampleSignal("rad", True, "reference position where logged"),
-    "enabled": SampleSignal("1", True, "1 where the drive is on, where logged"),
-    "masked": SampleSignal("1", True, "1 where the torque of a drive is not known"),
-    "e_q": SampleSignal("rad", True, "position minus that of the nominal twin"),
-    "e_qd": SampleSignal("rad/s", True, "velocity minus that of the nominal twin"),
-    "e_qdd": SampleSignal("rad/s^2", True, "acceleration minus that of the nominal twin"),
-    "e_tau": SampleSignal("N m", True, "torque minus that of the nominal twin"),
-}
 # Those of a log itself: fields of its recording.
 LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
@@ -80,6 +66,7 @@ _TYPES = {"text": TEXT, "number": NUMBER, "whole": WHOLE, "flag": FLAG, "time": 
 _TYPES |= {"joint": JOINT, "joints": pa.list_(JOINT), "texts": pa.list_(TEXT)}
 _FILE = Path(__file__).with_name("views.toml")
 _CONTENT = tomllib.loads(_FILE.read_text(encoding="utf-8"))
+SIGNALS = {name: SampleSignal(**each) for name, each in _CONTENT["signals"].items()}
 VIEWS = {name: _read_columns(each) for name, each in _CONTENT["views"].items()}
 # Columns that are stored nowhere; behind those of `VIEWS`.
 COMPUTED = {name: _read_columns(each) for name, each in _CONTENT["computed"].items()}

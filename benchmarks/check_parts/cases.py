@@ -15,7 +15,7 @@ from benchmarks.hidden.draw import vocabulary
 from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.laws import supports_synthetic_arm
 from benchmarks.synthetic.other_forms import FORMS
-from flows.inputs.read import LogSets
+from flows.inputs import LogSets
 from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot

@@ -12,7 +12,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from benchmarks.check_parts.arms import SIGNALS, FaultyLogs, Host, Table, table_of
-from flows.inputs.read import LogSets, read_log_sets
+from flows.inputs import LogSets, read_log_sets
 from flows.steps.check import check_log_sets
 from residual.check.result import Fault, LogCheck
 from residual.robot.robot import Robot, build_robot

@@ -36,8 +36,7 @@ from residual.recording import Array, Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.track import build_tracks
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import Place
+from residual.verdict.result import Diagnosis, Place
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
 from sim.engine.plant_records import PlantEffect, PlantSpec, TrajectorySpec, create_random_stream

@@ -46,7 +46,7 @@ def main(folder: Path) -> None:
     first.write_text("[grid]\nseed = [0]\n")
     os.environ.update(build_prefect_environment(prefect_home(folder / "flow")))
     # Prefect reads its settings when it is imported.
-    from flows.pipelines.nightly import campaign as flow
+    from flows.pipelines.flows import campaign as flow
 
     bare, store = folder / "bare", str(folder / "flow")
     planned = steps.plan_campaign(str(campaign), bare, None)

@@ -1,22 +1,23 @@
 """Measured logs and stored runs as recordings."""
 
+import functools
+import re
 import warnings
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ParamSpec, TypeVar
 
 import numpy as np
 
-from flows.api.remedies import advise_in_python, name_arguments
-from flows.inputs.read import LogSets, apply_known_values, load_command_robot, read_log_sets
+from flows.inputs import LogSets, apply_known_values, load_command_robot, read_log_sets
 from flows.outputs import check_new_folder, write_files
 from flows.requests import Import
 from flows.settings import resolve_store_folder
 from flows.steps import imports
 from flows.steps.check import check_log_sets as check_sets
-from flows.steps.export import export_model, place_export_files
+from flows.steps.export import export_model
 from residual.check.result import LogCheck
-from residual.errors import InputError, shorten_value
+from residual.errors import InputError, ModelgapError, shorten_value
 from residual.export.model_export import AnyModel, ModelExport
 from residual.model.compare import compute_model_errors as core_compare
 from residual.model.compare import prepare_held_out
@@ -27,6 +28,52 @@ from residual.robot.robot import Robot
 from residual.verdict.diagnosis import tabulate_errors
 from residual.verdict.result import ErrorTables
 from warehouse.logs import ColumnMap, check_logs_distinct, choose_column_map, read_memory_log
+
+P, T = ParamSpec("P"), TypeVar("T")
+# Messages name options of the shell; from Python they name arguments. Commands that a
+# message quotes ("modelgap map ...") stay.
+_ARGUMENTS = {
+    "--trust-log (trust_log=True)": "trust_log=True",
+    "--map COLUMNS.toml": 'columns="COLUMNS.toml"',
+    "--chain a,b,c": 'load_robot(..., chain=["a", "b", "c"])',
+    "--map": "COLUMNS.toml (columns=...)",
+    "--chain": "load_robot(..., chain=[...])",
+    "--tip": "load_robot(..., tip=...)",
+    "--xacro-arg": "load_robot(..., xacro_args=[...])",
+    "--package-dir": "load_robot(..., package_dirs=[...])",
+    "--robot": "robot",
+    "--holdout": "held_out=...",
+    "--baseline": "baseline=...",
+    "--declared": "declared=[...]",
+    "--known": "known={...}",
+    "--trust-log": "trust_log=True",
+    "--consistent": "consistent=True",
+    "--recorded-at": "recorded_at=...",
+}
+_OPTION = re.compile(
+    r"(?P<command>modelgap [a-z]+ [^\n]*?(?=\.\s|[.;)]*$|\n))|"
+    rf"(?P<option>{'|'.join(map(re.escape, _ARGUMENTS))})(?![\w-])"
+)
+
+
+def name_arguments(text: str) -> str:
+    """Return a message with the argument in place of each option that has one."""
+    return _OPTION.sub(lambda m: m["command"] or _ARGUMENTS[m["option"]], text)
+
+
+def advise_in_python(function: Callable[P, T]) -> Callable[P, T]:
+    """Let the errors of a function name its arguments."""
+
+    @functools.wraps(function)
+    def call(*arguments: P.args, **options: P.kwargs) -> T:
+        try:
+            return function(*arguments, **options)
+        except ModelgapError as error:
+            error.args = (name_arguments(str(error)), *error.args[1:])
+            raise
+
+    return call
+
 
 __all__ = ["check", "compare", "export", "import_logs", "load_robot", "read_logs", "recording"]
 load_robot = advise_in_python(load_command_robot)
@@ -234,7 +281,7 @@ def export(
     check_new_folder("folder", Path(folder))
     exported = export_model(model, to, log)
     Path(folder).mkdir(exist_ok=True)
-    write_files(place_export_files(exported, folder))
+    write_files({Path(folder) / name: text for name, text in exported.files.items()})
     return exported
 
 

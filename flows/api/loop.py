@@ -5,16 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from types import MappingProxyType
 
-from flows.api.logs import check_recordings
-from flows.api.remedies import advise_in_python
+from flows.api.logs import advise_in_python, check_recordings
 from flows.api.results import Diagnosis, build_log_sets, convert_to_subclass
 from flows.outputs import Progress, write_files
 from flows.requests import Diagnose
 from flows.specs import parse_spec
-from flows.steps.diagnose import diagnose
 from flows.steps.experiment import compute_run_id, format_reference_csv, simulate_experiment
 from flows.steps.monitor import MonitoringResult, monitor_recordings
-from flows.steps.next import check_duration, rank_motions
+from flows.steps.next import check_duration, diagnose_open_question, rank_motions
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.recording import Recording
@@ -109,12 +107,9 @@ def next_experiment(
     """
     check_duration(seconds)
     logs = build_log_sets(robot, fit, baseline, held_out)
-    request = Diagnose(robot=robot.name)
-    outcome = diagnose(request, logs, progress)
+    outcome, question = diagnose_open_question(Diagnose(robot=robot.name), logs, progress)
     diagnosis = convert_to_subclass(Diagnosis, outcome)
-    if outcome.question is None:
-        outcome = diagnose(request, logs, progress, ignore_baseline=True)
-    best = rank_motions(outcome.question, robot, seconds, seed, progress)
+    best = rank_motions(question, robot, seconds, seed, progress)
     if best is None or best.best.outlook.separates_nothing:
         return Experiment(diagnosis, None, None)
     reference = plan_reference_motion(robot, best.best.spec, RATE)

@@ -1,28 +1,27 @@
 """Diagnose, identify and calibrate from Python: the results of the steps, to keep."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, fields
 from pathlib import Path
-from time import perf_counter
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
 
-from flows.api.logs import check_recordings, check_robot
-from flows.api.remedies import advise_in_python
+from flows.api.logs import advise_in_python, check_recordings, check_robot
 from flows.api.store import Table
-from flows.inputs.read import LogSets, apply_known_values, is_run_id
+from flows.inputs import LogSets
 from flows.outputs import Progress, write_files
 from flows.requests import Calibrate, Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.calibrate import calibrate as calibrate_request
-from flows.steps.diagnose import ROLES, add_stored_runs, read_stored_runs, store_diagnosis
-from flows.steps.diagnose import diagnose as diagnose_request
-from flows.steps.identify import identify as identify_request
-from flows.steps.model_choice import choose_request_model
-from flows.storage import calibration as calibrated
-from flows.storage import identification_record as identified
+from flows.steps.diagnose import diagnose_recordings
+from flows.steps.fit import (
+    build_calibration_document,
+    build_identification_document,
+    build_parameter_rows,
+)
+from flows.steps.fit import calibrate as calibrate_request
+from flows.steps.fit import identify as identify_request
 from residual.calibration import calibrate as core
 from residual.calibration.calibration_rows import CalibrationRun
 from residual.calibration.validation_scores import DEFAULT, NOTHING, RUN, find_model_score
@@ -33,10 +32,9 @@ from residual.model.lookup import CorrectedModel
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict import diagnosis
+from residual.verdict import result
 from residual.verdict.document import to_json
 from warehouse.logs import check_logs_distinct
-from warehouse.runs import read_run
 
 _TEXT, _NUMBER, _JOINTS = pa.string(), pa.float64(), pa.list_(pa.int64())
 _FINDINGS = pa.schema(
@@ -75,7 +73,7 @@ def build_log_sets(
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Diagnosis(diagnosis.Diagnosis):
+class Diagnosis(result.Diagnosis):
     """The result of a diagnosis, with its report, JSON and tables.
 
     Attributes:
@@ -86,7 +84,7 @@ class Diagnosis(diagnosis.Diagnosis):
 
     def save_report(self, path: str | Path) -> None:
         """Write the report as one self-contained HTML file."""
-        from flows.report.diagnosis import render_diagnosis_page
+        from flows.report.charts import render_diagnosis_page
 
         write_files({Path(path): render_diagnosis_page(self, self.verdict.robot)})
 
@@ -170,40 +168,12 @@ def diagnose(
         trust_log=trust_log,
         store=None if store is None else resolve_store_folder(str(store)),
     )
-    if store is not None:
-        return _diagnose_runs(request, logs, progress)
-    logs = replace(logs, robot=apply_known_values(robot, known or {}, logs.baseline))
-    return convert_to_subclass(Diagnosis, diagnose_request(request, logs, progress))
+    outcome, id = diagnose_recordings(request, logs, progress)
+    return convert_to_subclass(Diagnosis, outcome, id=id)
 
 
 def _names(declared: Sequence[str] | None) -> tuple[str, ...] | None:
     return None if declared is None else tuple(declared)
-
-
-def _diagnose_runs(request: Diagnose, logs: LogSets, progress: Progress | None) -> Diagnosis:
-    """Diagnose runs of a store by the steps of the command, and store the result."""
-    ids = {
-        role: tuple(_find_run(log, request.store) for log in getattr(logs, role)) for role in ROLES
-    }
-    request = add_stored_runs(request, ids)
-    choice = choose_request_model(request, logs.robot)
-    request = replace(request, model=choice.diagnosis)
-    read, begun = read_stored_runs(request), perf_counter()
-    outcome = diagnose_request(request, read, progress)
-    stored, _ = store_diagnosis(request, read, outcome, perf_counter() - begun)
-    return convert_to_subclass(Diagnosis, outcome, id=stored)
-
-
-def _find_run(log: Recording, store: Path) -> str:
-    """Return the id of the run that a recording is; InputError where it is none."""
-    if is_run_id(log.id):
-        run = read_run(store, log.id)
-        if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
-            return run.id
-    raise InputError(
-        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
-        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
-    )
 
 
 class Identification(ValidatedIdentification):
@@ -214,7 +184,7 @@ class Identification(ValidatedIdentification):
     @property
     def parameters(self) -> Table:
         """Base parameters: value, standard deviation, nominal value, unit, status."""
-        rows = pa.Table.from_pylist(identified.build_parameter_rows(self))
+        rows = pa.Table.from_pylist(build_parameter_rows(self))
         return Table(rows.select(_COLUMNS))
 
     @property
@@ -227,7 +197,7 @@ class Identification(ValidatedIdentification):
 
     def to_json(self) -> dict:
         """The result as JSON values (docs/method.md)."""
-        return identified.build_identification_document(self)
+        return build_identification_document(self)
 
     def __repr__(self) -> str:
         before, after = (
@@ -291,9 +261,7 @@ class Calibration(core.Calibration):
         """The result as JSON values (docs/calibration.md)."""
         from flows.report.calibration import describe_calibration
 
-        return calibrated.build_calibration_document(
-            self, describe_calibration(self), self.warnings, {}
-        )
+        return build_calibration_document(self, describe_calibration(self), self.warnings, {})
 
     @property
     def model(self) -> CorrectedModel | None:

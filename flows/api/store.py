@@ -8,10 +8,9 @@ import pyarrow as pa
 
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
-from warehouse.query.named_queries import NAMED
 
 if TYPE_CHECKING:
-    from warehouse.query.store import Store as StoreReader
+    from warehouse.queries import Store as StoreReader
 
 
 class Table:
@@ -98,18 +97,22 @@ class Store:
                 store cannot be written.
         """
         if truth:
-            from flows.storage.sealed_truth import show_truth
-            from warehouse.query.store import open_store
+            from flows.sealed_truth import show_truth
+            from warehouse.queries import open_store
 
             with open_store(self.path) as reader:  # a connection of its own
                 show_truth(reader)
                 return Table(reader.sql(text, values or None))
+        from warehouse.sql_guard import NAMED
+
         text = NAMED[text][1] if text in NAMED else text
         return Table(self._reader.sql(text, values or None))
 
     @property
     def named(self) -> Mapping[str, str]:
         """Names of ready queries, each with one sentence."""
+        from warehouse.sql_guard import NAMED
+
         return {name: about for name, (about, _) in NAMED.items()}
 
     def close(self) -> None:
@@ -136,6 +139,6 @@ def open_store(path: str | Path | None = None) -> Store:
     Raises:
         InputError: If there is none.
     """
-    from warehouse.query import store
+    from warehouse import queries
 
-    return Store(store.open_store(resolve_store_folder(path and str(path))))
+    return Store(queries.open_store(resolve_store_folder(path and str(path))))

@@ -16,7 +16,7 @@ from cyclopts import App, CycloptsError, Group, MissingArgumentError
 from cyclopts.exceptions import UnknownOptionError
 from rich.console import Console
 
-from flows.outputs import check_writable, json_text, print_plain, write_files
+from flows.outputs import check_new_folder, check_writable, json_text, print_plain, write_files
 from residual.errors import (
     LACKING,
     LINE,
@@ -29,22 +29,7 @@ from residual.errors import (
     strip_control_characters,
 )
 
-_HELP = """Find what a robot's dynamic model is missing.
-
-Names the missing effect (friction, payload, spring, wrong sensor), adds it to
-the model and tests that on held-out motion: for dynamic identification, payload
-identification, friction compensation and feed-forward. Start with one of these:
-
- modelgap demo
- modelgap diagnose A.csv B.csv --robot arm.urdf --holdout C.csv
-
-The first simulates an arm with a hidden effect, the second reads your own logs.
-'modelgap COMMAND --help' explains a command; 'modelgap store', 'modelgap model'
-and so on list more commands.
-
-Exit codes: 0 done, whatever the verdict; 1 the run failed; 2 bad usage or
-input; 130 interrupted.
-"""
+_HELP = Path(__file__).with_name("help.txt").read_text("utf-8")
 
 # By heading, in the order of the help: `commands` by name, each with MODULE:FUNCTION of
 # flows.cli, the usage behind the name ("": that of Cyclopts) and the first sentence of
@@ -137,20 +122,30 @@ class Outputs:
         console: For people; standard error where JSON takes standard output.
     """
 
-    def __init__(self, options: Mapping[str, str | None], inputs: Iterable[Path] = ()) -> None:
+    def __init__(
+        self,
+        options: Mapping[str, str | None],
+        inputs: Iterable[Path] = (),
+        folder: str | None = None,
+    ) -> None:
         """Check that every file can be written.
 
         Args:
             options: File by option, None where it was not given; "-" as --json is
                 standard output.
             inputs: Files that are read and must not be overwritten.
+            folder: The new folder of --out, None where it was not given.
 
         Raises:
-            InputError: If a file cannot be written, or two options name one.
+            InputError: If a file cannot be written, two options name one, or the folder
+                is not new.
         """
         named = {k: v for k, v in options.items() if v not in (None, STDOUT)}
         self.files = {option: Path(str(file)) for option, file in named.items()}
         check_writable(self.files, inputs)
+        self._folder = None if folder is None else Path(folder)
+        if self._folder is not None:
+            check_new_folder("--out", self._folder)
         self._on_stdout = options.get("--json") == STDOUT
         self._json = ""
         self.console = Console(stderr=self._on_stdout)
@@ -164,14 +159,14 @@ class Outputs:
         self,
         make: Mapping[str, Make] | None = None,
         document: Callable[[], Mapping] | None = None,
-        more: Mapping[Path, str | bytes] | None = None,
+        folder: Callable[[], Mapping[str, str | bytes]] | None = None,
     ) -> None:
         """Write the files, before anything is printed into a pipe that may be closed.
 
         Args:
             make: Function that returns the content of a file, by option.
             document: Function that returns the document of --json.
-            more: Content of further files by path.
+            folder: Function that returns the files of --out by name.
         """
         if document and (self._on_stdout or "--json" in self.files):
             self._json = json_text(document())
@@ -179,7 +174,9 @@ class Outputs:
             path: self._json if option == "--json" else (make or {})[option]()
             for option, path in self.files.items()
         }
-        contents |= more or {}
+        if folder and self._folder:
+            self._folder.mkdir(exist_ok=True)
+            contents |= {self._folder / name: content for name, content in folder().items()}
         write_files(contents)
         self._written += contents
 

@@ -4,7 +4,8 @@ Cyclopts, which installs them, writes scripts without files, ids of a store and 
 that its help does not list. These ask one function of the POSIX shell for all three.
 """
 
-from collections.abc import Iterable, Iterator
+import re
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -24,36 +25,6 @@ _IDS = {
     **dict.fromkeys(("predict", "validate", "quarantine"), "run"),
 }
 _OPTION_IDS = {"--baseline": "run", "--holdout": "run", "--model": "model diagnosis"}
-
-_BASH = """{offer}
-_modelgap() {{
-  local IFS=$'\\n' offered files at=${{COMP_WORDS[COMP_CWORD]}}
-  offered=$(_modelgap_offer "${{COMP_WORDS[@]:1:COMP_CWORD}}"); files=$?
-  COMPREPLY=($offered)
-  [ $files -ne 0 ] || COMPREPLY+=($(compgen -f -- "$at"))
-}}
-complete -o default -o filenames -F _modelgap modelgap
-"""
-_ZSH = """#compdef modelgap
-{offer}
-_modelgap() {{
-  local files offered
-  offered=$(_modelgap_offer "${{(@)words[2,CURRENT]}}"); files=$?
-  [[ -z $offered ]] || compadd -- ${{(f)offered}}
-  [[ $files -ne 0 ]] || _files
-}}
-_modelgap "$@"
-"""
-_FISH = """function __modelgap_offer
-    set -l words (commandline -opc) (commandline -ct)
-    if sh -c '{quoted}
-_modelgap_offer "$@"' modelgap $words[2..]
-        __fish_complete_path (commandline -ct)
-    end
-end
-complete -c modelgap -f -a '(__modelgap_offer)'
-"""
-_SHELLS = {"bash": _BASH, "zsh": _ZSH, "fish": _FISH}
 
 
 def format_completion(app: App, shell: str) -> str:
@@ -83,11 +54,14 @@ def format_completion(app: App, shell: str) -> str:
         )
     parts = {"GROUPS": " | ".join(groups), "VALUES": " | ".join(valued)}
     parts |= {"COMMANDS": "\n".join(commands), "CHOICES": "\n".join(choices)}
-    offer = Path(__file__).with_name("completion.sh").read_text(encoding="utf-8")
-    for name, text in parts.items():
-        offer = offer.replace(f"@{name}@", text)
+    offer = _fill("completion.sh", parts)
     quoted = offer.replace("\\", r"\\").replace("'", r"\'")
-    return _SHELLS[shell].format(offer=offer, quoted=quoted)
+    return _fill(f"completion.{shell}", {"OFFER": offer, "QUOTED": quoted})
+
+
+def _fill(file: str, parts: Mapping[str, str]) -> str:
+    text = Path(__file__).with_name(file).read_text(encoding="utf-8")
+    return re.sub("@([A-Z]+)@", lambda word: parts[word[1]], text)
 
 
 def _walk(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], App]]:

@@ -16,7 +16,7 @@ from flows.requests import (
     Json,
     Monitor,
     Number,
-    OutCsv,
+    Program,
     RobotRequest,
     RobotWord,
     Seconds,
@@ -37,7 +37,6 @@ DryRun = Annotated[
         "and what breaks a limit of the arm."
     ),
 ]
-_VALIDATE = Validate()
 
 
 def experiment(spec: str, /, *, store: Store = None, dry_run: DryRun = False) -> None:
@@ -137,7 +136,7 @@ def _list(planned: list["PlannedExperiment"], console: Console, rehearsed: bool)
 
 def validate(
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Validate = _VALIDATE,
+    request: Validate = Validate(),
     where: Where = None,
     report: File = None,
 ) -> None:
@@ -164,7 +163,7 @@ def validate(
         runs: Ids of runs; the beginning is enough.
         report: HTML page to write.
     """
-    from flows.inputs.read import query_run_ids
+    from flows.inputs import query_run_ids
     from flows.report import experiments
     from flows.report.document import print_parts
     from flows.steps import validate as trial
@@ -203,11 +202,12 @@ class Trajectory(RobotRequest):
     rate: Hertz = 250.0
 
 
-_DEFAULT_MOTION = Trajectory()
-
-
 def trajectory(
-    family: str, /, *, request: Trajectory = _DEFAULT_MOTION, out: OutCsv = None
+    family: str,
+    /,
+    *,
+    request: Trajectory = Trajectory(),
+    out: Annotated[Program, Parameter(name=("--out", "--csv"))] = None,
 ) -> None:
     """Plan a motion within the limits of a robot.
 
@@ -223,10 +223,8 @@ def trajectory(
     Args:
         family: fourier (optimised excitation), cyclic (spray painting), welding (seams
             with air moves) or move_stop_move (pick and place with dwells).
-        out: CSV file for a controller: t (s), q1... (rad), qd1... (rad/s), qdd1...
-            (rad/s^2).
     """
-    from flows.inputs.read import load_command_robot
+    from flows.inputs import load_command_robot
     from flows.report.document import print_parts
     from flows.report.experiments import build_motion_parts
     from flows.steps.experiment import format_reference_csv
@@ -282,10 +280,10 @@ def demo(
     """
     from flows.report.diagnosis import print_diagnosis, print_truth
     from flows.report.phrases import Demonstration
-    from flows.report.stored_pages import parse_hidden_effects, store_demo_page
+    from flows.report.store_index import parse_hidden_effects, store_demo_page
     from flows.steps import demo as demonstration
     from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
-    from flows.storage.diagnosis import read_outcome
+    from flows.storage import read_outcome
     from warehouse.remote_store import format_store_name
 
     place, console = resolve_store_folder(store), Console()
@@ -305,14 +303,11 @@ def demo(
     print_plain(console, f"\nreport: {page}")
 
 
-_MONITOR = Monitor()
-
-
 def monitor(
     model: str,
     /,
     *runs: Annotated[str, Parameter(name="RUN")],
-    request: Monitor = _MONITOR,
+    request: Monitor = Monitor(),
     nominal: Flag = False,
 ) -> None:
     """Monitor the sensors of runs, with limits from healthy runs.

@@ -1,13 +1,12 @@
 """modelgap models, adopt, rollback, export and predict."""
 
-from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import Outputs
-from flows.outputs import check_new_folder, check_outside, list_input_files, print_plain
+from flows.outputs import check_outside, list_input_files, print_plain
 from flows.requests import Columns, File, Flag, Log, ModelWord, RobotName, Store, Text, Which, Words
 from flows.settings import resolve_store_folder
 
@@ -132,13 +131,10 @@ def export(
     from flows.steps import export as exporting
 
     check_outside("--out", out, resolve_store_folder(store))
-    check_new_folder("--out", Path(out))
-    outputs = Outputs({"--json": json}, list_input_files((model, log or ""), columns))
+    outputs = Outputs({"--json": json}, list_input_files((model, log or ""), columns), out)
     exported = exporting.export(model, to, which, log, columns, store)
-    Path(out).mkdir(exist_ok=True)
     outputs.write(
-        document=lambda: exporting.build_omissions_document(exported),
-        more=exporting.place_export_files(exported, out),
+        document=lambda: exporting.build_omissions_document(exported), folder=lambda: exported.files
     )
     outputs.say(*exporting.describe_export(exported))
     outputs.finish()
@@ -175,7 +171,7 @@ def predict(
     """
     from flows.report.document import print_parts
     from flows.report.models import build_prediction_table
-    from flows.steps import predict as predicting
+    from flows.steps import export as predicting
 
     check_outside("--out", out, resolve_store_folder(store))
     inputs = list_input_files((*logs, model), columns)

@@ -1,9 +1,10 @@
-"""modelgap runs, show, sql, verify, quarantine: what the store remembers."""
+"""modelgap runs, show, sql, verify, quarantine, diff, lineage, rerun: the records of a store."""
 
 import json
 import sys
 import threading
 from collections.abc import Mapping, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,13 @@ from cyclopts import Parameter
 from rich.console import Console
 
 from flows.cli.app import STDOUT
-from flows.outputs import check_outside, check_writable, print_plain, write_files
+from flows.outputs import (
+    check_outside,
+    check_writable,
+    print_damaged_files,
+    print_plain,
+    write_files,
+)
 from flows.requests import (
     File,
     Flag,
@@ -19,19 +26,20 @@ from flows.requests import (
     Json,
     Name,
     Number,
+    RecordId,
     Seconds,
     Store,
+    TableFormat,
     Tags,
     Text,
     TextFormat,
 )
 from flows.settings import resolve_store_folder
-from residual.errors import InputError, check_name
+from residual.errors import InputError, RunError, check_name
 
 if TYPE_CHECKING:
     import pyarrow as pa
 
-    from warehouse.query.store import Store as Opened
 
 _COLUMNS = "run_id, robot, log, tags, kind, trajectory, duration_s, created, quarantined"
 
@@ -46,14 +54,9 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
 
     Args:
         limit: Number of runs.
-        format: Format of the output.
     """
-    from flows.report.query_results import (
-        print_damaged_files,
-        print_query_result,
-        refuse_binary_on_terminal,
-    )
-    from warehouse.query.store import open_store
+    from flows.report.records import print_query_result, refuse_binary_on_terminal
+    from warehouse.queries import open_store
     from warehouse.runs import read_manifest
 
     if limit < 1:
@@ -64,7 +67,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
         query = f"SELECT {_COLUMNS} FROM ({latest}) ORDER BY created, run_id"
         rows = opened.sql(query, without_damaged=True)
         print_query_result(rows, format)
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
         for id in rows.column("run_id").to_pylist():
             try:
                 read_manifest(opened.path, id)
@@ -83,7 +86,7 @@ def verify(*, store: Store = None) -> None:
     with the hash of its content. Exit code 1 if something is damaged or missing.
     Changes nothing, and takes about as long as reading the store from the disk.
     """
-    from flows.steps import diff as steps
+    from flows.steps import rerun as steps
 
     for line in steps.find_damaged_files(resolve_store_folder(store)):
         print(line, flush=True)
@@ -104,7 +107,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         id: Id of the run, or its beginning.
         reason: Reason, which is stored; the first one is kept.
     """
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
     from warehouse.runs import quarantine_run as set_aside
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record
@@ -121,7 +124,13 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
     print(f"{run_id} {text}")
 
 
-def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> None:
+_RELATIVES = {
+    "parents": "SELECT parent, role FROM lineage WHERE child = $id",
+    "children": "SELECT child, role FROM lineage WHERE parent = $id",
+}
+
+
+def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -> None:
     """Show one run, model, diagnosis, validation or report.
 
     ```
@@ -131,13 +140,8 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 
     Of a diagnosis: verdict, findings, errors, sources, and whether its model is
     adopted; json has the whole record.
-
-    Args:
-        id: Id of the record, or its beginning.
-        format: Format of the output.
     """
-    from flows.report.query_results import print_damaged_files
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
     from warehouse.runs import read_quarantine_reason
     from warehouse.store_catalogue import find_record, read_record
 
@@ -147,11 +151,14 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
             "kind": place.kind,
             "id": place.id,
             "folder": str(place.folder.relative_to(opened.path)),
-            **_relatives(opened, place.id),
+            **{
+                name: opened.sql(query, {"id": place.id}, without_damaged=True).to_pylist()
+                for name, query in _RELATIVES.items()
+            },
             "quarantined": read_quarantine_reason(opened.path, place.id),
             "content": read_record(opened.path, place.id),
         }
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
     if format == "json":
         print(json.dumps(record, indent=2, ensure_ascii=False))
     elif place.kind == "diagnoses":
@@ -165,9 +172,9 @@ def show(id: str, /, *, format: TextFormat = "text", store: Store = None) -> Non
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.diagnosis import describe_parents, print_diagnosis
     from flows.report.document import print_parts, widen_piped_console
-    from flows.storage.adoptions import describe_diagnosis_adoption
-    from flows.storage.diagnosis import parse_verdict
-    from residual.verdict.diagnosis import Diagnosis
+    from residual.verdict.document import parse_verdict
+    from residual.verdict.result import Diagnosis
+    from warehouse.record_commit import describe_diagnosis_adoption
 
     id, content = record["id"], record["content"]
     try:
@@ -184,18 +191,6 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
 
 
-def _relatives(store: "Opened", id: str) -> dict:
-    from warehouse.query.sql_views import quote_sql_text as quoted
-
-    queries = {
-        "parents": f"SELECT parent, role FROM lineage WHERE child = {quoted(id)}",
-        "children": f"SELECT child, role FROM lineage WHERE parent = {quoted(id)}",
-    }
-    return {
-        name: store.sql(query, without_damaged=True).to_pylist() for name, query in queries.items()
-    }
-
-
 _ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
 
 
@@ -206,7 +201,9 @@ def sql(
     named: Name = None,
     with_: Annotated[Tags, Parameter(name="--with", metavar="KEY=VALUE")] = (),
     schema: Flag = False,
-    format: Format = "table",
+    format: Annotated[
+        Format, Parameter(help="Format of the answer; parquet needs --out on a terminal.")
+    ] = "table",
     out: File = None,
     json: Json = None,
     timeout: Seconds = 60.0,
@@ -234,21 +231,19 @@ def sql(
         named: Name of a ready query (--schema lists them).
         with_: Value of a ready query, as name=value; may be repeated.
         schema: Show the views with the unit of every column, and the ready queries.
-        format: Format of the answer; parquet needs --out on a terminal.
         out: File for the answer, not among the records of the store.
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
         truth: Open the seals of all simulated runs, and mark these as opened: this
             query has the view truth (docs/sql.md).
     """
-    from flows.report.query_results import (
+    from flows.report.records import (
         list_named_queries,
         list_schema_columns,
-        print_damaged_files,
         print_query_result,
         refuse_binary_on_terminal,
     )
-    from warehouse.query.store import open_store
+    from warehouse.queries import open_store
 
     place = resolve_store_folder(store)
     if json is not None:
@@ -277,20 +272,19 @@ def sql(
     text, values = _query(query, named, with_)
     with open_store(place) as opened:
         if truth:
-            from flows.storage.sealed_truth import show_truth
+            from flows.sealed_truth import show_truth
 
             show_truth(opened)
         rows = opened.sql(text, values, without_damaged=without_damaged, timeout=limit)
         _write(rows, format, out)
-        print_damaged_files(opened)
+        print_damaged_files(opened.damaged)
 
 
 def _query(
     query: str | None, named: str | None, pairs: Sequence[str]
 ) -> tuple[str, Mapping[str, str]]:
-    from flows.report.query_results import describe_query_values
-    from warehouse.query.named_queries import NAMED
-    from warehouse.query.sql_guard import LONGEST
+    from flows.report.records import describe_query_values
+    from warehouse.sql_guard import LONGEST, NAMED
 
     if named is None:
         query = query if query is not None else sys.stdin.read(LONGEST + 1)
@@ -309,10 +303,114 @@ def _query(
 
 
 def _write(rows: "pa.Table", format: str, out: str | None) -> None:
-    from flows.report.query_results import encode_query_result, print_query_result
+    from flows.report.records import encode_query_result, print_query_result
 
     if out is None:
         print_query_result(rows, format)
         return
     write_files({Path(out): encode_query_result(rows, format)})
     print(f"wrote {out}: {len(rows)} {'row' if len(rows) == 1 else 'rows'}")
+
+
+def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store = None) -> None:
+    """Compare two runs, models, diagnoses or validations.
+
+    ```
+    modelgap diff 3f2a 77c0
+    modelgap diff 3f2a 77c0 --format json
+    ```
+
+    Compares spec, code, environment and values; of runs each channel, with the time
+    and the size of the difference.
+
+    Args:
+        one: Id of a record, or its beginning.
+        two: Id of a second record of the same kind.
+    """
+    from flows.report.document import print_parts, widen_piped_console
+    from flows.report.records import build_diff_record, build_diff_tables
+    from flows.steps import rerun as steps
+
+    difference = steps.diff_records(one, two, resolve_store_folder(store))
+    if format == "json":
+        print(json.dumps(build_diff_record(difference), indent=2, ensure_ascii=False))
+    else:
+        print_parts(widen_piped_console(Console(), 1000), *build_diff_tables(difference))
+
+
+def lineage(
+    id: RecordId,
+    /,
+    *,
+    up: Flag = False,
+    down: Flag = False,
+    format: TableFormat = "table",
+    store: Store = None,
+) -> None:
+    """Show the sources of a record, and the records made from it.
+
+    ```
+    modelgap lineage 3f2a
+    modelgap lineage 3f2a --down
+    ```
+
+    Args:
+        up: Only the sources.
+        down: Only the records made from it.
+    """
+    from flows.report.document import widen_piped_console
+    from flows.report.records import print_tree
+    from warehouse.queries import build_lineage_tree, open_store
+
+    directions = {"made from": up or not down, "gave": down or not up}
+    with open_store(resolve_store_folder(store)) as opened:
+        trees = {
+            words: build_lineage_tree(opened, id, words == "gave")
+            for words, shown in directions.items()
+            if shown
+        }
+    if format == "json":
+        document = {words: asdict(root) for words, root in trees.items()}
+        print(json.dumps(document, indent=2))
+        return
+    for words, root in trees.items():
+        print_tree(root, words, widen_piped_console(Console(), 1000))
+
+
+def rerun(
+    id: RecordId, /, *, verify: Flag = False, format: TextFormat = "text", store: Store = None
+) -> None:
+    """Repeat a run, model, diagnosis or validation, and compare bit for bit.
+
+    ```
+    modelgap rerun 3f2a --verify
+    modelgap rerun 3f2a
+    ```
+
+    A simulated run is repeated from its spec and its sealed half, another record from
+    its request and its sources. For values that differ it prints which, from when, by
+    how much and the likely cause: code, environment, machine, seed or spec, or damage
+    (docs/reproducibility.md).
+
+    With the same code nothing is stored; with other code the new record is stored, with
+    the first one as its parent. Differences are stored: modelgap sql --named
+    reruns_not_reproduced.
+
+    Exit code 1: with --verify, a value differs; without it, a value differs although
+    the code is the same.
+
+    Args:
+        verify: Only compare, store nothing. A measured run is checked against the hash
+            of its values.
+    """
+    from flows.report.records import build_rerun_record, describe_rerun
+    from flows.steps import rerun as reruns
+
+    place = resolve_store_folder(store)
+    outcome = reruns.rerun(id, place, verify)
+    if format == "json":
+        print(json.dumps(build_rerun_record(outcome), indent=2, ensure_ascii=False))
+    else:
+        print("\n".join(describe_rerun(outcome)))
+    if not outcome.reproduced and (verify or outcome.same_code):
+        raise RunError(f"{outcome.kind} {outcome.id} was not reproduced.")

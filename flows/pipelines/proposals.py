@@ -9,7 +9,7 @@ from prefect.client.orchestration import SyncPrefectClient
 from prefect.client.schemas.filters import FlowFilter, FlowRunFilter
 from prefect.client.schemas.objects import State, StateType
 
-from warehouse.query.store import query_store_rows
+from warehouse.queries import query_store_rows
 
 # By diagnosis: the first adoption of its robot after it was last proposed.
 _SETTLED = """

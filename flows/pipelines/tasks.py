@@ -22,9 +22,9 @@ from prefect.runtime import flow_run
 from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 
 from flows import requests
-from flows.inputs.read import read_run_robot
-from flows.project.deployments import ALARM, COMMITTED, NOTICE, STORE
-from flows.report import experiments, stored_pages
+from flows.inputs import read_run_robot
+from flows.project import ALARM, COMMITTED, NOTICE, STORE
+from flows.report import experiments, store_index
 from flows.report.calibration import build_terminal_parts as calibrated_parts
 from flows.report.document import ReportTable
 from flows.report.experiments import build_alarm_table, describe_alarms
@@ -32,14 +32,13 @@ from flows.report.models import build_identification_parts as identified_parts
 from flows.report.sentences import format_brief_claim, format_headline
 from flows.report.store_index import INDEX, title_diagnosis
 from flows.settings import HEALTHY, PAGES, build_page_address, count_cores, resolve_store_folder
-from flows.steps import calibrate as calibration
 from flows.steps import diagnose as diagnosis
 from flows.steps import experiment as campaigns
-from flows.steps import identify as identification
+from flows.steps import fit as fitting
 from flows.steps import monitor as monitoring
 from flows.steps import validate as validation
 from flows.steps.experiment import PlannedExperiment
-from flows.storage.diagnosis import read_verdict
+from flows.storage import read_verdict
 from flows.workers import DASK, InlineExecutor, read_runner_setting, run_job
 from residual.errors import RunError
 
@@ -183,8 +182,8 @@ def identify(fit: list[str], held_out: list[str] | None = None, store: str | Non
     request = requests.Identify(
         tuple(fit), robot=read_run_robot(fit, place), held_out=tuple(held_out or ()), store=place
     )
-    logs = identification.read_logs(request)
-    outcome, kept = identification.identify(request, logs)
+    logs = fitting.read_identification_logs(request)
+    outcome, kept = fitting.identify(request, logs)
     publish_text("identify", [kept] if kept else [], identified_parts(outcome))
 
 
@@ -193,7 +192,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
     place = resolve_store_folder(store)
     robot = read_run_robot(runs, place)
     request = requests.Calibrate(tuple(runs), robot=robot, store=place)
-    done = calibration.calibrate(request, *calibration.read_logs(request))
+    done = fitting.calibrate(request, *fitting.read_calibration_runs(request))
     publish_text("calibrate", list(done.stored.values()), calibrated_parts(done))
     return list(done.stored.values())
 
@@ -255,10 +254,10 @@ def report(ids: list[str], store: str) -> str:
 
     It and the sentences of the verdict become artifacts.
     """
-    page = stored_pages.store_diagnosis_page(ids, Path(store), "nightly")
+    page = store_index.store_diagnosis_page(ids, Path(store), "nightly")
     name = format_run_name(ids[0], Path(store))
     verdict = read_verdict(Path(store), ids[0])
-    publish_verdict(name, page, stored_pages.read_verdict_headline(ids[1], Path(store)))
+    publish_verdict(name, page, store_index.read_verdict_headline(ids[1], Path(store)))
     rename_flow_run(name)
     if verdict.effects:
         title = f"{verdict.robot}: {format_headline(verdict)}"

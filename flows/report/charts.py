@@ -1,18 +1,21 @@
-"""The figures of a diagnosis, each with a caption and a text alternative."""
+"""The figures of a diagnosis, each with a caption and a text alternative, and its page."""
 
 import base64
+import json
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from flows.report.document import Chart
-from flows.report.phrases import find_effect, format_effect_noun, join_with_and
+from flows.report.diagnosis import DiagnosisFigures, build_diagnosis_document
+from flows.report.document import Chart, Pairs
+from flows.report.page import render_html
+from flows.report.phrases import Demonstration, find_effect, format_effect_noun, join_with_and
 from flows.report.tables import METRICS, list_errors, list_metrics
 from residual.model.compare import FindingScatter, LogPrediction
 from residual.quantity import format_fraction, format_percent, format_percent_number, is_number
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import STAGES
+from residual.verdict.result import STAGES, Diagnosis
 
 Array = np.ndarray
 
@@ -95,7 +98,7 @@ def compute_bin_medians(x: Array, y: Array, edges: Array) -> tuple[Array, Array]
 MEASURED, EXPLAINED = "#1d2429", "#0072b2"
 COLORS = {"nominal": "#6f7780", "identified": "#d55e00", "augmented": EXPLAINED}
 COLORS["plsr"] = "#009e73"
-SAMPLES, SOFT, GRID, STANDING = "#8b959e", "#56606a", "#e3e7ea", "#eef1f3"
+SAMPLES, SOFT, STANDING = "#8b959e", "#56606a", "#eef1f3"
 JOINTS = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#1d2429", "#e69f00", "#56b4e9")
 LABELS = {
     "nominal": "nominal",
@@ -103,7 +106,8 @@ LABELS = {
     "augmented": "augmented (with findings)",
     "plsr": "augmented, and tables of the residual",
 }
-_FONT = "system-ui, -apple-system, 'Segoe UI', 'Helvetica Neue', Arial, sans-serif"
+# What all figures look like, as plotly's layout has it.
+_STYLE = json.loads((Path(__file__).parent / "templates" / "figure.json").read_text("utf-8"))
 _GAP = 5.0  # median steps of time: over more no line is drawn
 
 Trace = dict[str, Any]
@@ -148,50 +152,13 @@ def build_marker_trace(name: str, x: Array, y: Array, **marker: Any) -> Trace:
 
 def build_axis(title: str, **more: Any) -> dict[str, Any]:
     """Return an axis with its title, which has the unit."""
-    return {
-        "title": {"text": title, "standoff": 6},
-        "gridcolor": GRID,
-        "zeroline": False,
-        "automargin": True,
-        "ticks": "outside",
-        "ticklen": 4,
-        "tickcolor": GRID,
-        **more,
-    }
+    return {"title": {"text": title, "standoff": 6}, **_STYLE["axis"], **more}
 
 
 def build_layout(title: str, x: Mapping, y: Mapping, **more: Any) -> dict[str, Any]:
     """Return the layout that all figures have."""
-    return {
-        "title": {
-            "text": escape_plotly_markup(title),
-            "x": 0,
-            "xanchor": "left",
-            "xref": "paper",
-            "font": {"size": 14},
-            "yref": "container",
-            "y": 1,
-            "yanchor": "top",
-            "pad": {"t": 6},
-        },
-        "font": {"family": _FONT, "size": 12, "color": MEASURED},
-        "paper_bgcolor": "#ffffff",
-        "plot_bgcolor": "#ffffff",
-        "margin": {"l": 56, "r": 12, "t": 58, "b": 44},
-        "legend": {
-            "orientation": "h",
-            "x": 0,
-            "xanchor": "left",
-            "y": 1,
-            "yanchor": "bottom",
-            "yref": "paper",
-            "font": {"size": 11},
-        },
-        "hovermode": "closest",
-        "xaxis": dict(x),
-        "yaxis": dict(y),
-        **more,
-    }
+    named = {"text": escape_plotly_markup(title), **_STYLE["title"]}
+    return {"title": named, **_STYLE["layout"], "xaxis": dict(x), "yaxis": dict(y), **more}
 
 
 def escape_plotly_markup(text: str) -> str:
@@ -418,3 +385,21 @@ def _curve_chart(
     titled = build_layout(f"Joint {joint}", time, upper, **more)
     plot = {"data": traces, "layout": titled}
     return Chart(alt, text, joint, None, plot, 400)
+
+
+def render_diagnosis_page(
+    result: Diagnosis,
+    robot: str,
+    demonstration: Demonstration | None = None,
+    origin: Pairs = (),
+    records: Sequence[str] = (),
+) -> str:
+    """Return the report page: one HTML document, the same bytes every time."""
+    figures = DiagnosisFigures(
+        chart_errors(result),
+        chart_findings(result),
+        *chart_held_out_motions(result),
+        chart_clouds(result.residual_clouds, result),
+    )
+    document = build_diagnosis_document(result, robot, demonstration, origin, records, figures)
+    return render_html(document)

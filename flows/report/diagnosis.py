@@ -4,11 +4,12 @@ Each section is a function; page and terminal draw the same document.
 """
 
 from collections.abc import Mapping, Sequence
+from typing import NamedTuple
 
 from markupsafe import Markup
 from rich.console import Console
 
-from flows.report import charts, sentences, tables
+from flows.report import sentences, tables
 from flows.report.document import (
     Chart,
     Document,
@@ -17,6 +18,7 @@ from flows.report.document import (
     Heading,
     HeadlineFigure,
     Note,
+    Pairs,
     Part,
     ReportTable,
     Section,
@@ -27,9 +29,6 @@ from flows.report.document import (
     print_line,
     print_parts,
 )
-from flows.report.next_step import describe_next_step
-from flows.report.page import Pairs
-from flows.report.page import render_html as render_page
 from flows.report.phrases import (
     WEIGH_LOAD,
     Demonstration,
@@ -43,9 +42,9 @@ from flows.report.phrases import (
     is_link_or_load,
     read_page_texts,
 )
+from flows.report.sentences import MORE_MOTION, list_wrong_values
 from residual.quantity import MISSING, format_fraction, format_number, format_probability, is_number
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import Verdict
+from residual.verdict.result import Diagnosis, Verdict
 
 _TEXT = read_page_texts()["diagnosis"]
 _MANY = 3  # findings from which tables and curves are folded
@@ -53,21 +52,14 @@ _LISTED = 8  # parents of one role
 _OPEN = 3  # figures of the first finding that are not
 
 
-def render_diagnosis_page(
-    result: Diagnosis,
-    robot_name: str,
-    demonstration: Demonstration | None = None,
-    origin: Pairs = (),
-    records: Sequence[str] = (),
-) -> str:
-    """Return the report page: one HTML document, the same bytes every time.
+class DiagnosisFigures(NamedTuple):
+    """The figures of a diagnosis, which a page has and a terminal has not."""
 
-    Args:
-        origin: Where it comes from, and the command that makes it again.
-        records: How often the arm's stored diagnoses had each finding, a sentence each.
-    """
-    document = build_diagnosis_document(result, robot_name, demonstration, origin, records=records)
-    return render_page(document)
+    errors: Chart | None  # held-out errors
+    findings: Sequence[Sequence[Chart]]  # of each finding
+    motions: Sequence[tuple[str, list[Chart]]]  # held-out logs, with their labels
+    undrawn: int  # held-out logs that are not drawn
+    residual: Sequence[Chart]  # of what no effect explains
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
@@ -76,7 +68,7 @@ def print_diagnosis(result: Diagnosis, console: Console) -> None:
     Args:
         console: Where to print; 80 columns and no color are enough.
     """
-    print_document(console, build_diagnosis_document(result, drawn=False))
+    print_document(console, build_diagnosis_document(result))
     print_line(console, "")
 
 
@@ -102,27 +94,29 @@ def build_diagnosis_document(
     robot: str = "",
     demonstration: Demonstration | None = None,
     origin: Pairs = (),
-    drawn: bool = True,
     records: Sequence[str] = (),
+    figures: DiagnosisFigures | None = None,
 ) -> Document:
     """Return a diagnosis as a document.
 
     Args:
-        drawn: Whether it has its figures, which no terminal needs.
+        origin: Where it comes from, and the command that makes it again.
+        records: How often the arm's stored diagnoses had each finding, a sentence each.
+        figures: Those of a page; None for a terminal.
     """
     verdict = result.verdict
     truth = build_truth_parts(demonstration) if demonstration else ()
     first, *lead = sentences.list_headline_sentences(verdict)
-    weak = [_TEXT["weak"]] if verdict.error.same_run and drawn else []
+    weak = [_TEXT["weak"]] if verdict.error.same_run and figures else []
     sections = (
         Section("demonstration", "The hidden effect", truth),
-        _missing(result, charts.chart_findings(result) if drawn else None, records),
-        _errors(result, charts.chart_errors(result) if drawn else None),
-        _curves(result, *(charts.chart_held_out_motions(result) if drawn else ((), 0))),
+        _missing(result, figures.findings if figures else None, records),
+        _errors(result, figures and figures.errors),
+        _curves(result, *((figures.motions, figures.undrawn) if figures else ((), 0))),
         _alternatives(result),
         _evidence(result),
         _nominal_values(verdict),
-        _unexplained(verdict, charts.chart_clouds(result.residual_clouds, result) if drawn else ()),
+        _unexplained(verdict, figures.residual if figures else ()),
         _detectable(verdict),
         Section("notes", "Processing of the logs", [result.notes], open=False, printed=False),
         _origin(verdict, origin),
@@ -344,3 +338,34 @@ def _terms(verdict: Verdict) -> Section:
     terms = {word: text.format(cutoff=at) for word, text in read_page_texts()["reading"].items()}
     more = Note("All terms: the glossary in CONTRIBUTING.md.", "soft spaced")
     return Section("read", "How to read this page", [terms, more], open=False, printed=False)
+
+
+# Words in capitals in a command are for the reader to fill in.
+_LOGS = "LOG... --robot ROBOT"
+
+
+def describe_next_step(verdict: Verdict) -> tuple[str, str]:
+    """Return what to do next, in words, and the command that does it."""
+    faults = verdict.log_check.faults if verdict.log_check else ()
+    again = f"modelgap diagnose {_LOGS}"
+    alike = {is_link_or_load(f) for f in verdict.effects if f.equivalent}
+    if not verdict.trusted or any(fault.repair for fault in faults):
+        return "apply the fix that the check proposes", f"modelgap check {_LOGS}"
+    if any(fault.kind in MORE_MOTION for fault in faults):
+        program = "modelgap trajectory fourier --robot ROBOT --out MOTION.csv"
+        return "log a motion that shows more", program
+    if alike == {True}:
+        return "weigh the load and say so", f"{again} --known payload.mass=KG"
+    if verdict.next_experiment or alike or verdict.suspected:
+        motion = f"modelgap next VERDICT.json {_LOGS}"
+        return "look for the motion that settles what is open", motion
+    if verdict.verdict == "unknown":
+        return "compare with healthy logs", f"{again} --baseline HEALTHY_LOG..."
+    if verdict.error.same_run:
+        return "prove it on a log that was not fitted", f"{again} --holdout OTHER_LOG"
+    if verdict.effects:
+        return "save the augmented model", f"{again} --save-model MODEL.json"
+    if list_wrong_values(verdict):
+        return "write the identified robot", f"modelgap identify {_LOGS} --out DIR"
+    later = f"modelgap diagnose NEW_{_LOGS} --baseline LOG..."
+    return "compare later logs with these", later

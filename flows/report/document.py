@@ -15,6 +15,8 @@ from rich.text import Text
 from flows.outputs import print_plain
 from residual.errors import strip_control_characters
 
+Pairs = Sequence[tuple[str, str]]
+
 
 class BoldText(str):
     """A bold line or cell; of several lines the first one is bold."""
@@ -115,7 +117,7 @@ class Heading:
 class Facts:
     """Pairs of words and values."""
 
-    pairs: Sequence[tuple[str, str]]
+    pairs: Pairs
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,7 +182,7 @@ class Document:
     lead: Sequence[str] = ()
     tiles: Sequence[HeadlineFigure | None] = ()
     warnings: Sequence[str] = ()
-    foot: Sequence[tuple[str, str]] = ()
+    foot: Pairs = ()
     next_step: tuple[str, str] | None = None
 
 

@@ -11,10 +11,11 @@ from flows.report.sentences import describe_place, describe_separation
 from flows.steps.monitor import MonitoringResult
 from flows.steps.next import Ranking, ReopenedDiagnosis
 from flows.steps.validate import Validation
-from residual.planning.next_experiment import describe_settling_time, list_separable_rivals
+from residual.planning.next_experiment import list_separable_rivals
 from residual.quantity import MISSING, format_fraction, format_probability
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from residual.verdict.result import describe_settling_time
 from sim.engine.plant_records import ReferenceMotion, TrajectorySpec
 from sim.trajectories.excitation import LimitUsage
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import BoldText, Document, html_tag
+from flows.report.document import BoldText, Document, Pairs, html_tag
 from flows.report.phrases import capitalize_first
 from flows.requests import Diagnose, format_command
 from warehouse.code_provenance import format_version
@@ -24,7 +24,6 @@ _NOUNS = {"diagnoses": "diagnosis"}
 _SHORT = 12  # digits of a commit that people read
 _TEMPLATES = Path(__file__).parent / "templates"
 _HEADING = re.compile(r'<h2 id="([^"]+)">(.*?)</h2>', re.DOTALL)
-Pairs = Sequence[tuple[str, str]]
 
 
 def _ids(ids: Sequence[str]) -> Markup:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from markupsafe import Markup
 
-from residual.effects import load_effects
+from residual import effects
 from residual.effects.base import Effect
 from residual.quantity import MISSING, format_percent, format_uncertain_value, is_number
 from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
@@ -81,7 +81,7 @@ def format_effect_noun(name: str) -> str:
 
 def find_effect(name: str | None) -> Effect:
     """Return the effect of that name; an empty one if it is unknown."""
-    return load_effects().get(name) or _UNKNOWN
+    return (name and effects.find_effect(name)) or _UNKNOWN
 
 
 def capitalize_first(text: str) -> str:

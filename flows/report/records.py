@@ -1,17 +1,27 @@
-"""Records and logs in the terminal: one record, two, a rerun, the lineage."""
+"""Records, logs and answers of the store as text: tables for people, CSV and JSON."""
 
+import csv
+import io
+import json
+import math
+import sys
+from collections import Counter
 from collections.abc import Mapping
+from contextlib import redirect_stdout
 from dataclasses import asdict
+from datetime import datetime
+from decimal import Decimal
 
+import pyarrow as pa
+import pyarrow.parquet as pq
 from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from flows.report.document import ReportTable, build_text_table
-from flows.steps.imports import ImportedLog
-from residual.errors import strip_control_characters
-from residual.robot.robot import Robot
-from warehouse.logs.column_map import abbreviate_column_names
+from flows.report.document import ReportTable, build_text_table, print_parts, widen_piped_console
+from residual.errors import InputError, strip_control_characters
+from warehouse.sql_guard import NAMED, TAKES
+from warehouse.view_schema import list_views
 
 _SHOWN = 40  # lines of one table
 _LISTED = 12  # channels of a rerun that are listed for people
@@ -147,33 +157,164 @@ def build_rerun_record(rerun) -> Mapping:
     }
 
 
-def build_channel_table(log: ImportedLog) -> ReportTable:
-    """Return the column of a log behind each channel, and its conversion."""
-    heads = ("channel", "column", "unit in the file", "conversion")
-    rows = [(c, column, unit, done or "–") for c, column, unit, done in log.summary.channels]
-    return build_text_table(heads, rows)
+# The table stops here; the other formats have all rows.
+MOST = 1000
 
 
-def describe_imported_log(log: ImportedLog, robot: Robot, all: bool) -> list[str]:
-    """Return how a log was read, one line each."""
-    known = log.summary
-    if not all:
-        return [known.text, *(f"warning: {w}" for w in known.warnings)]
-    joints = ", ".join(f"{i} {name}" for i, name in enumerate(robot.joints, 1))
-    gaps = [w for w in known.warnings if "gap(s)" in w]
-    window = f", window @{known.window}" if known.window else ""
-    return [
-        f"log: {known.file}{window}",
-        f"robot: {robot.name}, {robot.dof} joints: {joints}",
-        f"rows: {known.rows}, {known.rate:.6g} Hz, {known.duration:.6g} s, from "
-        f"t = {log.recording.t[0]:.9g} s",
-        *([] if gaps else ["gaps: none"]),
-        *(f"warning: {warning}" for warning in known.warnings),
-        *(f"file: {note}" for note in known.notes),
-        f"recorded: {log.manifest['recorded_at'] or 'unknown; see --recorded-at'}",
-        f"serial number: {log.manifest['serial'] or 'none'}, "
-        f"tags: {' '.join(log.manifest['tags']) or 'none'}",
-        f"ignored columns: {abbreviate_column_names(known.ignored) or 'none'}",
-        f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
-        "a dry run stores nothing",
+def print_query_result(rows: pa.Table, format: str) -> None:
+    """Print an answer on standard output.
+
+    Args:
+        format: "table", "csv", "json" or "parquet".
+
+    Raises:
+        InputError: If JSON or Parquet would lose a column, two having one name.
+    """
+    if format in ("json", "parquet"):
+        _check_names(rows, format)
+    if format == "parquet":
+        sys.stdout.buffer.write(encode_query_result(rows, format))
+    elif format == "json":
+        columns = [[_plain(cell.as_py()) for cell in column] for column in rows.columns]
+        names = rows.column_names
+        out = [dict(zip(names, row, strict=True)) for row in zip(*columns, strict=True)]
+        print(json.dumps(out, indent=2, ensure_ascii=False, allow_nan=False))
+    elif format == "csv":
+        writer = csv.writer(sys.stdout, lineterminator="\n")
+        writer.writerow(rows.column_names)
+        for batch in rows.to_batches(max_chunksize=10_000):
+            columns = [[_field(cell.as_py()) for cell in column] for column in batch]
+            writer.writerows(zip(*columns, strict=True))
+    else:
+        types = [field.type for field in rows.schema]
+        number = [pa.types.is_integer(t) or pa.types.is_floating(t) for t in types]
+        shown = rows.slice(0, MOST).columns
+        cells = zip(*([_format_cell(c.as_py()) for c in column] for column in shown), strict=True)
+        text_columns = [i for i, is_number in enumerate(number) if not is_number]
+        more = f"; the first {MOST} are shown, --format csv has all"
+        count = f"{len(rows)} row{'' if len(rows) == 1 else 's'}" + more * (len(rows) > MOST)
+        # Into a file or a pipe: as wide as it needs, nothing is cut.
+        table = ReportTable(rows.column_names, list(cells), text_columns=text_columns)
+        print_parts(widen_piped_console(Console(), 10_000), table, count)
+
+
+def encode_query_result(rows: pa.Table, format: str) -> bytes:
+    """Return an answer as the content of a file.
+
+    Args:
+        format: "table", "csv", "json" or "parquet".
+
+    Raises:
+        InputError: If JSON or Parquet would lose a column, two having one name.
+    """
+    if format == "parquet":
+        _check_names(rows, format)
+        sink = pa.BufferOutputStream()
+        try:
+            pq.write_table(rows, sink, compression="zstd")
+        except pa.ArrowNotImplementedError as error:
+            raise InputError(
+                f"Parquet cannot hold a column of this answer: {error}. Cast it to "
+                "text or a number: x::VARCHAR."
+            ) from error
+        return sink.getvalue().to_pybytes()
+    text = io.StringIO()
+    with redirect_stdout(text):
+        print_query_result(rows, format)
+    return text.getvalue().encode()
+
+
+def refuse_binary_on_terminal(format: str, out: str | None) -> None:
+    """Refuse Parquet on a terminal.
+
+    Raises:
+        InputError: If it is Parquet, without a file, on a terminal.
+    """
+    if format == "parquet" and out is None and sys.stdout.isatty():
+        raise InputError(
+            "Parquet is not text. Name a file with --out FILE, or redirect with > FILE."
+        )
+
+
+def _check_names(rows: pa.Table, format: str) -> None:
+    counts = Counter(rows.column_names)
+    twice = [name for name, count in counts.items() if count > 1]
+    if twice:
+        raise InputError(
+            f"Two columns have the name '{twice[0]}': {format} would keep one of them. "
+            f"Rename one: SELECT ... AS {twice[0]}_2."
+        )
+
+
+def _format_cell(value: object) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, float):
+        return f"{value:.6g}"
+    if isinstance(value, datetime):
+        return value.isoformat(" ", "seconds")
+    if isinstance(value, list):
+        return ", ".join(map(_format_cell, value))
+    return str(value)
+
+
+def _field(value: object) -> object:
+    """One field of CSV: numbers in full, lists as JSON, empty for null."""
+    if isinstance(value, list | dict):
+        return json.dumps(_plain(value), ensure_ascii=False)
+    return value.isoformat() if isinstance(value, datetime) else value
+
+
+def _plain(value: object) -> object:
+    """A value that JSON has; a number that is not finite becomes text: NaN, Infinity.
+
+    JSON has no such numbers, and null says that there is no value.
+    """
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    if isinstance(value, float) and not math.isfinite(value):
+        infinity = "Infinity" if value > 0 else "-Infinity"
+        return "NaN" if math.isnan(value) else infinity
+    if isinstance(value, Decimal):  # a sum of whole numbers is one
+        if value == int(value):
+            return int(value)
+        return float(value) if Decimal(repr(float(value))) == value else str(value)
+    if value is None or isinstance(value, str | int | float):
+        return value
+    return value.isoformat() if isinstance(value, datetime) else str(value)
+
+
+def list_schema_columns() -> pa.Table:
+    """Return every view and column with type, unit and meaning."""
+    rows = [
+        {
+            "view": view,
+            "column": column.name,
+            "type": str(column.type),
+            "unit": column.unit or "none",
+            "about": column.about,
+        }
+        for view, columns in list_views().items()
+        for column in columns
     ]
+    return pa.Table.from_pylist(rows)
+
+
+def list_named_queries() -> pa.Table:
+    """Return the named queries with a sentence each, and their values."""
+    rows = [
+        {
+            "--named": name,
+            "answers": about,
+            "--with": ", ".join(f"{k}=... ({v})" for k, v in describe_query_values(name).items()),
+        }
+        for name, (about, _) in NAMED.items()
+    ]
+    return pa.Table.from_pylist(rows)
+
+
+def describe_query_values(name: str) -> Mapping[str, str]:
+    """Return the values that a named query takes: their meaning by name."""
+    return TAKES.get(name, {})

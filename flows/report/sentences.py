@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from flows.inputs.repair import describe_repair_file
+from flows.outputs import describe_repair_file
 from flows.report.phrases import (
     WEIGH_LOAD,
     At,
@@ -22,7 +22,6 @@ from flows.report.phrases import (
 from residual.check.result import Fault, LogCheck
 from residual.effects.base import EffectTrait
 from residual.errors import format_joint_numbers
-from residual.planning.next_experiment import NOTHING, TOGETHER, describe_settling_time
 from residual.quantity import (
     MISSING,
     format_fraction,
@@ -37,13 +36,16 @@ from residual.quantity import (
 from residual.verdict.result import (
     LOAD,
     MOTION,
+    NOTHING,
     STAGES,
+    TOGETHER,
     Change,
     Dependence,
     ErrorTables,
     Finding,
     Place,
     Verdict,
+    describe_settling_time,
 )
 
 NEVER = "n.d."  # not detectable here: it would take more than an arm can have

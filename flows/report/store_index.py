@@ -1,30 +1,41 @@
-"""The index of a store: every result by robot and night, with links to the reports.
+"""The index of a store: every result by robot and night, and the pages it links to.
 
 One page, `reports/index.html` of the store, written when a report is stored and when
 the server of the store receives a request for it; a browser filters it.
 """
 
+import json
 import re
-from collections.abc import Iterator, Mapping
+import tomllib
+from collections.abc import Iterator, Mapping, Sequence
 from datetime import UTC, date, datetime, timedelta
 from functools import lru_cache
 from pathlib import Path
 
 from markupsafe import Markup
+from pydantic import TypeAdapter
 
-from flows.outputs import write_files
-from flows.report.document import Document, HeadlineFigure, ReportTable, Section, html_tag
-from flows.report.page import render_html
-from flows.report.phrases import count_noun
-from flows.report.record_page import render_record_page
-from flows.report.sentences import format_claim, format_error_change, list_wrong_values
-from flows.storage.diagnosis import read_verdict
+from flows.outputs import json_text, write_files
+from flows.report.charts import render_diagnosis_page
+from flows.report.document import Document, Facts, HeadlineFigure, ReportTable, Section, html_tag
+from flows.report.page import read_diagnosis_origin, read_record_origin, render_html
+from flows.report.phrases import Demonstration, HiddenEffect, capitalize_first, count_noun
+from flows.report.records import format_record_lines
+from flows.report.sentences import (
+    format_claim,
+    format_error_change,
+    list_headline_sentences,
+    list_wrong_values,
+)
+from flows.storage import read_outcome, read_verdict, store_report
 from residual.errors import InputError
 from residual.quantity import MISSING
+from residual.verdict.document import to_json
+from residual.verdict.result import Finding
 from warehouse.code_provenance import format_version
-from warehouse.query.store import Store, open_store
+from warehouse.queries import Store, open_store
 from warehouse.record_ids import ID_DIGITS
-from warehouse.store_catalogue import find_record
+from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import verify_file
 from warehouse.verification import list_extra_files
 
@@ -41,93 +52,13 @@ _RECORD = re.compile(rf"record_id=(\w{{1,{ID_DIGITS}}})\.html")
 _FILE = re.compile(rf"report_id=([0-9a-f]{{{ID_DIGITS}}})/([\w-][\w.-]{{0,60}})")
 _HEADS = ("Time (UTC)", "Night", "Robot", "State", "Result", "Error on unseen motion")
 
+_QUERIES = Path(__file__).parent / "templates" / "index.toml"
 # A robot is its name and, where it has one, its serial number: two of a kind are two.
 _ROBOT = "coalesce(nullif(concat_ws(' ', {0}.robot, {0}.serial), ''), '?')"
-
-# Every diagnosis with its number among those of its robot, and its report.
-_DIAGNOSES = f"""
-    WITH page AS (
-        SELECT parent AS diagnosis_id, arg_max(report_id, created) AS report_id
-        FROM reports JOIN lineage ON child = report_id AND role = 'diagnosis'
-        WHERE kind IN ('demo', 'nightly') GROUP BY ALL
-    )
-    SELECT d.diagnosis_id AS id, {_ROBOT.format("d")} AS robot, d.created, d.verdict,
-           report_id, row_number() OVER (
-               PARTITION BY d.robot, d.serial ORDER BY d.created, d.diagnosis_id
-           ) AS number
-    FROM diagnoses d LEFT JOIN page USING (diagnosis_id)
-    ORDER BY d.created DESC, d.diagnosis_id DESC
-"""
-
-# A proposal is answered where its robot has got another model since.
-_PROPOSALS = f"""
-    SELECT report_id, {_ROBOT.format("d")} AS robot, r.created, parent AS id,
-           NOT EXISTS (SELECT 1 FROM adoptions a
-                       WHERE a.robot = d.robot AND a.created > r.created
-                         AND a.serial IS NOT DISTINCT FROM d.serial) AS waits
-    FROM reports r JOIN lineage ON child = report_id AND role = 'diagnosis'
-    JOIN diagnoses d ON diagnosis_id = parent
-    WHERE kind = 'proposal' ORDER BY r.created DESC, report_id
-"""
-
-_ALARMS = f"""
-    SELECT v.validation_id AS id, v.created, count(DISTINCT a.run_id) AS runs,
-           any_value({_ROBOT.format("u")}) AS robot,
-           list(DISTINCT concat('joint ', a.joint, ': ',
-                CASE WHEN starts_with(a.fault, a.sensor) THEN a.fault
-                     ELSE concat(a.sensor, ' ', a.fault) END)) AS what
-    FROM validations v JOIN alarms a USING (validation_id)
-    LEFT JOIN runs u ON u.run_id = a.run_id
-    GROUP BY ALL ORDER BY v.created DESC, id
-"""
-
-# What has no row of its own above: models outside diagnoses, validations, adoptions,
-# campaigns. Of a batch its diagnosis has one.
-_RECORDS = f"""
-    WITH record AS (
-        SELECT model_id AS id, {_ROBOT.format("m")} AS robot, created,
-               CASE stage WHEN 'identified' THEN 'identification'
-                    WHEN 'calibrated' THEN 'calibration' ELSE stage END AS state,
-               NULL AS words
-        FROM models m
-        WHERE NOT EXISTS (FROM diagnoses d WHERE d.model_id = m.model_id)
-        UNION ALL
-        SELECT validation_id, {_ROBOT.format("v")}, created,
-               CASE WHEN kind = 'monitor' THEN 'no alarm'
-                    WHEN kind = 'calibration' THEN 'calibration check'
-                    WHEN kind = 'held_out' THEN 'held-out proof'
-                    WHEN starts_with(kind, 'open_loop') THEN 'validation'
-                    ELSE kind END, verdict
-        FROM validations v
-        WHERE kind NOT IN ('batch', 'refused')
-          AND NOT EXISTS (FROM alarms a WHERE a.validation_id = v.validation_id)
-        UNION ALL
-        SELECT adoption_id, {_ROBOT.format("a")}, created, concat('model ', action),
-               concat_ws(': ', concat('adoption ', adoption_id::INT), nullif(note, ''))
-        FROM adoptions a
-        UNION ALL
-        SELECT campaign_id, coalesce(robot, '?'), created, 'campaign', name
-        FROM campaigns
-    )
-    SELECT record.*, (SELECT list(DISTINCT parent ORDER BY parent) FROM lineage
-                      WHERE child = id AND parent IN (SELECT run_id FROM runs)) AS runs
-    FROM record ORDER BY created DESC, id
-"""
-
-# Runs by robot, night and motion.
-_RUNS = f"""
-    SELECT {_ROBOT.format("r")} AS robot, max(created) AS created, count(*) AS runs,
-           any_value(run_id) AS id, source, trajectory
-    FROM runs r GROUP BY robot, serial, source, trajectory,
-                         (created + INTERVAL 12 HOUR)::DATE
-    ORDER BY created DESC, id
-"""
-
-# Logs that an inbox refused, with the reason (`flows.inbox.import_logs`).
-_REFUSED = """
-    SELECT validation_id AS id, robot, verdict AS why, created
-    FROM validations WHERE kind = 'refused' ORDER BY created DESC, id
-"""
+_SQL = {
+    name: query.format_map({table: _ROBOT.format(table) for table in "dmvaur"})
+    for name, query in tomllib.loads(_QUERIES.read_text(encoding="utf-8")).items()
+}
 
 # Time, robot, state, result, error.
 Row = tuple[datetime, str, Markup | str, Markup | str, str]
@@ -212,7 +143,7 @@ def date_night(time: datetime) -> date:
 def title_diagnosis(store: Path, diagnosis: str) -> str:
     """Return robot and number of a diagnosis, as "irb140 #2"."""
     with open_store(store) as opened:
-        rows = _ask(opened, f"SELECT * FROM ({_DIAGNOSES}) WHERE id = $id", id=diagnosis)
+        rows = _ask(opened, f"SELECT * FROM ({_SQL['diagnoses']}) WHERE id = $id", id=diagnosis)
     return _title(rows[0])
 
 
@@ -222,12 +153,12 @@ def list_refused_logs(store: Path, since: datetime) -> list[dict]:
     Each has `robot`, `why` and `created` [UTC].
     """
     with open_store(store) as opened:
-        rows = _ask(opened, _REFUSED)
+        rows = _ask(opened, _SQL["refused"])
     return [row for row in rows if row["created"] and row["created"] > since]
 
 
 def _rows(opened: Store, served: bool) -> Iterator[Row]:
-    diagnoses = _ask(opened, _DIAGNOSES)
+    diagnoses = _ask(opened, _SQL["diagnoses"])
     titles = {each["id"]: _title(each) for each in diagnoses}
     for each in diagnoses[:MOST]:
         state, words, error = _verdict(opened.path, each["id"])
@@ -236,7 +167,7 @@ def _rows(opened: Store, served: bool) -> Iterator[Row]:
             text = _report(each["report_id"], "report.html", text)
         word = html_tag("span", STATES.get(state, state), f"of {state}")
         yield each["created"], each["robot"], word, text, error
-    for each in _ask(opened, _PROPOSALS)[:MOST]:
+    for each in _ask(opened, _SQL["proposals"])[:MOST]:
         title = titles.get(each["id"], each["robot"])
         words = f"{title}: proposed model beside the present one"
         text = _report(each["report_id"], "proposal.html", words)
@@ -244,19 +175,19 @@ def _rows(opened: Store, served: bool) -> Iterator[Row]:
             text += Markup(" ") + html_tag("kbd", f"modelgap adopt {each['id'][:8]}")
         state = "waits for a decision" if each["waits"] else "decided"
         yield each["created"], each["robot"], state, text, ""
-    for each in _ask(opened, _ALARMS)[:MOST]:
+    for each in _ask(opened, _SQL["alarms"])[:MOST]:
         alarms = ", ".join(sorted(each["what"]))
         words = f"in {count_noun(each['runs'], 'run')}: {alarms}"
         yield each["created"], each["robot"], "alarm", words, ""
-    for each in _ask(opened, _REFUSED)[:MOST]:
+    for each in _ask(opened, _SQL["refused"])[:MOST]:
         yield each["created"], each["robot"] or "?", "log refused", each["why"], ""
-    for each in _ask(opened, _RECORDS)[:MOST]:
+    for each in _ask(opened, _SQL["records"])[:MOST]:
         runs = each["runs"] or ()
         of = f"of run {runs[0][:8]}" if len(runs) == 1 else f"of {len(runs)} runs"
         words = each["words"] or f"{each['state']} {of if runs else each['id'][:8]}"
         text = _link(served, each["id"], words)
         yield each["created"], each["robot"], each["state"], text, ""
-    for each in _ask(opened, _RUNS)[:MOST]:
+    for each in _ask(opened, _SQL["runs"])[:MOST]:
         motion = f": {each['trajectory']}" if each["trajectory"] else ""
         words = f"{count_noun(each['runs'], each['source'] + ' run')}{motion}"
         text = _link(served, each["id"], words) if each["runs"] == 1 else words
@@ -297,3 +228,145 @@ def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
     )
     weak = " (end of the fitted run)" if pair and verdict.error.same_run else ""
     return state, words, f"{pair}{weak}"
+
+
+def render_record_page(store: Path, id: str) -> str:
+    """Return the page of a record of any kind.
+
+    Raises:
+        InputError: If there is no such record, or it is damaged.
+    """
+    record, held = find_record(store, id), read_record(store, id)
+    with open_store(store) as opened:
+        tables = {
+            heading: opened.sql(query, {"id": record.id}).to_pylist()
+            for heading, query in (("Parameters", _SQL["parameters"]), ("Errors", _SQL["errors"]))
+        }
+    facts = [(k, v) for k, v in held.items() if isinstance(v, str | int | float)]
+    more = format_record_lines({k: v for k, v in held.items() if (k, v) not in facts})
+    sections = [
+        Section("facts", "Record", [Facts([(k, str(v)) for k, v in facts])]),
+        *(
+            Section(heading.lower(), heading, [_table(rows)])
+            for heading, rows in tables.items()
+            if rows
+        ),
+        Section("more", "Details", [more], open=False),
+    ]
+    kind = capitalize_first(record.kind.removesuffix("s"))
+    return render_html(
+        Document(
+            title=f"{kind} {record.id[:8]}",
+            about=str(held.get("robot") or store.name),
+            headline=f"{kind} {record.id}",
+            sections=sections,
+            foot=read_record_origin(store, record.id),
+        )
+    )
+
+
+def _table(rows: list[dict]) -> ReportTable:
+    cells = [[_cell(value) for value in row.values()] for row in rows]
+    words = [i for i, v in enumerate(rows[0].values()) if not isinstance(v, float)]
+    return ReportTable(tuple(rows[0]), cells, text_columns=words)
+
+
+def _cell(value: object) -> str:
+    if value is None:
+        return MISSING
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+_HIDDEN = TypeAdapter(tuple[HiddenEffect, ...])
+
+
+def store_diagnosis_page(
+    ids: Sequence[str],
+    store: Path,
+    kind: str,
+    demonstration: Demonstration | None = None,
+    files: Mapping[str, bytes] | None = None,
+) -> Path:
+    """Write the page and the verdict of a diagnosis into the store.
+
+    Args:
+        kind: What it reports, such as "nightly".
+        demonstration: What only a demonstration can show.
+    """
+    result = read_outcome(store, ids[1])
+    robot = result.verdict.robot
+    origin = read_diagnosis_origin(store, ids[0])
+    records = describe_name_records(store, ids[0], result.effects)
+    page = render_diagnosis_page(result, robot, demonstration, origin, records)
+    verdict = json_text(to_json(result.verdict)).encode()
+    contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
+    folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
+    write_index(store)
+    return folder / "report.html"
+
+
+def store_demo_page(ids: Sequence[str], hidden: Sequence[Mapping], store: Path) -> Path:
+    """Write the page of a demonstration, with the truth at its end."""
+    verdict = read_outcome(store, ids[1]).verdict
+    demonstration = Demonstration(parse_hidden_effects(hidden), verdict)
+    files = {"truth.json": (json.dumps(list(hidden), indent=2) + "\n").encode()}
+    return store_diagnosis_page(ids, store, "demo", demonstration, files)
+
+
+def read_verdict_headline(proof: str, store: Path) -> str:
+    """Return the headline of a stored verdict."""
+    return " ".join(list_headline_sentences(read_outcome(store, proof).verdict))
+
+
+def parse_hidden_effects(records: Sequence[Mapping]) -> tuple[HiddenEffect, ...]:
+    """Return the records of a seal as hidden effects."""
+    return _HIDDEN.validate_python(records)
+
+
+_NAMED_BEFORE = """
+    WITH this AS (
+        SELECT robot, any_value(serial) AS serial FROM verdicts
+        WHERE diagnosis_id = $id GROUP BY robot
+    )
+    SELECT diagnosis_id,
+           list_sort(list(DISTINCT run_id) FILTER (role = 'fit')) AS runs,
+           list(DISTINCT {'name': effect, 'joints': joints})
+               FILTER (effect IS NOT NULL) AS named
+    FROM verdicts JOIN this USING (robot)
+    WHERE verdicts.serial IS NOT DISTINCT FROM this.serial
+    GROUP BY diagnosis_id ORDER BY min(verdicts.created), diagnosis_id
+"""
+_LAST = 20  # diagnoses of other runs that a record goes back
+
+
+def describe_name_records(store: Path, id: str, effects: Sequence[Finding]) -> tuple[str, ...]:
+    """Return for each finding of a diagnosis how often its arm's diagnoses had it.
+
+    Counts diagnoses up to this one, of the same runs only the last.
+    """
+    with open_store(store) as opened:
+        rows = opened.sql(_NAMED_BEFORE, {"id": id}).to_pylist()
+    named_by_runs: dict[tuple, list] = {}
+    for row in rows:
+        runs = tuple(row["runs"] or (row["diagnosis_id"],))
+        named_by_runs.pop(runs, None)
+        named_by_runs[runs] = row["named"] or []
+        if row["diagnosis_id"] == id:
+            break
+    last = list(named_by_runs.values())[-_LAST:]
+    return tuple(_describe_record(effect, last) for effect in effects)
+
+
+def _describe_record(effect: Finding, diagnoses: Sequence[Sequence[dict]]) -> str:
+    if len(diagnoses) < 2:
+        return "This is the first stored diagnosis of this arm: nothing repeats it yet."
+    times = sum(
+        any(
+            named["name"] == effect.name
+            and (not effect.joints or {*named["joints"]} & {*effect.joints})
+            for named in each
+        )
+        for each in diagnoses
+    )
+    of = f"{len(diagnoses)} stored diagnoses of this arm, each of other runs"
+    return f"Record: named in {times} of the last {of}."

@@ -26,8 +26,16 @@ from residual.quantity import (
     format_unit,
     is_number,
 )
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import PLAIN, STAGES, Change, Finding, Frames, Number, Verdict
+from residual.verdict.result import (
+    PLAIN,
+    STAGES,
+    Change,
+    Diagnosis,
+    Finding,
+    Frames,
+    Number,
+    Verdict,
+)
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}

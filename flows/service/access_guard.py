@@ -28,6 +28,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from flows.report.page import hash_script, read_page_script
 from flows.report.store_index import INDEX, read_page
+from flows.settings import resolve_store_folder
+from residual.errors import RunError
 from warehouse.bucket import is_loopback_host
 
 _READING = ("GET", "HEAD", "OPTIONS")
@@ -257,3 +259,24 @@ def add_security_headers(app: ASGIApp) -> ASGIApp:
         await app(scope, receive, send_with_headers)
 
     return answer
+
+
+def app() -> ASGIApp:
+    """Return Prefect's application with the pages of the store, behind the guard.
+
+    Address and key are in Prefect's settings.
+
+    Raises:
+        RunError: If there is no key.
+    """
+    # Prefect's server, which takes its settings when it is imported.
+    from prefect.server.api.server import create_app
+    from prefect.settings import get_current_settings
+
+    settings = get_current_settings().server.api
+    host, port, key = settings.host, settings.port, settings.auth_string
+    if key is None or not key.get_secret_value():
+        raise RunError("The server was given no key. Start it by modelgap up.")
+    rules = build_access_rules(host, port, key.get_secret_value())
+    served = add_store_pages(create_app(final=True), rules, resolve_store_folder())
+    return Guard(add_security_headers(served), rules)

@@ -17,7 +17,7 @@ from prefect.client.schemas.filters import FlowFilter, FlowRunFilter
 from prefect.client.schemas.sorting import FlowRunSort
 from prefect.exceptions import ObjectAlreadyExists, ObjectNotFound, PrefectException
 
-from flows.project.deployments import POOL
+from flows.project import POOL
 from flows.report.store_index import INDEX, list_refused_logs
 from flows.service.state import PROCESSES, is_process_running, read_access_key, read_running
 from residual.errors import RunError

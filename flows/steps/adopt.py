@@ -3,11 +3,10 @@
 from dataclasses import asdict, dataclass
 from pathlib import Path
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.settings import read_user_name, resolve_store_folder
 from flows.steps.model_choice import resolve_diagnosis_id
-from flows.storage.adoptions import AdoptionEntry, read_adoptions
-from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict, store_report
+from flows.storage import read_adoptable_model, read_models, read_verdict, store_report
 from residual import one_blas_thread
 from residual.diagnosis.adoption import AdoptionCheck, check_adoption
 from residual.errors import InputError
@@ -17,9 +16,11 @@ from warehouse.record_commit import (
     ADOPTED,
     FORCED,
     ROLLED_BACK,
+    AdoptionEntry,
     ModelAdoption,
     commit_adoption,
     find_last_adoption,
+    read_adoptions,
 )
 from warehouse.remote_store import format_store_name
 from warehouse.runs import read_run

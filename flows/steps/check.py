@@ -1,25 +1,40 @@
-"""Check logs before any modeling: their faults, each with the line that fixes it."""
+"""Check logs before any modeling: their faults, each with the line that fixes it.
 
+A repair speaks of joints at the link side, in SI units; a map of columns, units, signs
+and scales of a file. The line is whole: it takes the place of the one in the map, or is
+added to it.
+"""
+
+import json
+import math
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
+from pathlib import Path
 
-from flows.inputs.read import LogSets, load_command_robot
-from flows.inputs.repair import (
-    describe_repair_file,
-    format_drafted_map,
-    format_gravity_line,
-    format_repair_lines,
-)
+import numpy as np
+
+from flows.inputs import LogSets, load_command_robot
+from flows.outputs import describe_repair_file
 from flows.requests import Check
 from residual import one_blas_thread
 from residual.check.check import check_logs, check_robot, confirm_repairs, list_odd_logs
-from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck
+from residual.check.result import INTERLEAVED, MOUNTING, Fault, LogCheck, Repair
+from residual.drive import IDEAL, Drive
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot, replace_gravity
+from warehouse.logs.column_map import (
+    LOGGED_UNITS,
+    TIME_UNITS,
+    UNITS,
+    ColumnMap,
+    SignalMap,
+    abbreviate_column_names,
+    build_default_signal,
+)
 from warehouse.logs.log_window import split_log_spec
-from warehouse.logs.map_draft import draft_column_map
+from warehouse.logs.map_draft import PRESETS, ColumnMapDraft, draft_column_map
 
 _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
@@ -187,3 +202,246 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
             evidence = f"{evidence} The same in {', '.join(dict.fromkeys(also))}."
         out.append(replace(first, evidence=evidence))
     return out
+
+
+_MISSING = {
+    "time": '{column = "...", unit = "s"}',
+    "signal": '{columns = ["...", "..."], unit = "..."}  # joint 1 first',
+}
+_LONGEST = 4000  # letters of a comment
+_EARTH = 9.81  # m/s^2
+_SAME = 1e-6  # relative: a factor so near to a unit is that unit
+
+
+def format_repair_lines(repairs: Iterable[Repair], robot: Robot, columns: ColumnMap) -> str | None:
+    """Return the lines that do some repairs, one for each signal.
+
+    Returns:
+        TOML for the map, or for robot.toml; None where no line can do it.
+    """
+    by_signal: dict[str, list[Repair]] = {}
+    for repair in repairs:
+        by_signal.setdefault(repair.signal, []).append(repair)
+    lines = [_line(name, each, robot, columns) for name, each in by_signal.items()]
+    return None if not lines or None in lines else "\n".join(lines)
+
+
+def format_gravity_line(robot: Robot) -> str | None:
+    """Return the line of robot.toml with gravity in m/s^2; None where it is so."""
+    gravity = robot.model.gravity.linear
+    size = float(np.linalg.norm(gravity))
+    off = _EARTH / size if size else 1.0
+    power = round(math.log10(off))
+    if power == 0 or not math.isclose(off, 10.0**power, rel_tol=0.02):
+        return None
+    return _gravity(10.0**power * gravity)
+
+
+def _gravity(gravity: Iterable[float]) -> str:
+    return f"gravity = [{', '.join(f'{g + 0.0:.5g}' for g in gravity)}]"
+
+
+def _line(name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap) -> str | None:
+    if name == "t":
+        return format_time_line(math.prod(float(r.scale or 1.0) for r in repairs), columns)
+    if name == "robot":
+        if any(r.gravcomp is False for r in repairs):
+            return "gravcomp = false"
+        gravity = next((r.gravity for r in repairs if r.gravity), None)
+        return gravity and _gravity(gravity)  # masses and lengths stand in the URDF
+    if name == "drive":
+        return format_drive_line(repairs[-1].drive)
+    signal = columns.signals.get(name) or build_default_signal(name, robot.dof)
+    for repair in repairs:
+        signal = _mended(name, signal, repair, robot)
+        if signal is None:
+            return None
+    return format_signal_line(name, signal)
+
+
+def format_drive_line(drive: Drive) -> str:
+    """Return the line of a map that says how torque follows from the goal."""
+    words = [
+        f"{name} = [{', '.join(f'{value:.4g}' for value in values)}]"
+        for name in IDEAL
+        if (values := getattr(drive, name))
+    ]
+    words += [f"enabled = {_quoted(drive.enabled)}"] if drive.enabled else []
+    return f"drive = {{{', '.join(words)}}}"
+
+
+def format_time_line(scale: float, columns: ColumnMap) -> str:
+    """Return the line of a map that says what time is.
+
+    Args:
+        scale: What the time of that map is to be multiplied with.
+    """
+    whole = scale * TIME_UNITS[columns.time_unit] * columns.time_scale
+    words = [f"column = {_quoted(columns.time)}"]
+    if columns.nanoseconds:
+        words.append(f"nanoseconds = {_quoted(columns.nanoseconds)}")
+    unit = next((u for u, f in TIME_UNITS.items() if math.isclose(whole, f, rel_tol=_SAME)), None)
+    if unit is None:
+        words.append(f"scale = {_number(whole)}")
+    elif unit != "s":
+        words.append(f'unit = "{unit}"')
+    return f"time = {{{', '.join(words)}}}"
+
+
+def _mended(name: str, signal: SignalMap, repair: Repair, robot: Robot) -> SignalMap | None:
+    """Return what is to be said of a signal so that it is repaired at the link side."""
+    dof = robot.dof
+    sign, scale = _each(repair.sign, repair, dof), _each(repair.scale, repair, dof)
+    order = [i - 1 for i in _order(repair, dof)]
+    gears = _gears(name, signal, robot)
+    factor = np.array(sign) * np.array(scale)
+    if gears is None:
+        # Coupled motors: only what is the same for all joints passes through.
+        if order != list(range(dof)) or np.ptp(factor) > 0:
+            return None
+        gears = np.ones(dof)
+    own = np.array(signal.sign or (1,) * dof) * np.array(signal.scale or (1,) * dof)
+    whole = own[order] * factor * gears[order] / gears
+    unit, scales = _unit(name, signal.unit, np.abs(whole))
+    zero = [signal.zero[i] for i in order] if signal.zero else []
+    own_zero = np.zeros(dof) if not any(zero) else np.array(zero)
+    if repair.zero is not None:  # as it is logged, in the unit of the columns
+        joints = [j - 1 for j in repair.joints]
+        per_reading = (whole / gears * UNITS[name][signal.unit])[joints]
+        if name == "tau" or signal.side != "link":
+            return None
+        own_zero[joints] += np.array(repair.zero) / per_reading
+    zero = tuple(own_zero.tolist())
+    return replace(
+        signal,
+        columns=tuple(signal.columns[i] for i in order),
+        unit=unit,
+        sign=tuple(np.sign(whole).tolist()) if (whole < 0).any() else (),
+        zero=zero if any(zero) else (),
+        scale=scales,
+        unwrap=signal.unwrap or repair.unwrap,
+    )
+
+
+def _order(repair: Repair, dof: int) -> Sequence[int]:
+    own = list(range(1, dof + 1))
+    if repair.order is None or len(repair.order) == dof:
+        return own if repair.order is None else repair.order
+    for joint, channel in zip(repair.joints, repair.order, strict=True):
+        own[joint - 1] = channel
+    return own
+
+
+def _each(given: Sequence | float | None, repair: Repair, dof: int) -> list[float]:
+    """Return a factor for every joint: one for all, or that of the repair's joints."""
+    joints = repair.joints or tuple(range(1, dof + 1))
+    if given is None:
+        given = 1.0
+    if not isinstance(given, Sequence):
+        given = (given,) * len(joints)
+    if len(given) == dof:
+        return [float(x) for x in given]
+    out = [1.0] * dof
+    for joint, value in zip(joints, given, strict=True):
+        out[joint - 1] = float(value)
+    return out
+
+
+def _gears(name: str, signal: SignalMap, robot: Robot) -> np.ndarray | None:
+    """Return what makes a reading the joint's, joint by joint; None if they mix."""
+    ones = np.ones(robot.dof)
+    logged = name == "tau" and signal.unit in LOGGED_UNITS
+    per_unit = robot.torque_per_unit if logged else ones
+    if signal.side == "link":
+        return per_unit
+    if robot.motor_from_joint is not None:
+        return None
+    if logged:
+        return per_unit
+    return robot.gear_ratio if name == "tau" else 1 / robot.gear_ratio
+
+
+def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ...]]:
+    """Return unit and scale of a signal: another unit where that says it all."""
+    if unit in LOGGED_UNITS or np.allclose(scale, 1, _SAME, 0):
+        return unit, () if np.allclose(scale, 1, _SAME, 0) else tuple(scale.tolist())
+    whole = scale * UNITS[name][unit]
+    for other, factor in UNITS[name].items():
+        if other not in LOGGED_UNITS and np.allclose(whole, factor, _SAME, 0):
+            return other, ()
+    return unit, tuple(scale.tolist())
+
+
+def format_signal_line(name: str, signal: SignalMap) -> str:
+    """Return the line of a map that says what a signal is."""
+    words = [f"columns = [{', '.join(map(_quoted, signal.columns))}]"]
+    if signal.unit != next(iter(UNITS[name])):
+        words.append(f"unit = {_quoted(signal.unit)}")
+    if signal.side != "link":
+        words.append(f'side = "{signal.side}"')
+    for key in ("sign", "zero", "scale"):
+        values = getattr(signal, key)
+        if values:
+            words.append(f"{key} = [{', '.join(map(_number, values))}]")
+    words += ["unwrap = true"] if signal.unwrap else []
+    return f"{name} = {{{', '.join(words)}}}"
+
+
+def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
+    """Return the text of a drafted map, what is not certain as comments."""
+    columns, format = draft.columns, draft.format
+    about = f" Format: {PRESETS[format].about}." if format else ""
+    where = escape_unprintable(Path(log).name)
+    lines = [
+        f"# Drafted by modelgap map from {where} for {robot.name}.{about}",
+        "# Nothing was applied. What follows a question mark is not certain.",
+    ]
+
+    def line(name: str, text: str) -> None:
+        doubts = draft.doubts.get(name, ())
+        lines.extend(f"# ? {name}: {escape_unprintable(words)}" for words in doubts)
+        lines.append(text)
+
+    if columns.csv.decimal != ".":
+        line("csv", f"csv = {{decimal = {_quoted(columns.csv.decimal)}}}")
+    if format == "ros" and not columns.signals:
+        line("bag", _bag_line(columns))
+        return "\n".join([*lines, ""])
+    if "time" not in draft.missing:
+        line("time", format_time_line(1.0, columns))
+    for name, signal in columns.signals.items():
+        line(name, format_signal_line(name, signal))
+    if columns.drive is not None:
+        line("drive", format_drive_line(columns.drive))
+    for name in draft.missing:
+        line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
+    for name, signal in draft.optional.items():
+        line(name, f"# {format_signal_line(name, signal)}  # not needed")
+    rest = escape_unprintable(abbreviate_column_names(draft.unread))[:_LONGEST]
+    lines += [f"# not read: {rest}"] if draft.unread else []
+    return "\n".join([*lines, ""])
+
+
+def _bag_line(columns: ColumnMap) -> str:
+    bag = columns.bag
+    words = [f"topic = {_quoted(bag.topic)}"] if bag.topic else []
+    if bag.joints:
+        words.append(f"joints = [{', '.join(map(_quoted, bag.joints))}]")
+    return f"bag = {{{', '.join(words)}}}" if words else "# This bag needs no map."
+
+
+def _number(value: float) -> str:
+    """A number as TOML has it, without digits that are only rounding."""
+    return f"{float(value):.9g}"
+
+
+def _quoted(text: str) -> str:
+    return escape_unprintable(json.dumps(text, ensure_ascii=False))
+
+
+def escape_unprintable(text: str) -> str:
+    """Return a text in one line, what cannot be printed escaped as TOML does it."""
+    return "".join(
+        c if c.isprintable() else f"\\U{ord(c):08x}" if c > "\uffff" else f"\\u{ord(c):04x}"
+        for c in text
+    )

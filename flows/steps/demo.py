@@ -11,7 +11,7 @@ from concurrent.futures import Executor
 from functools import cache
 from pathlib import Path
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.outputs import Progress
 from flows.specs import ExperimentSpec, derive_seed
 from flows.steps.experiment import parse_sealed_plant, plan_experiments, run_campaign_experiments

@@ -5,20 +5,31 @@ from dataclasses import replace
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs import read as inputs
-from flows.inputs.read import LogSets, is_run_id, read_file_serial, read_run_robot, read_run_serial
+import numpy as np
+
+from flows import inputs
+from flows import storage as records
+from flows.inputs import (
+    LogSets,
+    apply_known_values,
+    is_run_id,
+    parse_known_values,
+    read_file_serial,
+    read_run_robot,
+    read_run_serial,
+)
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
 from flows.steps.check import correct_mounting, refuse_faulty_logs
-from flows.storage import diagnosis as records
+from flows.steps.model_choice import choose_request_model
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
 from residual.drive import FACTOR
 from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from warehouse.runs import read_run
 
 ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
@@ -27,24 +38,19 @@ ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     read = inputs.read_logs(request, "to diagnose", robot)
-    warnings = [*read.warnings, *_of_others(request, read.robot)]
+    robot, warnings = read.robot, list(read.warnings)
+    for run in filter(is_run_id, request.baseline):
+        serial = read_run_serial(run, request.store)
+        if (serial or read_file_serial(robot)) != robot.serial:
+            warnings.append(
+                f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not "
+                f"of {robot.serial or 'an arm without a number'}: differences between the "
+                "two arms are findings too"
+            )
     driven = any(r.drive is not None for r in (*read.fit, *read.baseline))
-    if driven and "payload.mass" not in read.robot.known_values:
+    if driven and "payload.mass" not in robot.known_values:
         warnings.append(f"torque follows from the drives' gains: {FACTOR}")
     return replace(read, warnings=tuple(warnings))
-
-
-def _of_others(request: Diagnose, robot: Robot) -> list[str]:
-    """Say which runs of the baseline are of another arm of the kind."""
-    runs = [run for run in request.baseline if is_run_id(run)]
-    serials = {run: read_run_serial(run, request.store) for run in runs}
-    return [
-        f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not of "
-        f"{robot.serial or 'an arm without a number'}: differences between the two "
-        "arms are findings too"
-        for run, serial in serials.items()
-        if (serial or read_file_serial(robot)) != robot.serial
-    ]
 
 
 @one_blas_thread
@@ -125,6 +131,43 @@ def diagnose_stored_runs(request: Diagnose, progress: Progress | None = None) ->
     logs, begun = read_stored_runs(request), perf_counter()
     result = diagnose(request, logs, progress)
     return store_diagnosis(request, logs, result, perf_counter() - begun)
+
+
+def diagnose_recordings(
+    request: Diagnose, logs: LogSets, progress: Progress | None = None
+) -> tuple[Diagnosis, str | None]:
+    """Diagnose recordings that are in memory; where the request has a store, its runs.
+
+    Runs are diagnosed as by the command: against the adopted model of the robot, and
+    the diagnosis is stored.
+
+    Returns:
+        The diagnosis, and its id in the store; None where it is not stored.
+    """
+    if request.store is None:
+        known = parse_known_values(request.known)
+        logs = replace(logs, robot=apply_known_values(logs.robot, known, logs.baseline))
+        return diagnose(request, logs, progress), None
+    ids = {
+        role: tuple(_find_run(log, request.store) for log in getattr(logs, role)) for role in ROLES
+    }
+    request = add_stored_runs(request, ids)
+    request = replace(request, model=choose_request_model(request, logs.robot).diagnosis)
+    read, begun = read_stored_runs(request), perf_counter()
+    result = diagnose(request, read, progress)
+    return result, store_diagnosis(request, read, result, perf_counter() - begun)[0]
+
+
+def _find_run(log: Recording, store: Path) -> str:
+    """Return the id of the run that a recording is; InputError where it is none."""
+    if is_run_id(log.id):
+        run = read_run(store, log.id)
+        if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
+            return run.id
+    raise InputError(
+        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
+        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
+    )
 
 
 def store_diagnosis(

@@ -18,7 +18,7 @@ from time import perf_counter
 import numpy as np
 from pydantic import TypeAdapter
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.outputs import Progress
 from flows.settings import count_cores, resolve_store_folder
 from flows.specs import (
@@ -29,7 +29,8 @@ from flows.specs import (
     format_point,
     load_campaign,
 )
-from flows.steps.model_choice import choose_model, read_controller_model
+from flows.steps.fit import read_controller_model
+from flows.steps.model_choice import choose_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun

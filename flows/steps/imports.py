@@ -6,7 +6,7 @@ from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from flows.inputs.read import LogSets, load_command_robot, require_logs, suggest_column_map
+from flows.inputs import LogSets, load_command_robot, require_logs, suggest_column_map
 from flows.requests import LONGEST_WORD, Import, check_tags, is_short_word
 from flows.settings import resolve_store_folder
 from flows.steps.check import refuse_faulty_logs
@@ -14,13 +14,7 @@ from residual.check.result import LogCheck
 from residual.errors import InputError, strip_control_characters
 from residual.recording import Recording
 from residual.robot.robot import Robot, set_serial_number
-from warehouse.logs import (
-    ColumnMap,
-    LogSummary,
-    choose_column_map,
-    create_unique_labels,
-    read_log_despite_doubts,
-)
+from warehouse.logs import ColumnMap, LogSummary, choose_column_map, create_unique_labels, read_log
 from warehouse.logs.log_tables import format_timestamp, parse_timestamp
 from warehouse.record_commit import commit_run, compute_imported_run_id
 from warehouse.record_ids import build_record_path
@@ -111,7 +105,7 @@ def _read_one(
 ) -> ImportedLog:
     store = resolve_store_folder(request.store)
     with suggest_column_map(spec, request.robot):
-        recording, summary = read_log_despite_doubts(spec, robot, columns, label)
+        recording, summary = read_log(spec, robot, columns, label, despite_doubts=True)
     run_id = compute_imported_run_id(recording, robot.content_hash)
     recorded_at = summary.recorded_at
     if request.recorded_at is not None:

@@ -8,22 +8,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.inputs.read import is_run_id, load_run_robot, read_run_robot
+from flows.inputs import is_run_id, load_run_robot, read_run_robot
 from flows.requests import Diagnose, Identify
 from flows.settings import resolve_store_folder
-from flows.storage.calibration import CORRECTED
-from flows.storage.diagnosis import models_from_record, read_adoptable_model, read_models
-from residual.calibration.calibrate import add_correction_tables
-from residual.calibration.calibration_rows import PAPER
+from flows.storage import CORRECTED, models_from_record, read_adoptable_model, read_models
 from residual.errors import InputError, check_name
-from residual.export.model_export import AnyModel, remove_tables
-from residual.model.lookup import Lookup
-from residual.model.model import Model
+from residual.export.model_export import AnyModel
 from residual.model.model_files import load_model, model_from_record
-from residual.model.nominal import build_free_nominal, choose_declared_effects, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from residual.signals.track import FilterSettings
 from warehouse.record_commit import find_last_adoption
 from warehouse.store_catalogue import find_record, read_record
 
@@ -151,7 +144,7 @@ def resolve_diagnosis_id(store: Path, word: str) -> str:
     if found.kind == "validations" and (id := read_record(store, found.id).get("diagnosis")):
         return id
     if found.kind == "models":
-        from warehouse.query.store import query_store_rows
+        from warehouse.queries import query_store_rows
 
         query = (
             "SELECT diagnosis_id AS id FROM diagnoses WHERE model_id = $id ORDER BY created LIMIT 1"
@@ -205,49 +198,6 @@ def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
 
 def _one_of(models: Mapping[str, AnyModel], which: str | None) -> AnyModel:
     return models[check_name(which or AUGMENTED, models, "model of the diagnosis")]
-
-
-def read_controller_model(
-    store: Path, word: str, robot: Robot, nominal: Model | None = None
-) -> AnyModel:
-    """Return the model that a controller is to have.
-
-    Args:
-        word: Id of a diagnosis (its augmented model, tables included), of a model, or
-            of a calibration (its look-up tables on the model that they correct).
-        nominal: The robot as described, for tables of the paper's form: they correct a
-            simulated twin.
-
-    Raises:
-        InputError: If it is of another robot, or of another description of it.
-    """
-    found = find_record(store, word)
-    record = read_record(store, found.id)
-    if nominal and found.kind == "models" and record.get("mode") == PAPER:
-        own, hash = record["robot"], record["request"]["robot_hash"]
-        lookup = Lookup.load(found.folder / "model.npz")
-        model: AnyModel = add_correction_tables(nominal, lookup, record["joints"])
-    else:
-        diagnosis = found.kind == "diagnoses"
-        model = (read_adoptable_model if diagnosis else read_model)(store, found.id)
-        of = remove_tables(model).robot
-        own, hash = of.name, of.content_hash
-    if hash != robot.content_hash:
-        raise InputError(
-            f"The model of {word} is of {own} as it was described then, the robot is "
-            f"{robot.name} as it is described now. Give a model of this one."
-        )
-    return model
-
-
-def build_nominal_model(robot: Robot, logs: Sequence[Recording]) -> Model:
-    """Return the robot as described, with the effects that it declares.
-
-    Args:
-        logs: What counts as standing is learnt from them.
-    """
-    prepared = prepare_fit_logs(robot, logs, None, FilterSettings())
-    return build_free_nominal(prepared, choose_declared_effects(robot, None)).model
 
 
 def check_description(robot: Robot, run: Recording, manifest: Mapping, by: str | None) -> None:

@@ -5,18 +5,18 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from time import perf_counter
 
-from flows.inputs.read import is_run_id, load_run_robot, read_file_serial, read_run_serial
+from flows.inputs import is_run_id, load_run_robot, read_file_serial, read_run_serial
 from flows.requests import Monitor as Request
 from flows.settings import HEALTHY, resolve_store_folder
 from flows.steps.model_choice import AUGMENTED, check_description, resolve_adopted_model
-from flows.storage.diagnosis import read_models, read_runs
+from flows.storage import read_models, read_runs
 from residual import one_blas_thread
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.model.model import Model
 from residual.monitoring.monitor import LEAST_RUNS, Alarm, Monitor, calibrate_monitor
 from residual.recording import Recording
-from warehouse.query.store import query_store_rows
+from warehouse.queries import query_store_rows
 from warehouse.record_commit import commit_record
 from warehouse.remote_store import format_store_name
 from warehouse.runs import read_manifest, read_quarantine_reason, read_run

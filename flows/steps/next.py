@@ -7,13 +7,13 @@ from pathlib import Path
 
 import numpy as np
 
-from flows.inputs.read import LogSets, is_run_id
+from flows.inputs import LogSets, is_run_id
 from flows.outputs import Progress
 from flows.requests import Diagnose, Next
 from flows.settings import resolve_store_folder
 from flows.steps.diagnose import diagnose, read_logs, read_stored_runs
 from flows.steps.model_choice import resolve_diagnosis_id
-from flows.storage.diagnosis import parse_verdict, read_verdict
+from flows.storage import read_verdict
 from residual import one_blas_thread
 from residual.errors import InputError, check_nesting
 from residual.model.model_files import identify_file_content
@@ -30,8 +30,8 @@ from residual.planning.next_experiment import (
     list_separating_logs,
 )
 from residual.robot.robot import Robot
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import Verdict
+from residual.verdict.document import parse_verdict
+from residual.verdict.result import Diagnosis, Verdict
 from sim.engine.plant_records import TrajectorySpec, create_random_stream
 from sim.trajectories import plan_motion
 from sim.trajectories.excitation import draw_feasible_series, export_series_coefficients
@@ -73,20 +73,28 @@ class ReopenedDiagnosis:
 def reopen_diagnosis(request: Next, progress: Progress | None = None) -> ReopenedDiagnosis:
     """Diagnose the logs of a verdict again, and return the question that they leave.
 
-    A comparison with a baseline leaves none: then the new logs are diagnosed alone.
-
     Raises:
         InputError: If the request, the verdict or a log is not usable.
     """
     check_duration(request.seconds)
     stored = is_run_id(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
-    found = diagnose(again, logs, progress)
-    question = found.question
-    if question is None:
-        question = diagnose(again, logs, progress, ignore_baseline=True).question
+    found, question = diagnose_open_question(again, logs, progress)
     lines = (*logs.lines, *list_separating_logs(logs.robot, logs.fit))
     return ReopenedDiagnosis(verdict, found, question, logs.robot, lines)
+
+
+def diagnose_open_question(
+    request: Diagnose, logs: LogSets, progress: Progress | None = None
+) -> tuple[Diagnosis, OpenQuestion | None]:
+    """Diagnose logs, and return the question that they leave; None for none.
+
+    A comparison with a baseline leaves none: then the new logs are diagnosed alone.
+    """
+    found = diagnose(request, logs, progress)
+    if found.question is not None:
+        return found, found.question
+    return found, diagnose(request, logs, progress, ignore_baseline=True).question
 
 
 def check_duration(seconds: float) -> None:

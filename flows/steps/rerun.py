@@ -1,8 +1,9 @@
-"""Rerun a record, compare the values bit for bit, and name the cause of a change."""
+"""Compare two records of a store, verify all of them, or make one again bit for bit."""
 
 import json
 import os
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
@@ -11,10 +12,10 @@ from tempfile import TemporaryDirectory
 
 import pyarrow as pa
 
-from flows.inputs.read import substitute_robot_files
+from flows.inputs import substitute_robot_files
 from flows.requests import Calibrate, Diagnose, Identify, Monitor, Request, Validate
 from flows.specs import ExperimentSpec
-from flows.steps import calibrate, experiment, identify
+from flows.steps import experiment, fit
 from flows.steps.diagnose import diagnose_stored_runs
 from flows.steps.experiment import (
     SimulatedExperiment,
@@ -27,7 +28,7 @@ from flows.steps.experiment import (
 )
 from flows.steps.monitor import monitor
 from flows.steps.validate import validate
-from residual.errors import InputError
+from residual.errors import InputError, RunError
 from warehouse.code_provenance import (
     format_uncommitted_change,
     read_code_provenance,
@@ -35,9 +36,14 @@ from warehouse.code_provenance import (
 )
 from warehouse.record_commit import commit_record
 from warehouse.record_ids import ID_DIGITS, convert_to_json_types, hash_arrays
-from warehouse.remote_store import fetch_record, record_exists
+from warehouse.remote_store import (
+    check_store_folder,
+    fetch_record,
+    find_store_bucket,
+    record_exists,
+)
 from warehouse.robots import find_used_robot
-from warehouse.runs import open_seal, read_manifest
+from warehouse.runs import open_seal, read_channels, read_manifest
 from warehouse.store_catalogue import (
     RERUN_OF,
     StoredRecord,
@@ -48,16 +54,127 @@ from warehouse.store_catalogue import (
 )
 from warehouse.store_files import hash_table, read_parquet, table_to_arrays
 from warehouse.verification import (
+    GONE,
     ChannelDifference,
     compare_channels,
     compare_values,
+    find_differing_values,
     find_record_faults,
+    is_readable_by_others,
     list_extra_files,
     read_catalogue_row,
     read_nested_tables,
     select_differing_channels,
+    verify_store,
 )
-from warehouse.view_schema import LOGGED, SAMPLES_FILE, SEALED
+from warehouse.view_schema import INDEX, LOGGED, SAMPLES_FILE, SEALED
+
+_CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
+# What a manifest says of values and of how it was made: both stand by themselves.
+_APART = ("provenance", "data_hash", "truth_hash", "timings", "spec", "robot_hash")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Diff:
+    """Two records side by side."""
+
+    kind: str
+    ids: tuple[str, str]
+    # Values that differ, (name, one, other), by heading: spec, code, environment and
+    # more; an empty table says that nothing there differs.
+    tables: Mapping[str, tuple[tuple[str, object, object], ...]]
+    # Their data, equal or not; of models and others only what differs.
+    channels: tuple[ChannelDifference, ...]
+
+    @property
+    def same(self) -> bool:
+        """Whether all values are equal, bit for bit."""
+        return all(channel.equal for channel in self.channels)
+
+
+def diff_records(first: str, second: str, store: Path) -> Diff:
+    """Compare two records of one kind."""
+    pair = [find_record(store, id) for id in (first, second)]
+    if pair[0].kind != pair[1].kind:
+        kinds = " and ".join(f"{each.id} is in {each.kind}" for each in pair)
+        raise InputError(f"{kinds}; expected two records of one kind.")
+    both = _runs if pair[0].kind == "runs" else _records
+    tables, channels = both(store, *pair)
+    return Diff(pair[0].kind, (pair[0].id, pair[1].id), tables, channels)
+
+
+def _runs(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[ChannelDifference, ...]]:
+    manifests = [read_manifest(store, each.id) for each in pair]
+    provenances = [each["provenance"] for each in manifests]
+    spec = [{**(each.get("spec") or {}), "sealed": each.get("sealed_sha256")} for each in manifests]
+    others = [{k: v for k, v in each.items() if k not in _APART} for each in manifests]
+    tables = {
+        "spec": _pairs(*spec),
+        **_provenance_tables(store, *provenances),
+        "manifest": _pairs(*others),
+    }
+    return tables, compare_channels(*(read_channels(store, each.id) for each in pair))
+
+
+def _records(store: Path, *pair: StoredRecord) -> tuple[dict, tuple[ChannelDifference, ...]]:
+    rows = [read_catalogue_row(each) for each in pair]
+    provenances = [json.loads(row["provenance"]) for row in rows]
+    records = [json.loads(row["record"]) for row in rows]
+    requests = [record.pop("request", None) or {} for record in records]
+    tables = {
+        "request": _pairs(*requests),
+        **_provenance_tables(store, *provenances),
+        "values": _pairs(*records),
+    }
+    channels = (c for c in compare_records(*pair) if not c.name.startswith("request"))
+    return tables, tuple(channels)
+
+
+def _provenance_tables(store: Path, first: Mapping, second: Mapping) -> dict:
+    code = [{key: side.get(key) for key in _CODE} for side in (first, second)]
+    changes = [(side.get("uncommitted") or {}).get("sha256") for side in (first, second)]
+    for side, sha256 in zip(code, changes, strict=True):
+        side["uncommitted"] = sha256
+    packages = list_package_changes(first, second, store)
+    return {
+        "code": _pairs(*code),
+        "environment": tuple((name, *pair) for name, pair in packages.items()),
+    }
+
+
+def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object], ...]:
+    return tuple(
+        (name, *(None if value is GONE else value for value in pair))
+        for name, *pair in find_differing_values(first, second)
+    )
+
+
+def find_damaged_files(place: Path) -> Iterator[str]:
+    """Read a store and say what is not as it was written, a line each.
+
+    Raises:
+        InputError: If there is none.
+        RunError: After the last line, if something is damaged or missing.
+    """
+    check_store_folder(place)
+    counts: Counter = Counter()
+    damaged = 0
+    for each in verify_store(place):
+        counts[each.kind] += 1
+        damaged += bool(each.faults)
+        for line in each.faults:
+            yield f"DAMAGED  {each.kind} {each.id}: {line}"
+    summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
+    yield f"verified {summary or 'an empty store'}"
+    if find_store_bucket(place) is None and is_readable_by_others(place):
+        yield f"note: other users of this machine may look into it: chmod 700 {place}"
+    index = f", and {INDEX}" if find_store_bucket(place) else ""
+    if damaged:
+        raise RunError(
+            f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
+            f"store{index}; what can be made again is, by the same command as before."
+        )
+
 
 KIND = "rerun"
 _MOST_PACKAGES = 6  # that are named; the others are counted
@@ -309,14 +426,14 @@ def _identify(request: Identify) -> None:
             f"It was identified from the file {files[0]}, which is not in the store. "
             "Import the log (modelgap import) and identify from the run."
         )
-    identify.identify(request, identify.read_logs(request))
+    fit.identify(request, fit.read_identification_logs(request))
 
 
 def _calibrate(request: Calibrate) -> None:
-    logs, runs = calibrate.read_logs(request)
+    logs, runs = fit.read_calibration_runs(request)
     if request.paper:
         runs = add_twin_errors(logs.robot, runs)
-    calibrate.calibrate(request, logs, runs)
+    fit.calibrate(request, logs, runs)
 
 
 # Of each verb its request, and what does it.
@@ -427,7 +544,7 @@ def _parts(record: StoredRecord) -> tuple[dict[str, pa.Table], dict[str, bytes]]
 def compare_records(record: StoredRecord, other: StoredRecord) -> tuple[ChannelDifference, ...]:
     """Return where two records of one kind differ, value by value."""
     first, second = (json.loads(read_catalogue_row(each)["record"]) for each in (record, other))
-    out = compare_values(first, second, "")
+    out = compare_values(first, second)
     (old, old_files), (new, new_files) = _parts(record), _parts(other)
     for name in old | new:
         out += _compare_tables(name, old.get(name), new.get(name))

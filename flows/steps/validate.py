@@ -12,7 +12,7 @@ on the workspace. With an adopted or a named model also how the simulated arm tr
 reference of the run, driven once by the torque of each.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from time import perf_counter
@@ -20,17 +20,13 @@ from time import perf_counter
 import numpy as np
 from scipy.interpolate import CubicSpline
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.requests import Validate as Request
 from flows.settings import resolve_store_folder
 from flows.steps.experiment import parse_sealed_plant
-from flows.steps.model_choice import (
-    NOMINAL,
-    build_nominal_model,
-    check_description,
-    read_controller_model,
-)
-from flows.storage.diagnosis import read_models
+from flows.steps.fit import read_controller_model
+from flows.steps.model_choice import NOMINAL, check_description
+from flows.storage import read_models
 from residual import one_blas_thread
 from residual.errors import InputError
 from residual.export.model_export import AnyModel, remove_tables
@@ -41,6 +37,8 @@ from residual.model.dynamics import (
     compute_feed_forward,
     find_least_mass_eigenvalue,
 )
+from residual.model.model import Model
+from residual.model.nominal import build_free_nominal, choose_declared_effects, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.signals.track import FilterSettings, build_tracks
@@ -195,6 +193,16 @@ def validate(request: Request) -> tuple[str, Validation]:
     took = {"validate": perf_counter() - begun}
     id = commit_record(store, "validations", record, tables, parents, seconds=took)
     return id, result
+
+
+def build_nominal_model(robot: Robot, logs: Sequence[Recording]) -> Model:
+    """Return the robot as described, with the effects that it declares.
+
+    Args:
+        logs: What counts as standing is learnt from them.
+    """
+    prepared = prepare_fit_logs(robot, logs, None, FilterSettings())
+    return build_free_nominal(prepared, choose_declared_effects(robot, None)).model
 
 
 def validate_model(model: AnyModel, log: Recording) -> ModelValidation:

@@ -28,7 +28,8 @@ from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.splitting import find_session_start, group_pieces_by_log, pick_spread_pieces
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import Diagnosis, fit_all_parameters, run_edit_tests
+from residual.verdict.diagnosis import fit_all_parameters, run_edit_tests
+from residual.verdict.result import Diagnosis
 
 
 def compare_epochs(

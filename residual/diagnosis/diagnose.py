@@ -38,8 +38,7 @@ from residual.recording import Recording
 from residual.robot.robot import Robot, check_joint_count
 from residual.signals.splitting import find_session_start, split_off_last_quarter
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.result import PLAIN
+from residual.verdict.result import PLAIN, Diagnosis
 
 
 def diagnose(

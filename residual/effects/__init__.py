@@ -1,8 +1,10 @@
 """The effects that a model may lack, one file each; the registry is the folder."""
 
+import re
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib import import_module
+from importlib.util import find_spec
 from pkgutil import iter_modules
 
 from residual.effects.base import Effect, EffectTrait, MotionSpan
@@ -32,6 +34,14 @@ def load_effects() -> dict[str, Effect]:
             )
         effects[name] = given
     return effects
+
+
+def find_effect(name: str) -> Effect | None:
+    """Return an effect by its name, None for none; of ours its file alone is loaded."""
+    file = f"{__name__}.{name}"
+    if re.fullmatch("[a-z][a-z_]*", name) and name not in _HELPERS and find_spec(file):
+        return import_module(file).EFFECT
+    return load_effects().get(name)
 
 
 def list_motor_alternatives(name: str, span: MotionSpan) -> tuple[str, ...]:

@@ -8,9 +8,6 @@ inertia about that centre, in the axes of a frame that is fixed to the link.
 from dataclasses import replace
 
 import numpy as np
-import pinocchio as pin
-
-from residual.robot.dynamics import LazyRegressor
 
 PARAMETERS = {
     "mass": "kg",
@@ -33,6 +30,8 @@ def columns(state, joints, shape):
     (link,) = joints
     regressor = state.regressor
     if state.robot.carried is not None:  # what is added, nothing holds
+        from residual.robot.dynamics import LazyRegressor
+
         free = replace(state.robot, carried=None)
         regressor = LazyRegressor(free, (state.q, state.qd, state.qdd))
     return regressor[:, :, 10 * link : 10 * link + 10]
@@ -57,6 +56,8 @@ def values_in(placement, theta):
 
 def theta_from(placement, values):
     """The way back; there is no shape."""
+    import pinocchio as pin
+
     xx, xy, xz, yy, yz, zz = values[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     point = placement.act(pin.Inertia(values[0], values[1:4], np.zeros((3, 3))))

@@ -9,14 +9,16 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from enum import Flag, auto
 from itertools import pairwise
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
 from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
-from residual.robot.dynamics import LazyRegressor
-from residual.robot.robot import Robot
+
+if TYPE_CHECKING:  # both load Pinocchio, which the words of an effect do not need
+    from residual.robot.dynamics import LazyRegressor
+    from residual.robot.robot import Robot
 
 Shape = tuple[float, ...]
 
@@ -163,14 +165,14 @@ class State:
         enabled: Share of a drive that is on; None for on. Shape (n, dof).
     """
 
-    robot: Robot
+    robot: "Robot"
     rate: float
     t: Array
     q: Array
     qd: Array
     qdd: Array
     sign: Array
-    regressor: Array | LazyRegressor
+    regressor: "Array | LazyRegressor"
     rigid: Array
     tau_model: Array
     inertial: Array | None = None
@@ -240,7 +242,7 @@ class ShapeRefinement:
     upper: float = np.inf
     sliding: float = 0.0
 
-    def compute_half_width(self, joints: Joints, robot: Robot) -> float:
+    def compute_half_width(self, joints: Joints, robot: "Robot") -> float:
         """Return the reach on some joints (from 0)."""
         slides = any(robot.prismatic[j] for j in joints)
         return (slides and self.sliding) or self.reach
@@ -341,18 +343,21 @@ class Effect:
     scope: Scope = "local"
     sliding: Mapping[str, str] = field(default_factory=dict)
     place: str = "on {joints}"
-    values: Callable[[Array, Shape, Robot], Array] = lambda theta, shape, robot: np.array(
+    values: Callable[[Array, Shape, "Robot"], Array] = lambda theta, shape, robot: np.array(
         [*theta, *shape]
     )
-    from_values: Callable[[Array, Robot], tuple[Array, Shape]] = lambda values, robot: (values, ())
+    from_values: Callable[[Array, "Robot"], tuple[Array, Shape]] = lambda values, robot: (
+        values,
+        (),
+    )
     shapes: Callable[[MotionSpan, int], Sequence[Shape]] = lambda span, joint: ((),)
     refine: ShapeRefinement | None = None
     drive_order: int = 0
     carries: Carried = ""
-    prior_sd: Callable[[Robot], Array] | None = None
+    prior_sd: Callable[["Robot"], Array] | None = None
     possible: Callable[[Array, Shape, JointLimits], bool] = lambda theta, shape, limits: True
     reports: Callable[[str, Array, Array], bool] | None = None
-    combined: Callable[[Array, Robot], Mapping[str, tuple[float, str]]] | None = None
+    combined: Callable[[Array, "Robot"], Mapping[str, tuple[float, str]]] | None = None
     unit_directions: Callable[[Sequence[State], Joints], Sequence[Array]] | None = None
     far_fetched: float = 0.0
     inexact: float = 0.0
@@ -374,7 +379,7 @@ class Effect:
         """Whether it says that a link of every model is another."""
         return EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY in self.traits
 
-    def units(self, joints: Joints, robot: Robot) -> dict[str, str]:
+    def units(self, joints: Joints, robot: "Robot") -> dict[str, str]:
         """Return the unit of each parameter on some joints (from 0) of an arm."""
         own = self.scope in ("local", "pair") and all(robot.prismatic[j] for j in joints)
         if not own:
@@ -476,6 +481,6 @@ def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
     return display
 
 
-def append_shape(values: Array, robot: Robot) -> tuple[Array, Shape]:
+def append_shape(values: Array, robot: "Robot") -> tuple[Array, Shape]:
     """One coefficient, then the shape: what most parameters of a shape come to."""
     return values[:1], tuple(values[1:])

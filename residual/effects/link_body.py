@@ -1,11 +1,15 @@
 """A body on a link that the model does not have: a valve block, a dress pack."""
 
-import pinocchio as pin
-
 from residual.effects import _body
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
 
-_JOINT = pin.SE3.Identity()  # it is told in the axes of its link's joint
+
+def _joint():
+    """The frame in which it is stated: the axes of its link's joint."""
+    import pinocchio as pin
+
+    return pin.SE3.Identity()
+
 
 EFFECT = Effect(
     name="link_body",
@@ -17,11 +21,11 @@ EFFECT = Effect(
     columns=_body.columns,
     scope="link",
     outermost=2,  # what sits on the wrist is told as a load
-    values=lambda theta, shape, robot: _body.values_in(_JOINT, theta),
-    from_values=lambda values, robot: _body.theta_from(_JOINT, values),
+    values=lambda theta, shape, robot: _body.values_in(_joint(), theta),
+    from_values=lambda values, robot: _body.theta_from(_joint(), values),
     traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
     prior_sd=_body.prior_sd,
-    unit_directions=lambda states, joints: _body.usual_in(_JOINT),
+    unit_directions=lambda states, joints: _body.usual_in(_joint()),
     reports=_body.is_parameter_reportable,
     variable=None,
     # Also lighter than nothing: a body that the model has and the link has lost.

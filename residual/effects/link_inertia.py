@@ -3,7 +3,6 @@
 import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
-from residual.robot.dynamics import read_inertial_parameters
 
 # Of the body that the model has: what is more is a body beside it, and a flange nine
 # times as heavy is a load.
@@ -11,15 +10,21 @@ MOST_LOAD = 10.0  # times the link of a single joint: what it carries
 MOST = 1.0
 
 
+def _bodies_of(robot):
+    from residual.robot.dynamics import read_inertial_parameters
+
+    return read_inertial_parameters(robot.model)
+
+
 def _columns(state, joints, shape):
     (link,) = joints
     own = slice(10 * link, 10 * link + 10)
-    body = read_inertial_parameters(state.robot.model)[own]
+    body = _bodies_of(state.robot)[own]
     return (state.regressor[:, :, own] @ body)[:, :, None]
 
 
 def _bodies(theta, joints, robot):
-    body = read_inertial_parameters(robot.model).reshape(-1, 10)
+    body = _bodies_of(robot).reshape(-1, 10)
     scale = np.zeros((robot.dof, 1))
     scale[list(joints)] = theta[0]
     return (scale * body).ravel()

@@ -2,7 +2,12 @@
 
 from residual.effects import _body
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
-from residual.robot.dynamics import find_flange_placement
+
+
+def _flange(robot):
+    from residual.robot.dynamics import find_flange_placement
+
+    return find_flange_placement(robot.model)
 
 
 def _combined(theta, robot):
@@ -22,15 +27,13 @@ EFFECT = Effect(
     parameters=_body.PARAMETERS,
     columns=_body.columns,
     scope="flange",
-    values=lambda theta, shape, robot: _body.values_in(find_flange_placement(robot.model), theta),
-    from_values=lambda values, robot: _body.theta_from(find_flange_placement(robot.model), values),
+    values=lambda theta, shape, robot: _body.values_in(_flange(robot), theta),
+    from_values=lambda values, robot: _body.theta_from(_flange(robot), values),
     traits=EffectTrait.PARAMETER | EffectTrait.BODY,
     carries="body",
     prior_sd=_body.prior_sd,
     combined=_combined,
-    unit_directions=lambda states, joints: _body.usual_in(
-        find_flange_placement(states[0].robot.model)
-    ),
+    unit_directions=lambda states, joints: _body.usual_in(_flange(states[0].robot)),
     reports=_body.is_parameter_reportable,
     variable=None,
     # No heavier than the arm, no lighter than the load the model has, within reach.

@@ -3,11 +3,12 @@
 import numpy as np
 
 from residual.effects.base import Effect, ExportedLaw
-from residual.robot.dynamics import compute_flange_jacobian
 
 
 def _columns(state, joints, shape):
     """The drives hold against the force: -J' f."""
+    from residual.robot.dynamics import compute_flange_jacobian
+
     linear = compute_flange_jacobian(state.robot.model, state.q)[:, :3]
     return -linear.transpose(0, 2, 1)
 

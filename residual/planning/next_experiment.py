@@ -15,16 +15,12 @@ from scipy.linalg import cho_factor, cho_solve, solve_triangular
 
 from residual.effects.base import PlacedEffect, State
 from residual.model.model import Model
-from residual.quantity import format_number, format_probability
 from residual.recording import Array, Recording
 from residual.robot.robot import Robot
 from residual.signals.track import dilate_mask
-from residual.verdict.result import UNTOLD, Alternative, Place
+from residual.verdict.result import NOTHING, SURE, TOGETHER, UNTOLD, Alternative, Place
 
 # What logs leave open: contests of rival models, as records.
-
-NOTHING = Place("nothing", ())
-TOGETHER = " + "  # between the names of a rival of several effects
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -264,7 +260,6 @@ def simulate_decision(
 SECONDS = 20.0  # length of a motion where nobody says another [s]
 PERIODS = 2  # of it
 TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
-SURE = 0.8  # chance from which a motion is called enough
 MOTIONS, HARMONICS = 6, 5
 TURN = np.pi  # rad to either side: what of a range is used at most
 UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
@@ -355,15 +350,6 @@ def describe_plan(
         "chance": round(decision.chance, 3),
         "program": None,
     }
-
-
-def describe_settling_time(seconds: float, after: float | None, chance: float) -> str:
-    """Return how soon and how surely a motion settles its question, in words."""
-    chance_text = format_probability(chance)
-    end = f"{format_number(seconds)} s with a chance of {chance_text}"
-    if after is None:
-        return f"settled after {end}"
-    return f"settled after {after:.1f} s with a chance of {format_probability(SURE)}, after {end}"
 
 
 def predict_best_motion(question: OpenQuestion) -> dict | None:

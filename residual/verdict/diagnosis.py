@@ -1,7 +1,7 @@
 """What a diagnosis hands to its caller: verdict, models, curves; and its edit test."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -9,14 +9,7 @@ from residual.effects import list_motor_alternatives, load_effects
 from residual.effects.base import MotionSpan
 from residual.evidence.design import Design
 from residual.evidence.fit import PossibleModel, solve_minimum_norm
-from residual.model.compare import (
-    ErrorSums,
-    FindingScatter,
-    LogPrediction,
-    compute_model_errors,
-    prepare_held_out,
-)
-from residual.model.lookup import CorrectedModel
+from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
 from residual.model.model import Model
 from residual.model.records import PositionErrors
 from residual.quantity import convert_to_plain_values
@@ -32,69 +25,7 @@ from residual.verdict.result import (
     Number,
     Parameter,
     Place,
-    Unexplained,
-    Verdict,
 )
-
-
-@dataclass(frozen=True, eq=False, slots=True, repr=False)
-class Diagnosis:
-    """Result of one diagnosis.
-
-    Attributes:
-        verdict: The answer.
-        models: By name: "nominal", "identified", "augmented", and "plsr" where tables
-            were fitted to what remains.
-        proofs: One per held-out log.
-        clouds: Several per finding, at most one per joint.
-        notes: What was understood of the signals (rates, filters, delays, masks).
-        residual_clouds: One per unexplained joint: its residual over the variable that
-            it depends on most (over time where there is none).
-        sentences: One plain sentence per finding, in the order of the findings.
-        adoptable: Model to adopt: the augmented one, or the fit of both epochs.
-        question: What these logs leave open (`OpenQuestion`), for
-            `modelgap next`; None of a comparison.
-    """
-
-    verdict: Verdict
-    models: Mapping[str, Model | CorrectedModel] = field(default_factory=dict)
-    proofs: tuple[LogPrediction, ...] = ()
-    clouds: tuple[FindingScatter, ...] = ()
-    notes: tuple[str, ...] = ()
-    residual_clouds: tuple[FindingScatter, ...] = ()
-    sentences: tuple[str, ...] = ()
-    adoptable: Model | None = None
-    question: object | None = None
-
-    @property
-    def effects(self) -> tuple[Finding, ...]:
-        """What is missing, most important first."""
-        return self.verdict.effects
-
-    @property
-    def errors(self) -> ErrorTables:
-        """Errors on the held-out logs [%]."""
-        return self.verdict.error
-
-    @property
-    def unexplained(self) -> Unexplained:
-        """What remains."""
-        return self.verdict.unexplained
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Sentences that qualify the answer."""
-        return self.verdict.warnings
-
-    def torque_unit(self, joint: int) -> str:
-        """Return the unit of what drives a joint (from 1), a torque or a force."""
-        for model in self.models.values():
-            body = model.model if isinstance(model, CorrectedModel) else model
-            return "N" if body.robot.prismatic[joint - 1] else "N m"
-        return "N m"
-
-    def __repr__(self) -> str:
-        return f"Diagnosis({self.verdict})"
 
 
 def add_motor_class(

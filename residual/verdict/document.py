@@ -16,6 +16,8 @@ from residual.quantity import convert_to_plain_values
 from residual.verdict.result import Verdict
 
 SCHEMA = 1
+# What lists and tables of other sizes and kinds make Python say.
+_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 LATER = frozenset({"suspected", "too_small"})  # a record without them is an older one
 
 
@@ -62,6 +64,21 @@ def from_json(document: Mapping) -> Verdict:
         raise InputError(f"The verdict is incomplete: {quote_value(error)}.") from error
     in_order = sorted(found.effects, key=lambda effect: effect.order)
     return replace(found, effects=tuple(in_order))
+
+
+def parse_verdict(document: object) -> Verdict:
+    """Return the verdict of a document whose values are of the kinds they must be.
+
+    Raises:
+        InputError: If one is not; a record of the store may be a stranger's.
+    """
+    try:
+        verdict = from_json(document)
+        # What prints, prints it, and writes it again is where a wrong kind shows.
+        to_json(verdict), str(verdict), repr(verdict.effects)
+    except _DAMAGED as error:
+        raise InputError(f"This is no whole verdict: {error!r}.") from error
+    return verdict
 
 
 @cache

@@ -2,12 +2,22 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Literal
+from typing import TYPE_CHECKING, Literal
 
 from residual.check.result import LogCheck
 from residual.errors import format_joint_numbers
 from residual.model.records import BodyCorrection, PositionErrors
-from residual.quantity import format_percent, format_uncertain_value
+from residual.quantity import (
+    format_number,
+    format_percent,
+    format_probability,
+    format_uncertain_value,
+)
+
+if TYPE_CHECKING:
+    from residual.model.compare import FindingScatter, LogPrediction
+    from residual.model.lookup import CorrectedModel
+    from residual.model.model import Model
 
 METRIC = "100*||tau-tau_hat||/||tau||"
 STILL = "the logs show no motion, so the arm cannot be diagnosed"
@@ -416,3 +426,79 @@ class Verdict:
 
 def _joints_phrase(joints: tuple[int, ...]) -> str:
     return f" on {format_joint_numbers(joints)}" if joints else ""
+
+
+# The next experiment: rivals that it separates, and how surely.
+
+NOTHING = Place("nothing", ())
+TOGETHER = " + "  # between the names of a rival of several effects
+SURE = 0.8  # chance from which a motion is called enough
+
+
+def describe_settling_time(seconds: float, after: float | None, chance: float) -> str:
+    """Return how soon and how surely a motion settles its question, in words."""
+    chance_text = format_probability(chance)
+    end = f"{format_number(seconds)} s with a chance of {chance_text}"
+    if after is None:
+        return f"settled after {end}"
+    return f"settled after {after:.1f} s with a chance of {format_probability(SURE)}, after {end}"
+
+
+@dataclass(frozen=True, eq=False, slots=True, repr=False)
+class Diagnosis:
+    """What a diagnosis hands to its caller: the verdict, the models and the curves.
+
+    Attributes:
+        verdict: The answer.
+        models: By name: "nominal", "identified", "augmented", and "plsr" where tables
+            were fitted to what remains.
+        proofs: One per held-out log.
+        clouds: Several per finding, at most one per joint.
+        notes: What was understood of the signals (rates, filters, delays, masks).
+        residual_clouds: One per unexplained joint: its residual over the variable that
+            it depends on most (over time where there is none).
+        sentences: One plain sentence per finding, in the order of the findings.
+        adoptable: Model to adopt: the augmented one, or the fit of both epochs.
+        question: What these logs leave open (`OpenQuestion`), for
+            `modelgap next`; None of a comparison.
+    """
+
+    verdict: Verdict
+    models: Mapping[str, "Model | CorrectedModel"] = field(default_factory=dict)
+    proofs: tuple["LogPrediction", ...] = ()
+    clouds: tuple["FindingScatter", ...] = ()
+    notes: tuple[str, ...] = ()
+    residual_clouds: tuple["FindingScatter", ...] = ()
+    sentences: tuple[str, ...] = ()
+    adoptable: "Model | None" = None
+    question: object | None = None
+
+    @property
+    def effects(self) -> tuple[Finding, ...]:
+        """What is missing, most important first."""
+        return self.verdict.effects
+
+    @property
+    def errors(self) -> ErrorTables:
+        """Errors on the held-out logs [%]."""
+        return self.verdict.error
+
+    @property
+    def unexplained(self) -> Unexplained:
+        """What remains."""
+        return self.verdict.unexplained
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Sentences that qualify the answer."""
+        return self.verdict.warnings
+
+    def torque_unit(self, joint: int) -> str:
+        """Return the unit of what drives a joint (from 1), a torque or a force."""
+        for model in self.models.values():
+            body = model if hasattr(model, "robot") else model.model
+            return "N" if body.robot.prismatic[joint - 1] else "N m"
+        return "N m"
+
+    def __repr__(self) -> str:
+        return f"Diagnosis({self.verdict})"

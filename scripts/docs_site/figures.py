@@ -19,9 +19,9 @@ from flows.report.document import Chart, Document, Section
 from flows.report.page import render_html
 from flows.requests import Diagnose
 from flows.steps.diagnose import diagnose, diagnose_stored_runs, read_logs
-from flows.storage.diagnosis import read_outcome
-from residual.verdict.diagnosis import Diagnosis
-from warehouse.query.store import open_store
+from flows.storage import read_outcome
+from residual.verdict.result import Diagnosis
+from warehouse.queries import open_store
 
 ROOT = Path(__file__).parents[2]
 IMAGES, LOGS = ROOT / "docs" / "img", ROOT / "examples" / "hidden"

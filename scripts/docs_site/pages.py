@@ -17,7 +17,7 @@ from flows.report.phrases import capitalize_first
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 from scripts.docs_site import curve
-from warehouse.query.named_queries import NAMED, TAKES
+from warehouse.sql_guard import NAMED, TAKES
 
 ROOT = Path(__file__).parents[2]
 RESULTS = ROOT / "benchmarks" / "results"

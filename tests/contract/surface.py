@@ -17,13 +17,13 @@ from cyclopts import App, Argument
 
 import modelgap as mg
 from flows.cli.app import app
-from flows.report.query_results import describe_query_values
+from flows.report.records import describe_query_values
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json
 from residual.verdict.result import Verdict
 from tests.checkout import ROOT
-from warehouse.query.named_queries import NAMED
+from warehouse.sql_guard import NAMED
 from warehouse.view_schema import list_views
 
 RECORD = Path(__file__).with_name("surface.json")

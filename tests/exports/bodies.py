@@ -12,7 +12,7 @@ from residual.diagnosis.diagnose import diagnose
 from residual.errors import InputError
 from residual.model.bodies import build_body_sums
 from residual.model.model import Model
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
 from tests.exports.back import BACK

@@ -11,12 +11,12 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.report.diagnosis import render_diagnosis_page
+from flows.report.charts import render_diagnosis_page
 from residual.calibration import calibrate as core
 from residual.calibration.nominal_pls import NominalPlsForm
 from residual.check.result import LogCheck
 from residual.recording import Recording
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from sim.engine.plant_records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
@@ -100,7 +100,7 @@ def several_page():
 def few_tables(monkeypatch):
     """A calibration of fewer levels and components: same words, quick numbers."""
     lean = partial(core.CalibrationSettings, form=NominalPlsForm(6, 4))
-    monkeypatch.setattr("flows.steps.calibrate.CalibrationSettings", lean)
+    monkeypatch.setattr("flows.steps.fit.CalibrationSettings", lean)
     monkeypatch.setattr("residual.calibration.correction_choice.LEVELS", 10)
     monkeypatch.setattr("residual.calibration.figure_data.SWEEP", (2, 5))
 
@@ -126,7 +126,7 @@ def calls(monkeypatch):
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
     monkeypatch.setattr("flows.steps.check.check_logs", lambda *_: LogCheck(()))
     monkeypatch.setattr("flows.report.diagnosis.print_diagnosis", print_diagnosis)
-    monkeypatch.setattr("flows.report.diagnosis.render_diagnosis_page", drawn)
+    monkeypatch.setattr("flows.report.charts.render_diagnosis_page", drawn)
     return requests
 
 

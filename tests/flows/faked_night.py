@@ -5,15 +5,15 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from flows.report import stored_pages
+from flows.report import store_index
 from flows.report.document import ReportTable
-from flows.steps import calibrate, diagnose, identify, validate
+from flows.steps import diagnose, fit, validate
 from flows.steps import experiment as campaign
 from flows.steps.model_choice import ModelChoice
 from tests.verdict_documents import typed
 
 NAME = "irb140 #2: load friction on joint 2, 9.6 → 7.1 %"
-SCORES = calibrate.StoredCalibration(SimpleNamespace(), (), {"model": "aa"})
+SCORES = fit.StoredCalibration(SimpleNamespace(), (), {"model": "aa"})
 
 
 def faked(monkeypatch, tmp_path):
@@ -21,7 +21,8 @@ def faked(monkeypatch, tmp_path):
 
     To be called when Prefect has its settings.
     """
-    from flows.pipelines import adoption_flow, nightly, tasks
+    from flows.pipelines import flows as nightly
+    from flows.pipelines import tasks
 
     page = tmp_path / "report.html"
     page.write_text("<html>")
@@ -40,30 +41,30 @@ def faked(monkeypatch, tmp_path):
     clock = SimpleNamespace(scheduled_start_time=due)
     monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
-    take(stored_pages, "store_diagnosis_page", page)
-    take(stored_pages, "read_verdict_headline", "Nothing is missing.")
+    take(store_index, "store_diagnosis_page", page)
+    take(store_index, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
-        (adoption_flow, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
-        (adoption_flow, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
+        (nightly, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
+        (nightly, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "read_run_robot", lambda runs, store: "irb140")
-    monkeypatch.setattr(adoption_flow, "read_verdict", lambda *_: typed({}))
+    monkeypatch.setattr(nightly, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(tasks, "format_run_name", lambda *_: NAME)
-    for module in (identify, calibrate):
-        monkeypatch.setattr(module, "read_logs", lambda request: ((), ()))
+    for name in ("read_identification_logs", "read_calibration_runs"):
+        monkeypatch.setattr(fit, name, lambda request: ((), ()))
     table = ReportTable(("model", "J1"), [("ls", "1.0")])
     for name in ("identified_parts", "calibrated_parts"):
         monkeypatch.setattr(tasks, name, lambda made: ["All of it.", table])
     monkeypatch.setattr(
         tasks.experiments, "build_validation_parts", lambda *_: ["All of it.", table]
     )
-    take(identify, "identify", (SimpleNamespace(), "ff"))
-    take(calibrate, "calibrate", SCORES)
+    take(fit, "identify", (SimpleNamespace(), "ff"))
+    take(fit, "calibrate", SCORES)
     take(validate, "validate", ("ab", validate.Validation(0.25, np.array([0.001]))))
     return taken

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from residual.model.compare import FindingScatter, LogPrediction
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed, whole_document
 
 DOF = 6

@@ -6,19 +6,18 @@ from shutil import copytree, rmtree
 import numpy as np
 import pytest
 
+from flows import storage as keep
 from flows.cli import main
-from flows.inputs.read import load_run_robot
+from flows.inputs import load_run_robot
 from flows.steps import rerun as reruns
 from flows.steps.adopt import adopt, list_adoptions, roll_back
 from flows.steps.model_choice import choose_model, choose_monitor_model
-from flows.storage import diagnosis as keep
-from flows.storage.adoptions import describe_diagnosis_adoption
-from flows.storage.diagnosis import read_adoptable_model, read_models, read_verdict
+from flows.storage import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, SERIAL, diagnosed, unchecked
-from warehouse.query.store import open_store
-from warehouse.record_commit import find_last_adoption
+from warehouse.queries import open_store
+from warehouse.record_commit import describe_diagnosis_adoption, find_last_adoption
 from warehouse.runs import read_run
 from warehouse.store_catalogue import find_record, read_record
 

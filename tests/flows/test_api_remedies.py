@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import modelgap as mg
-from flows.api import remedies
+from flows.api import logs as remedies
 from tests.residual.arms import urdf_text
 
 T = np.linspace(0.0, 4.0, 401)

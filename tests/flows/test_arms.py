@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.inputs.read import load_run_robot
+from flows.inputs import load_run_robot
 from flows.requests import Monitor
 from flows.specs import parse_spec
 from flows.steps import experiment, monitor

@@ -14,7 +14,7 @@ from flows.specs import parse_spec
 from flows.steps import experiment
 from tests.flows.adopted_arm import unchecked
 from tests.residual.identified import workplace
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 
 KEYS = (
     "schema robot mode declared logs families rows joints variables metric table "

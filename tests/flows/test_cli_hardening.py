@@ -14,7 +14,7 @@ from residual.errors import DEEPEST, InputError, check_nesting
 from residual.model.model_files import load_model
 from residual.robot.files import parse_toml
 from tests.warehouse import store_samples as samples
-from warehouse.query.sql_guard import LONGEST
+from warehouse.sql_guard import LONGEST
 from warehouse.store_catalogue import find_run
 from warehouse.toml_records import LARGEST, read_toml
 

@@ -13,7 +13,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.flows.adopted_arm import unchecked
 from tests.residual.identified import workplace
-from warehouse.query.store import query_store_rows, select_run_ids
+from warehouse.queries import query_store_rows, select_run_ids
 from warehouse.store_catalogue import read_record
 
 KEYS = (

@@ -26,7 +26,7 @@ pytestmark = pytest.mark.prefect
 @pytest.fixture(scope="module")
 def flows(server):
     """All flows, loaded only now: Prefect takes its settings when it is."""
-    from flows.pipelines import nightly
+    from flows.pipelines import flows as nightly
 
     return nightly
 
@@ -41,7 +41,7 @@ def test_what_a_diagnosis_does_not_need_fails_the_night_when_it_is_done(flows, o
     def fail(*_):
         raise RunError("no tables")
 
-    monkeypatch.setattr(flows.tasks.calibration, "calibrate", fail)
+    monkeypatch.setattr(flows.tasks.fitting, "calibrate", fail)
     with pytest.raises(RunError, match="no tables"):
         flows.nightly("CAMPAIGN.toml", store="store")
     assert [name for name, _ in order][-1] == "judge_adoption"
@@ -220,7 +220,7 @@ def test_every_deployment_names_a_flow_and_parameters_that_exist(server):
 
 
 def test_the_events_of_the_deployments_are_those_that_flows_send(server):
-    from flows.project import deployments
+    from flows import project as deployments
 
     expected = {
         (d["name"], event, trigger["match"]["prefect.resource.id"])

@@ -12,7 +12,7 @@ from flows.requests import Validate
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import rerun as reruns
-from flows.steps.model_choice import read_controller_model
+from flows.steps.fit import read_controller_model
 from flows.steps.rerun import compare_records
 from flows.steps.rerun import remake_record as again
 from flows.steps.validate import validate
@@ -27,7 +27,7 @@ from residual.model.model import Model, Term
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.robot import load_robot
 from sim.plant.typical_sizes import read_nominal_drives
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 from warehouse.store_catalogue import find_record

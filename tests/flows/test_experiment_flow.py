@@ -11,11 +11,11 @@ from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
 from flows.steps import experiment as campaign
-from flows.storage.diagnosis import diagnosis_from_record, diagnosis_to_record
+from flows.storage import diagnosis_from_record, diagnosis_to_record
 from flows.workers import run_job
 from residual.errors import InputError
 from residual.model.compare import FindingScatter, LogPrediction
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from sim.plant.closed_loop import SimulationDivergedError
 from tests.verdict_documents import typed
 from warehouse.runs import open_seal, read_channels, read_manifest, read_run

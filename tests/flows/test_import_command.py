@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 import warehouse
-from flows.inputs.read import load_command_robot as load_arm
-from flows.inputs.read import read_run_robot
+from flows.inputs import load_command_robot as load_arm
+from flows.inputs import read_run_robot
 from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace

@@ -8,14 +8,14 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
-from flows.inputs.read import read_logs
+from flows.inputs import read_logs
 from flows.report.sentences import format_headline
 from flows.requests import Check, Diagnose
 from flows.steps import check as steps
 from flows.steps.diagnose import diagnose_stored_runs
 from residual.check.result import Fault, LogCheck, Repair
 from residual.errors import InputError
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from tests.checkout import ROOT
 from tests.residual.identified import workplace
 from tests.verdict_documents import typed

@@ -7,19 +7,19 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inputs.read import load_run_robot
+from flows.inputs import load_run_robot
 from flows.report.experiments import describe_alarms
 from flows.requests import Monitor
 from flows.specs import parse_spec
 from flows.steps import experiment, monitor
-from flows.storage.diagnosis import store_outcome
+from flows.storage import store_outcome
 from residual.effects import load_effects
 from residual.model.model import Model, Term
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.runs import read_run
 from warehouse.store_catalogue import read_record
 

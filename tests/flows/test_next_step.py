@@ -5,7 +5,8 @@ import copy
 import pytest
 
 from flows.cli.app import app
-from flows.report.next_step import describe_name_records, describe_next_step
+from flows.report.diagnosis import describe_next_step
+from flows.report.store_index import describe_name_records
 from residual.verdict.result import Place
 from tests.flows import report_outcomes as outcomes
 from tests.warehouse import store_samples as samples

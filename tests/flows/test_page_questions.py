@@ -5,10 +5,10 @@ from datetime import datetime
 
 import pytest
 
-from flows.storage.sealed_truth import show_truth
+from flows.sealed_truth import show_truth
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import SealedTruth, commit_record, commit_run
 from warehouse.view_schema import build_view_table
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from flows.report.diagnosis import render_diagnosis_page
+from flows.report.charts import render_diagnosis_page
 from tests.flows import report_outcomes as outcomes
 from tests.flows.browser import alone
 

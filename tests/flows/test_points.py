@@ -5,7 +5,7 @@ import pytest
 from flows.specs import load_campaign
 from flows.steps.experiment import plan_experiments, store_campaign
 from residual.errors import InputError
-from warehouse.query.store import query_store_rows
+from warehouse.queries import query_store_rows
 from warehouse.store_catalogue import read_record
 from warehouse.verification import verify_store
 

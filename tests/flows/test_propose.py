@@ -25,15 +25,15 @@ def night_store(arm_nights):
 
 @pytest.fixture
 def nights(server, night_store, monkeypatch):
-    from flows.pipelines import adoption_flow
+    from flows.pipelines import flows as pipelines
 
     events = []
     monkeypatch.setattr(
-        adoption_flow.tasks,
+        pipelines.tasks,
         "send_event",
         lambda event, about: events.append((event, *about.get("ids", about.values()))),
     )
-    yield adoption_flow, night_store, events
+    yield pipelines, night_store, events
     store = night_store[0]
     while (last := find_last_adoption(store, ROBOT, SERIAL)) and last[1].model_id:
         roll_back(f"{ROBOT} {SERIAL}", store=store)

@@ -12,21 +12,21 @@ def flow_run(server, monkeypatch, tmp_path):
     from prefect.exceptions import Pause
     from prefect.flow_engine import run_flow
 
-    from flows.pipelines import adoption_flow
+    from flows.pipelines import flows as pipelines
 
     given = []
-    monkeypatch.setattr(adoption_flow, "render_proposal", lambda *_: "| now | then |")
-    monkeypatch.setattr(adoption_flow, "adopt", lambda *it: given.append(it) or "7")
+    monkeypatch.setattr(pipelines, "render_proposal", lambda *_: "| now | then |")
+    monkeypatch.setattr(pipelines, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:
-        place = client.create_deployment(client.create_flow(adoption_flow.propose), "propose")
+        place = client.create_deployment(client.create_flow(pipelines.propose), "propose")
         run = client.create_flow_run_from_deployment(place, parameters=words)
 
         def go():
             now = client.read_flow_run(run.id)
             try:
                 return run_flow(
-                    adoption_flow.propose, flow_run=now, parameters=words, return_type="state"
+                    pipelines.propose, flow_run=now, parameters=words, return_type="state"
                 )
             except Pause as suspended:  # so its process ends
                 return suspended.state

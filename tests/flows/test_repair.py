@@ -5,10 +5,10 @@ import tomllib
 import numpy as np
 import pytest
 
-from flows.inputs.repair import format_gravity_line, format_repair_lines
+from flows.steps.check import format_gravity_line, format_repair_lines
 from residual.check.result import Repair
 from residual.robot.robot import load_robot
-from warehouse.logs import ColumnMap, read_column_map, read_log_despite_doubts
+from warehouse.logs import ColumnMap, read_column_map, read_log
 
 RIGHT = [3, 1, 2]
 NAMES = ("t", *(f"{s}{i}" for s in ("q", "qd", "tau") for i in (1, 2, 3)))
@@ -53,7 +53,7 @@ def columns_of(text, folder):
 
 def read(table, robot, columns, folder):
     np.savetxt(folder / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
-    return read_log_despite_doubts(str(folder / "log.csv"), robot, columns)[0]
+    return read_log(str(folder / "log.csv"), robot, columns, despite_doubts=True)[0]
 
 
 # By name: how the table is spoiled, what mends it, and the line.

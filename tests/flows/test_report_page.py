@@ -10,9 +10,10 @@ from rich.console import Console
 
 from flows.report import charts
 from flows.report import page as base
-from flows.report.diagnosis import print_diagnosis, render_diagnosis_page
-from residual.verdict.diagnosis import Diagnosis
+from flows.report.charts import render_diagnosis_page
+from flows.report.diagnosis import print_diagnosis
 from residual.verdict.document import from_json, to_json
+from residual.verdict.result import Diagnosis
 from tests.flows import report_outcomes as outcomes
 from tests.flows.report_pages import Page
 

@@ -12,13 +12,12 @@ from flows.requests import Diagnose
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from flows.steps.diagnose import diagnose_stored_runs
-from flows.steps.diff import diff_records
-from flows.steps.rerun import find_cause
+from flows.steps.rerun import diff_records, find_cause
 from residual.errors import InputError
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples
 from warehouse import code_provenance
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
 from warehouse.runs import open_seal, read_manifest
 from warehouse.store_catalogue import RERUN_OF, find_record, read_record
@@ -214,7 +213,7 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
 
 @pytest.fixture
 def diagnosed(tmp_path, plant, calls, monkeypatch):
-    from residual.verdict.diagnosis import Diagnosis
+    from residual.verdict.result import Diagnosis
 
     def diagnose(robot, fit, **options):
         doc = store_samples.verdict([log.id for log in options["held_out"]])
@@ -223,7 +222,7 @@ def diagnosed(tmp_path, plant, calls, monkeypatch):
         return Diagnosis(typed(doc, 2))
 
     monkeypatch.setattr("residual.diagnosis.diagnose.diagnose", diagnose)
-    monkeypatch.setattr("flows.storage.diagnosis.build_run_error_rows", lambda _: [])
+    monkeypatch.setattr("flows.storage.build_run_error_rows", lambda _: [])
     runs = [experiment.simulate_and_store(spec(seed=k), tmp_path) for k in range(3)]
     fit, held_out = tuple(runs[:2]), (runs[2],)
     request = Diagnose(fit, robot="irb140", held_out=held_out, store=tmp_path)

@@ -7,11 +7,11 @@ import pytest
 
 import modelgap as mg
 from flows.cli import main
+from flows.sealed_truth import show_truth
 from flows.specs import load_campaign, parse_spec
 from flows.steps import experiment
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
-from flows.storage.diagnosis import read_verdict
-from flows.storage.sealed_truth import show_truth
+from flows.storage import read_verdict
 from residual.diagnosis import diagnose as diagnosis
 from residual.errors import InputError
 from residual.verdict.document import to_json
@@ -19,8 +19,8 @@ from tests.flows import adopted_arm
 from tests.flows.test_points import OPEN
 from tests.once import once
 from warehouse import store_files
-from warehouse.query.named_queries import NAMED
-from warehouse.query.store import open_store, query_store_rows, select_run_ids
+from warehouse.queries import open_store, query_store_rows, select_run_ids
+from warehouse.sql_guard import NAMED
 from warehouse.store_files import ReadOnlyStoreError
 from warehouse.verification import verify_store
 from warehouse.view_schema import TRUTH

@@ -11,7 +11,7 @@ from threading import Thread
 
 import pytest
 
-from flows.project.read import NotifyTable, Project, ProjectTable, RobotTable
+from flows.project import NotifyTable, Project, ProjectTable, RobotTable
 from residual.errors import InputError
 from tests.waiting import until
 
@@ -24,7 +24,7 @@ WEBHOOK = "LAB_WEBHOOK"
 def up(server):
     """Put a project on the server of the tests, as `modelgap up` does."""
     from flows.service.api import Api, create_work_pool
-    from flows.service.deploy import deploy
+    from flows.service.up import deploy
 
     @contextmanager
     def client(project):

@@ -12,11 +12,11 @@ import pytest
 from prefect.client.schemas.filters import DeploymentFilter
 
 from flows.cli import main
-from flows.project.deployments import POOL
+from flows.project import POOL
 from flows.service import api
-from flows.service.deploy import schedule_every
 from flows.service.state import PROCESSES, read_access_key, read_running
 from flows.service.state import is_process_running as is_running
+from flows.service.up import schedule_every
 from tests.flows.prefect_server import free_port
 from tests.waiting import until
 

@@ -14,7 +14,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
 from warehouse.record_ids import encode_canonical_json
 from warehouse.runs import read_run

@@ -12,7 +12,7 @@ import pytest
 
 import modelgap as mg
 from flows.steps import check as checking
-from flows.steps import identify as identification
+from flows.steps import fit as identification
 from residual.diagnosis import diagnose as diagnosis
 from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.monitoring.monitor import calibrate_monitor

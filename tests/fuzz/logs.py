@@ -16,7 +16,7 @@ from tests.fuzz.mutation import Draw, flipped, mutated
 from tests.fuzz.reader import Reader
 from tests.warehouse import log_files as files
 from tests.warehouse.conftest import NAMES
-from warehouse.logs import ColumnMap, read_log_despite_doubts
+from warehouse.logs import ColumnMap, read_log
 
 _HEAD = "Recorded by a viewer\nController;7\n\n"
 _CSV_WORDS = tuple(word.encode() for word in (*NAMES, "q3", "q0", "qd1", "[deg]", "NA"))
@@ -25,7 +25,7 @@ _CSV_WORDS = tuple(word.encode() for word in (*NAMES, "q3", "q0", "qd1", "[deg]"
 def _read_csv(data: bytes, place: Path) -> None:
     file = place / "log.csv"
     file.write_bytes(data)
-    log, understood = read_log_despite_doubts(str(file), arm())
+    log, understood = read_log(str(file), arm(), despite_doubts=True)
     table = table_of(data)
     if table is not None:
         check_rows(log, understood, table)
@@ -41,7 +41,7 @@ def _csv_seeds() -> list[bytes]:
 def _read_parquet(data: bytes, place: Path) -> None:
     file = place / "log.parquet"
     file.write_bytes(data)
-    log, understood = read_log_despite_doubts(str(file), arm())
+    log, understood = read_log(str(file), arm(), despite_doubts=True)
     table = pq.ParquetFile(file).read()
     columns = {name: table.column(name).to_pylist() for name in NAMES}
     plain = {n: [np.nan if x is None else x for x in c] for n, c in columns.items()}
@@ -108,7 +108,7 @@ def _cast(column: pa.Array, kind: pa.DataType) -> pa.Array:
 def _read_bag(data: bytes, place: Path) -> None:
     name = "log.db3" if data.startswith(b"SQLite") else "log.bag"
     (place / name).write_bytes(data)
-    log, understood = read_log_despite_doubts(str(place / name), arm(), ColumnMap())
+    log, understood = read_log(str(place / name), arm(), ColumnMap(), despite_doubts=True)
     assert len(log.t) == understood.rows
 
 
@@ -125,7 +125,7 @@ def _bag_seeds() -> list[bytes]:
 def _read_mcap(data: bytes, place: Path) -> None:
     file = place / "log.mcap"
     file.write_bytes(data)
-    log, understood = read_log_despite_doubts(str(file), arm())
+    log, understood = read_log(str(file), arm(), despite_doubts=True)
     assert len(log.t) == understood.rows
 
 

@@ -7,18 +7,17 @@ from pathlib import Path
 import numpy as np
 from hypothesis import strategies as st
 
-from flows.storage.diagnosis import parse_verdict
 from residual.errors import InputError
 from residual.model.lookup import CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.model_files import load_model, model_from_record
 from residual.recording import Recording
 from residual.robot.dynamics import read_inertial_parameters
-from residual.verdict.document import from_json, to_json
+from residual.verdict.document import from_json, parse_verdict, to_json
 from tests.fuzz.arm import arm, as_csv, samples
 from tests.fuzz.mutation import mutated, mutated_json
 from tests.fuzz.reader import ROOT, Reader, same_json
-from warehouse.logs import read_log_despite_doubts
+from warehouse.logs import read_log
 
 
 @cache
@@ -90,7 +89,7 @@ def _read_verdict(data: bytes, place: Path) -> None:
 def _read_words(data: bytes, place: Path) -> None:
     words = data.decode("utf-8", errors="replace").replace("\0", "")
     (place / "log.csv").write_text(as_csv())
-    log, understood = read_log_despite_doubts(f"{place}/{words}", arm())
+    log, understood = read_log(f"{place}/{words}", arm(), despite_doubts=True)
     assert 2 <= len(log.t) <= len(samples())
     assert understood.rows == len(log.t)
 

@@ -8,12 +8,12 @@ from functools import cache
 from pathlib import Path
 
 from benchmarks.store_parts.records import records, run
-from flows.report.query_results import encode_query_result
+from flows.report.records import encode_query_result
 from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
-from warehouse.query.store import Store, open_store
+from warehouse.queries import Store, open_store
 
 _QUERIES = [
     text.encode()

@@ -13,7 +13,7 @@ from tests.fuzz.arm import arm, as_csv
 from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
 from tests.warehouse.conftest import URDF
-from warehouse.logs import read_column_map, read_log_despite_doubts
+from warehouse.logs import read_column_map, read_log
 from warehouse.record_ids import ID_DIGITS
 
 _MAPS = (
@@ -48,7 +48,7 @@ def _read_map(data: bytes, place: Path) -> None:
     (place / "map.toml").write_bytes(data)
     (place / "log.csv").write_text(as_csv())
     columns = read_column_map(place / "map.toml")
-    log, understood = read_log_despite_doubts(str(place / "log.csv"), arm(), columns)
+    log, understood = read_log(str(place / "log.csv"), arm(), columns, despite_doubts=True)
     assert understood.text
     assert len(log.t) == understood.rows
 

@@ -18,7 +18,7 @@ from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.splitting import find_session_start
 from residual.signals.track import FilterSettings
-from residual.verdict.diagnosis import Diagnosis
+from residual.verdict.result import Diagnosis
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
 

@@ -7,7 +7,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.attribution_parts.arms import make
-from flows.inputs.read import parse_known_values
+from flows.inputs import parse_known_values
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import load_effects
 from residual.errors import InputError, RobotError

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from residual.effects import list_effect_parameters
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.robot import add_known_values, load_robot, set_serial_number

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from flows.inputs.read import load_command_robot as load_arm
+from flows.inputs import load_command_robot as load_arm
 from residual.errors import InputError, RobotError
 from residual.robot.dynamics import LazyRegressor, read_inertial_parameters
 from residual.robot.robot import build_robot, load_robot, write_urdf_with_inertias

@@ -7,8 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from flows.cli import main
-from flows.inputs.read import load_command_robot as load_arm
-from flows.inputs.read import load_run_robot
+from flows.inputs import load_command_robot as load_arm
+from flows.inputs import load_run_robot
 from residual.errors import RobotError, UnknownNameError
 from residual.robot.dynamics import (
     compute_inertial_regressor,

@@ -3,11 +3,11 @@
 import numpy as np
 
 import warehouse
-from flows.storage.diagnosis import build_effect_rows, build_error_view_rows
+from flows.storage import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document
-from warehouse.record_commit import DiagnosisRecords, SealedTruth, commit_diagnosis, commit_run
+from warehouse.record_commit import SealedTruth, commit_diagnosis, commit_run
 
 DOF = 2
 
@@ -97,11 +97,6 @@ def store_verdict(store, document, model, runs, more=None, tables=None):
         "document": document,
         **(more or {}),
     }
-    rows = DiagnosisRecords(
-        record,
-        model,
-        list(build_effect_rows(stored_verdict.effects)),
-        [*build_error_view_rows(stored_verdict.error), *(errors.to_pylist() if errors else ())],
-        tables,
-    )
-    return commit_diagnosis(store, rows, runs)
+    rows = [*build_error_view_rows(stored_verdict.error), *(errors.to_pylist() if errors else ())]
+    effects = list(build_effect_rows(stored_verdict.effects))
+    return commit_diagnosis(store, record, model, runs, effects=effects, errors=rows, tables=tables)

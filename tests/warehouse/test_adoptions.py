@@ -7,8 +7,7 @@ from itertools import pairwise
 import pyarrow as pa
 import pytest
 
-from warehouse.query.named_queries import NAMED
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import (
     ADOPTED,
     ROLLED_BACK,
@@ -19,6 +18,7 @@ from warehouse.record_commit import (
     find_last_adoption,
     read_adoption,
 )
+from warehouse.sql_guard import NAMED
 from warehouse.store_catalogue import StoredRecord, list_record_folders
 from warehouse.verification import find_record_faults
 from warehouse.view_schema import VIEWS, build_arrow_schema

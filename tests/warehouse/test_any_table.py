@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
-from flows.inputs.repair import format_drafted_map
+from flows.steps.check import format_drafted_map
 from residual.robot.robot import load_robot
 from tests.residual.arms import urdf_text
 from warehouse.logs import read_log

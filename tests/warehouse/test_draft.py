@@ -7,7 +7,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 
-from flows.inputs.repair import format_drafted_map as drafted_map
+from flows.steps.check import format_drafted_map as drafted_map
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
 from tests.warehouse.foreign_logs import FOLDER, FORMATS

@@ -7,7 +7,7 @@ import pytest
 
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from warehouse.query.store import build_lineage_tree, open_store
+from warehouse.queries import build_lineage_tree, open_store
 from warehouse.store_catalogue import find_record, list_record_ancestry
 from warehouse.verification import compare_channels, compare_values
 from warehouse.verification import select_differing_channels as differing_channels

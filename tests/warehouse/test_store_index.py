@@ -55,7 +55,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr("warehouse.query.sql_guard.read_machine_memory", lambda: 400_000_000)
+    monkeypatch.setattr("warehouse.sql_guard.read_machine_memory", lambda: 400_000_000)
     with warehouse.open(tmp_path) as store:
         with pytest.raises(InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"):
             store.sql("FROM range(1000000000000)")

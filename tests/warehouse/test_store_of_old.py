@@ -14,9 +14,9 @@ from flows.steps import check as checking
 from flows.steps.rerun import rerun
 from residual.diagnosis import diagnose as diagnosis
 from tests.once import once
-from warehouse.query.named_queries import NAMED, TAKES
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.runs import read_manifest
+from warehouse.sql_guard import NAMED, TAKES
 from warehouse.store_catalogue import list_record_folders, read_record
 
 # Where linear algebra takes another path, on another machine, the last digits differ.

@@ -6,8 +6,8 @@ import pytest
 import warehouse
 from tests.warehouse import store_samples as samples
 from tests.warehouse.test_store_verdicts import MODEL
-from warehouse.query.named_queries import NAMED
 from warehouse.record_commit import commit_record, commit_run
+from warehouse.sql_guard import NAMED
 from warehouse.view_schema import VIEWS, build_arrow_schema
 
 

@@ -6,12 +6,7 @@ from warehouse.logs.column_map import (
     choose_column_map,
     read_column_map,
 )
-from warehouse.logs.log_reading import (
-    LogSummary,
-    read_log,
-    read_log_despite_doubts,
-    read_memory_log,
-)
+from warehouse.logs.log_reading import LogSummary, read_log, read_memory_log
 from warehouse.logs.log_window import LogDoubt, check_logs_distinct, create_unique_labels
 
 __all__ = [
@@ -24,6 +19,5 @@ __all__ = [
     "create_unique_labels",
     "read_column_map",
     "read_log",
-    "read_log_despite_doubts",
     "read_memory_log",
 ]

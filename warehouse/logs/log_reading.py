@@ -201,7 +201,11 @@ class LogSummary:
 
 
 def read_log(
-    spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
+    spec: str,
+    robot: Robot,
+    columns: ColumnMap | None = None,
+    label: str | None = None,
+    despite_doubts: bool = False,
 ) -> tuple[Recording, LogSummary]:
     """Read a log of any known format.
 
@@ -210,43 +214,31 @@ def read_log(
         columns: Which column is what; None for what the robot.toml says, else
             t, q1.., tau1.. in SI units.
         label: Id of the recording; None for the file's stem and window.
+        despite_doubts: Whether samples that can be none of this arm are read too: rows
+            without a number or at a time that was before are left out, and what is
+            wrong is in the `doubts` of what was understood.
 
     Returns:
         The recording, on the log's own clock, and what was understood of the file.
 
     Raises:
-        InputError: If the file, its columns, its samples or the window are not usable.
-    """
-    recording, understood = read_log_despite_doubts(spec, robot, columns, label)
-    refuse_doubtful_log(understood)
-    return recording, understood
-
-
-def read_log_despite_doubts(
-    spec: str, robot: Robot, columns: ColumnMap | None = None, label: str | None = None
-) -> tuple[Recording, LogSummary]:
-    """Read a log as `read_log`, also where its samples can be none of this arm.
-
-    Rows without a number or at a time that was before are left out. What is wrong is
-    in the `doubts` of what was understood.
-
-    Raises:
         InputError: If the file, its columns or the window are not usable, or hardly a
-            sample is a number.
+            sample is a number; without `despite_doubts` also if one is none of the arm.
     """
     columns = columns or choose_column_map(robot) or ColumnMap()
     path, window = split_log_spec(spec)
     tail = "" if window is None else f"@{window.text}"
     label = label or f"{path.stem}{tail}"
     log = open_log(path, columns, robot.joints)
-    return read_opened_log(log, robot, columns, label, str(path), window)
+    read = read_opened_log(log, robot, columns, label, str(path), window)
+    return read if despite_doubts else _refuse_doubtful_log(*read)
 
 
-def refuse_doubtful_log(summary: LogSummary) -> None:
-    """Refuse a log that can be none of this arm."""
+def _refuse_doubtful_log(recording: Recording, summary: LogSummary) -> tuple[Recording, LogSummary]:
     for doubt in summary.doubts:
         if doubt.certain:
             raise RecordingError(doubt.words)
+    return recording, summary
 
 
 class MemoryLog(LogFile):
@@ -311,9 +303,7 @@ def read_memory_log(
     """
     columns = columns or choose_column_map(robot) or ColumnMap()
     log = MemoryLog(table, label)
-    recording, understood = read_opened_log(log, robot, columns, label, label)
-    refuse_doubtful_log(understood)
-    return recording, understood
+    return _refuse_doubtful_log(*read_opened_log(log, robot, columns, label, label))
 
 
 def read_opened_log(

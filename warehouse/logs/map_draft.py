@@ -3,14 +3,13 @@
 The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
 tests the map against the physics of the arm.
 
-To add a public log format, add an entry to `PRESETS` of maker_formats.py; to add a
-word of a signal, to `WORDS`. In a name "#" stands for the number of the joint, counted
-from 0 or 1.
+Public log formats and the words of signals stand in makers.toml beside this file.
 """
 
 import re
+import tomllib
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 import numpy as np
@@ -27,59 +26,49 @@ from warehouse.logs.column_map import (
     abbreviate_column_names,
 )
 from warehouse.logs.log_reading import open_log
-from warehouse.logs.log_tables import UNITS as HEADER_UNITS
 from warehouse.logs.log_tables import LogFile, guess_csv_format
 from warehouse.logs.log_window import LIMIT_SLACK, MIN_RATE
-from warehouse.logs.maker_formats import GRAVITY, PRESETS, MakerLogFormat
 from warehouse.logs.ros_bags import list_joint_topics
 
 _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
 _BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
 
 
-def _split(words: str) -> list[str]:
-    return words.split()
+# What a torque without gravity does to a diagnosis, after what it may be.
+GRAVITY = (
+    "if an arm at rest reads about 0 under its own weight, gravity is taken out: then "
+    "set gravity = [0, 0, 0] under [robot] of robot.toml, and masses show by inertia "
+    "alone; modelgap check compares both"
+)
+_FILE = tomllib.loads(Path(__file__).with_name("makers.toml").read_text("utf-8"))
+_EFFORTS, _WORDS = _FILE["efforts"], _FILE["words"]
+Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
 
 
-# Signal, or None for what is no signal of a joint, by the words of a name. Of several
-# words the first line that has one of them decides, so "axis_1_torque" is a torque.
-WORDS: tuple[tuple[str | None, frozenset[str]], ...] = tuple(
-    (signal, frozenset(words.split()))
-    for signal, words in (
-        (None, "ext external hat temp temps temperature temperatures voltage tcp pose"),
-        (None, "cart cartesian tool power error err wrench stiffness damping status"),
-        (None, "force forces limit mode flag counter o_t_ee ee friction gravity"),
-        ("tau", "tau torque torques torq trq moment moments effort efforts eff tq mom"),
-        ("tau", "qfrc couple coppia"),
-        ("tau", "current currents cur curr strom courant amps"),
-        ("qdd", "qdd ddq acc accel acceleration accelerations"),
-        ("qd", "qd dq vel velocity velocities speed speeds omega qdot qvel"),
-        ("qd", "geschwindigkeit vitesse velocidad"),
-        ("q", "q pos position positions ang angle angles theta winkel joint joints"),
-        ("q", "jpos qpos axis achse axes posizione posición angolo ángulo"),
-        ("q", "goal goals action observation"),
-    )
+@dataclass(frozen=True, slots=True)
+class MakerLogFormat:
+    """A log format of a maker; only its angles where it publishes no names."""
+
+    about: str  # whose it is
+    time: Units = field(default_factory=dict)
+    signals: Mapping[str, Units] = field(default_factory=dict)
+    angle: str | None = None  # unit of angles whose names and file say none
+    effort: str = "sensor"  # what its torques may be, as a question or its name
+
+    @property
+    def question(self) -> str:
+        """What its torques may be, and what to do where gravity is taken out."""
+        return _EFFORTS.get(self.effort, self.effort) + GRAVITY
+
+
+PRESETS = {name: MakerLogFormat(**each) for name, each in _FILE["formats"].items()}
+# Signal, or "none" for what is no signal of a joint, by the words of a name.
+WORDS = tuple((signal, frozenset(words.split())) for signal, words in _WORDS["lines"])
+LETTERS, UNIT_WORDS = _WORDS["letters"], _FILE["units"]
+CURRENTS, TARGETS, MEASURED, SWITCHES, TIMES = (
+    frozenset(_WORDS[kind].split()) for kind in ("current", "target", "measured", "switch", "time")
 )
-# Letters that are a whole name, as in "J1" and "M1": likely, and no more.
-LETTERS = {"j": "q", "a": "q", "m": "tau", "t": "tau", "i": "tau", "v": "qd"}
-CURRENTS = frozenset(_split("current currents cur curr strom courant amps i"))
-WANTED = frozenset(  # what was asked of the arm, not what it did
-    _split("ref reference references target cmd command commanded des desired set soll")
-    + _split("setpoint action")
-    + _split("goal d planned nominal udes kdes")
-)
-MEASURED = frozenset(_split("act actual meas measured msr ist state feedback fb present"))
-SWITCHES = frozenset(_split("enable enabled on active"))  # of a drive
-TIMES = frozenset(  # besides what ends with "time" or "zeit"
-    _split("t ts times timestamp stamp zeitstempel clock elapsed temps tiempo tempo")
-)
-# Of the units in a name; those of one letter are words of another meaning, too.
-UNIT_WORDS = {
-    **{word: HEADER_UNITS[word] for word in _split("deg degrees grad rad nm nmm ms us sec")},
-    **{"degree": "deg", "msec": "ms", "usec": "us", "ns": "ns", "secs": "s"},
-    **{"amp": "A", "amps": "A"},
-}
-_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), WANTED, MEASURED)
+_KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), TARGETS, MEASURED)
 # What a word may end with, as "Gelenkwinkel" and "Sollmoment" do.
 _ENDS = "|".join(sorted(w for _, known in WORDS for w in known if len(w) > 4))
 _COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
@@ -247,7 +236,7 @@ def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Colu
     missing = () if bag_joints else ("q", "tau")
     try:
         open_log(path, ColumnMap(bag=form), joints)
-        doubts.append(f"{PRESETS['ros'].effort}{GRAVITY}")
+        doubts.append(PRESETS["ros"].question)
     except InputError as error:
         doubts.append(str(error))
     said = {"bag": tuple(doubts)}
@@ -404,7 +393,7 @@ class _Drafter:
             words = "a motor current: robot.toml needs torque_per_unit, N m per A"
             self._doubt(name, words)
         elif name == "tau":
-            self._doubt(name, f"{self.preset.effort}{GRAVITY}")
+            self._doubt(name, self.preset.question)
         return SignalMap(columns=family.columns, unit=unit)
 
     def _ranked(self, name: str) -> list[ColumnFamily]:
@@ -423,7 +412,7 @@ class _Drafter:
         candidates = [
             family
             for family in self.families
-            if bool(WANTED & {*family.words}) is (name == "q_ref")
+            if bool(TARGETS & {*family.words}) is (name == "q_ref")
             and self._meaning(family) == meant
         ]
         return sorted(candidates, key=rank)
@@ -433,7 +422,7 @@ class _Drafter:
         words, unit = {*family.words}, self._stated(family)
         of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
         if of_unit:
-            bad = any(signal is None and known & words for signal, known in WORDS)
+            bad = any(signal == "none" and known & words for signal, known in WORDS)
             return None if bad else of_unit
         if len(family.words) == 1 and family.words[0] in LETTERS:
             return LETTERS[family.words[0]]

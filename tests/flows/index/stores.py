@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from flows.storage.diagnosis import store_report
+from flows.storage import store_report
 from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as samples
 from warehouse.record_commit import ADOPTED, ModelAdoption, commit_record

@@ -8,17 +8,22 @@ import numpy as np
 import pytest
 
 from flows.cli import main
-from flows.inbox.batches import find_new_runs, find_project_robot
-from flows.inbox.import_logs import import_inbox_logs, list_inboxes, list_logs
-from flows.project.read import read_project
+from flows.project import read_project
 from flows.report.store_index import list_refused_logs, read_page
+from flows.steps.inbox import (
+    find_new_runs,
+    find_project_robot,
+    import_inbox_logs,
+    list_inboxes,
+    list_logs,
+)
 from flows.steps.monitor import find_diagnosis
-from flows.storage.diagnosis import store_report
+from flows.storage import store_report
 from tests.flows.index.stores import diagnose
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, Truth, logs, truth
 from tests.warehouse import store_samples as samples
-from warehouse.query.store import open_store
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record, commit_run
 from warehouse.robots import store_robot_description
 from warehouse.view_schema import build_view_table

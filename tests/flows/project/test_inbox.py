@@ -10,13 +10,14 @@ import pytest
 
 import warehouse
 from flows.cli import main
-from flows.inbox import import_logs as run
-from flows.inbox.batches import find_new_runs
-from flows.inbox.import_logs import (
+from flows.project import read_project
+from flows.steps import inbox as run
+from flows.steps.inbox import (
     KNOWN,
     STORED,
     WAITING,
     LogImport,
+    find_new_runs,
     import_inbox_logs,
     import_log,
     list_inboxes,
@@ -24,7 +25,6 @@ from flows.inbox.import_logs import (
     lock_inbox,
     select_unchanged,
 )
-from flows.project.read import read_project
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
 from warehouse.record_commit import commit_record
@@ -129,9 +129,9 @@ def test_a_kill_between_any_two_steps_loses_and_doubles_nothing(place, csv, when
     (place / "in/bad.csv").write_text("t,q1\n0,1\n")
     killed = f"""
 import os, signal
-from flows.inbox import import_logs as run
-from flows.inbox.import_logs import list_logs
-from flows.project.read import read_project
+from flows.steps import inbox as run
+from flows.steps.inbox import list_logs
+from flows.project import read_project
 def die(*_): os.kill(os.getpid(), signal.SIGKILL)
 if {when!r} == "moved":
     put, count = run.move_imported_log, []

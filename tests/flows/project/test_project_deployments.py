@@ -5,10 +5,14 @@ from pathlib import Path
 
 import pytest
 
-from flows.project.deployments import build_deployments, find_inbox_deployment
-from flows.project.deployments import list_nightly_deployments as nightly_deployments
-from flows.project.read import read_current_project, read_project
-from flows.service.deploy import hash_deployments
+from flows.project import (
+    build_deployments,
+    find_inbox_deployment,
+    read_current_project,
+    read_project,
+)
+from flows.project import list_nightly_deployments as nightly_deployments
+from flows.service.up import hash_deployments
 from flows.settings import ROOT, resolve_store_folder
 
 TEXT = """schema = 1
@@ -60,7 +64,7 @@ def test_a_real_robot_has_its_night_and_starts_when_logs_were_stored(project):
 
 def test_a_simulated_robot_runs_its_campaign(project):
     trial = by_name(project)["trial"]
-    assert trial["entrypoint"] == "flows.pipelines.nightly.nightly"
+    assert trial["entrypoint"] == "flows.pipelines.flows.nightly"
     assert Path(trial["parameters"]["campaign_file"]).is_file()
     assert (trial["parameters"]["auto"], trial["schedules"]) == (True, [])
 

@@ -4,9 +4,9 @@ import re
 
 import pytest
 
+from flows import project as tables
 from flows.cli import main
-from flows.project import read as tables
-from flows.project.read import _TEMPLATE, create_project, read_project
+from flows.project import _TEMPLATE, create_project, read_project
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
 from tests.residual.arms import urdf_text

@@ -9,7 +9,7 @@ import pinocchio as pin
 import pytest
 
 from benchmarks.check_parts.arms import SEVEN, host
-from flows.inputs.repair import format_repair_lines
+from flows.steps.check import format_repair_lines
 from residual.check.check import check_logs, find_insufficient_motion
 from residual.check.evidence import filter_check_motion
 from residual.check.gravcomp import find_weight_in_torque

@@ -15,18 +15,16 @@ from residual.model.model_files import model_from_record as read_model
 from residual.recording import Recording
 from residual.signals.splitting import pick_spread_pieces
 from residual.signals.track import FilterSettings, resample_recording
-from residual.verdict.diagnosis import Diagnosis
-from residual.verdict.document import from_json, to_json
-from residual.verdict.result import ErrorTables, Finding, Verdict
-from warehouse.record_commit import DiagnosisRecords, commit_diagnosis, commit_record
+from residual.verdict.document import parse_verdict, to_json
+from residual.verdict.result import Diagnosis, ErrorTables, Finding, Verdict
+from warehouse.record_commit import commit_diagnosis, commit_record
 from warehouse.record_ids import build_record_path
 from warehouse.store_catalogue import find_record, read_record
 from warehouse.store_files import read_parquet
 
 PROOFS, CLOUDS = "proofs", "clouds"
 STATES = "states"  # the table, and its file in the folder of a model
-# What lists and tables of other sizes and kinds make Python say.
-_DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
+CORRECTED = "corrected.json"  # file of a calibrated model
 
 
 def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
@@ -234,25 +232,25 @@ def store_outcome(
     if known is not None and known is not diagnosis.models.get("augmented"):
         content = {"known": {"model": known.to_record()}}
         del content["known"]["model"]["robot"]  # it stands there once
-    serial_entry = {"serial": serial} if serial else {}
     motion = build_states_table(logs)
-    rows = DiagnosisRecords(
-        record={
-            "robot": verdict.robot,
-            "verdict": verdict.verdict,
-            "nominal_scale": verdict.nominal_scale,
-            "unexplained": verdict.unexplained.fraction,
-            "document": to_json(verdict),
-            **request_entry,
-            **serial_entry,
-        },
-        model=request_entry | {"models": models_to_record(diagnosis.models)} | content,
-        nominal=(request or {}).get("model"),
+    shown = {
+        "robot": verdict.robot,
+        "verdict": verdict.verdict,
+        "nominal_scale": verdict.nominal_scale,
+        "unexplained": verdict.unexplained.fraction,
+        "document": to_json(verdict),
+    }
+    diagnosis_id = commit_diagnosis(
+        store,
+        shown | request_entry | ({"serial": serial} if serial else {}),
+        request_entry | {"models": models_to_record(diagnosis.models)} | content,
+        runs,
         effects=list(build_effect_rows(diagnosis.effects)),
         errors=[*build_error_view_rows(diagnosis.errors), *each],
         beside={} if motion is None else {STATES: motion},
+        nominal=(request or {}).get("model"),
+        seconds=seconds,
     )
-    diagnosis_id = commit_diagnosis(store, rows, runs, seconds)
     proof, curves = diagnosis_to_record(diagnosis)
     header = {"robot": verdict.robot, "kind": "held_out", "diagnosis": diagnosis_id}
     record = proof | request_entry | header
@@ -275,21 +273,6 @@ def read_outcome(store: Path, validation_id: str) -> Diagnosis:
 def read_verdict(store: Path, diagnosis_id: str) -> Verdict:
     """Return the verdict of a diagnosis."""
     return parse_verdict(read_record(store, diagnosis_id).get("document"))
-
-
-def parse_verdict(document: object) -> Verdict:
-    """Return the verdict of a document whose values are of the kinds they must be.
-
-    Raises:
-        InputError: If one is not; a record of the store may be a stranger's.
-    """
-    try:
-        verdict = from_json(document)
-        # What prints, prints it, and writes it again is where a wrong kind shows.
-        to_json(verdict), str(verdict), repr(verdict.effects)
-    except _DAMAGED as error:
-        raise InputError(f"This is no whole verdict: {error!r}.") from error
-    return verdict
 
 
 def read_models(store: Path, diagnosis_id: str) -> dict[str, Model | CorrectedModel]:

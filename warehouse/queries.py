@@ -13,15 +13,6 @@ import pyarrow as pa
 
 from residual.errors import InputError
 from warehouse.bucket import is_bucket_address
-from warehouse.query.sql_guard import (
-    check_reads_only,
-    collect_answer,
-    explain_error,
-    format_duckdb_error,
-    limit_query_time,
-    open_read_only_connection,
-)
-from warehouse.query.sql_views import build_catalogue_views, build_signal_table
 from warehouse.record_ids import build_damage_error
 from warehouse.remote_store import (
     check_store_folder,
@@ -31,6 +22,16 @@ from warehouse.remote_store import (
     format_store_name,
 )
 from warehouse.runs import list_marked_runs
+from warehouse.sql_guard import (
+    build_catalogue_views,
+    build_signal_table,
+    check_reads_only,
+    collect_answer,
+    explain_error,
+    format_duckdb_error,
+    limit_query_time,
+    open_read_only_connection,
+)
 from warehouse.store_catalogue import StoreCatalogue, find_record, read_catalogue
 from warehouse.store_files import replace_file, verify_file
 from warehouse.view_schema import (

@@ -1,19 +1,21 @@
-"""modelgap.toml: its tables, reading a project, creating a project.
+"""A project: modelgap.toml, and the deployments of it and of prefect.yaml.
 
 Paths are relative to its folder.
 """
 
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 from zoneinfo import available_timezones
 
+import yaml
 from pydantic import AfterValidator, ConfigDict, Field, model_validator
 from pydantic import dataclasses as tables
 
-from flows.inputs.read import load_command_robot
+from flows.inputs import load_command_robot
 from flows.outputs import write_files
 from flows.settings import HEALTHY, PROJECT, SHARED, port_is_free, resolve_store_folder
 from residual.errors import InputError
@@ -234,7 +236,7 @@ def read_current_project(store: Path) -> Project | None:
     return project if project.store == store else None
 
 
-_TEMPLATE = Path(__file__).with_name("template.toml")
+_TEMPLATE = Path(__file__).with_name("project.toml")
 _PORTS = range(4200, 4300)
 INBOX = "inbox"
 
@@ -290,3 +292,99 @@ def _filled(name: str, urdf: str, simulated: bool) -> str:
         "INBOX": "# " if simulated else "",
     }
     return re.sub(r"@([A-Z]+)@", lambda found: values[found[1]], text)
+
+
+COMMITTED = "modelgap.run.committed"
+ALARM, PROPOSED = "modelgap.monitor.alarm", "modelgap.model.proposed"
+STORED, STORE = "modelgap.inbox.stored", "modelgap.store"
+NOTICE = "modelgap.notice"  # for people: .alarm, .finding, .refused, .failed
+POOL = "modelgap"  # work pool, and tag of our deployments
+_EXAMPLE_NIGHT = "nightly"  # of the built-in arm; a project has its own
+_WITH_PROJECT = ("monitor", "alarm")  # get the folder of the project
+
+
+def build_deployments(project: Project | None) -> dict[str, Any]:
+    """Return the content of a prefect.yaml, of the program or for a project."""
+    text = (SHARED / "prefect.yaml").read_text(encoding="utf-8")
+    content = yaml.safe_load(text)
+    content.pop("definitions", None)
+    if project is None:
+        return content
+    base = [d for d in content["deployments"] if d["name"] != _EXAMPLE_NIGHT]
+    for each in base:
+        if each["name"] in _WITH_PROJECT:
+            folder = {"project": str(project.folder)}
+            each["parameters"] = each.get("parameters", {}) | folder
+    return content | {"deployments": [*base, *_project_deployments(project)]}
+
+
+def list_nightly_deployments(project: Project | None) -> tuple[str, ...]:
+    """Return the nightly deployments, as "flow/name"."""
+    if project is None:
+        return (f"nightly/{_EXAMPLE_NIGHT}",)
+    return tuple(
+        f"{'nightly' if robot.simulated else 'diagnose-new'}/{robot.name}"
+        for robot in project.table.robot
+    )
+
+
+def find_inbox_deployment(project: Project | None) -> str | None:
+    """Return the deployment of the inboxes, None if there are none."""
+    has = project is not None and project.table.inbox
+    return "inbox/inbox" if has else None
+
+
+def build_robot_resource(robot: str) -> str:
+    """Return the resource id of events on the logs of a robot."""
+    return f"modelgap.inbox.{robot}"
+
+
+def _project_deployments(project: Project) -> Iterator[dict]:
+    table, folder = project.table, {"project": str(project.folder)}
+    for robot in table.robot:
+        night = _build_schedule(robot.nightly, robot.timezone, "nightly")
+        if robot.simulated:
+            about = f"New runs of the simulated arm {robot.name}; identify, diagnose, "
+            words = {"held_out": robot.held_out, "auto": robot.auto}
+            words["campaign_file"] = str(project.campaign(robot))
+            more = {"schedules": night, "parameters": words}
+            yield _deployment(robot.name, "nightly", about + "report.", **more)
+            continue
+        stored = {
+            "type": "event",
+            "match": {"prefect.resource.id": build_robot_resource(robot.name)},
+            "expect": [STORED],
+            "posture": "Reactive",
+            "threshold": 1,
+            "within": 0,
+        }
+        yield _deployment(
+            robot.name,
+            "diagnose_new",
+            f"Diagnoses what has come in of {robot.name} since the last time.",
+            parameters=folder | {"robot": robot.name},
+            schedules=night,
+            triggers=[stored] if robot.batch else [],
+        )
+    if table.inbox:
+        about = "Checks and stores the logs that dropped into the inboxes."
+        more = {"schedules": _build_schedule(table.poll, "UTC", "poll"), "parameters": folder}
+        yield _deployment("inbox", "inbox", about, **more)
+
+
+def _deployment(name: str, flow: str, about: str, **more: Any) -> dict:
+    # An inbox run that lasts until the next one is not repeated.
+    strategy = "ENQUEUE" if flow == "diagnose_new" else "CANCEL_NEW"
+    return {
+        "name": name,
+        "entrypoint": f"flows.pipelines.flows.{flow}",
+        "description": about,
+        "tags": [POOL],
+        "work_pool": {"name": POOL},
+        "concurrency_limit": {"limit": 1, "collision_strategy": strategy},
+        **more,
+    }
+
+
+def _build_schedule(text: str, zone: str, slug: str) -> list[dict]:
+    return [{"cron": text, "timezone": zone, "slug": slug}] if text else []

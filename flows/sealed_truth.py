@@ -11,7 +11,7 @@ import pyarrow as pa
 from flows.settings import read_user_name
 from residual.effects import list_effect_parameters
 from residual.errors import InputError
-from warehouse.query.store import Store
+from warehouse.queries import Store
 from warehouse.record_ids import build_record_path, build_seal_path
 from warehouse.remote_store import record_exists
 from warehouse.runs import mark_run, read_sealed_spec

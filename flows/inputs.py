@@ -30,7 +30,6 @@ from warehouse.logs import (
     choose_column_map,
     create_unique_labels,
     read_log,
-    read_log_despite_doubts,
 )
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.ros_bags import list_joint_topics
@@ -119,7 +118,6 @@ def read_log_sets(
     """
     place = resolve_store_folder(store)
     column_map = choose_column_map(robot, columns) or ColumnMap()
-    read = read_log_despite_doubts if to_check else read_log
     words = [word for part in sets for word in part]
     labels = iter(create_unique_labels([word for word in words if not is_run_id(word)]))
     logs: list[Recording] = []
@@ -138,7 +136,7 @@ def read_log_sets(
             line = f"{run.id}: run of {log.robot}, {size}"
         else:
             with suggest_column_map(word, called):
-                log, understood = read(word, robot, column_map, next(labels))
+                log, understood = read_log(word, robot, column_map, next(labels), to_check)
             line = understood.text
             warnings += understood.warnings
             doubts += [(log.id, doubt) for doubt in understood.doubts]
@@ -210,7 +208,7 @@ def query_run_ids(store: str | Path | None, where: str | None) -> tuple[str, ...
     if where is None:
         return ()
     # DuckDB, which no command without a condition needs.
-    from warehouse.query.store import select_run_ids
+    from warehouse.queries import select_run_ids
 
     return select_run_ids(resolve_store_folder(store), where)
 

@@ -16,7 +16,8 @@ in it must be on a list.
 import json
 import os
 import threading
-from collections.abc import Iterator
+import tomllib
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -25,31 +26,15 @@ import duckdb
 import pyarrow as pa
 
 from residual.errors import InputError
-from warehouse.query.sql_views import quote_sql_text
-from warehouse.view_schema import INDEX, KINDS
+from warehouse.view_schema import COMPUTED, INDEX, KINDS, SIGNALS, VIEWS, RecordKind, ViewColumn
 
 _QUERIES = {"SELECT_NODE", "SET_OPERATION_NODE", "RECURSIVE_CTE_NODE", "CTE_NODE", "VALUES_NODE"}
 _FUNCTIONS = {
-    "duckdb_columns",
-    "duckdb_functions",
-    "duckdb_tables",
-    "duckdb_views",
-    "generate_series",
-    "histogram",
-    "histogram_values",
-    "json_each",
-    "json_tree",
-    "parquet_file_metadata",
-    "parquet_kv_metadata",
-    "parquet_metadata",
-    "parquet_scan",
-    "parquet_schema",
-    "pragma_table_info",
-    "range",
-    "read_parquet",
-    "repeat",
-    "summary",
-    "unnest",
+    *("duckdb_columns", "duckdb_functions", "duckdb_tables", "duckdb_views"),
+    *("generate_series", "histogram", "histogram_values", "json_each", "json_tree"),
+    *("parquet_file_metadata", "parquet_kv_metadata", "parquet_metadata", "parquet_scan"),
+    *("parquet_schema", "pragma_table_info", "range", "read_parquet", "repeat"),
+    *("summary", "unnest"),
 }
 LONGEST = 100_000  # characters of a query
 _LINE = 600  # characters of what is wrong with one
@@ -242,3 +227,87 @@ def explain_error(error: Exception) -> str:
     query_is_wrong = isinstance(error, _WRONG_QUERY)
     hint = f" {_SCHEMA} names the views and columns." if query_is_wrong else ""
     return text or format_duckdb_error(error) + hint
+
+
+_SQL = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text(encoding="utf-8"))
+
+
+def build_catalogue_views() -> dict[str, str]:
+    """Return the query behind each view that is made of catalogue rows, by name.
+
+    Those that no list of columns gives stand in catalogue.toml beside this file.
+    """
+    parts = " UNION ALL ".join(
+        f"SELECT {KINDS[name].key} AS id, unnest(lineage, recursive := true) FROM catalogue.{name}"
+        for name in COMPUTED
+        if name in KINDS
+    )
+    views = {"catalogue.arms": _SQL["arms"].format(parts=parts)}
+    views |= {name: _rows(kind) for name, kind in KINDS.items() if name != "runs"}
+    views["runs"] = _SQL["runs"].format(columns=_listed(VIEWS["runs"][:-2]))
+    views["channels"] = _SQL["channels"]
+    views["adopted"] = _SQL["adopted"].format(columns=_listed(VIEWS["adopted"]))
+    views["verdicts"] = _SQL["verdicts"]
+    for view in dict.fromkeys(v for kind in KINDS.values() for v in kind.nested_views):
+        kinds = [kind for kind in KINDS.values() if view in kind.nested_views]
+        queries = [_unnested(view, kind.name, kind.key) for kind in kinds]
+        views[view] = " UNION ALL ".join(queries)
+    views["errors"] = _SQL["errors"].format(errors=views["errors"])
+    return views
+
+
+def _rows(kind: RecordKind) -> str:
+    """Return the query of a kind of record, and of which arm and time it is."""
+    columns = _listed(VIEWS[kind.name])
+    computed = COMPUTED.get(kind.name, ())
+    if not computed:
+        return f"SELECT {columns} FROM catalogue.{kind.name}"
+    more = ", ".join(f"arm.{column.name}" for column in computed)
+    shown = "own.*"
+    if any(column.name == "serial" for column in VIEWS[kind.name]):
+        shown += " REPLACE (coalesce(own.serial, arm.serial) AS serial)"
+    return (
+        f"SELECT {shown}, {more} "
+        f"FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
+        f"LEFT JOIN catalogue.arms arm ON arm.id = own.{kind.key}"
+    )
+
+
+def quote_sql_text(value: str) -> str:
+    """Return a text as SQL writes it."""
+    return "'" + value.replace("'", "''") + "'"
+
+
+def _listed(columns: Iterable[ViewColumn]) -> str:
+    return ", ".join(f'"{column.name}"' for column in columns)
+
+
+def _unnested(view: str, kind: str, key: str) -> str:
+    key_column, *columns_of_row = VIEWS[view]
+    columns = ", ".join(f'item."{c.name}" AS "{c.name}"' for c in columns_of_row)
+    query = (
+        f"SELECT {key} AS {key_column.name}, {columns} "
+        f"FROM (SELECT {key}, unnest({view}) AS item FROM catalogue.{kind})"
+    )
+    if (view, kind) == ("errors", "diagnoses"):
+        # Of one held-out run a diagnosis has figures both of the run and of all runs.
+        return f"SELECT * EXCLUDE (value), min(value) AS value FROM ({query}) GROUP BY ALL"
+    return query
+
+
+def build_signal_table() -> pa.Table:
+    """Return what the view ``channels`` knows of every signal."""
+    return pa.table(
+        {
+            "signal": list(SIGNALS),
+            "unit": [signal.unit for signal in SIGNALS.values()],
+            "per_joint": [signal.per_joint for signal in SIGNALS.values()],
+        }
+    )
+
+
+_NAMED = tomllib.loads(Path(__file__).with_name("named.toml").read_text(encoding="utf-8"))
+# Named queries of frequent questions: what each answers, and its SQL; the values that
+# each needs.
+NAMED = {name: (each["about"], each["sql"]) for name, each in _NAMED.items()}
+TAKES = {name: each.get("takes", {}) for name, each in _NAMED.items()}

@@ -1,1 +1,0 @@
-"""Inboxes: import the logs in a folder, and diagnose the new runs."""

@@ -1,1 +1,0 @@
-"""Inputs of the commands: logs, runs, robots."""

@@ -1,1 +1,0 @@
-"""Write results as records of the store, and read them back."""

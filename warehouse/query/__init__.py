@@ -1,1 +1,0 @@
-"""The store as a database: views, named queries and the guard of user SQL."""
