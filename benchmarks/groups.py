@@ -27,7 +27,7 @@ GROUPS = {
         "position": "servo_parts.position:position_figures",
         "six_joints": "servo_parts.six_joints:six_joint_figures",
     },
-    "servo_developed": {"changes": "servo_parts.pendulum:developed_change_figures"},
+    "servo_developed": {"changes": "servo_parts.pendulum:developed_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }
 

@@ -14,7 +14,7 @@ from flows.settings import resolve_store_folder
 from residual.effects import list_effect_parameters, load_effects, map_joint_properties
 from residual.errors import InputError, check_name, shorten_value
 from residual.model.nominal import list_known_values, refuse_known_values_with_baseline
-from residual.recording import Recording
+from residual.recording import Recording, apply_drive
 from residual.robot.robot import (
     Robot,
     add_known_values,
@@ -131,9 +131,13 @@ def read_log_sets(
                     "Give the run's own robot with --robot."
                 )
             log = replace(run, id=run.id[:8])
-            runs[log.id] = run.id
             size = f"{len(log.t)} samples, {log.duration:.2f} s"
             line = f"{run.id}: run of {log.robot}, {size}"
+            if run.drive is None or column_map.drive is None:
+                runs[log.id] = run.id
+            else:  # the line of the check, pasted: it is not what the store has
+                log = apply_drive(log, column_map.drive)
+                line += "; torque of the map's drive, so that no verdict on it is stored"
         else:
             with suggest_column_map(word, called):
                 log, understood = read_log(word, robot, column_map, next(labels), to_check)

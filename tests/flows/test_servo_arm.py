@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 
+from flows.inputs.read import read_log_sets
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from residual.drive import Drive, compute_drive_torque
 from residual.errors import InputError
+from residual.robot.robot import load_robot
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
 from sim.plant.closed_loop import build_servo_law, follow_goal
 from warehouse.runs import open_seal, read_channels, read_run
@@ -51,6 +53,19 @@ def test_the_sealed_half_has_the_true_drives_and_the_run_is_made_again(stored):
     assert sealed == {**DRIVE, **HIDDEN, "goal_speed": []}
     store, run = stored
     assert rerun.rerun(run, store, verify=True).reproduced
+
+
+def test_the_drive_of_a_map_replaces_the_one_of_a_run(stored, tmp_path):
+    store, run = stored
+    (tmp_path / "C.toml").write_text(f"drive = {{gain = {GAIN}, delay = {[0.03] * 6}}}")
+    before, after = (
+        read_log_sets(([run], [], []), load_robot("irb140"), columns, store)
+        for columns in (None, str(tmp_path / "C.toml"))
+    )
+    assert np.abs(after.fit[0].tau - before.fit[0].tau).max() > 1.0
+    assert after.fit[0].drive.delay == (0.03,) * 6
+    assert before.runs
+    assert not after.runs
 
 
 def test_firmware_and_bus_stand_between_a_goal_and_its_torque():

@@ -196,3 +196,16 @@ def test_goals_without_torque_are_drafted_with_a_drive(header, tmp_path):
     assert "is q_ref the goal" in draft.doubts["drive"][1]
     written = drafted_map(draft, "log.csv", arm())
     assert tomllib.loads(written)["drive"] == {"enabled": "torque_enable"}
+
+
+@pytest.mark.parametrize("words", ["goal_position present_position load_current", "goal q current"])
+def test_an_arm_of_one_joint_needs_no_number_in_its_columns(words, tmp_path):
+    t = np.arange(0, 3, 0.01)
+    table = np.column_stack([t, np.sin(t), np.sin(t - 0.1), np.round(np.cos(t))])
+    header = ",".join(["time", *words.split()])
+    np.savetxt(tmp_path / "log.csv", table, "%.6f", ",", "\n", header, comments="")
+    draft = draft_column_map(tmp_path / "log.csv", arm(SEVEN[:1]))
+    goal, present, current = words.split()
+    found = {k: s.columns for k, s in draft.columns.signals.items()}
+    assert found == {"q_ref": (goal,), "q": (present,)}
+    assert f"{current} has 3 values" in draft.doubts["drive"][0]

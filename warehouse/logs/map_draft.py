@@ -169,9 +169,10 @@ def _strange(columns: Sequence[str], dof: int) -> list[ColumnFamily]:
         groups.setdefault((words, unit and unit[1]), []).append(column)
     groups_found = []
     for (words, _), group in groups.items():
-        # Names that differ in their numbers alone are a family that has a gap.
+        # Names that differ in their numbers alone are a family that has a gap; an arm of
+        # one joint needs no number.
         apart = {re.sub(r"\d+", "", column) for column in group}
-        if words and len(group) >= dof and len(apart) > 1:
+        if words and len(group) >= dof and (len(apart) > 1 or len(group) == dof == 1):
             members, more = tuple(group[:dof]), tuple(group[dof:])
             groups_found.append(
                 ColumnFamily("_".join(words), members, more, has_unusual_names=True)
