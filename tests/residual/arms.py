@@ -74,7 +74,7 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     Options: ``duration`` and ``rate`` of each log, ``joint`` for drawn effects.
     """
     joint = options.pop("joint", None)
-    options = {"duration": 10.0, "rate": 125.0, **options}
+    options = {"duration": 7.0, "rate": 125.0, **options}
     effects = tuple(
         h
         if isinstance(h, SyntheticEffect)
