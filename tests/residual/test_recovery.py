@@ -150,15 +150,17 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
         assert sd > 0
 
 
-def test_a_link_of_another_mass_is_named_among_six_and_not_the_other_of_two():
-    heavier = Effect("link_inertia", (3,), {"scale": 0.5})
-    _, findings = searched(short_case(irb140(), heavier, seed=51, duration=8.0))
-    (finding,) = findings
-    assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
-    assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
-    heavier = Effect("link_inertia", (2,), {"scale": 0.5})
-    _, findings = searched(short_case(arm(), heavier, seed=51, duration=8.0))
-    assert [(f.effect.name, f.joints) for f in findings] == [("link_inertia", (2,))]
+# Named among six, and not the other of two.
+@pytest.mark.parametrize(
+    ("robot", "link"), [(arm, 2), pytest.param(irb140, 3, marks=pytest.mark.long)]
+)
+def test_a_link_of_another_mass_is_named(robot, link):
+    heavier = Effect("link_inertia", (link,), {"scale": 0.5})
+    (finding,) = searched(short_case(robot(), heavier, seed=51, duration=8.0))[1]
+    assert (finding.effect.name, finding.joints) == ("link_inertia", (link,))
+    # The arm of two joints may take a part of it for the other link's.
+    near = 0.1 if link == 3 else 0.2
+    assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=near)
 
 
 @pytest.mark.parametrize(
