@@ -25,8 +25,11 @@ from benchmarks.harness.cases import by_group, named, run_cases, seed_range
 from benchmarks.harness.figures import FULL, Figures, all_missing, figure, missing
 from benchmarks.harness.logs import write_csv
 from benchmarks.harness.shell import run_command
-from benchmarks.synthetic.logs import standard_case
+from benchmarks.synthetic.logs import LogPlan, make
+from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
+from sim.effect_draws import draw_effect
+from sim.engine.plant_records import create_random_stream
 
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}
@@ -59,7 +62,7 @@ def _cost(quick: bool) -> Figures:
         ok = (Path(folder) / "verdict.json").exists()
     failed = next((each for each in done if each.code != 0 or not ok), None)
     if failed is not None:
-        figures = {k: missing(bar, failed.failure) for k, bar in _COSTS.items()}
+        figures = {k: missing(bar, failed.output[-200:]) for k, bar in _COSTS.items()}
         return {name: entry | {"ok": False} for name, entry in figures.items()}
     seconds = [round(each.seconds, 2) for each in done]
     peak = round(max(each.gigabytes for each in done), 3)
@@ -70,8 +73,12 @@ def _cost(quick: bool) -> Figures:
 
 
 def _write_logs(folder: Path) -> list[str]:
-    case = standard_case("stribeck", 1, joint=2, robot=load_robot("irb140"))
-    logs = (*case.fit[1:], case.held_out[1])
+    robot = load_robot("irb140")
+    hidden = draw_effect(robot, "stribeck", create_random_stream(1, "draw/stribeck"), 2)
+    families = ("fourier", "cyclic", "slow_cyclic", *2 * ("move_stop_move",))
+    plan = tuple(LogPlan(f"fit_{i}_{k}", "fit", k) for i, k in enumerate(families, 2))
+    plan += (LogPlan("held_out_2_move_stop_move", "held_out", "move_stop_move"),)
+    logs = make(Plant(robot, (hidden,), 1), plan, 1)
     return [str(write_csv(folder / f"{log.id}.csv", log)) for log in logs]
 
 

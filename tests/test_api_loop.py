@@ -5,6 +5,7 @@ import pytest
 import modelgap as mg
 
 SHORT = {"trajectory": {"kind": "cyclic", "duration": 5.0}}
+SHORT["rates"] = {"control": 500, "log": 125}
 STIFF = {"plant": {"effect": [{"name": "coulomb", "joints": [2], "level": 30.0}]}}
 
 

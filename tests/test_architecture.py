@@ -15,16 +15,11 @@ from pathlib import Path
 import pytest
 
 from residual.effects import load_effects
+from tests.checkout import ROOMS, ROOT, nodes, sources
 
 MAX_LINES = 600
-
-
 MAX_BODY = 80
-
-
 DECIDING = ("check", "evidence", "monitoring")
-
-
 THRESHOLDS = re.compile(r".*Thresholds")
 
 
@@ -56,9 +51,6 @@ def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
     return False
 
 
-ROOT = Path(__file__).parents[1]
-ROOMS = ("flows", "residual", "sim", "warehouse")
-
 # What only some may import of others.
 ONLY = {
     "prefect": ("flows/",),
@@ -82,24 +74,15 @@ HOMONYMS = {
 NAMED_BY_FILES = ("residual/effects/", "sim/effects/")
 
 
-def _sources(*folders: str) -> list[Path]:
-    return sorted(p for f in folders for p in (ROOT / f).rglob("*.py"))
-
-
 def _name(path: Path) -> str:
     return path.relative_to(ROOT).as_posix()
-
-
-@cache
-def _nodes(path: Path) -> tuple[ast.AST, ...]:
-    return tuple(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
 
 
 @cache
 def _imports(path: Path) -> set[str]:
     """Return the dotted names that a file imports, at its top or inside a function."""
     found = set()
-    for node in _nodes(path):
+    for node in nodes(path):
         if isinstance(node, ast.Import | ast.ImportFrom):
             found |= _imported(path, node)
     return found
@@ -124,7 +107,7 @@ def _within(name: str, allowed: set[str]) -> bool:
 def test_a_library_is_imported_only_where_it_belongs(library):
     wrong = [
         _name(path)
-        for path in _sources(*ROOMS)
+        for path in sources(*ROOMS)
         if not _name(path).startswith(ONLY[library] or ("-",))
         and any(_within(name, {library}) for name in _imports(path))
     ]
@@ -132,7 +115,7 @@ def test_a_library_is_imported_only_where_it_belongs(library):
 
 
 def _modules() -> dict[str, Path]:
-    files = [*_sources(*ROOMS), *ROOT.glob("modelgap.py")]
+    files = [*sources(*ROOMS), *ROOT.glob("modelgap.py")]
     dotted = (_name(path).removesuffix(".py").replace("/", ".") for path in files)
     return {n.removesuffix(".__init__"): p for n, p in zip(dotted, files, strict=True)}
 
@@ -180,7 +163,7 @@ def _floors_below(package: str) -> dict[str, set[str]]:
 
 
 @pytest.mark.parametrize(
-    "package", sorted({_name(p.parent).replace("/", ".") for p in _sources(*ROOMS)})
+    "package", sorted({_name(p.parent).replace("/", ".") for p in sources(*ROOMS)})
 )
 def test_no_folders_import_each_other_in_a_circle(package):
     try:
@@ -198,7 +181,7 @@ def _late_imports() -> set[tuple[str, str]]:
     return {
         (_name(path), name)
         for path in _modules().values()
-        for function in _nodes(path)
+        for function in nodes(path)
         if isinstance(function, ast.FunctionDef | ast.AsyncFunctionDef)
         for node in ast.walk(function)
         if isinstance(node, ast.Import | ast.ImportFrom)
@@ -229,7 +212,7 @@ def test_a_file_of_the_product_imports_each_package_that_is_installed():
     text = (ROOT / "pyproject.toml").read_text(encoding="utf-8")
     listed = tomllib.loads(text)["project"]["dependencies"]
     names = [re.match(r"[\w-]+", line)[0] for line in listed]
-    roots = {n.partition(".")[0] for p in _sources(*ROOMS) for n in _imports(p)}
+    roots = {n.partition(".")[0] for p in sources(*ROOMS) for n in _imports(p)}
     packages = [IMPORTED.get(name, name).replace("-", "_") for name in names]
     assert [name for name in packages if name and name not in roots] == []
 
@@ -277,19 +260,19 @@ def _strings(path: Path) -> set[str]:
     """Return the string constants of a file, docstrings left out."""
     docs = {
         id(node.body[0].value)
-        for node in _nodes(path)
+        for node in nodes(path)
         if isinstance(node, (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef))
         and ast.get_docstring(node) is not None
     }
     return {
         node.value
-        for node in _nodes(path)
+        for node in nodes(path)
         if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs
     }
 
 
 def test_no_effect_is_named_outside_its_file():
-    product = [*_sources(*ROOMS), *ROOT.glob("modelgap.py")]
+    product = [*sources(*ROOMS), *ROOT.glob("modelgap.py")]
     named = {
         (_name(path), text)
         for path in product
@@ -323,8 +306,8 @@ def test_no_file_is_longer_than_a_reader_will_read():
 def test_no_function_is_longer_than_a_screen():
     long = {
         f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
-        for path in _sources(*ROOMS, "benchmarks")
-        for node in _nodes(path)
+        for path in sources(*ROOMS, "benchmarks")
+        for node in nodes(path)
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _body_lines(node) > MAX_BODY
     }
     assert long == {}
@@ -351,7 +334,7 @@ def test_no_text_holds_a_path_of_one_machine_or_the_address_of_an_index():
 def test_every_folder_with_code_is_a_package_and_tests_are_not():
     bare = [
         _name(folder)
-        for folder in {path.parent for path in _sources(*ROOMS)}
+        for folder in {path.parent for path in sources(*ROOMS)}
         if not (folder / "__init__.py").is_file()
     ]
     assert bare == []
@@ -363,12 +346,12 @@ def test_no_parameter_is_a_bag_of_unlike_things():
     for path in _modules().values():
         aliases = {
             target.id: node.value
-            for node in _nodes(path)[0].body
+            for node in nodes(path)[0].body
             if isinstance(node, ast.Assign)
             for target in node.targets
             if isinstance(target, ast.Name)
         }
-        for node in _nodes(path):
+        for node in nodes(path):
             if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
                 every = node.args.posonlyargs + node.args.args + node.args.kwonlyargs
                 wrong += [
@@ -381,8 +364,8 @@ def test_no_parameter_is_a_bag_of_unlike_things():
 
 def test_a_room_has_one_record_of_thresholds():
     found: dict[str, list[str]] = {}
-    for path in _sources("residual"):
-        classes = [n.name for n in _nodes(path) if isinstance(n, ast.ClassDef)]
+    for path in sources("residual"):
+        classes = [n.name for n in nodes(path) if isinstance(n, ast.ClassDef)]
         records = [name for name in classes if THRESHOLDS.fullmatch(name)]
         found.setdefault(_name(path.parent), []).extend(records)
         assert not records or path.stem in ("rules", "thresholds"), _name(path)

@@ -4,12 +4,10 @@ import ast
 import builtins
 import re
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 
-from tests.checkout import ROOT
+from tests.checkout import ROOMS, ROOT, nodes, sources
 
-ROOMS = ("flows", "residual", "sim", "warehouse")
 # Of other programs: functions of C, keys of a spec, the prefix of effects without name.
 FOREIGN = re.compile(r"f(abs|min|max)|sgn|x_\.\.\.|plant\.effect\.2\.level|mg\.\w+")
 DOCUMENTED = (ast.Module, ast.ClassDef, ast.FunctionDef, ast.AsyncFunctionDef)
@@ -23,18 +21,12 @@ FIELDS = {
 }
 
 
-@cache
-def _nodes() -> dict[Path, tuple[ast.AST, ...]]:
-    files = sorted(p for room in ROOMS for p in (ROOT / room).rglob("*.py"))
-    return {p: tuple(ast.walk(ast.parse(p.read_text("utf-8")))) for p in files}
-
-
 def _names() -> set[str]:
     """Return every word that the code of the product uses, and short strings."""
     names = set(dir(builtins))
-    for path, nodes in _nodes().items():
+    for path in sources(*ROOMS):
         names |= set(path.relative_to(ROOT).with_suffix("").parts)
-        for node in nodes:
+        for node in nodes(path):
             if isinstance(node, ast.Constant) and isinstance(node.value, str):
                 names.add(node.value[:60])
             if (field := FIELDS.get(type(node))) and (word := getattr(node, field)):
@@ -43,7 +35,7 @@ def _names() -> set[str]:
 
 
 def _prose(path: Path) -> Iterator[str]:
-    for node in _nodes()[path]:
+    for node in nodes(path):
         if isinstance(node, DOCUMENTED):
             yield ast.get_docstring(node, clean=False) or ""
     yield from re.findall(r"# .*", path.read_text("utf-8"))
@@ -51,7 +43,7 @@ def _prose(path: Path) -> Iterator[str]:
 
 def test_a_name_in_backticks_exists():
     names, broken = _names(), []
-    for path in _nodes():
+    for path in sources(*ROOMS):
         for text in _prose(path):
             plain = re.sub(r"```.*?```", "", text, flags=re.S)
             for name in re.findall(r"`([A-Za-z_][\w.]*)(?:\(\))?`", plain):
@@ -78,8 +70,8 @@ def _documented(node: ast.AST) -> tuple[str, set[str]] | None:
 
 def test_each_argument_and_attribute_that_is_explained_exists():
     broken = []
-    for path, nodes in _nodes().items():
-        for node in nodes:
+    for path in sources(*ROOMS):
+        for node in nodes(path):
             if (own := _documented(node)) is None:
                 continue
             section, known = own

@@ -6,11 +6,9 @@ from collections import Counter
 from collections.abc import Iterator
 from functools import cache
 
-from tests.checkout import ROOT
+from tests.checkout import ROOMS, ROOT, nodes, sources
 
-FOLDERS = ("residual", "sim", "warehouse", "flows")
-FILES = [p for f in FOLDERS for p in sorted((ROOT / f).rglob("*.py"))]
-FILES.append(ROOT / "modelgap.py")
+FILES = [*sources(*ROOMS), ROOT / "modelgap.py"]
 TEXT = " ".join((ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split())
 _LISTED, _, _GENERAL = TEXT.partition("is exactly one of: ")[2].partition(". ")
 BANNED = set(_LISTED.split(", "))
@@ -29,7 +27,7 @@ def _public() -> list[str]:
     """Every public name of the product, once for each place."""
     names = [path.stem for path in FILES]
     for path in FILES:
-        names += _members(ast.parse(path.read_text(encoding="utf-8")).body, "")
+        names += _members(nodes(path)[0].body, "")
     return names
 
 

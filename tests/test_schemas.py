@@ -3,6 +3,7 @@
 import json
 import re
 import tomllib
+from functools import cache
 
 import pytest
 from jsonschema import Draft202012Validator, ValidationError
@@ -18,10 +19,15 @@ from warehouse.logs.column_map import read_column_map
 FROZEN = [ROOT / "tests" / "frozen" / f"{n}.json" for n in ("effects", "none", "unknown")]
 
 
-def validate(name: str, document) -> None:
+@cache
+def validator(name: str) -> Draft202012Validator:
     schema = schemas()[f"schemas/{name}.json"]
     Draft202012Validator.check_schema(schema)
-    Draft202012Validator(schema).validate(document)
+    return Draft202012Validator(schema)
+
+
+def validate(name: str, document) -> None:
+    validator(name).validate(document)
 
 
 def block(page: str, heading: str) -> str:

@@ -1,6 +1,5 @@
 """The one Prefect server of a test process, and what a file of tests asks it with."""
 
-import os
 import socket
 import subprocess
 import sys
@@ -17,6 +16,7 @@ from flows.service.state import (
     RunningService,
     build_server_environment,
     is_process_running,
+    read_access_key,
     start_process,
     stop_process,
 )
@@ -24,56 +24,35 @@ from flows.service.up import build_server_command, create_history
 from flows.settings import API, build_prefect_environment
 from tests.waiting import until
 
-ROOT = Path(__file__).parents[2]
-# It ends the server once it has no input any more, as when we are killed.
-OWNER = """
-import sys
-from pathlib import Path
-from flows.service.state import read_access_key
-from tests.flows.prefect_server import served
-
-home = Path(sys.argv[1])
-with served(home, PREFECT_UI_ENABLED="false") as running:
-    pid = (home / "server.pid").read_text()
-    print(running.url, pid, read_access_key(home), flush=True)
-    sys.stdin.read()
-"""
+# Ends the server once it has no input any more, as when we are killed.
+GUARD = "import os, sys; sys.stdin.read(); os.kill(int(sys.argv[1]), 15)"
 PATIENCE = 10.0  # s that messages to a server which was killed are waited for
 
 
 @dataclass(frozen=True)
 class Server:
-    """A server that a process of its own has started, so that a test can kill it."""
+    """A server, and a process that ends it where this one is killed."""
 
     home: Path
     url: str
-    process: int
     key: str
-    owner: subprocess.Popen
+    guard: subprocess.Popen
 
     @property
     def lives(self) -> bool:
-        return self.owner.poll() is None
+        return is_process_running(self.home, "server")
 
     def end(self) -> None:
-        self.owner.stdin.close()
-        self.owner.wait()
+        self.guard.kill()
+        self.guard.communicate()
+        stop_process(self.home, "server")
 
 
 def started(home: Path) -> Server:
-    owner = subprocess.Popen(
-        [sys.executable, "-c", OWNER, str(home)],
-        cwd=ROOT,
-        env={
-            **{k: v for k, v in os.environ.items() if not k.startswith("PREFECT")},
-            "PYTHONPATH": str(ROOT),
-        },
-        stdin=subprocess.PIPE,
-        stdout=subprocess.PIPE,
-        text=True,
-    )
-    url, process, key = owner.stdout.readline().split()
-    return Server(home, url, int(process), key, owner)
+    running = _start(home, PREFECT_UI_ENABLED="false")
+    command = [sys.executable, "-IS", "-c", GUARD, (home / "server.pid").read_text()]
+    guard = subprocess.Popen(command, stdin=subprocess.PIPE)
+    return Server(home, running.url, read_access_key(home), guard)
 
 
 def free_port() -> int:
@@ -82,20 +61,21 @@ def free_port() -> int:
         return probe.getsockname()[1]
 
 
-@contextmanager
-def served(home: Path, **more: str) -> Iterator[RunningService]:
-    """Start the server of `modelgap up` as it starts it, and no worker."""
+def _start(home: Path, **more: str) -> RunningService:
     create_history(home)
     running = RunningService("127.0.0.1", free_port(), "sqlite")
     env = build_server_environment(running, home, None) | more
     start_process(home, "server", build_server_command(running), env)
+    until(lambda: is_server_up(running.url) or not is_process_running(home, "server"), "it answers")
+    assert is_process_running(home, "server"), (home / "server.log").read_text()
+    return running
+
+
+@contextmanager
+def served(home: Path, **more: str) -> Iterator[RunningService]:
+    """Start the server of `modelgap up` as it starts it, and no worker."""
     try:
-        until(
-            lambda: is_server_up(running.url) or not is_process_running(home, "server"),
-            "it answers",
-        )
-        assert is_process_running(home, "server"), (home / "server.log").read_text()
-        yield running
+        yield _start(home, **more)
     finally:
         stop_process(home, "server")
 

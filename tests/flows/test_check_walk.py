@@ -26,9 +26,9 @@ def write_german(path, log):
 )
 def test_three_commands_lead_from_a_log_as_it_is_to_the_right_verdict(name, own_folder):
     form, tmp_path = FORMATS.get(name), own_folder
-    dof = form.dof if form else 6
+    dof = form.dof if form else len(NAMES)
     (tmp_path / "arm.urdf").write_text(urdf_text(SEVEN[:dof]))
-    case = short_case(load_robot("arm.urdf"), "payload", seed=5, duration=7.0)
+    case = short_case(load_robot("arm.urdf"), "payload", seed=5, duration=5.0)
     logs = [f"log_{n}.csv" for n in range(len(case.fit) + len(case.held_out))]
     for name, log in zip(logs, (*case.fit, *case.held_out), strict=True):
         if form:

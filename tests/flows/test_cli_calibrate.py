@@ -47,6 +47,7 @@ def stored(tmp_path_factory, compiled_plant):
     for number, kind in enumerate(("cyclic", "cyclic", *2 * ("move_stop_move",))):
         motion = {"kind": kind, "duration": 4.0, "periods": 1, "seed": number}
         data = {"seed": 3, "start": 10.0 * number, "trajectory": motion}
+        data["rates"] = {"control": 500, "log": 125}
         ids.append(experiment.simulate_and_store(parse_spec(data, "SPEC.toml"), store))
     return store, ids
 

@@ -186,7 +186,7 @@ def test_the_door_checks_and_refuses_likewise(place, fake_check):
 @pytest.fixture(scope="module")
 def hidden_logs():
     folder = ROOT / "examples" / "hidden"
-    files = tuple(str(folder / f"fit_{number}.csv@:10") for number in (1, 2, 3))
+    files = tuple(str(folder / f"fit_{number}.csv@:6") for number in (1, 2, 3))
     return read_logs(Check(files, robot="irb140"), "to check")
 
 
@@ -195,7 +195,7 @@ def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden
     order = [0, 2, 1, 3, 4, 5]
     second = replace(second, q=second.q[:, order], tau=second.tau[:, order])
     mixed = replace(hidden_logs, fit=(first, second, third))
-    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2@:10, not"):
+    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2@:6, not"):
         steps.refuse_faulty_logs(mixed, False)
 
 

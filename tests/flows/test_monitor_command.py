@@ -31,6 +31,7 @@ def run(store, seed, *effects, start=0.0):
         "start": start,
         "trajectory": {"kind": "cyclic", "duration": 4.0, "periods": 1, "seed": seed},
         "plant": {"seed": 1, "effect": list(effects)},
+        "rates": {"control": 500, "log": 250},
     }
     return experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
 

@@ -20,7 +20,7 @@ from tests.residual.planning.questions import robot_and_question
 def robot_and_ranking():
     robot, question = robot_and_question("spring", 2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("flows.steps.next.WAVES", 3)
+        patch.setattr("flows.steps.next.WAVES", 2)
         patch.setattr("flows.steps.next.PLACES", 2)
         return robot, rank_motions(question, robot, 12.0, seed=3)
 

@@ -26,7 +26,7 @@ ROBOT = load_robot("irb140")
 
 def run(store, plant=None, **more):
     content = {"seed": 7, "trajectory": {"kind": "cyclic", "duration": 4.0}, **more}
-    content["plant"] = plant or {}
+    content |= {"plant": plant or {}, "rates": {"control": 500, "log": 250}}
     return experiment.simulate_and_store(parse_spec(content, "SPEC.toml"), store)
 
 

@@ -10,7 +10,9 @@ import pytest
 from packaging.markers import default_environment
 from packaging.requirements import Requirement
 
+from sim.engine.plant_records import SyntheticEffect
 from tests.checkout import ROOT
+from tests.residual.arms import arm, short_case, urdf_text, write_csv
 
 # Windows has no fcntl either.
 REFUSED = ("prefect", "pybullet", "pybullet_data", "fcntl")
@@ -31,7 +33,7 @@ for line in sys.argv[1:]:
 loaded = {{name.partition(".")[0] for name in sys.modules}} & set({REFUSED})
 assert not loaded, loaded
 """
-HIDDEN = ROOT / "examples" / "hidden"
+CHURN = SyntheticEffect("quadratic_viscous", (2,), {"coefficient": 1.5})
 
 
 def run(lines, folder):
@@ -47,23 +49,23 @@ def run(lines, folder):
     return done.stderr
 
 
-READS = ("check A.csv --robot irb140", "map A.csv --robot irb140", "--help")
+READS = ("check A.csv --robot arm.urdf", "map A.csv --robot arm.urdf", "--help")
 
 
 @pytest.mark.slow
 def test_logs_are_diagnosed_right_and_what_reads_logs_needs_none_of_them(tmp_path):
-    logs = " ".join(f"{HIDDEN}/fit_{n}.csv@:6" for n in (1, 2))
-    command = f"diagnose {logs} --holdout {HIDDEN / 'held_out.csv'} --robot irb140"
+    case = short_case(arm(), CHURN, seed=51, duration=6.0)
+    for name, log in zip("ABC", (*case.fit[:2], *case.held_out), strict=True):
+        write_csv(tmp_path / f"{name}.csv", log)
+    (tmp_path / "arm.urdf").write_text(urdf_text())
+    command = "diagnose A.csv B.csv --holdout C.csv --robot arm.urdf"
     command += " --json out.json --report out.html --save-model model.json"
-    text = (HIDDEN / "fit_3.csv").read_text(encoding="utf-8").splitlines()
-    (tmp_path / "A.csv").write_text("\n".join(text[:1200]))
     lines = [command, "predict A.csv --model model.json", *READS]
     output = run(lines, tmp_path)
     assert output.count("exit 0") == len(lines), output
     verdict = json.loads((tmp_path / "out.json").read_text(encoding="utf-8"))
-    truth = json.loads((HIDDEN / "truth.json").read_text(encoding="utf-8"))
-    effects = [(one["name"], one["joints"]) for one in verdict["effects"]]
-    assert effects == [(truth["name"], truth["joints"])]
+    effects = [(one["name"], tuple(one["joints"])) for one in verdict["effects"]]
+    assert effects == [(CHURN.name, CHURN.joints)]
     assert (tmp_path / "out.html").stat().st_size > 10_000
 
 

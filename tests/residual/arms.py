@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make
+from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make_case
 from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, merge_into_findings
@@ -74,7 +74,7 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     Options: ``duration`` and ``rate`` of each log, ``joint`` for drawn effects.
     """
     joint = options.pop("joint", None)
-    options = {"duration": 10.0, "rate": 125.0, **options}
+    options = {"duration": 7.0, "rate": 125.0, **options}
     effects = tuple(
         h
         if isinstance(h, SyntheticEffect)
@@ -86,13 +86,7 @@ def short_case(robot: Robot, *hidden, seed: int, baseline=None, **options) -> Ca
     parts = ["baseline", "fit"] if baseline else ["fit"]
     plan = [LogPlan(f"{p}_{f}", p, f, **options) for p in parts for f in FAMILIES]
     plan.append(LogPlan("held_out", "held_out", "fourier", **options))
-    recordings = make(Plant(robot, effects, seed), tuple(plan), seed)
-
-    def of(part):
-        return tuple(r for r, p in zip(recordings, plan, strict=True) if p.part == part)
-
-    truth = effects[0] if effects else None
-    return Case(robot, of("fit"), of("held_out"), of("baseline"), None, truth)
+    return make_case(Plant(robot, effects, seed), tuple(plan))
 
 
 def diagnose_case(case: Case, declared=None, **changes) -> Diagnosis:

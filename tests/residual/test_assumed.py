@@ -42,7 +42,7 @@ def believed(factors):
 
 def examined_on(robot, logs):
     declared = choose_declared_effects(robot, None)
-    return searched(Case(robot, tuple(logs), (), (), None, None), declared)
+    return searched(Case(robot, tuple(logs), (), (), None), declared)
 
 
 @pytest.mark.parametrize(

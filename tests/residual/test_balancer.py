@@ -12,7 +12,7 @@ from tests.residual.arms import names
 
 WEIGHT = np.array([0.44, 15.10])  # of the irb140's joint 3: of sin q3 and cos q3 [N m]
 PLAN = tuple(
-    LogPlan(name, part, "fourier", 16.0, 50.0)
+    LogPlan(name, part, "fourier", 12.0, 50.0)
     for name, part in (("A", "fit"), ("B", "fit"), ("C", "held_out"))
 )
 

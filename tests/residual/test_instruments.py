@@ -11,7 +11,7 @@ from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from tests.residual.arms import arm, names
 
-RATE, SECONDS = 125.0, 15.0
+RATE, SECONDS = 125.0, 12.0
 ROTOR = 0.5  # kg m^2 on joint 2, of which the model knows nothing
 COARSE = 6e-3  # rad: an encoder of ten bits
 

@@ -40,7 +40,7 @@ CASES = {
 }
 # What a load, the gears of a wrist or the body's own inertia has a part in is hidden in
 # the arm of six joints; what one drive does is the same in an arm of three.
-OF_THE_WHOLE = {"coupled_friction", "load_friction", "payload", "torque_gain"}
+OF_THE_WHOLE = {"coupled_friction", "payload"}
 THREE = (Z, Y, Y)
 
 
@@ -97,7 +97,7 @@ def test_nothing_is_named_and_nothing_flagged_where_nothing_is_missing():
 
 
 def test_what_has_no_name_is_flagged_on_its_joint_without_one():
-    case = short_case(irb140(), "x_friction_jump", seed=38, duration=8.0)
+    case = short_case(arm(THREE), "x_friction_jump", seed=38, duration=8.0)
     diagnosis, findings = searched(case)
     assert findings == []
     assert [j + 1 for j in diagnosis.adequacy.doubted] == list(case.truth.joints)
@@ -150,18 +150,23 @@ def test_bodies_angles_and_reports_that_are_wrong_are_named(effect):
         assert sd > 0
 
 
-def test_a_link_of_another_mass_is_named_among_six_and_not_the_other_of_two():
-    heavier = Effect("link_inertia", (3,), {"scale": 0.5})
-    _, findings = searched(short_case(irb140(), heavier, seed=51, duration=8.0))
-    (finding,) = findings
-    assert (finding.effect.name, finding.joints) == ("link_inertia", (3,))
-    assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=0.1)
-    heavier = Effect("link_inertia", (2,), {"scale": 0.5})
-    _, findings = searched(short_case(arm(), heavier, seed=51, duration=8.0))
-    assert [(f.effect.name, f.joints) for f in findings] == [("link_inertia", (2,))]
+# Named among six, and not the other of two.
+@pytest.mark.parametrize(
+    ("robot", "link"), [(arm, 2), pytest.param(irb140, 3, marks=pytest.mark.long)]
+)
+def test_a_link_of_another_mass_is_named(robot, link):
+    heavier = Effect("link_inertia", (link,), {"scale": 0.5})
+    (finding,) = searched(short_case(robot(), heavier, seed=51, duration=8.0))[1]
+    assert (finding.effect.name, finding.joints) == ("link_inertia", (link,))
+    # The arm of two joints may take a part of it for the other link's.
+    near = 0.1 if link == 3 else 0.2
+    assert finding.parameters["scale"][0] == pytest.approx([0.5], rel=near)
 
 
-@pytest.mark.parametrize(("scale", "others"), [(0.7, [("payload", (6,))]), (-0.5, [])])
+@pytest.mark.parametrize(
+    ("scale", "others"),
+    [(0.7, [("payload", (6,))]), pytest.param(-0.5, [], marks=pytest.mark.long)],
+)
 def test_a_heavier_last_link_may_as_well_be_a_load(scale, others):
     """No load is lighter than nothing."""
     model = pin.Model(irb140().model)

@@ -119,8 +119,8 @@ def test_what_is_hidden_on_a_linear_axis_is_named_in_its_units(name, effect, see
         dry, wet = {"level": [*0.1 * usual]}, {"coefficient": [*0.06 * usual / speed]}
         toml = json.dumps({"declared": {"coulomb": dry, "viscous": wet}})
         robot = build_robot(name, sliding_arm(name), toml)
-    fit = logs(robot, true, "abc", 1000 + seed, torque)
-    held_out = logs(robot, true, "d", 2000 + seed, torque)
+    fit = logs(robot, true, "abc", 1000 + seed, torque, seconds=12.0)
+    held_out = logs(robot, true, "d", 2000 + seed, torque, seconds=12.0)
     diagnosis = mg.diagnose(robot, fit, held_out=held_out)
     first = diagnosis.effects[0]
     value = first.parameters[key]

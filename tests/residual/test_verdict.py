@@ -41,7 +41,7 @@ MAKE = {
     "none": lambda: diagnose_case(short_case(arm(), seed=50)),
     "effects": lambda: diagnose_case(two_effects()),
     "several joints": lambda: diagnose_case(short_case(arm(), seed=52), ["viscous"]),
-    "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53)),
+    "unknown": lambda: diagnose_case(short_case(arm(), KNOCK, seed=53, duration=10.0)),
     "baseline": lambda: diagnose_case(short_case(arm(), GROWN, seed=54)),
     "payload": lambda: diagnose_case(short_case(arm(toml=SURE), LOAD, seed=55)),
     "same run": lambda: diagnose_case(
