@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from flows.inputs.read import read_log_sets
 
+from flows.inputs import read_log_sets
 from flows.specs import parse_spec
 from flows.steps import experiment, rerun
 from residual.drive import Drive, compute_drive_torque
