@@ -1,8 +1,8 @@
 """Identify the parameters of a model from logs (G2017 eq. 6, Phi theta = tau).
 
 Base inertial parameters and declared effects are fitted together, never one after the
-other, on filtered rows: torque and every column pass the same filter (``signals``).
-What the motion does not show stays nominal and is said (``preflight``).
+other, on filtered rows: torque and every column pass the same filter (`Track.filter`).
+What the motion does not show stays nominal and is reported (`Observability`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -68,7 +68,7 @@ class Identification:
     # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
     preflight: Observability  # what the motion cannot tell
-    # Compressed rows (``solve``), weighted where the method weighs rows.
+    # Compressed rows (`compress_joint_rows`), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
     @property
@@ -235,9 +235,9 @@ SAME_RUN = (
 
 # Validation of models (G2017 section 1.3): both directions, and unseen motion.
 #
-# Torque from motion is ``compare``, acceleration from torque ``forward``; here models
-# are fitted to some logs and tried on the others. Feed-forward and open loop need an
-# arm or its simulation: ``modelgap validate``.
+# Torque from motion is `residual.model.compare`, acceleration from torque
+# `compute_acceleration_error`; here models are fitted to some logs and tried on the
+# others. Feed-forward and open loop need an arm or its simulation: ``modelgap validate``.
 
 
 def compute_torque_errors(

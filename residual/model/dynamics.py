@@ -1,8 +1,8 @@
 """Forward dynamics of a model, and the torque that a controller asks for by one.
 
 The second of the two directions in which G2017 section 1.3 holds a model against the
-arm: tau from q, qd and qdd is `compare`; qdd from q, qd and tau is here, with a check
-that M(q) is positive definite on the workspace, without which there is none.
+arm: tau from q, qd and qdd is `residual.model.compare`; qdd from q, qd and tau is here,
+with a check that M(q) is positive definite on the workspace, without which there is none.
 
 Feed-forward and computed torque are tau = M(q) a + C(q, qd) qd + g(q) + F(qd*) +
 whatever else the model has, eq. 31 of G2017, with a = qdd* of the reference, or a_q of

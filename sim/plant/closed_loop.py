@@ -137,7 +137,7 @@ class SimulationTrace:
     """Everything that happened, at the rate of the controller."""
 
     t: Array  # times [s], (n,)
-    rows: Array  # rows of `tables`, then one per channel, (n, rows, dof)
+    rows: Array  # rows of `step_tables`, then one per channel, (n, rows, dof)
     qdd: Array  # accelerations (v_(k+1) - v_k) / dt [rad/s^2], (n, dof)
     arm: PlantArm
     phases: tuple[ArmPhase, ...]  # the arm between onsets
@@ -169,7 +169,7 @@ def build_and_simulate(
     start: float = 0.0,
     command: Array | Law | None = None,
 ) -> SimulationTrace:
-    """Build the arm of a spec and drive it; arguments as of `simulate`.
+    """Build the arm of a spec and drive it; arguments as of `simulate_closed_loop`.
 
     Args:
         command: What drives it in place of the nominal model (`choose_controller`).
