@@ -32,12 +32,7 @@ from residual.identification.estimate import (
 )
 from residual.model.bodies import build_body_sums, compute_link_eigenvalues, find_nearest_possible
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
-from residual.model.dynamics import (
-    POSES,
-    AccelerationError,
-    compute_acceleration_error,
-    find_least_mass_eigenvalue,
-)
+from residual.model.dynamics import POSES, compute_acceleration_error, find_least_mass_eigenvalue
 from residual.model.model import Model, compute_torque_columns
 from residual.model.nominal import (
     FitLogs,
@@ -272,7 +267,7 @@ class ValidatedIdentification:
     free: Identification
     consistent: ConsistentParameters | None
     errors: Mapping[str, ErrorSums]
-    accelerations: Mapping[str, AccelerationError | None]
+    accelerations: Mapping[str, ErrorSums | None]
     least_mass_matrix: Mapping[str, float]
     fit: tuple[str, ...]
     held_out: tuple[str, ...]
@@ -310,7 +305,7 @@ def identify_and_validate(
     if consistent_fit is not None:
         models["consistent"] = consistent_fit.model
     least = {name: find_least_mass_eigenvalue(model) for name, model in models.items()}
-    accelerations: dict[str, AccelerationError | None] = {}
+    accelerations: dict[str, ErrorSums | None] = {}
     for name, model in models.items():
         try:
             accelerations[name] = compute_acceleration_error(model, held_out)

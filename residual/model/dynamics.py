@@ -23,6 +23,7 @@ from scipy.ndimage import uniform_filter1d
 from residual.drive import limit_goal
 from residual.effects.base import EffectTrait, Shape, State
 from residual.errors import InputError
+from residual.model.compare import ErrorSums
 from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.records import PositionErrors
@@ -42,23 +43,11 @@ CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
 MOST = 60  # rounds until then; each leaves a third or less, where there is an answer
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class AccelerationError:
-    """Error of the acceleration that a model makes of measured torque."""
-
-    # 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a joint never
-    # moves, (dof,).
-    per_joint: Array
-    overall: float  # the same over all joints, Frobenius norm [%]
-
-
-def compute_acceleration_error(
-    model: AnyModel, recordings: Sequence[Recording]
-) -> AccelerationError:
-    """Return the error of acceleration from torque (forward dynamics).
+def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording]) -> ErrorSums:
+    """Return the error of acceleration from torque (forward dynamics), as "moving".
 
     Measured and computed acceleration pass the identification filter; samples count
-    where the joint moves.
+    where the joint moves. Of squares [rad^2/s^4].
 
     Raises:
         InputError: If the model has no acceleration.
@@ -76,11 +65,7 @@ def compute_acceleration_error(
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
         power += (both[:, :, 0] ** 2).sum(axis=0)
-    some = power > 0
-    share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
-    total = float(power.sum())
-    overall = float(100 * np.sqrt(miss.sum() / total)) if total else float("nan")
-    return AccelerationError(share, overall)
+    return ErrorSums({"moving": miss}, {"moving": power})
 
 
 def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
