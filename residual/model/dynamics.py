@@ -23,7 +23,7 @@ from scipy.ndimage import uniform_filter1d
 from residual.drive import limit_goal
 from residual.effects.base import EffectTrait, Shape, State
 from residual.errors import InputError
-from residual.model.compare import ErrorSums
+from residual.model.compare import ErrorSums, prepare_held_out
 from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.records import PositionErrors
@@ -35,8 +35,8 @@ from residual.robot.dynamics import (
     replace_inertial_parameters,
 )
 from residual.robot.robot import Robot
-from residual.signals.splitting import exceed_split_length, slice_recording, split_long_logs
-from residual.signals.track import StandstillFriction, Track, build_tracks, interpolate_signals
+from residual.signals.splitting import slice_recording
+from residual.signals.track import StandstillFriction, Track, interpolate_signals
 
 POSES = 10_000
 CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
@@ -55,11 +55,9 @@ def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording])
     base: Model = getattr(model, "model", model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full = not exceed_split_length(recordings)
-    pieces = split_long_logs(recordings, base.filters.torque)
-    tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
-    for recording, track in zip(pieces, tracks, strict=True):
-        measured = interpolate_signals(track.t, recording.t, recording.tau)
+    for witness in prepare_held_out(recordings, base):
+        log, track = witness.recording, witness.track
+        measured = interpolate_signals(track.t, log.t, log.tau)
         computed = compute_acceleration(model, track, measured)
         both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
