@@ -87,8 +87,9 @@ def _errors(outcome: ValidatedIdentification) -> ReportTable:
         for kind, words in METRICS
         for name, each in outcome.errors.items()
     ]
+    own = "moving"
     rows += [
-        ("acceleration", name, *map(_short, each.per_joint), _short(each.overall))
+        ("acceleration", name, *map(_short, each.per_joint(own)), _short(each.overall(own)))
         for name, each in outcome.accelerations.items()
         if each is not None
     ]

@@ -86,7 +86,8 @@ def build_identification_document(outcome: ValidatedIdentification) -> dict:
                 },
             },
             "acceleration_error": {
-                name: made and {"joints": made.per_joint, "overall": made.overall}
+                name: made
+                and {"joints": made.per_joint("moving"), "overall": made.overall("moving")}
                 for name, made in outcome.accelerations.items()
             },
             "least_mass_matrix": outcome.least_mass_matrix,

@@ -211,7 +211,7 @@ def validate_model(model: AnyModel, log: Recording) -> ModelValidation:
     errors, _ = compute_model_errors({NOMINAL: model}, prepare_held_out([log], body), body.filters)
     torque = errors[NOMINAL].per_joint("moving")
     try:
-        acceleration = compute_acceleration_error(model, [log]).per_joint
+        acceleration = compute_acceleration_error(model, [log]).per_joint("moving")
     except InputError:
         acceleration = None
     return ModelValidation(torque, acceleration, find_least_mass_eigenvalue(body))

@@ -128,7 +128,7 @@ def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State
 def build_joint_rows(model: Model, tracks: tuple[Track, ...], base: BaseParameters) -> JointRows:
     """Filter torque and base columns alike, and keep the rows that count.
 
-    Rows of joint j are samples at which joint j moves (``signals``).
+    Rows of joint j are samples at which joint j moves (`Track`).
     """
     dof = model.robot.dof
     joint_rows: list[list[tuple]] = [[] for _ in range(dof)]
@@ -149,9 +149,10 @@ def build_joint_rows(model: Model, tracks: tuple[Track, ...], base: BaseParamete
 def compute_nominal_covariance(model: Model, torque_rms: Array, columns: Array) -> Array:
     """Return how much each nominal coefficient is doubted, at a relative scale of 1.
 
-    A covariance (s, s): inertia as in ``prior``; the coefficient of an effect by its
-    own size, or, where that is 0, by what would make 30 % of the torque, given the
-    torque rms of each joint [N m] and all columns on some states (n, dof, s).
+    A covariance (s, s): inertia as `compute_inertial_precision` has it; the coefficient
+    of an effect by its own size, or, where that is 0, by what would make 30 % of the
+    torque, given the torque rms of each joint [N m] and all columns on some states
+    (n, dof, s).
     """
     size = len(model.inertial)
     coefficients = model.coefficients()

@@ -1,8 +1,8 @@
 """Identify the parameters of a model from logs (G2017 eq. 6, Phi theta = tau).
 
 Base inertial parameters and declared effects are fitted together, never one after the
-other, on filtered rows: torque and every column pass the same filter (``signals``).
-What the motion does not show stays nominal and is said (``preflight``).
+other, on filtered rows: torque and every column pass the same filter (`Track.filter`).
+What the motion does not show stays nominal and is reported (`Observability`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -32,12 +32,7 @@ from residual.identification.estimate import (
 )
 from residual.model.bodies import build_body_sums, compute_link_eigenvalues, find_nearest_possible
 from residual.model.compare import ErrorSums, compute_model_errors, prepare_held_out
-from residual.model.dynamics import (
-    POSES,
-    AccelerationError,
-    compute_acceleration_error,
-    find_least_mass_eigenvalue,
-)
+from residual.model.dynamics import POSES, compute_acceleration_error, find_least_mass_eigenvalue
 from residual.model.model import Model, compute_torque_columns
 from residual.model.nominal import (
     FitLogs,
@@ -68,7 +63,7 @@ class Identification:
     # How far full parameters may be from the nominal ones at all: covariance, (s, s).
     spread: Array
     preflight: Observability  # what the motion cannot tell
-    # Compressed rows (``solve``), weighted where the method weighs rows.
+    # Compressed rows (`compress_joint_rows`), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
     @property
@@ -235,9 +230,9 @@ SAME_RUN = (
 
 # Validation of models (G2017 section 1.3): both directions, and unseen motion.
 #
-# Torque from motion is ``compare``, acceleration from torque ``forward``; here models
-# are fitted to some logs and tried on the others. Feed-forward and open loop need an
-# arm or its simulation: ``modelgap validate``.
+# Torque from motion is `residual.model.compare`, acceleration from torque
+# `compute_acceleration_error`; here models are fitted to some logs and tried on the
+# others. Feed-forward and open loop need an arm or its simulation: ``modelgap validate``.
 
 
 def compute_torque_errors(
@@ -272,7 +267,7 @@ class ValidatedIdentification:
     free: Identification
     consistent: ConsistentParameters | None
     errors: Mapping[str, ErrorSums]
-    accelerations: Mapping[str, AccelerationError | None]
+    accelerations: Mapping[str, ErrorSums | None]
     least_mass_matrix: Mapping[str, float]
     fit: tuple[str, ...]
     held_out: tuple[str, ...]
@@ -310,7 +305,7 @@ def identify_and_validate(
     if consistent_fit is not None:
         models["consistent"] = consistent_fit.model
     least = {name: find_least_mass_eigenvalue(model) for name, model in models.items()}
-    accelerations: dict[str, AccelerationError | None] = {}
+    accelerations: dict[str, ErrorSums | None] = {}
     for name, model in models.items():
         try:
             accelerations[name] = compute_acceleration_error(model, held_out)

@@ -1,8 +1,8 @@
 """Forward dynamics of a model, and the torque that a controller asks for by one.
 
 The second of the two directions in which G2017 section 1.3 holds a model against the
-arm: tau from q, qd and qdd is `compare`; qdd from q, qd and tau is here, with a check
-that M(q) is positive definite on the workspace, without which there is none.
+arm: tau from q, qd and qdd is `residual.model.compare`; qdd from q, qd and tau is here,
+with a check that M(q) is positive definite on the workspace, without which there is none.
 
 Feed-forward and computed torque are tau = M(q) a + C(q, qd) qd + g(q) + F(qd*) +
 whatever else the model has, eq. 31 of G2017, with a = qdd* of the reference, or a_q of
@@ -23,6 +23,7 @@ from scipy.ndimage import uniform_filter1d
 from residual.drive import limit_goal
 from residual.effects.base import EffectTrait, Shape, State
 from residual.errors import InputError
+from residual.model.compare import ErrorSums, prepare_held_out
 from residual.model.lookup import AnyModel, CorrectedModel
 from residual.model.model import Model, Term
 from residual.model.records import PositionErrors
@@ -34,31 +35,19 @@ from residual.robot.dynamics import (
     replace_inertial_parameters,
 )
 from residual.robot.robot import Robot
-from residual.signals.splitting import exceed_split_length, slice_recording, split_long_logs
-from residual.signals.track import StandstillFriction, Track, build_tracks, interpolate_signals
+from residual.signals.splitting import slice_recording
+from residual.signals.track import StandstillFriction, Track, interpolate_signals
 
 POSES = 10_000
 CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
 MOST = 60  # rounds until then; each leaves a third or less, where there is an answer
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class AccelerationError:
-    """Error of the acceleration that a model makes of measured torque."""
-
-    # 100 ||qdd - qdd_hat|| / ||qdd|| on moving samples [%], NaN where a joint never
-    # moves, (dof,).
-    per_joint: Array
-    overall: float  # the same over all joints, Frobenius norm [%]
-
-
-def compute_acceleration_error(
-    model: AnyModel, recordings: Sequence[Recording]
-) -> AccelerationError:
-    """Return the error of acceleration from torque (forward dynamics).
+def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording]) -> ErrorSums:
+    """Return the error of acceleration from torque (forward dynamics), as "moving".
 
     Measured and computed acceleration pass the identification filter; samples count
-    where the joint moves.
+    where the joint moves. Of squares [rad^2/s^4].
 
     Raises:
         InputError: If the model has no acceleration.
@@ -66,21 +55,15 @@ def compute_acceleration_error(
     base: Model = getattr(model, "model", model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
-    full = not exceed_split_length(recordings)
-    pieces = split_long_logs(recordings, base.filters.torque)
-    tracks, _ = build_tracks(pieces, base.filters, base.speed_floor, full_rate=full)
-    for recording, track in zip(pieces, tracks, strict=True):
-        measured = interpolate_signals(track.t, recording.t, recording.tau)
+    for witness in prepare_held_out(recordings, base):
+        log, track = witness.recording, witness.track
+        measured = interpolate_signals(track.t, log.t, log.tau)
         computed = compute_acceleration(model, track, measured)
         both = track.filter(np.stack([track.qdd, computed], axis=2))
         both = both * track.moving[:, :, None]
         miss += ((both[:, :, 0] - both[:, :, 1]) ** 2).sum(axis=0)
         power += (both[:, :, 0] ** 2).sum(axis=0)
-    some = power > 0
-    share = 100 * np.sqrt(miss / np.where(some, power, np.nan))
-    total = float(power.sum())
-    overall = float(100 * np.sqrt(miss.sum() / total)) if total else float("nan")
-    return AccelerationError(share, overall)
+    return ErrorSums({"moving": miss}, {"moving": power})
 
 
 def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:

@@ -204,7 +204,7 @@ class JointCorrection:
     # What its tables read, beside the load; velocities among them.
     columns: tuple[TableVariable, ...]
     lookup: Lookup  # the tables
-    kind: str  # what it got: NONE, or a kind of `calibration.choice`
+    kind: str  # what it got: NONE, or a kind of `CorrectionOption`
     # What it says beyond the range it was drawn on: "nothing", or what the "nearest"
     # level has.
     beyond: str = NOTHING

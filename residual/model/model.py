@@ -128,7 +128,7 @@ class Model:
         inertial: Inertial parameters, Pinocchio's order [SI]. Shape (10 dof,).
         terms: Effects with their coefficients.
         speed_floor: Speed under which a joint counts as standing [rad/s]. (dof,).
-        standstill: Behaviour at standstill of each joint (see ``standstill``).
+        standstill: Behaviour at standstill of each joint (`StandstillFriction`).
         clock: Start of the session on the logs' clock [s]; None where each log
             starts its own.
         filters: Signal path used to identify it.

@@ -79,7 +79,7 @@ class Robot:
         locked: Joints of its file that are outside of the chain, and where they stand
             [rad or m].
         notes: What of its file was not taken as it stands, in words.
-        flaws: Bodies of its file that no link has (``plausibility``).
+        flaws: Bodies of its file that no link has (`residual.robot.plausibility`).
         carried: Weight that is missing from the torque of its drives, by its file; None
             where they carry all.
     """

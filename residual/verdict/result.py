@@ -94,7 +94,8 @@ class Edit:
         name, joints: The effect and where, joints from 1.
         error: Of the augmented model without it.
         kept: Of the same model with it, on the same logs.
-        least_squares: Of dense least squares with its parameters set back (``dense``);
+        least_squares: Of dense least squares with its parameters set back
+            (`reset_effect_parameters`);
             None where it has none to set back.
         reference: Of the best there is: the true parameters where they are known, the
             baseline's own model where they are not.

@@ -18,7 +18,7 @@ Rng = np.random.Generator
 Values = Mapping[str, float]
 Joints = tuple[int, ...]  # from 0, unless said otherwise
 Scope = Literal["joint", "pair", "flange", "global"]
-OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of Sizes
+OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of `TypicalSizes`
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -84,7 +84,7 @@ def draw_loaded_joint(rng: Rng, dof: int, sizes: TypicalSizes) -> int:
 
 
 def draw_balanced_joint(rng: Rng, dof: int, sizes: TypicalSizes) -> int:
-    """Draw one with weight to balance, after a number as in `anywhere`."""
+    """Draw one with weight to balance, after a number as in `draw_any_joint_skipping`."""
     rng.uniform()
     return _heaviest(rng, sizes)
 

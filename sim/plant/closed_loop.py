@@ -56,41 +56,29 @@ def choose_controller(
             goes with plain feedback; or a law, which closes the loop. None for the
             controller of the paper, with the nominal model.
     """
+    model, data, maker = robot.model, robot.model.createData(), read_nominal_drives(robot)
+    # q, qd and qdd at each step. Shape (n, 3, dof).
+    goal = np.stack([reference.q, reference.qd, reference.qdd], axis=1)
     if command is None:
-        return build_computed_torque_controller(robot, reference)
-    if not callable(command):
-        return build_feed_forward_controller(robot, reference, command)
-    goal = _goal(reference)
+        known = np.array(maker)
 
-    def torque(k: int, reading: Array, rate: Array) -> Array:
-        q, qd, qdd = goal[k]
-        return command(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
+        def torque(k: int, reading: Array, rate: Array) -> Array:
+            demand, rest = _demand(goal[k], reading, rate, known)
+            return pin.rnea(model, data, reading, rate, demand) + rest
 
-    return torque
+    elif callable(command):
 
+        def torque(k: int, reading: Array, rate: Array) -> Array:
+            q, qd, qdd = goal[k]
+            return command(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
 
-def build_computed_torque_controller(robot: Robot, reference: ReferenceMotion) -> Controller:
-    """Return the controller of the paper, with the nominal model of the robot."""
-    model, data = robot.model, robot.model.createData()
-    maker, goal = np.array(read_nominal_drives(robot)), _goal(reference)
+    else:
+        # Feedback joint by joint: no model in it.
+        inertia = np.diag(pin.crba(model, data, reference.q[0])) + maker.rotor
 
-    def torque(k: int, reading: Array, rate: Array) -> Array:
-        demand, rest = _demand(goal[k], reading, rate, maker)
-        return pin.rnea(model, data, reading, rate, demand) + rest
-
-    return torque
-
-
-def build_feed_forward_controller(
-    robot: Robot, reference: ReferenceMotion, command: Array
-) -> Controller:
-    """Return given torques with the same feedback, joint by joint: no model in it."""
-    mass = np.diag(pin.crba(robot.model, robot.model.createData(), reference.q[0]))
-    inertia, goal = mass + read_nominal_drives(robot).rotor, _goal(reference)
-
-    def torque(k: int, reading: Array, rate: Array) -> Array:
-        q, qd, _ = goal[k]
-        return command[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
+        def torque(k: int, reading: Array, rate: Array) -> Array:
+            q, qd, _ = goal[k]
+            return command[k] + inertia * (KP * (q - reading) + KD * (qd - rate))
 
     return torque
 
@@ -98,11 +86,6 @@ def build_feed_forward_controller(
 def build_open_loop_controller(command: Array) -> Controller:
     """Return given torques and nothing else: no feedback."""
     return lambda k, reading, rate: command[k]
-
-
-def _goal(reference: ReferenceMotion) -> Array:
-    """Return q, qd and qdd of the reference in one array. Shape (n, 3, dof)."""
-    return np.stack([reference.q, reference.qd, reference.qdd], axis=1)
 
 
 @compile_lazily
@@ -137,7 +120,7 @@ class SimulationTrace:
     """Everything that happened, at the rate of the controller."""
 
     t: Array  # times [s], (n,)
-    rows: Array  # rows of `tables`, then one per channel, (n, rows, dof)
+    rows: Array  # rows of `step_tables`, then one per channel, (n, rows, dof)
     qdd: Array  # accelerations (v_(k+1) - v_k) / dt [rad/s^2], (n, dof)
     arm: PlantArm
     phases: tuple[ArmPhase, ...]  # the arm between onsets
@@ -169,7 +152,7 @@ def build_and_simulate(
     start: float = 0.0,
     command: Array | Law | None = None,
 ) -> SimulationTrace:
-    """Build the arm of a spec and drive it; arguments as of `simulate`.
+    """Build the arm of a spec and drive it; arguments as of `simulate_closed_loop`.
 
     Args:
         command: What drives it in place of the nominal model (`choose_controller`).

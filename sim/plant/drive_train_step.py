@@ -16,7 +16,7 @@ takes energy at any step. Without x_new it reads
 
 a linear complementarity problem in a box, whose positive definite matrix makes the
 solution unique. Projected Gauss-Seidel finds it, from the impulses of the last step
-(`slide`; Jourdan, Alart and Jean 1998, Comput. Methods Appl. Mech. Eng.
+(`solve_friction_impulses`; Jourdan, Alart and Jean 1998, Comput. Methods Appl. Mech. Eng.
 155:31). Bullet then moves the rigid arm by the torque that each joint passes on.
 
 Friction of a contact with speed u is a torque between -backward and +forward, equal to

@@ -79,7 +79,7 @@ def plan_reference_motion(
 
     Raises:
         InputError: If the specification makes no sense, or not for this robot.
-        LimitError: If it breaks a limit: which joint, when, and by how much.
+        MotionLimitError: If it breaks a limit: which joint, when, and by how much.
     """
     low, high = _RATES
     if not low <= rate <= high:

@@ -355,7 +355,7 @@ def check_plan(robot: Robot, plan: MotionPlan) -> None:
     """Make sure that a motion keeps limits and clearance, between samples too.
 
     Raises:
-        LimitError: With the joint, when, and by how much.
+        MotionLimitError: With the joint, when, and by how much.
     """
     t = space_times_evenly(plan.pattern_duration, _FINE)
     motion = plan.curve(t)

@@ -254,7 +254,7 @@ class ToolWorkspace(MotionWorkspace):
 
 
 def build_tool_workspace(robot: Robot, family: str, period: float) -> ToolWorkspace:
-    """Return the cell of a robot; the error of `kinematics` for a short arm."""
+    """Return the cell of a robot; the error of `build_tool_kinematics` for a short arm."""
     limits, arm = read_planning_limits(robot), build_arm_capsules(robot.model)
     return ToolWorkspace(robot, limits, arm, period, build_tool_kinematics(robot, family))
 

@@ -26,15 +26,15 @@ def test_the_identified_model_beats_the_nominal_both_ways(identification, held_o
     torque = compute_torque_errors(models, held_out)
     assert torque["identified"].overall("moving") < 3
     assert torque["identified"].overall("raw") < 0.2 * torque["nominal"].overall("raw")
-    both = [compute_acceleration_error(m, held_out).overall for m in models.values()]
+    both = [compute_acceleration_error(m, held_out).overall("moving") for m in models.values()]
     assert both[1] < 10
     assert both[1] < 0.1 * both[0]
 
 
 def test_a_joint_that_stands_has_no_acceleration_error(identification):
     error = compute_acceleration_error(identification.model, logs(1, joints=(0, 1)))
-    assert np.isnan(error.per_joint[2])
-    assert np.isfinite(error.overall)
+    assert np.isnan(error.per_joint("moving")[2])
+    assert np.isfinite(error.overall("moving"))
 
 
 BAD = {

@@ -6,7 +6,7 @@ from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantEffect, PlantSpec, ReferenceMotion
 from sim.engine.plant_records import create_random_stream as make_rng
-from sim.plant.closed_loop import build_computed_torque_controller, simulate_closed_loop
+from sim.plant.closed_loop import choose_controller, simulate_closed_loop
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import compute_usual_motion_range
 
@@ -33,6 +33,6 @@ def standing(duration, q=None, rate=1000.0):
 def drive(*effects, reference=None, controller=None, start=0.0, **spec):
     reference = motion() if reference is None else reference
     plant = PlantSpec(effects, **spec)
-    controller = controller or build_computed_torque_controller(ROBOT, reference)
+    controller = controller or choose_controller(ROBOT, reference)
     arm = build_plant_arm(ROBOT, plant)
     return simulate_closed_loop(arm, reference, controller, "", start, plant.seed)
