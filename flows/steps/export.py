@@ -40,7 +40,6 @@ from residual.verdict.diagnosis import tabulate_errors
 from residual.verdict.result import ErrorTables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
-FORMS = (".csv", ".parquet")
 
 
 def read_model_and_logs(
@@ -123,12 +122,6 @@ def build_sample_table(prediction: Prediction) -> pa.Table:
             }
         parts.append(pa.table(columns))
     return pa.concat_tables(parts)
-
-
-def check_file_format(path: Path) -> None:
-    """Refuse a file of another form than can be written."""
-    if path.suffix not in FORMS:
-        raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
 
 
 def encode_samples(prediction: Prediction, path: Path) -> bytes:
