@@ -179,11 +179,9 @@ def predict(
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if out is not None and not out.endswith((".csv", ".parquet")):
         raise InputError(f"--out {out}: expected a file *.csv or *.parquet.")
-    source, read = predicting.read_model_and_logs(model, logs, which, columns, store)
-    outputs.say(f"model: {source!r}", *read.lines[1:])
-    made = predicting.predict(source, read, without)
-    edited = predicting.describe_edited_model(made, without)
-    outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
+    read, made = predicting.predict(logs, model, which, without, columns, store)
+    outputs.say(*predicting.describe_models(made, without), *read.lines[1:])
+    outputs.say(*(f"warning: {w}" for w in read.warnings))
     errors = predicting.build_error_tables(made)
     print_parts(outputs.console, build_prediction_table(errors, without))
     outputs.write(
