@@ -228,10 +228,14 @@ def store_outcome(
     """
     request_entry, verdict = {"request": request}, diagnosis.verdict
     each = build_run_error_rows(diagnosis) if runs.get("held_out") else []
-    known, content = diagnosis.adoptable, {}
+    models = {name: model.to_record() for name, model in diagnosis.models.items()}
+    # Their robot, which is one, stands there once.
+    robots = [record.pop("robot") for record in models.values()]
+    content: dict = {"models": {"robot": robots[0], "models": models} if robots else {}}
+    known = diagnosis.adoptable
     if known is not None and known is not diagnosis.models.get("augmented"):
-        content = {"known": {"model": known.to_record()}}
-        del content["known"]["model"]["robot"]  # it stands there once
+        content["known"] = {"model": known.to_record()}
+        del content["known"]["model"]["robot"]
     motion = build_states_table(logs)
     shown = {
         "robot": verdict.robot,
@@ -243,7 +247,7 @@ def store_outcome(
     diagnosis_id = commit_diagnosis(
         store,
         shown | request_entry | ({"serial": serial} if serial else {}),
-        request_entry | {"models": models_to_record(diagnosis.models)} | content,
+        request_entry | content,
         runs,
         effects=list(build_effect_rows(diagnosis.effects)),
         errors=[*build_error_view_rows(diagnosis.errors), *each],
@@ -326,15 +330,8 @@ def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
-def models_to_record(diagnosis: Mapping[str, Model | CorrectedModel]) -> dict:
-    """Return models as plain values; their robot, which is one, stands there once."""
-    records = {name: model.to_record() for name, model in diagnosis.items()}
-    robots = [record.pop("robot") for record in records.values()]
-    return {"robot": robots[0], "models": records} if robots else {}
-
-
 def models_from_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
-    """The way back."""
+    """Return the models of a record; their robot stands there once."""
     robot = record["robot"]
     return {name: read_model({**own, "robot": robot}) for name, own in record["models"].items()}
 

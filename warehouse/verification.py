@@ -173,7 +173,6 @@ def _channel(
     return ChannelDifference(name, unit, False, rows, count, first, largest, rms, note)
 
 
-_OPEN_TO_OTHERS = 0o077
 # What a row of another form may raise.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 
@@ -295,11 +294,6 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
         for top in (MADE_WITH, QUARANTINE, OPENED):
             for name in list_folder_names(place, top):
                 yield IntegrityResult(top, name, _complaint(_check_file, place / top / name))
-
-
-def is_readable_by_others(store: Path) -> bool:
-    """Return whether other users of this machine may look into a store."""
-    return bool(store.stat().st_mode & _OPEN_TO_OTHERS)
 
 
 def _check_robot(folder: Path) -> None:

@@ -278,7 +278,8 @@ def demo(
         background: What all joints have beside it: nothing, that of an arm in use, or
             twice as much.
     """
-    from flows.report.diagnosis import print_diagnosis, print_truth
+    from flows.report.diagnosis import build_truth_parts, print_diagnosis
+    from flows.report.document import print_parts
     from flows.report.phrases import Demonstration
     from flows.report.store_index import parse_hidden_effects, store_demo_page
     from flows.steps import demo as demonstration
@@ -299,7 +300,8 @@ def demo(
         page = store_demo_page(ids, hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    print_truth(Demonstration(parse_hidden_effects(hidden), outcome.verdict), console)
+    shown = Demonstration(parse_hidden_effects(hidden), outcome.verdict)
+    print_parts(console, *build_truth_parts(shown), wrapped=True)
     print_plain(console, f"\nreport: {page}")
 
 

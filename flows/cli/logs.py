@@ -55,7 +55,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     from flows.inputs import read_logs
     from flows.report.document import print_parts
     from flows.report.models import build_robot_document, describe_robot_check
-    from flows.report.sentences import describe_check
+    from flows.report.sentences import describe_faults, summarize_check
     from flows.steps import check as checking
 
     request = replace(request, logs=logs)
@@ -69,7 +69,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
     out.say(*read.lines[1:])
     report = checking.check_log_sets(read)
     out.write(document=report.to_json)
-    out.say(*describe_check(report))
+    out.say("", summarize_check(report), *describe_faults(report))
     return out.finish()
 
 

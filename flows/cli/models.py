@@ -9,6 +9,7 @@ from flows.cli.app import Outputs
 from flows.outputs import check_outside, list_input_files, print_plain
 from flows.requests import Columns, File, Flag, Log, ModelWord, RobotName, Store, Text, Which, Words
 from flows.settings import resolve_store_folder
+from residual.errors import InputError
 
 
 def models(*, robot: RobotName = None, store: Store = None) -> None:
@@ -176,13 +177,11 @@ def predict(
     check_outside("--out", out, resolve_store_folder(store))
     inputs = list_input_files((*logs, model), columns)
     outputs = Outputs({"--out": out, "--json": json}, inputs)
-    if "--out" in outputs.files:
-        predicting.check_file_format(outputs.files["--out"])
-    source, read = predicting.read_model_and_logs(model, logs, which, columns, store)
-    outputs.say(f"model: {source!r}", *read.lines[1:])
-    made = predicting.predict(source, read, without)
-    edited = predicting.describe_edited_model(made, without)
-    outputs.say(*edited, *(f"warning: {w}" for w in read.warnings))
+    if out is not None and not out.endswith((".csv", ".parquet")):
+        raise InputError(f"--out {out}: expected a file *.csv or *.parquet.")
+    read, made = predicting.predict(logs, model, which, without, columns, store)
+    outputs.say(*predicting.describe_models(made, without), *read.lines[1:])
+    outputs.say(*(f"warning: {w}" for w in read.warnings))
     errors = predicting.build_error_tables(made)
     print_parts(outputs.console, build_prediction_table(errors, without))
     outputs.write(

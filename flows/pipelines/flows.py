@@ -272,7 +272,8 @@ def monitor(
     Returns:
         The id of the record; none if there was nothing to compare with.
     """
-    tag = find_healthy_tag(project, runs) if project else HEALTHY
+    table = find_project_robot(read_project(project), runs) if project else None
+    tag = table.healthy if table else HEALTHY
     place = resolve_store_folder(store)
     arms = monitoring.group_runs_by_arm(runs, place)
     watched = (tasks.watch(arm, model, good or [], str(place), tag) for arm in arms)
@@ -343,12 +344,6 @@ def diagnose(folder: str, robot: str) -> list[str]:
     count, against = len(outcome.batch.runs), outcome.batch.against
     get_run_logger().info(f"{count} new runs against {against}")
     return list(outcome.ids)
-
-
-def find_healthy_tag(folder: str, runs: list[str]) -> str:
-    """Return the tag of healthy runs, of the robot of some runs."""
-    table = find_project_robot(read_project(folder), runs)
-    return table.healthy if table else HEALTHY
 
 
 @flow(name="inbox", flow_run_name="inbox", timeout_seconds=_LIMIT)

@@ -27,7 +27,6 @@ from flows.report.document import (
     html_tag,
     print_document,
     print_line,
-    print_parts,
 )
 from flows.report.phrases import (
     WEIGH_LOAD,
@@ -37,6 +36,7 @@ from flows.report.phrases import (
     compare_with_truth,
     count_noun,
     describe_edit_tests,
+    find_effect,
     format_effect_noun,
     format_equivalent_phrases,
     is_link_or_load,
@@ -180,11 +180,6 @@ def build_truth_parts(demonstration: Demonstration) -> list[Part]:
     ]
 
 
-def print_truth(demonstration: Demonstration, console: Console) -> None:
-    """Print the hidden effect beside the named one."""
-    print_parts(console, *build_truth_parts(demonstration), wrapped=True)
-
-
 def _missing(
     result: Diagnosis, figures: Sequence[Sequence[Chart]] | None, records: Sequence[str]
 ) -> Section:
@@ -216,7 +211,8 @@ def _finding(
         )
         text.append(Note(alike, "callout"))
     if effect.parameters or effect.combinations:
-        frame = tables.describe_frame(effect, verdict.frames)
+        flange = verdict.frames.flange or "the flange"
+        frame = find_effect(effect.name).frame.format(flange=flange)
         text.append(tables.build_parameter_table(effect, verdict))
         text.append(Note(f"Vectors are {frame}.") if frame else None)
     title = capitalize_first(tables.title_finding(effect, verdict))

@@ -304,11 +304,6 @@ def title_fault(fault: Fault) -> str:
     return f"{meaning} ({joints})" if joints else meaning
 
 
-def describe_check(report: LogCheck) -> list[str]:
-    """Return the result of a check: one line, then a paragraph for each fault."""
-    return ["", summarize_check(report), *describe_faults(report)]
-
-
 def describe_faults(report: LogCheck) -> list[str]:
     """Return a paragraph for each fault."""
     lines = []

@@ -308,9 +308,3 @@ def format_first_size(effect: Finding, verdict: Verdict) -> tuple[str, str]:
     sign = "+" if first.signed and low > 0 else ""
     span = f"{sign}{format_number(low)} to {sign}{format_number(high)} {format_unit(first.unit)}"
     return first.name, span.strip()
-
-
-def describe_frame(effect: Finding, frames: Frames) -> str:
-    """Return the frame of the vectors of a finding; empty where it has none."""
-    flange = frames.flange or "the flange"
-    return find_effect(effect.name).frame.format(flange=flange)

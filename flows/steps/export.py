@@ -39,28 +39,23 @@ from residual.verdict.diagnosis import tabulate_errors
 from residual.verdict.result import ErrorTables
 
 _NAMES = {WHOLE: "tau_model", EDITED: "tau_edited"}
-FORMS = (".csv", ".parquet")
-
-
-def read_model_and_logs(
-    word: str,
-    logs: Sequence[str],
-    which: str | None = None,
-    columns: str | None = None,
-    store: str | Path | None = None,
-) -> tuple[AnyModel, LogSets]:
-    """Read the model and every log once."""
-    require_logs(logs, "to predict", "predict")
-    place = resolve_store_folder(store)
-    model = read_model(place, word, which)
-    robot = remove_tables(model).robot
-    return model, read_log_sets((logs, (), ()), robot, columns, place)
 
 
 @one_blas_thread
-def predict(model: AnyModel, logs: LogSets, without: Sequence[str]) -> Prediction:
-    """Compute the torque of the model on the logs."""
-    return core_predict(model, logs.fit, parse_edits(without))
+def predict(
+    logs: Sequence[str],
+    model: str,
+    which: str | None = None,
+    without: Sequence[str] = (),
+    columns: str | None = None,
+    store: str | Path | None = None,
+) -> tuple[LogSets, Prediction]:
+    """Read a model and logs, and compute the torque with and without some effects."""
+    require_logs(logs, "to predict", "predict")
+    place = resolve_store_folder(store)
+    source = read_model(place, model, which)
+    read = read_log_sets((logs, (), ()), remove_tables(source).robot, columns, place)
+    return read, core_predict(source, read.fit, parse_edits(without))
 
 
 def parse_edits(words: Sequence[str]) -> Edits:
@@ -78,10 +73,11 @@ def parse_edits(words: Sequence[str]) -> Edits:
     return out
 
 
-def describe_edited_model(prediction: Prediction, without: Sequence[str]) -> list[str]:
-    """Return the edited model and what was removed, in one line; none without edits."""
+def describe_models(prediction: Prediction, without: Sequence[str]) -> list[str]:
+    """Return the model, then the edited one and what was removed, a line each."""
+    lines = [f"model: {prediction.models[WHOLE]!r}"]
     if EDITED not in prediction.models:
-        return []
+        return lines
     edited, words = prediction.models[EDITED], []
     terms = remove_tables(edited).terms
     for word, (name, joints) in zip(without, parse_edits(without), strict=True):
@@ -91,7 +87,7 @@ def describe_edited_model(prediction: Prediction, without: Sequence[str]) -> lis
             for term in terms
         )
         words.append(f"{word} (at its nominal value)" if nominal else word)
-    return [f"edited: {edited!r}, without {', '.join(words)}"]
+    return [*lines, f"edited: {edited!r}, without {', '.join(words)}"]
 
 
 def build_error_tables(prediction: Prediction) -> ErrorTables:
@@ -122,12 +118,6 @@ def build_sample_table(prediction: Prediction) -> pa.Table:
             }
         parts.append(pa.table(columns))
     return pa.concat_tables(parts)
-
-
-def check_file_format(path: Path) -> None:
-    """Refuse a file of another form than can be written."""
-    if path.suffix not in FORMS:
-        raise InputError(f"--out {path}: expected a file *.csv or *.parquet.")
 
 
 def encode_samples(prediction: Prediction, path: Path) -> bytes:

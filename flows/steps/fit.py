@@ -11,13 +11,13 @@ from time import perf_counter
 
 import numpy as np
 
-from flows import inputs
 from flows.inputs import (
     LogSets,
     check_declared,
     is_run_id,
     load_run_robot,
     read_log_sets,
+    read_logs,
     require_logs,
 )
 from flows.outputs import Progress
@@ -167,7 +167,7 @@ def store_identification(
 def read_identification_logs(request: Identify, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     Options(request.method, request.prior)  # wrong ones are refused first
-    return inputs.read_logs(request, "to identify from", robot)
+    return read_logs(request, "to identify from", robot)
 
 
 @one_blas_thread

@@ -60,7 +60,6 @@ from warehouse.verification import (
     compare_values,
     find_differing_values,
     find_record_faults,
-    is_readable_by_others,
     list_extra_files,
     read_catalogue_row,
     read_nested_tables,
@@ -166,7 +165,7 @@ def find_damaged_files(place: Path) -> Iterator[str]:
             yield f"DAMAGED  {each.kind} {each.id}: {line}"
     summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     yield f"verified {summary or 'an empty store'}"
-    if find_store_bucket(place) is None and is_readable_by_others(place):
+    if find_store_bucket(place) is None and place.stat().st_mode & 0o077:
         yield f"note: other users of this machine may look into it: chmod 700 {place}"
     index = f", and {INDEX}" if find_store_bucket(place) else ""
     if damaged:
