@@ -30,7 +30,7 @@ _FILES = (
     *("measured", "diagnosis", "attribution", "changes", "check"),
     *("loop", "peers", "plsr", "store"),
 )
-_GROUPS = ("identification", "monitoring", "pipelines", "servo")
+_GROUPS = ("identification", "monitoring", "pipelines", "servo", "six_joints")
 PLAN = {name: [f"benchmarks/{name}.py"] for name in _FILES}
 PLAN |= {name: ["benchmarks/groups.py", name] for name in _GROUPS}
 FAILED = 2

@@ -25,8 +25,8 @@ GROUPS = {
         "masses": "servo_parts.pendulum:mass_figures",
         "changes": "servo_parts.pendulum:change_figures",
         "position": "servo_parts.position:position_figures",
-        "six_joints": "servo_parts.six_joints:six_joint_figures",
     },
+    "six_joints": {"hidden": "servo_parts.six_joints:six_joint_figures"},
     "servo_developed": {"changes": "servo_parts.pendulum:developed_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
 }
