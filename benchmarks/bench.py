@@ -24,15 +24,19 @@ from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
+from benchmarks.drawn import DRAWN
+from benchmarks.groups import GROUPS
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
-_FILES = (
-    *("measured", "diagnosis", "attribution", "changes", "check"),
-    *("loop", "peers", "plsr", "store"),
-)
-_GROUPS = ("identification", "monitoring", "pipelines", "servo", "six_joints")
-PLAN = {name: [f"benchmarks/{name}.py"] for name in _FILES}
-PLAN |= {name: ["benchmarks/groups.py", name] for name in _GROUPS}
+_ORDER = "measured diagnosis attribution changes check loop peers plsr store identification "
+_ORDER += "monitoring pipelines servo six_joints"
+_PROGRAMS = {"drawn": DRAWN, "groups": GROUPS}
+PLAN = {name: [f"benchmarks/{name}.py"] for name in _ORDER.split()} | {
+    name: [f"benchmarks/{program}.py", name]
+    for program, names in _PROGRAMS.items()
+    for name in names
+    if name in _ORDER.split()
+}
 FAILED = 2
 _ENDS = {0: "no bar is missed", 1: "a bar is missed"}
 _EVERY = 20.0  # s between two lines of progress

@@ -30,6 +30,7 @@ def _jobs(args: argparse.Namespace) -> dict[str, cases.Task]:
 if __name__ == "__main__":
     code = run_cases(
         __doc__,
+        "check",
         "166401:166401",
         _GROUPS,
         ["benchmarks/check_parts", "flows/inputs", "flows/steps"],

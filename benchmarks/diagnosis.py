@@ -85,6 +85,7 @@ def _write_logs(folder: Path) -> list[str]:
 if __name__ == "__main__":
     code = run_cases(
         __doc__,
+        "diagnosis",
         "166101:166101",
         (*_CASES, "cost"),
         ["benchmarks/diagnosis_parts"],

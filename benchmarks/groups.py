@@ -6,7 +6,9 @@
     python benchmarks/groups.py servo_developed     the half to work on, not to report
     python benchmarks/groups.py pipelines --full-json OUT
 
-The last line is one JSON object; exit code 1 for a missed bar.
+plsr: peers run in the same process with one BLAS thread and are timed in processor time.
+store: bars in seconds are for an idle machine; if its load was above 1 at the start, a
+missed one is null. The last line is one JSON object; exit code 1 for a missed bar.
 """
 
 import sys
@@ -18,6 +20,15 @@ from benchmarks.harness.figures import run_groups
 
 # The groups of each benchmark, in order, and the functions that measure them.
 GROUPS = {
+    "plsr": {
+        "fit": "plsr_parts.speed:fit_figures",
+        "errors": "plsr_parts.errors:paper_set_figures",
+        "measured": "plsr_parts.errors:measured_figures",
+    },
+    "store": {
+        "commit": "store_parts.speed:commit_figures",
+        "many": "store_parts.speed:many_figures",
+    },
     "identification": {"recovery": "identification_parts.recovery:recovery_figures"},
     "monitoring": {"sensors": "monitoring_parts.sensors:sensor_figures"},
     "servo": {

@@ -1,4 +1,4 @@
-"""Logs from memory: mappings, data frames and arrays, checked as files are."""
+"""What the door takes: logs from memory, checked as files are; robots and recordings."""
 
 import numpy as np
 import pyarrow as pa
@@ -78,3 +78,30 @@ def test_text_and_columns_of_other_lengths_are_refused(robot, table):
         mg.read_logs({**table, "q3": np.array(["x"] * 2500)}, robot)
     with pytest.raises(mg.InputError, match="differ in length"):
         mg.read_logs({**table, "q3": table["q3"][:-1]}, robot)
+
+
+FITS = (mg.diagnose, mg.identify, mg.calibrate, mg.next_experiment)
+
+
+@pytest.mark.parametrize("fit", FITS)
+def test_a_fit_takes_a_robot_and_recordings(fit, robot, file):
+    with pytest.raises(mg.InputError, match=r"robot: .*mg.load_robot.*got 'irb140'"):
+        fit("irb140", [file])
+    for logs in ("A.csv", ["A.csv"], [file, "A.csv"]):
+        with pytest.raises(mg.InputError, match=r"fit: .*mg.read_logs.*got 'A.csv'"):
+            fit(robot, logs)
+    with pytest.raises(mg.InputError, match="No log to fit"):
+        fit(robot, [])
+
+
+def test_other_recordings_and_models_are_checked_too(robot, file):
+    for refused, call in {
+        r"held_out: .* got 'C.csv'": lambda: mg.diagnose(robot, [file], "C.csv"),
+        r"watched: .* got 'C.csv'": lambda: mg.monitor(None, [file], ["C.csv"]),
+        "No log to check": lambda: mg.check(robot, []),
+        "give models by name": lambda: mg.compare([1], [file]),
+        r"logs: .* got 'C.csv'": lambda: mg.compare({"with": 1}, "C.csv"),
+        "Unknown effect .v": lambda: mg.identify(robot, [file], declared="viscous"),
+    }.items():
+        with pytest.raises(mg.InputError, match=refused):
+            call()

@@ -11,10 +11,8 @@ from benchmarks.harness.cases import guarded, named, seed_range
 from benchmarks.hidden.score import Name, members, paired
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
-from residual.effects import number_reported_joints
-from residual.verdict.document import to_json
-from residual.verdict.result import Verdict
-from sim.engine.plant_records import PlantEffect, create_random_stream
+from residual.verdict.result import Place, Verdict
+from sim.engine.plant_records import create_random_stream
 
 
 def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
@@ -23,34 +21,26 @@ def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
     A name is true if it, or one that the verdict says the logs cannot tell from it, is
     among what changed and no other name stands for that already.
     """
-    said, document = members(verdict), to_json(verdict)
+    said = members(verdict)
     classes = [[s.name, *s.alike] for s in said]
     owners = paired(planted, classes, lambda truth, own: truth in own)
-    listed = alternatives(document)
+    listed = [[n for place in one.set for n in _apart(place)] for one in verdict.alternatives]
     exact, wanted = len(said) == len(planted), sorted(map(str, planted))
     return {
         "said": [[_plain(n) for n in names] for names in classes],
         "true": len(owners),
         "exact_by_name": wanted == sorted(str(s.name) for s in said),
         "exact": exact and len(owners) == len(planted),
-        "listed": any(sorted(map(str, one)) == wanted for one in listed or ()),
+        "listed": any(sorted(map(str, one)) == wanted for one in listed),
         "unexplained": list(verdict.unexplained.joints),
     }
 
 
-def alternatives(document: Mapping) -> list[list[Name]] | None:
-    listed = document.get("alternatives")
-    if listed is None:
-        return None
-    return [[name for place in one["set"] for name in _apart(place)] for one in listed]
-
-
-def _apart(place: Mapping) -> list[Name]:
+def _apart(place: Place) -> list[Name]:
     """One name per joint, as findings on several joints count."""
-    joints = tuple(sorted(place["joints"]))
-    if len(joints) < 2 or place["name"] == "coupled_friction":
-        return [Name(place["name"], joints)]
-    return [Name(place["name"], (j,)) for j in joints]
+    if len(place.joints) < 2 or place.name == "coupled_friction":
+        return [Name.of(place)]
+    return [Name(place.name, (j,)) for j in sorted(place.joints)]
 
 
 def _plain(name: Name) -> list:
@@ -107,7 +97,8 @@ def _row(task: Task) -> dict:
     made = arms.make(arm, effects)
     start = perf_counter()
     verdict = diagnose(made.robot, made.fit, (), made.held_out).verdict
-    seconds, names = round(perf_counter() - start, 2), planted(effects, arm)
+    seconds = round(perf_counter() - start, 2)
+    names = [Name.hidden(effect, arm.robot.dof) for effect in effects]
     return {
         **asdict(task),
         "seconds": seconds,
@@ -115,14 +106,6 @@ def _row(task: Task) -> dict:
         **compare(verdict, names),
         "outcome": verdict.verdict,
     }
-
-
-def planted(effects: Sequence[PlantEffect], arm: arms.Arm) -> list[Name]:
-    """Return what changed in the convention of the verdict."""
-    dof = arm.robot.dof
-    return [
-        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, dof)))) for e in effects
-    ]
 
 
 def summary(row: Mapping) -> str:

@@ -38,6 +38,7 @@ _IN_TORQUE = {
     "coupled_friction": ("level", "coefficient"),
 }
 PROGRAM, PEER = "program", "peer"
+GROUPS, jobs = draw.GROUPS, draw.jobs
 
 
 @dataclass(frozen=True, slots=True)

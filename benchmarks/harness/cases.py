@@ -6,7 +6,6 @@ so that an interrupted run continues where it stopped.
 
 import argparse
 import json
-import sys
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
@@ -30,6 +29,7 @@ _CODE = ("residual", "sim", "warehouse/logs", "benchmarks/hidden", "benchmarks/s
 
 def run_cases(
     about: str,
+    name: str,
     seeds: str,
     groups: Sequence[str],
     parts: Sequence[str],
@@ -41,6 +41,7 @@ def run_cases(
     """Run one benchmark from its command line and return the exit code.
 
     Args:
+        name: Of the benchmark, for its kept rows.
         parts: What draws and judges its cases: files and folders whose change makes
             kept rows worthless.
         jobs: Its cases by name, from the options.
@@ -48,7 +49,7 @@ def run_cases(
         summary: Makes the line to print of a row.
         figures: Makes figures of all rows.
     """
-    args, name = read_options(about, groups, seeds), Path(sys.argv[0]).stem
+    args = read_options(about, list(groups), seeds)
     path = kept_file(name, *parts)
     done = run_kept(path, summary, work, jobs(args), processes=args.processes)
     rows = [row for result in done.values() for row in result.get("rows", [result])]

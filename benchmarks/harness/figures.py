@@ -24,6 +24,7 @@ FULL = "the full run measures it"
 NO_LOGS = "no measured logs: neither ../shared/data nor $MODELGAP_DATA"
 CRASHES = "crashes"
 QUICK_SEEDS = "1:1"
+_BEGUN = perf_counter()
 
 
 def one_blas_thread() -> None:
@@ -92,7 +93,8 @@ def finish(args: argparse.Namespace, figures: Figures, **rows: object) -> int:
     if args.full_json:
         known = ("seeds", "quick", "groups", "whole")
         facts = {key: vars(args)[key] for key in known if key in vars(args)}
-        facts = circumstances(args.full_json.stem, **facts)
+        minutes = round((perf_counter() - _BEGUN) / 60, 1)  # of this process
+        facts = circumstances(args.full_json.stem, **facts, minutes=minutes)
         save(args.full_json, {**facts, "figures": figures, **rows})
     table = Table("figure", box=None)
     for name in ("value", "bar", "n"):

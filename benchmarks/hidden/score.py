@@ -4,7 +4,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from benchmarks.synthetic.amounts import find_main_parameter
+from residual.effects import number_reported_joints
 from residual.verdict.result import Finding, Place, Verdict
+from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import list_plant_effects
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
@@ -29,6 +31,11 @@ class Name:
     def of(cls, place: Place | Finding) -> "Name":
         """Return the name of an effect at its joints."""
         return cls(place.name, tuple(sorted(place.joints)))
+
+    @classmethod
+    def hidden(cls, effect: PlantEffect, dof: int) -> "Name":
+        """Return the name of an effect of the plant as a verdict has it."""
+        return cls(effect.name, number_reported_joints(effect.name, effect.joints, dof))
 
     def __str__(self) -> str:
         return " ".join([self.effect, ",".join(map(str, self.joints))]).strip()

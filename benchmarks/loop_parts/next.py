@@ -48,6 +48,7 @@ from sim.trajectories.excitation import (
 )
 from sim.trajectories.planning_limits import build_workspace
 
+GROUPS = ("next",)
 SECONDS = 20.0  # of an experiment
 DESIGNED, RANDOM, D_OPTIMAL = "designed", "random", "d_optimal"
 BARS = {

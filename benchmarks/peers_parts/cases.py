@@ -23,7 +23,7 @@ from benchmarks.peers_parts.linear_model import Answer, Case
 from benchmarks.synthetic.light_arm import draw_light_arm
 from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
-from residual.effects import load_effects, number_reported_joints
+from residual.effects import load_effects
 from residual.robot.robot import Robot, load_robot
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
@@ -51,6 +51,7 @@ PROGRAMS: Mapping[str, Callable[[Case], Answer]] = {
     "squares": squares.answer,
     "sparse": sparse.answer,
 }
+GROUPS = tuple(PROGRAMS)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,10 +88,7 @@ def _rows(task: Task) -> dict:
     seed = derive_seed(task.seed, f"plant/case/{task.number}")
     plant = PlantSpec(effects, noise=noise, seed=seed)
     fit = tuple(in_engine(robot, plant, *motion) for motion in motions)
-    there = tuple(
-        Name(e.name, tuple(sorted(number_reported_joints(e.name, e.joints, robot.dof))))
-        for e in effects
-    )
+    there = tuple(Name.hidden(effect, robot.dof) for effect in effects)
     ask = partial(_answered, case=Case(robot, fit), kind=kind, there=there)
     return {"rows": [guarded({"group": k}, partial(ask, k)) for k in task.programs]}
 

@@ -25,6 +25,7 @@ from flows.steps.inbox import (
     lock_inbox,
     select_unchanged,
 )
+from tests.checkout import ROOT
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
 from warehouse.record_commit import commit_record
@@ -141,7 +142,8 @@ told = die if {when!r} == "told" else id
 for _ in run.import_inbox_logs(inbox, list_logs(inbox.folder), told):
     pass
 """
-    died = subprocess.run([sys.executable, "-c", killed], env=os.environ, cwd=place, check=False)
+    env = os.environ | {"PYTHONPATH": str(ROOT)}
+    died = subprocess.run([sys.executable, "-c", killed], env=env, cwd=place, check=False)
     assert died.returncode == -signal.SIGKILL
     assert main(["inbox", "--once", "--import-only"]) == 0
     assert len(ask("FROM runs")) == 2
