@@ -29,7 +29,7 @@ from benchmarks.harness.cases import run_cases
 # Deciding seeds; the module that draws, runs and summarises cases; that of the figures.
 DRAWN = {
     "attribution": ("166201:166208", "attribution_parts.cases", "attribution_parts.bars"),
-    "changes": ("166301:166303", "changes_parts.answers", "changes_parts.bars"),
+    "changes": ("166304:166306", "changes_parts.answers", "changes_parts.bars"),
     "loop": ("166601:166608", "loop_parts.next", "loop_parts.next"),
     "peers": ("166501:166502", "peers_parts.cases", "peers_parts.bars"),
 }
