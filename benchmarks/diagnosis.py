@@ -4,7 +4,7 @@
     python benchmarks/diagnosis.py --seeds 1:2 --groups singles      to look at
     python benchmarks/diagnosis.py --full-json benchmarks/results/diagnosis.json
 
-Seeds 166103:166103 decide and are used for nothing else; 1 to 99 are for development.
+Seeds 166104:166104 decide and are used for nothing else; 1 to 99 are for development.
 Sizes are shares of the torque of the joint (1, 2, 5 and 10 %), and follow from the seed
 alone; only `detection` hides the size that the diagnosis states as the least detectable
 one, for an arm with nothing hidden in the same motions.
@@ -86,7 +86,7 @@ if __name__ == "__main__":
     code = run_cases(
         __doc__,
         "diagnosis",
-        "166103:166103",
+        "166104:166104",
         (*_CASES, "cost"),
         ["benchmarks/diagnosis_parts"],
         _jobs,

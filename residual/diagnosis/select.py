@@ -9,7 +9,6 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.special import logsumexp
 
 from residual.diagnosis.adequacy import assess_adequacy, torque_from_angle_noise
 from residual.diagnosis.candidates import Candidates, build_candidates, recompute_candidates
@@ -109,7 +108,7 @@ def select_names(
                 own.append(run(space.at(scale, space.even[0])))
                 if _falls_behind(own):
                     break
-    weighted = _weigh(space, candidates, list(runs.values()))
+    weighted = _weigh(design, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         scales = [prior.scale for prior in weighted.list_near()]
         # With other widths a search begins with what the best found; at another scale it
@@ -118,10 +117,10 @@ def select_names(
         for prior in others:
             run(prior, near)
         # What the best widths gain beside one scale counts for its rivals, too.
-        best = _weigh(space, candidates, list(runs.values())).best
+        best = _weigh(design, candidates, list(runs.values())).best
         for scale in scales:
             run(space.at(scale, best.score.prior.widths), best.fit.members)
-        weighted = _weigh(space, candidates, list(runs.values()))
+        weighted = _weigh(design, candidates, list(runs.values()))
     constants = _Constants.of(design, nominal, curves)
     return _conclude(logs, nominal, weighted, search, constants, runs)
 
@@ -180,9 +179,8 @@ class Weighted:
         return [run.score.prior for run, share in pairs if share >= least]
 
 
-def _weigh(space: PriorSpace, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
-    """Weigh runs by evidence, averaged over the scales beside each; each name priced."""
-    design = space.design
+def _weigh(design: Design, candidates: Candidates, runs: Sequence[SearchRun]) -> Weighted:
+    """Weigh runs by evidence, each name priced."""
     power = np.maximum(design.power.sum(axis=0), 1e-30)
     first = min(runs, key=lambda r: float((r.left_out.errors / power).sum()))
     lefts = [replace(r.left_out, weight=first.left_out.weight) for r in runs]
@@ -191,14 +189,11 @@ def _weigh(space: PriorSpace, candidates: Candidates, runs: Sequence[SearchRun])
     counted = np.max([r.fit.counted for r in runs], axis=0)
 
     def evidence(run: SearchRun) -> float:
-        members, start = run.fit.members, run.fit.variance
-        scores = [
-            fit_jointly(design, prior, members, counted, start, rounds=4).score
-            for prior in space.list_beside(run.score.prior)
-        ]
+        prior, start = run.score.prior, run.fit.variance
+        members = run.fit.members
+        common = fit_jointly(design, prior, members, counted, start, rounds=4)
         search = Search(run.score, candidates, ())
-        mean = float(logsumexp(scores)) - np.log(len(scores))
-        return mean - sum(search.cost(g) for g in members)
+        return common.score - sum(search.cost(g) for g in members)
 
     values = np.array([evidence(r) for r in same])
     order = np.argsort(-values)

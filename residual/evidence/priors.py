@@ -35,9 +35,6 @@ SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good 
 OF_NAMES = (*SCALES[:-1], 3.0)
 # How good values of one kind are, given or assumed: the logs of all joints tell.
 WIDTHS = (0.001, 0.003, 0.01, 0.03, GIVEN, 0.3, ASSUMED)
-# Scales a third of a step of these apart: over them the evidence of one is averaged,
-# since what a name mends at one scale a scale beside it may mend without.
-BESIDE = (10 ** (-1 / 6), 1.0, 10 ** (1 / 6))
 TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
 
@@ -115,12 +112,6 @@ class PriorSpace:
     def at(self, scale: float, widths: Mapping[str, float] | None) -> NominalPrior:
         """The prior of a scale and widths."""
         return build_relative_prior(self.design, self.nominal, scale, widths)
-
-    def list_beside(self, prior: NominalPrior) -> list[NominalPrior]:
-        """A prior with those of the scales beside it; alone where the scale is given."""
-        if self.nominal.scale is not None:
-            return [prior]
-        return [self.at(prior.scale * x, prior.widths) for x in BESIDE]
 
     def list_barred_effects(self, prior: NominalPrior) -> set[str]:
         """Effects that may not be blamed under a prior."""
