@@ -265,7 +265,8 @@ def _alternatives(result: Diagnosis) -> Section:
     parts: list[Part] = [sets]
     if plan:
         none = "No other set of effects explains these logs as well."
-        parts += [none] if result.effects and not sets else []
+        sole = result.effects and not any(f.equivalent for f in result.effects)
+        parts += [none] if sole and not sets else []
         parts += [Heading("Next experiment"), plan]
     return Section("else", "Alternatives and next experiment", parts)
 

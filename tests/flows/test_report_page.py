@@ -86,6 +86,19 @@ def test_every_kind_of_verdict_gives_a_page(name: str) -> None:
     assert ("Weak test." in page.text) is (name == "same_run")
 
 
+@pytest.mark.parametrize("alike", [True, False])
+def test_a_name_that_has_an_equivalent_is_not_called_the_only_one(alike: bool) -> None:
+    outcome = outcomes.one_effect()
+    result = to_json(outcome.verdict)
+    rivals = [{"name": name, "joints": [2]} for name in ("balancer", "spring")]
+    plan = {"family": None, "parameters": {}, "rivals": rivals, "seconds": 20.0, "chance": 0.9}
+    result["next_experiment"] = plan
+    result["effects"][0]["equivalent"] = rivals[1:] if alike else []
+    text = printed(replace(outcome, verdict=from_json(result)), 120)
+    assert "may separate a balancer on joint 2 from a spring" in text
+    assert ("No other set of effects explains" in text) is not alike
+
+
 @pytest.mark.parametrize(("width", "encoding"), [(80, "utf-8"), (120, "ascii")])
 @pytest.mark.parametrize("name", outcomes.ALL)
 def test_terminal_stays_within_its_width(name: str, width: int, encoding: str) -> None:

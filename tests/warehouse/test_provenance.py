@@ -81,8 +81,8 @@ def test_beside_its_libraries_a_program_has_the_hashes_of_its_checkout(tree):
 def test_the_diagnosis_is_no_part_of_our_plant():
     names = {p.relative_to(ROOT).as_posix() for p in list_plant_files()}
     assert {"sim/__init__.py", "residual/__init__.py"} <= names
-    assert not {n for n in names if n.startswith(("residual/effects", "flows"))}
-    assert "residual/diagnosis/examine.py" not in names
+    ours = ("residual/effects", "residual/evidence", "residual/diagnosis", "flows")
+    assert not {n for n in names if n.startswith(ours)}
 
 
 def test_code_and_environment_are_named():
