@@ -30,12 +30,12 @@ from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
 _ORDER = "measured diagnosis attribution changes check loop peers plsr store identification "
 _ORDER += "monitoring pipelines servo six_joints"
-_PROGRAMS = {"drawn": DRAWN, "groups": GROUPS}
-PLAN = {name: [f"benchmarks/{name}.py"] for name in _ORDER.split()} | {
-    name: [f"benchmarks/{program}.py", name]
-    for program, names in _PROGRAMS.items()
-    for name in names
-    if name in _ORDER.split()
+_PROGRAMS = dict.fromkeys(DRAWN, "drawn") | dict.fromkeys(GROUPS, "groups")
+PLAN = {
+    name: [f"benchmarks/{_PROGRAMS[name]}.py", name]
+    if name in _PROGRAMS
+    else [f"benchmarks/{name}.py"]
+    for name in _ORDER.split()
 }
 FAILED = 2
 _ENDS = {0: "no bar is missed", 1: "a bar is missed"}
