@@ -114,7 +114,7 @@ def build_verdict(
         warnings=(
             *notes,
             *(check.sentences if check else ()),
-            *collect_warnings(proof, tables.same_run),
+            *collect_warnings(proof, tables.same_run, outcome.selection.scale),
             *describe_unproven_joints(outcome, errors["augmented"]),
             *unexplained.sentences,
         ),
@@ -305,19 +305,19 @@ def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
     return out
 
 
-def collect_warnings(proof: Proof, same_run: bool) -> list[str]:
+def collect_warnings(proof: Proof, same_run: bool, scale: float = 0.0) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, refuted names.
 
     Args:
         same_run: Whether the held-out logs are a part of a fit log.
+        scale: By how much the given bodies are off, where the search looked for it.
     """
-    out, outcome = [], proof.outcome
+    out = []
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "
             "the proof is weak: it is the same run"
         )
-    scale = outcome.selection.scale
     if scale > THRESHOLDS.rough_scale:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(

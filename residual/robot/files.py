@@ -48,6 +48,7 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
         InputError: If an argument is none, or xacrodoc is not installed.
     """
     try:
+        from xacro import init_stacks
         from xacrodoc import XacroDoc
         from xacrodoc import packages as finder
     except ImportError as error:
@@ -67,6 +68,7 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
     beside = [p for folder in (*packages, *above[:3]) for p in Path(folder).iterdir()]
     folders = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
     finder.update_package_cache(folders)
+    init_stacks(str(path))  # includes are relative to the file, not to where one stands
     try:
         # Meshes are nobody's concern here, and their folders no part of the robot.
         document = XacroDoc.from_file(path, subargs=arguments, resolve_packages=False)

@@ -1,5 +1,7 @@
 """MJCF by MuJoCo's compiler and xacro by xacrodoc: the same arm as a URDF has."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 
@@ -156,6 +158,14 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
     assert load_arm(word).content_hash == robot.content_hash
     (tmp_path / "elsewhere" / "parts").rename(tmp_path / "cell" / "parts")
     assert load_arm(xacro).model.inertias[1].mass == 2  # beside the file
+
+
+def test_a_relative_include_of_a_xacro_is_relative_to_the_file(xacro, tmp_path, monkeypatch):
+    xacro = Path(xacro)
+    (tmp_path / "elsewhere" / "parts" / "link.xacro").rename(xacro.with_name("link.xacro"))
+    xacro.write_text(XACRO.replace("$(find parts)/", ""))
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    assert load_arm(xacro).joints == ("a_joint", "b_joint")
 
 
 @pytest.mark.parametrize(
