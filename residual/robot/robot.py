@@ -20,7 +20,6 @@ import pinocchio as pin
 
 from residual.errors import InputError, RobotError, UnknownNameError, check_name, shorten_value
 from residual.recording import Array, Recording
-from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
     GRAVITY,
     CompiledMjcf,
@@ -36,7 +35,9 @@ from residual.robot.files import (
 )
 from residual.robot.plausibility import (
     BodyFlaw,
+    CarriedWeight,
     find_body_flaws,
+    read_carried_weight,
     read_link_bodies,
     repair_impossible_bodies,
 )
