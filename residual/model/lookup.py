@@ -7,7 +7,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -302,6 +302,16 @@ class CorrectedModel:
 
 
 AnyModel = Model | CorrectedModel
+
+
+def remove_tables(source: AnyModel) -> Model:
+    """Return the model without its tables."""
+    return source.model if isinstance(source, CorrectedModel) else source
+
+
+def replace_model(source: AnyModel, model: Model) -> AnyModel:
+    """Return another model with the same tables on top, if there are any."""
+    return replace(source, model=model) if isinstance(source, CorrectedModel) else model
 
 
 def compute_table_variables(state: State, columns: Sequence[TableVariable]) -> list[Array]:

@@ -290,7 +290,10 @@ class Model:
     def replace_standstill(self, state: State, standstill: Sequence[StandstillFriction]) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
         motion = state.q, state.qd, self._floor()
-        sign = compute_friction_directions(*motion, tuple(standstill))
+        return self.replace_sign(state, compute_friction_directions(*motion, tuple(standstill)))
+
+    def replace_sign(self, state: State, sign: Array) -> State:
+        """The same motion with another direction of friction. Shape (n, dof)."""
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 
