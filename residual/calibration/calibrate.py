@@ -262,7 +262,7 @@ def calibrate(
     tables = choose_table_levels(rows.X, rows.tau - rows.Y, rows.velocity_columns, names)
     scores, chosen, a_opt, unseen = _table(schemes, rows, compute_residuals, tables, settings, tell)
     training = build_training_rows(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(training.X, training.Y, settings.form, allow_fewer_components=True)
+    fitted = fit_nominal_pls(training.X, training.Y, settings.form)
     best = fitted.components if settings.exact_components else a_opt
     components = min(best, fitted.components)
     calibration = Calibration(

@@ -230,7 +230,7 @@ def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[Tr
 
     Where the rows bear fewer, the last comes again. Shapes (A + 1, m, j).
     """
-    model = fit_nominal_pls(rows.X, rows.Y, form, allow_fewer_components=True)
+    model = fit_nominal_pls(rows.X, rows.Y, form)
 
     def predict(new: TrainingRows) -> Array:
         T, steps = model.transform(new.X), np.zeros((form.components + 1, *new.Y.shape))
