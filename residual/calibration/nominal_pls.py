@@ -269,10 +269,6 @@ class NominalPls:
         check_count(a, 0, self.components, "components", remedy)
         return self.V[:a].T @ self.Q[:a]
 
-    def offset(self, components: int | None = None) -> Array:
-        """b0 = ybar - xbar B (eq. 26), in units of Y. Shape (j,)."""
-        return self.y_mean - self.x_mean @ self.coefficients(components)
-
     def predict(self, X: Array, components: int | None = None) -> Array:
         """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
         B = self.coefficients(components)
@@ -283,17 +279,18 @@ class NominalPls:
         return self._read(X, self.V.T) - self.V @ self.x_mean
 
     def lookup(self, components: int | None = None) -> Lookup:
-        """Return its tables, of some leading components or of all."""
-        levels, offset = self.levels, self.offset(components)
+        """Return its tables, of some leading components or of all; eq. 26 for b0."""
+        levels, B = self.levels, self.coefficients(components)
+        offset = self.y_mean - self.x_mean @ B
         sizes = [[levels.sizes[i] for i in pair] for pair in self.pairs]
         ends = np.cumsum([a * b for a, b in sizes])[:-1]
-        parts = np.split(self.coefficients(components), ends)
+        parts = np.split(B, ends)
         cut = zip(self.pairs, parts, sizes, strict=True)
         return Lookup(
             levels.names,
             check_column_names(None, len(offset), "joint "),
             tuple(LevelAxis(i, edges) for i, edges in enumerate(levels.edges)),
-            tuple(LookupTable(pair, B.reshape(*size, -1)) for pair, B, size in cut),
+            tuple(LookupTable(pair, part.reshape(*size, -1)) for pair, part, size in cut),
             offset,
             make_read_only(np.zeros((len(levels.names), len(offset)))),
             levels.low,

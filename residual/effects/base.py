@@ -135,6 +135,13 @@ class PlacedEffect(NamedTuple):
     joints: Joints
     shape: Shape
 
+    def regressor(self, state: "State") -> Array:
+        """Its columns on all joints. Shape (n, dof, k)."""
+        columns = self.effect.columns(state, self.joints, self.shape)
+        out = np.zeros((*state.q.shape, columns.shape[2]))
+        out[:, list(self.effect.rows(self.joints, out.shape[1]))] = columns
+        return out
+
 
 Scope = Literal["local", "pair", "link", "flange", "global"]
 Carried = Literal["", "body", "speed", "acceleration"]

@@ -192,18 +192,11 @@ def compute_model_errors(
             torque = model.torque_on(witness.track)
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
-        inner = witness.track.valid
-        start = first.setdefault(witness.recording.id, witness.track.t[0])
-        t = (witness.track.t - start)[:: witness.track.step]
-        proofs.append(
-            LogPrediction(
-                witness.recording.id,
-                t[inner],
-                witness.track.tau[inner],
-                {k: v[inner] for k, v in curves.items()},
-                witness.track.moving[inner],
-            )
-        )
+        label, track = witness.recording.id, witness.track
+        inner, start = track.valid, first.setdefault(label, track.t[0])
+        t = (track.t - start)[:: track.step][inner]
+        hats = {k: v[inner] for k, v in curves.items()}
+        proofs.append(LogPrediction(label, t, track.tau[inner], hats, track.moving[inner]))
     alike = all(len(set(remove_tables(m).robot.prismatic)) == 1 for m in models.values())
     errors = {name: ErrorSums(s["miss"], s["power"], alike) for name, s in sums.items()}
     joined = []  # of all pieces of each log

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 
 from residual.effects import load_effects
-from residual.effects.base import Effect, EffectTrait, Joints, Shape, State
+from residual.effects.base import Effect, EffectTrait, Joints, PlacedEffect, Shape, State
 from residual.errors import InputError, check_name, quote_value
 from residual.recording import Array, Recording
 from residual.robot.dynamics import LazyRegressor, replace_inertial_parameters
@@ -61,10 +61,7 @@ class Term:
 
     def regressor(self, state: State) -> Array:
         """Columns of this effect on all joints. Shape (n, dof, k)."""
-        out = np.zeros((*state.q.shape, len(self.theta)))
-        rows = self.effect.rows(self.joints, out.shape[1])
-        out[:, list(rows)] = self.effect.columns(state, self.joints, self.shape)
-        return out
+        return PlacedEffect(self.effect, self.joints, self.shape).regressor(state)
 
     def parameters(self, robot: Robot) -> dict[str, float]:
         """Physical parameters by key, in the units of the effect."""
