@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from numpy.testing import assert_allclose
 
-from residual.calibration.figure_data import fit_pca
+from residual.calibration.calibration_rows import fit_pca
 from residual.calibration.nominal_pls import fit_pls
 from residual.errors import InputError
 
