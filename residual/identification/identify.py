@@ -213,24 +213,6 @@ SAME_RUN = (
 )
 
 
-# Validation of models (G2017 section 1.3): both directions, and unseen motion.
-#
-# Torque from motion is `residual.model.compare`, acceleration from torque
-# `compute_acceleration_error`; here models are fitted to some logs and tried on the
-# others. Feed-forward and open loop need an arm or its simulation: ``modelgap validate``.
-
-
-def compute_torque_errors(
-    models: Mapping[str, Model], recordings: Sequence[Recording]
-) -> dict[str, ErrorSums]:
-    """Return the error of torque from motion on unseen logs, of models by name."""
-    if not models or not recordings:
-        raise InputError("Validation needs at least one model and one held-out log.")
-    some = next(iter(models.values()))
-    errors, _ = compute_model_errors(models, prepare_held_out(recordings, some), some.filters)
-    return errors
-
-
 @dataclass(frozen=True, eq=False, slots=True)
 class ValidatedIdentification:
     """What was identified, and how far it gets on held-out motion.
@@ -296,6 +278,7 @@ def identify_and_validate(
             accelerations[name] = compute_acceleration_error(model, held_out)
         except InputError:
             accelerations[name] = None
+    ready = prepare_held_out(held_out, free.nominal)
     doubts = (
         f"M(q) of the {name} model is not positive definite (least eigenvalue "
         f"{value:.3g} kg m^2): it predicts torque but cannot be simulated; "
@@ -307,7 +290,7 @@ def identify_and_validate(
         robot=robot,
         free=free,
         consistent=consistent_fit,
-        errors=compute_torque_errors(models, held_out),
+        errors=compute_model_errors(models, ready, free.nominal.filters)[0],
         accelerations=accelerations,
         least_mass_matrix=least,
         fit=tuple(r.id for r in fit),

@@ -246,13 +246,9 @@ class CorrectedModel:
         rate = (len(t) - 1) / np.ptp(t)
         return self.torque_of_state(self.model.state(rate, t, motion))
 
-    def observe(self, track: Track) -> State:
-        """What the model's effects see of one log."""
-        return self.model.observe(track)
-
     def torque_on(self, track: Track) -> Array:
         """Torque at the samples of a log's signals [N m]. Shape (n, dof)."""
-        state = self.observe(track)
+        state = self.model.observe(track)
         return self._and_tables(self.model.torque_seen(state), state)
 
     def torque_of_state(self, state: State) -> Array:
