@@ -76,13 +76,11 @@ def test_a_body_without_mass_is_seen_in_the_mass_matrix_and_not_written(identifi
     wrong = identification.model.inertial.copy()
     wrong[20] = -5.0
     wrong = replace(identification.model, inertial=wrong)
-    assert least_mass_eigenvalue(wrong, poses=200) < 0
+    assert least_mass_eigenvalue(wrong) < 0
     wrong = identification.model.inertial.copy()
     wrong[10] = -0.1
     with pytest.raises(InputError, match=r"Link 2 was identified with mass -0\.1 kg"):
         build_robot_folder(replace(identification.model, inertial=wrong))
-    with pytest.raises(InputError, match="expected a positive number"):
-        find_consistent_parameters(identification, 0.0)
 
 
 def test_a_written_model_reloads_to_the_same_torque(bodies, tmp_path):

@@ -26,7 +26,7 @@ def test_levels_follow_the_order_of_values_and_stay_within_their_number(x, k, ma
     assert (np.diff(codes[order, 0].astype(int)) >= 0).all()
 
 
-@pytest.mark.parametrize("levels", [3, 300])  # 64-bit keys, and wider ones
+@pytest.mark.parametrize("levels", [3, 300])
 def test_merged_rows_keep_every_sum(rng, levels):
     X = rng.integers(0, 2, size=(200, 9)) + 0.1 * rng.integers(0, 2, size=(200, 9))
     Y = rng.normal(size=(200, 2))

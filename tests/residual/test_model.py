@@ -14,7 +14,6 @@ from residual.model.model import Model, Term
 from residual.model.nominal import DEFAULT_DECLARED, build_nominal
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
 from residual.robot.robot import load_robot
-from residual.signals.track import FilterSettings
 from tests.residual.arms import SEVEN, arm, recording, smooth_motion
 
 FLOOR = 0.01
@@ -22,7 +21,7 @@ FLOOR = 0.01
 
 def nominal(robot, names):
     span = MotionSpan(np.full(robot.dof, 1.0), np.full(robot.dof, 2.0), 0.0, 8.0)
-    return build_nominal(robot, names, span, floor(robot), FilterSettings())
+    return build_nominal(robot, names, span, floor(robot))
 
 
 def floor(robot):

@@ -15,8 +15,8 @@ from residual.check.evidence import filter_check_motion
 from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import find_limit_violations
 from residual.check.result import Repair
-from residual.robot.carried_weight import CarriedWeight
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
+from residual.robot.plausibility import CarriedWeight
 from residual.robot.robot import load_robot
 from residual.signals.filters import filter_low_pass
 from tests.residual.arms import arm, plain_logs
