@@ -34,13 +34,14 @@ from residual.evidence.priors import compute_inertial_precision, compute_inertia
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums
 from residual.model.model import Term, pair_coefficient_slices
+from residual.model.nominal import FitLogs
 from residual.planning.next_experiment import (
     OpenQuestion,
     mark_inseparable_alternatives,
     predict_best_motion,
 )
 from residual.quantity import convert_to_plain_values
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.dynamics import (
     compute_base_parameters,
     compute_inertial_regressor,
@@ -218,6 +219,7 @@ def _unexplained(outcome: Outcome, leftovers: Sequence[JointRemainder]) -> Unexp
     )
 
 
+USED_WHOLE = 0.95  # of the seconds of the logs: all but the ends of some
 PLACES = 20  # positions at which the inertia is looked at
 
 
@@ -264,7 +266,7 @@ def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
     brakes = select_coefficients(
         outcome.nominal.model, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
     )
-    speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
+    speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.tracks])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
         friction = brakes[have]
@@ -333,6 +335,14 @@ def collect_warnings(proof: Proof, same_run: bool, scale: float = 0.0) -> list[s
             f"there {rise:.1f} % higher with it); suspected, and in no model"
         )
     return list(dict.fromkeys(out))
+
+
+def describe_used_part(logs: FitLogs, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Say how much of long logs is used; nothing where that is all of them."""
+    used, logged = sum(t.seconds for t in logs.tracks), sum(r.duration for r in recordings)
+    if used > USED_WHOLE * logged:
+        return ()
+    return (f"long logs: {used:.0f} of {logged:.0f} s, evenly spread, are used",)
 
 
 def describe_signals(outcome: Outcome) -> tuple[str, ...]:
