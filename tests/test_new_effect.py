@@ -11,7 +11,8 @@ from flows.cli import main
 from residual import effects as sought
 from sim import effects as hidden
 from sim.engine.plant_records import SyntheticEffect as Effect
-from tests.residual.arms import arm, short_case, urdf_text, write_csv
+from tests.residual.arms import arm, short_case, urdf_text
+from tests.synthetic.logs import write_csv
 
 PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"
 NAME, JOINT, SIZE = "creaking", 2, 8.0  # N m s/rad^2

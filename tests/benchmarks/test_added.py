@@ -5,9 +5,9 @@ import pytest
 
 from benchmarks.measured_parts import bars
 from benchmarks.measured_parts.heard import fall_of_error, is_heard
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from tests.residual.arms import arm
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 PLAN = tuple(LogPlan(f"log {k}", "fit", "fourier", 10.0, 125.0) for k in range(2))
 

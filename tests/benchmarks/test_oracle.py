@@ -3,11 +3,11 @@
 import pytest
 
 from benchmarks.hidden.oracle import oracle
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import UnknownNameError
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 PLAN = (
     LogPlan("one", "fit", "fourier", 9.0, 125.0),

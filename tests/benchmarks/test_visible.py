@@ -2,7 +2,6 @@
 
 import pytest
 
-from benchmarks.synthetic.visible import OF_A_NAME, SEEDS, VISIBLE, Stage, draw_visible, share
 from flows.steps import demo
 from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.plant_records import HIDDEN, TrajectorySpec
@@ -11,6 +10,7 @@ from sim.plant.effect_catalogue import check_effect
 from sim.trajectories import plan_reference_motion as plan_motion
 from sim.trajectories.excitation import draw_slow_coefficients
 from tests.sim.plant_cases import ROBOT
+from tests.synthetic.visible import OF_A_NAME, SEEDS, VISIBLE, Stage, draw_visible, share
 
 SPEED = 0.2  # rad/s
 

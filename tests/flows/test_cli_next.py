@@ -8,8 +8,8 @@ import pytest
 
 from flows.cli import main
 from tests.flows.adopted_arm import unchecked
-from tests.residual.arms import write_csv
 from tests.residual.planning.questions import logs
+from tests.synthetic.logs import write_csv
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,8 @@ from flows.cli import main
 from residual.model.compare import EDITED, WHOLE
 from residual.recording import Recording
 from tests.exports.models import model_with, robot_of
-from tests.residual.arms import smooth_motion, write_csv
+from tests.residual.arms import smooth_motion
+from tests.synthetic.logs import write_csv
 
 
 @pytest.fixture

@@ -5,7 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.logs import Case
 from residual.diagnosis.verdict import compare_nominal_values
 from residual.model.nominal import choose_declared_effects
 from residual.robot.robot import load_robot
@@ -13,6 +12,7 @@ from sim.engine.plant_records import PlantSpec, TrajectorySpec
 from sim.experiment import run_experiment
 from sim.trajectories import plan_reference_motion
 from tests.residual.arms import searched
+from tests.synthetic.logs import Case
 
 ROBOT = load_robot("irb140")
 FAMILIES = ("fourier", "cyclic", "move_stop_move")

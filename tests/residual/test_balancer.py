@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import names
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 WEIGHT = np.array([0.44, 15.10])  # of the irb140's joint 3: of sin q3 and cos q3 [N m]
 PLAN = tuple(

@@ -4,9 +4,9 @@ from functools import cache
 
 import pytest
 
-from benchmarks.synthetic.quasi_static import Plant, true_friction
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import Y, Z, arm, diagnose_case, names, short_case
+from tests.synthetic.quasi_static import Plant, true_friction
 
 
 @cache

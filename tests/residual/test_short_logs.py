@@ -8,12 +8,12 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import SyntheticEffect
 from tests.residual.arms import arm, names, short_case
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 PLAN = (LogPlan("fit", "fit", "fourier", 5.0), LogPlan("held_out", "held_out", "fourier", 5.0))
 COUPLING = SyntheticEffect(

@@ -3,12 +3,12 @@
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.errors import InputError
 from sim.plant.plant_arm import draw_background, simulate_torque_logging
 from sim.plant.typical_sizes import estimate_typical_sizes
 from tests.sim.plant_cases import ROBOT
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 SCALE = {"workshop": 1.0, "worn": 2.0}
 COULOMB = np.full(6, 4.0)

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic import other_forms as forms
+from tests.synthetic import other_forms as forms
 
 
 def _state(q, t):

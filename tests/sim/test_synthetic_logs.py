@@ -3,12 +3,12 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.synthetic.examples import write_hidden
-from benchmarks.synthetic.logs import LogPlan, make, make_case
-from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream as make_rng
+from tests.synthetic.examples import write_hidden
+from tests.synthetic.logs import LogPlan, make, make_case
+from tests.synthetic.quasi_static import Plant
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(

@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.motions import FAMILIES, make_motion
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import create_random_stream
 from sim.plant.typical_sizes import compute_usual_motion_range
+from tests.synthetic.motions import FAMILIES, make_motion
 
 ROBOT = load_robot("irb140")
 SPACE = compute_usual_motion_range(ROBOT)
 
 
 def motion(family, seed=1, rate=250.0):
-    return make_motion(family, SPACE, 20.0, rate, create_random_stream(seed, "motion"))
+    return make_motion(family, ROBOT, 20.0, rate, create_random_stream(seed, "motion"))
 
 
 @pytest.mark.parametrize("family", FAMILIES)

@@ -2,10 +2,6 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.synthetic.amounts import list_unnamed_effects as unnamed_effects
-from benchmarks.synthetic.laws import compute_bristle_states
-from benchmarks.synthetic.quasi_static import Plant, true_friction, true_model
-from benchmarks.synthetic.quasi_static import true_torque as torque
 from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from sim.effect_draws import draw_effect, list_drawable_effects
@@ -13,6 +9,10 @@ from sim.engine.plant_records import create_random_stream
 from sim.plant.typical_sizes import scatter_inertias
 from tests.sim import plant_cases
 from tests.sim.plant_cases import ROBOT
+from tests.synthetic.amounts import list_unnamed_effects as unnamed_effects
+from tests.synthetic.laws import compute_bristle_states
+from tests.synthetic.quasi_static import Plant, true_friction, true_model
+from tests.synthetic.quasi_static import true_torque as torque
 
 IN_ENGINE = ("x_dead_zone", "x_wall")
 LOCAL = sorted({*list_drawable_effects(), *unnamed_effects()} - {"payload", *IN_ENGINE})

@@ -1,6 +1,6 @@
 """Draw a hidden effect that is large enough to show in the motions of the arm.
 
-    python -m benchmarks.synthetic.visible [FILE]
+    python -m tests.synthetic.visible [FILE]
 
 writes what `modelgap demo` hides where a usual size would not show; run it after a
 change of effects, motions or usual sizes. Without FILE it writes the program's table.
@@ -22,10 +22,6 @@ import numpy as np
 from scipy.ndimage import binary_dilation
 from scipy.signal import butter, sosfiltfilt
 
-from benchmarks.hidden.draw import MOST
-from benchmarks.synthetic.amounts import compute_effect_amount, scale_effect_parameters
-from benchmarks.synthetic.laws import supports_synthetic_arm
-from benchmarks.synthetic.quasi_static import Plant, resolve_synthetic_effects, true_torque
 from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -39,6 +35,10 @@ from sim.engine.plant_records import SyntheticEffect as Effect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
 from sim.trajectories import plan_reference_motion
+from tests.synthetic.amounts import compute_effect_amount, scale_effect
+from tests.synthetic.draws import MOST
+from tests.synthetic.laws import supports_synthetic_arm
+from tests.synthetic.quasi_static import Plant, resolve_synthetic_effects, true_torque
 
 VISIBLE = 0.05  # share of a joint's torque that an effect has at least
 # Asked for: the arm that runs is a few per cent off its description, does not follow
@@ -122,8 +122,7 @@ def _enlarged(
             break
         # A little more, so that what grows less than in proportion arrives as well.
         factor = min(factor * 1.02 * _ASKED / max(now, 1e-9), MOST)
-        values = scale_effect_parameters(effect.name, dict(effect.parameters), factor)
-        larger = PlantEffect(effect.name, effect.joints, tuple(sorted(values.items())))
+        larger = scale_effect(effect, factor)
         now = share(robot, larger, stages)
     return larger, now
 

@@ -4,12 +4,6 @@ from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
-from benchmarks.synthetic.amounts import (
-    compute_effect_amount,
-    convert_stated_size,
-    list_unnamed_effects,
-    scale_effect_parameters,
-)
 from residual.effects import load_effects
 from residual.effects import number_reported_joints as number_joints
 from residual.robot.robot import Robot
@@ -18,6 +12,12 @@ from sim.effect_draws import draw_plant_effect
 from sim.effects.base import Rng
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import list_plant_effects
+from tests.synthetic.amounts import (
+    compute_effect_amount,
+    convert_stated_size,
+    list_unnamed_effects,
+    scale_effect,
+)
 
 # An arm that has ten times as much as any is no arm.
 MOST = 3.0  # of a usual size
@@ -54,9 +54,7 @@ def draw_detectable(
     if usual is None or least is None:
         return None
     factor = convert_stated_size(name, float(least)) / usual
-    sized = scale_effect_parameters(name, dict(drawn.parameters), factor)
-    larger = PlantEffect(name, drawn.joints, tuple(sorted(sized.items())))
-    return larger if factor <= MOST else None
+    return scale_effect(drawn, factor) if factor <= MOST else None
 
 
 def true_parameters(effect: PlantEffect, true: Any, told: Any) -> dict[str, float]:

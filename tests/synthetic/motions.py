@@ -8,8 +8,10 @@ samples as well: they are imposed on bounds of the continuous curves.
 import numpy as np
 
 from residual.recording import Array
+from residual.robot.robot import Robot
 from sim.engine.plant_records import ReferenceMotion
 from sim.plant.typical_sizes import UsualMotionRange as Space
+from sim.plant.typical_sizes import compute_usual_motion_range
 from sim.plant.typical_sizes import draw_motion_centre as motion_centre
 from sim.trajectories.planning_limits import (
     RAMP,
@@ -27,14 +29,14 @@ _DWELL = (0.3, 0.9)  # s
 
 
 def make_motion(
-    family: str, space: Space, duration: float, rate: float, rng: np.random.Generator
+    family: str, robot: Robot, duration: float, rate: float, rng: np.random.Generator
 ) -> ReferenceMotion:
     """Draw one motion of some seconds at a rate [Hz], which does not decide it.
 
     Raises:
         ValueError: If there is no such family.
     """
-    t = np.arange(round(duration * rate)) / rate
+    space, t = compute_usual_motion_range(robot), np.arange(round(duration * rate)) / rate
     match family:
         case "fourier":
             curve = draw_fourier(space, duration, rng)

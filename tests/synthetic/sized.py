@@ -8,22 +8,24 @@ angles read.
 """
 
 from collections.abc import Callable, Collection, Sequence
+from functools import partial
 
 import numpy as np
 
-from benchmarks.changes_parts.sizes import solved
-from benchmarks.hidden.draw import MOST
-from benchmarks.synthetic.amounts import scale_effect_parameters
-from benchmarks.synthetic.visible import Stage, share
 from residual.errors import InputError
 from residual.robot.robot import Robot
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
+from tests.synthetic.amounts import scale_effect
+from tests.synthetic.draws import MOST
+from tests.synthetic.visible import Stage, share
 
 SHARES = (0.01, 0.02, 0.05, 0.10)  # of the torque of the joint, rms
 CLEAR = SHARES[2:]  # what one ought to see
-_TRIES = 20
+_DRAWS = 20
+_CLOSE, _TRIES = 0.01, 6  # of the size asked for; simulations
+_STEEP = (0.3, 3.0)  # by what power a size may follow the parameter
 
 
 def has_sizes(name: str) -> bool:
@@ -55,30 +57,59 @@ def draw_of_share(
         and the usual size stays. None for no arm that has as much.
     """
     for target in shares:
-        for _ in range(_TRIES):
+        for _ in range(_DRAWS):
             drawn = draw_plant_effect(robot, rng, name)
             if set(drawn.joints) & set(avoid):
                 continue
             if not has_sizes(name):
                 return drawn, None
 
-            def size_at(factor: float, drawn: PlantEffect = drawn) -> float | None:
-                larger = _scaled(drawn, factor, robot)
-                return larger and share(robot, written(larger), stages)
-
-            found = solved(size_at, target)
-            sized = found and _scaled(drawn, found[0], robot)
+            larger = partial(scale_effect, drawn)
+            sized = solve_size(robot, larger, target, stages, MOST, written)
             if sized:
-                return sized, target
+                return sized[0], target
     return None
 
 
-def _scaled(drawn: PlantEffect, factor: float, robot: Robot) -> PlantEffect | None:
-    """Return a larger effect; None where that is more than any arm has."""
-    values = scale_effect_parameters(drawn.name, dict(drawn.parameters), factor)
-    larger = PlantEffect(drawn.name, drawn.joints, tuple(sorted(values.items())))
-    try:
-        check_effect(larger, robot)
-    except InputError:
-        return None
-    return larger if factor <= MOST else None
+def solve_size(
+    robot: Robot,
+    larger: Callable[[float], PlantEffect],
+    target: float,
+    stages: Sequence[Stage],
+    most: float,
+    written: Callable[[PlantEffect], PlantEffect] = lambda effect: effect,
+) -> tuple[PlantEffect, float] | None:
+    """Return an effect of a size, and that size; None where no arm has as much.
+
+    Args:
+        larger: Makes the effect a factor larger, which is `most` at most.
+    """
+
+    def size_at(factor: float) -> float | None:
+        try:
+            check_effect(larger(factor), robot)
+        except InputError:
+            return None
+        return None if factor > most else share(robot, written(larger(factor)), stages)
+
+    solution = solved(size_at, target)
+    return solution and (larger(solution[0]), solution[1])
+
+
+def solved(size_at: Callable[[float], float | None], target: float) -> tuple[float, float] | None:
+    """Return what times a change has a size, and that size; None for never."""
+    before: tuple[float, float] | None = None
+    factor = 1.0
+    for _ in range(_TRIES):
+        size = size_at(factor)
+        if size is None or not 0 < size < np.inf:
+            return None
+        miss = float(np.log(target / size))
+        if abs(miss) <= _CLOSE:
+            return factor, size
+        power = 1.0
+        if before is not None and abs(step := np.log(factor) - before[0]) > 1e-9:
+            power = float(np.clip((np.log(size) - before[1]) / step, *_STEEP))
+        before = float(np.log(factor)), float(np.log(size))
+        factor *= float(np.exp(miss / power))
+    return None

@@ -1,8 +1,8 @@
 """Write small cases as files, as an engineer would export them.
 
-python -m benchmarks.synthetic.examples hidden FOLDER SEED EFFECT
+python -m tests.synthetic.examples hidden FOLDER SEED EFFECT
     the built-in arm in SI units, with the truth in a file
-python -m benchmarks.synthetic.examples workshop FOLDER SEED EFFECT JOINT KEY=VALUE...
+python -m tests.synthetic.examples workshop FOLDER SEED EFFECT JOINT KEY=VALUE...
     the arm in FOLDER/arm, with an effect that its files do not have, in the units of a
     workshop: ms, degrees, motor torque, one joint reversed
 """
@@ -13,12 +13,11 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
-from residual.recording import Array
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from tests.synthetic.logs import LogPlan, make, write_csv
+from tests.synthetic.quasi_static import Plant
 
 BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
 ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero
@@ -51,8 +50,7 @@ def write_hidden(folder: Path, seed: int, effect: str) -> list[Path]:
     paths = []
     for log in make(Plant(robot, (hidden,), seed), plan, seed):
         paths.append(folder / f"{log.id}.csv")
-        names, formats = ("t", "q", "tau"), ("%.3f", "%.4f", "%.2f")
-        _write(paths[-1], names, formats, (log.t, log.q, log.tau), ",")
+        write_csv(paths[-1], log, ["%.3f", *6 * ["%.4f"], *6 * ["%.2f"]])
     truth = {
         "name": hidden.name,
         "joints": list(hidden.joints),
@@ -72,29 +70,10 @@ def write_workshop(folder: Path, seed: int, hidden: SyntheticEffect) -> list[Pat
     for log in make(Plant(robot, (hidden,), seed), plan, seed):
         paths.append(folder / f"{log.id}.csv")
         torque = BACKWARDS * log.tau / np.abs(robot.gear_ratio)
-        table = (1000 * log.t, BACKWARDS * np.rad2deg(log.q) + ZERO, torque)
-        names, formats = ("Time", "J", "M"), ("%.0f", "%.3f", "%.5f")
-        _write(paths[-1], names, formats, table, ";")
+        table = np.column_stack([1000 * log.t, BACKWARDS * np.rad2deg(log.q) + ZERO, torque])
+        formats = ["%.0f", *2 * ["%.3f"], *2 * ["%.5f"]]
+        np.savetxt(paths[-1], table, formats, ";", header="Time;J1;J2;M1;M2", comments="")
     return paths
-
-
-def _write(
-    path: Path,
-    names: tuple[str, str, str],
-    formats: tuple[str, str, str],
-    table: tuple[Array, Array, Array],
-    delimiter: str,
-) -> None:
-    dof = table[1].shape[1]
-    numbers = [f"{name}{j}" for name in names[1:] for j in range(1, dof + 1)]
-    np.savetxt(
-        path,
-        np.column_stack(table),
-        fmt=[formats[0], *dof * [formats[1]], *dof * [formats[2]]],
-        delimiter=delimiter,
-        header=delimiter.join([names[0], *numbers]),
-        comments="",
-    )
 
 
 if __name__ == "__main__":

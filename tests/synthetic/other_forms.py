@@ -3,10 +3,10 @@
 import numpy as np
 from numba import njit
 
-from benchmarks.synthetic.laws import SyntheticMotion
 from residual.recording import Array
 from sim.effects.base import Effect, Values
 from sim.engine import friction_laws
+from tests.synthetic.laws import SyntheticMotion
 
 _MICRO = 0.1  # damping of the bristles, as a share of the level per (rad/s)
 _HARDENING = 0.3  # 1/rad^2

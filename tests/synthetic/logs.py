@@ -2,16 +2,17 @@
 
 from dataclasses import dataclass
 
+import numpy as np
+
 from benchmarks.harness.logs import RATE, sensed
-from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, background_of, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.plant_records import SyntheticEffect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects
 from sim.plant.plant_arm import simulate_torque_logging
-from sim.plant.typical_sizes import compute_usual_motion_range
+from tests.synthetic.motions import make_motion
+from tests.synthetic.quasi_static import Plant, background_of, true_torque
 
 DURATION = 20.0  # s
 _PAUSE = (5.0, 20.0)  # s between two logs of a session
@@ -77,7 +78,7 @@ def _record(
     now, session = clock
     motion = make_motion(
         entry.family,
-        compute_usual_motion_range(plant.robot),
+        plant.robot,
         entry.duration,
         entry.rate,
         make_rng(seed, f"motion/{entry.name}"),
@@ -89,3 +90,12 @@ def _record(
     q, tau = sensed(plant.robot, torque, entry.name, seed, entry.rate)
     tau = simulate_torque_logging(background_of(plant), tau, entry.rate)
     return Recording(entry.name, plant.robot.name, now + motion.t, q, tau)
+
+
+def write_csv(path, log, form="%.17g", delimiter=",", **more) -> None:
+    """Write times, angles, torques and further signals, all in one form or one for each."""
+    signals = {"q": log.q, "tau": log.tau, **more}
+    joints = range(1, 1 + log.q.shape[1])
+    names = ["t", *(f"{name}{j}" for name in signals for j in joints)]
+    table = np.column_stack([log.t, *signals.values()])
+    np.savetxt(path, table, form, delimiter, header=delimiter.join(names), comments="")

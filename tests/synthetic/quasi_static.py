@@ -10,21 +10,6 @@ from dataclasses import dataclass
 import numpy as np
 import pinocchio as pin
 
-from benchmarks.synthetic import other_forms
-from benchmarks.synthetic.background import (
-    BackgroundTorque,
-    FrictionMotion,
-    compute_background_torque,
-    gear_twist_angle,
-)
-from benchmarks.synthetic.laws import (
-    SyntheticMotion,
-    compute_bristle_states,
-    compute_effect_torque,
-    compute_motor_lead,
-    compute_push_torque,
-    supports_synthetic_arm,
-)
 from residual.errors import InputError
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
@@ -46,6 +31,21 @@ from sim.plant.typical_sizes import (
     estimate_typical_sizes,
     scatter_inertias,
 )
+from tests.synthetic import other_forms
+from tests.synthetic.background import (
+    BackgroundTorque,
+    FrictionMotion,
+    compute_background_torque,
+    gear_twist_angle,
+)
+from tests.synthetic.laws import (
+    SyntheticMotion,
+    compute_bristle_states,
+    compute_effect_torque,
+    compute_motor_lead,
+    compute_push_torque,
+    supports_synthetic_arm,
+)
 
 _RIGID_SCATTER = 0.02
 # Friction that the robot declares is off by little; that of a bare URDF is anything.
@@ -58,7 +58,7 @@ class Plant:
     """A synthetic arm."""
 
     robot: Robot  # its nominal description, which is not quite true of it
-    hidden: tuple[SyntheticEffect, ...]  # the effects that its description lacks
+    hidden: tuple[PlantEffect | SyntheticEffect, ...]  # the effects that its description lacks
     seed: int  # seed of what makes this arm differ from its description
     background: BackgroundWord = CLEAN  # what all joints have undeclared, at all times
     # How far its bodies, friction and rotors are off what the description says, as a

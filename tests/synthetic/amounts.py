@@ -1,11 +1,14 @@
 """How much of an effect there is, and which numbers say so."""
 
+import operator
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
 from sim.effects import load_effects
 from sim.effects.base import PlantEffectTrait
+from sim.engine.plant_records import PlantEffect
 
 
 def list_unnamed_effects() -> list[str]:
@@ -38,15 +41,13 @@ def convert_stated_size(name: str, x: float) -> float:
     return 1.0 / x if PlantEffectTrait.INVERSE in load_effects()[name].traits else x
 
 
-def scale_effect_parameters(
-    name: str, parameters: Mapping[str, float], factor: float
-) -> dict[str, float]:
-    """Return the parameters of the same effect, larger by a factor."""
-    effect = load_effects()[name]
-    keys = (*effect.amount, *effect.along)
-    if PlantEffectTrait.INVERSE in effect.traits:
-        return {k: v / factor if k in keys else v for k, v in parameters.items()}
-    return {k: v * factor if k in keys else v for k, v in parameters.items()}
+def scale_effect(effect: PlantEffect, factor: float) -> PlantEffect:
+    """Return the same effect, larger by a factor."""
+    kind = load_effects()[effect.name]
+    scaled = operator.truediv if PlantEffectTrait.INVERSE in kind.traits else operator.mul
+    grows = (*kind.amount, *kind.along)
+    values = ((k, scaled(v, factor) if k in grows else v) for k, v in effect.parameters)
+    return replace(effect, parameters=tuple(sorted(values)))
 
 
 def find_main_parameter(name: str, parameters: Mapping[str, float]) -> str | None:
