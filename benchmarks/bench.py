@@ -24,19 +24,12 @@ from time import monotonic
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks.drawn import DRAWN
-from benchmarks.groups import GROUPS
 from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
-_ORDER = "measured diagnosis attribution changes check loop peers plsr store identification "
-_ORDER += "monitoring pipelines servo six_joints"
-_PROGRAMS = dict.fromkeys(DRAWN, "drawn") | dict.fromkeys(GROUPS, "groups")
-PLAN = {
-    name: [f"benchmarks/{_PROGRAMS[name]}.py", name]
-    if name in _PROGRAMS
-    else [f"benchmarks/{name}.py"]
-    for name in _ORDER.split()
-}
+PLAN = (
+    *("measured", "diagnosis", "attribution", "changes", "check", "loop", "peers", "plsr"),
+    *("store", "identification", "monitoring", "pipelines", "servo", "six_joints"),
+)
 FAILED = 2
 _ENDS = {0: "no bar is missed", 1: "a bar is missed"}
 _EVERY = 20.0  # s between two lines of progress
@@ -47,9 +40,9 @@ def main() -> int:
         description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
     parser.add_argument("--quick", action="store_true", help="a part of each")
-    parser.add_argument("--only", nargs="+", choices=PLAN, default=list(PLAN))
+    parser.add_argument("--only", nargs="+", choices=PLAN, default=PLAN)
     args = parser.parse_args()
-    codes, start = [], monotonic()
+    codes, start = [0], monotonic()
     for number, name in enumerate(args.only, start=1):
         label = f"[{number}/{len(args.only)}] {name}"
         if not args.quick and is_finished(name):
@@ -57,16 +50,17 @@ def main() -> int:
         else:
             codes.append(_run(name, label, args.quick))
     print(f"\n{(monotonic() - start) / 60:.1f} min", flush=True)
-    if args.quick:
-        return max(codes, default=0)
-    for name in args.only:
-        oks = {k: entry["ok"] for k, entry in read(name).get("figures", {}).items()}
-        missed = [key for key, ok in oks.items() if ok is False]
+    if not args.quick:
+        missed = [
+            f"{name}.{key}"
+            for name in args.only
+            for key, entry in read(name).get("figures", {}).items()
+            if entry["ok"] is False
+        ]
+        print(f"{len(missed)} bars missed: {', '.join(missed)}")
         codes.append(int(bool(missed)))
-        met = list(oks.values()).count(True)
-        print(f"{name:15} {met} bars met, {len(missed)} missed: {', '.join(missed)}")
-    subprocess.run([sys.executable, "benchmarks/page.py"], cwd=ROOT, check=True)
-    return max(codes, default=0)
+        subprocess.run([sys.executable, "benchmarks/page.py"], cwd=ROOT, check=True)
+    return max(codes)
 
 
 def read(name: str) -> dict:
@@ -83,7 +77,7 @@ def is_finished(name: str) -> bool:
 
 def _run(name: str, label: str, quick: bool) -> int:
     """Run one benchmark and return its exit code; write its output to a log."""
-    command = [sys.executable, *PLAN[name]]
+    command = [sys.executable, "benchmarks/run.py", name]
     command += ["--quick"] if quick else ["--full-json", str(RESULTS / f"{name}.json")]
     log = ROOT / "store" / "benchmarks" / f"{name}.log"
     log.parent.mkdir(parents=True, exist_ok=True)

@@ -17,18 +17,6 @@ import pytest
 from residual.effects import load_effects
 from tests.checkout import ROOMS, ROOT, nodes, sources
 
-MAX_LINES = 600
-MAX_BODY = 80
-DECIDING = ("check", "evidence", "monitoring")
-THRESHOLDS = re.compile(r".*Thresholds")
-
-
-def _body_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
-    first = node.body[0]
-    told = ast.get_docstring(node) is not None
-    start = first.end_lineno + 1 if told else first.lineno
-    return max(0, node.end_lineno - start + 1)
-
 
 def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
     """Whether a parameter is a tuple of unlike or unsaid things, or a row of three.
@@ -51,16 +39,6 @@ def _is_bag(annotation: ast.expr, aliases: dict[str, ast.expr]) -> bool:
     return False
 
 
-# What only some may import of others.
-ONLY = {
-    "prefect": ("flows/",),
-    "pybullet": ("sim/engine/pybullet_world.py",),
-    "pybullet_data": ("sim/engine/pybullet_world.py",),
-    "cvxpy": (),
-    "duckdb": ("warehouse/", "flows/"),
-    "pyarrow": ("warehouse/", "flows/"),
-    "pandas": (),
-}
 # Strings that are an effect's name by chance: (file, string) and what they are there.
 HOMONYMS = {
     ("residual/check/result.py", "delay"): "a fault of a log, of the same nature",
@@ -101,17 +79,6 @@ def _imported(path: Path, node: ast.Import | ast.ImportFrom) -> set[str]:
 
 def _within(name: str, allowed: set[str]) -> bool:
     return any(name == a or name.startswith(a + ".") for a in allowed)
-
-
-@pytest.mark.parametrize("library", sorted(ONLY))
-def test_a_library_is_imported_only_where_it_belongs(library):
-    wrong = [
-        _name(path)
-        for path in sources(*ROOMS)
-        if not _name(path).startswith(ONLY[library] or ("-",))
-        and any(_within(name, {library}) for name in _imports(path))
-    ]
-    assert wrong == []
 
 
 def _modules() -> dict[str, Path]:
@@ -293,26 +260,6 @@ def _pages() -> list[Path]:
     return sorted({p for p in inside + top if p.suffix in kinds} | set(other))
 
 
-def test_no_file_is_longer_than_a_reader_will_read():
-    long = {
-        _name(p): n
-        for p in _pages()
-        if not _name(p).startswith(("tests/", "CHANGELOG"))
-        and (n := len(p.read_text(encoding="utf-8").splitlines())) > MAX_LINES
-    }
-    assert long == {}
-
-
-def test_no_function_is_longer_than_a_screen():
-    long = {
-        f"{_name(path)}:{node.lineno} {node.name}": _body_lines(node)
-        for path in sources(*ROOMS, "benchmarks")
-        for node in nodes(path)
-        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _body_lines(node) > MAX_BODY
-    }
-    assert long == {}
-
-
 # Written in pieces, so that this file does not find itself.
 MACHINE = re.compile(
     r"(?<![\w.~/-])/(?:home|work|root|opt|Users)" + r"/\w"
@@ -360,15 +307,3 @@ def test_no_parameter_is_a_bag_of_unlike_things():
                     if arg.annotation and _is_bag(arg.annotation, aliases)
                 ]
     assert wrong == []
-
-
-def test_a_room_has_one_record_of_thresholds():
-    found: dict[str, list[str]] = {}
-    for path in sources("residual"):
-        classes = [n.name for n in nodes(path) if isinstance(n, ast.ClassDef)]
-        records = [name for name in classes if THRESHOLDS.fullmatch(name)]
-        found.setdefault(_name(path.parent), []).extend(records)
-        assert not records or path.stem in ("rules", "thresholds"), _name(path)
-    deciding = {f"residual/{room}" for room in DECIDING}
-    assert {room for room, names in found.items() if names} == deciding
-    assert {len(found[room]) for room in deciding} == {1}

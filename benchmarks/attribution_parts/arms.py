@@ -10,22 +10,18 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.harness.logs import PAUSE, RATE, sensed
-from benchmarks.synthetic.amounts import scale_effect_parameters
-from benchmarks.synthetic.light_arm import draw_light_arm
-from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, true_torque
+from benchmarks.harness import logs
+from benchmarks.harness.logs import PAUSE, RATE
 from residual.recording import Recording
 from residual.robot.robot import Robot, build_robot, load_robot
 from sim.effect_draws import draw_plant_effect
-from sim.engine.plant_records import (
-    PlantEffect,
-    ReferenceMotion,
-    SyntheticEffect,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantEffect, ReferenceMotion, create_random_stream
 from sim.plant.sensors import WHITE_TORQUE
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import estimate_typical_sizes
+from tests.synthetic.amounts import scale_effect
+from tests.synthetic.light_arm import draw_light_arm
+from tests.synthetic.motions import make_motion
+from tests.synthetic.quasi_static import Plant, true_torque
 
 Array = np.ndarray
 
@@ -56,8 +52,7 @@ class Arm:
 
     def plant(self, effects: Sequence[PlantEffect]) -> Plant:
         """Return the arm itself with what changed."""
-        hidden = tuple(SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects)
-        return Plant(self.robot, hidden, self.seed, scatter=self.off)
+        return Plant(self.robot, tuple(effects), self.seed, scatter=self.off)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -83,24 +78,22 @@ def six() -> Robot:
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
-    logs = []
+    made = []
     for place, family in enumerate((*fit, *held_out)):
         name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
         start = place * (seconds + PAUSE)
-        logs.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
-    return Logs(arm.robot, tuple(logs[: len(fit)]), tuple(logs[len(fit) :]))
+        made.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
+    return Logs(arm.robot, tuple(made[: len(fit)]), tuple(made[len(fit) :]))
 
 
 def motion(arm: Arm, name: str, family: str, seconds: float) -> ReferenceMotion:
     rng = create_random_stream(arm.seed, f"motion/{name}")
-    return make_motion(family, compute_usual_motion_range(arm.robot), seconds, RATE, rng)
+    return make_motion(family, arm.robot, seconds, RATE, rng)
 
 
 def record(arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float) -> Recording:
-    torque = true_torque(plant, path, name, start)
     span = estimate_typical_sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
-    signals = sensed(arm.robot, torque, name, arm.noise, span=span, step=_STEP)
-    return Recording(name, arm.robot.name, start + path.t, *signals)
+    return logs.record(plant, path, name, arm.noise, start, span=span, step=_STEP)
 
 
 Rng = np.random.Generator
@@ -122,11 +115,9 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
     joints = np.arange(1, arm.robot.dof + 1)
     if rng.uniform() < _LOADS:
         usual = draw_plant_effect(arm.robot, rng, PAYLOAD)
-        values = dict(usual.parameters)
         weight = sum(body.mass for body in list(arm.robot.model.inertias)[1:])
         mass = weight * rng.uniform(*_LOAD)
-        sized = scale_effect_parameters(PAYLOAD, values, mass / values["mass"])
-        made.append(PlantEffect(PAYLOAD, usual.joints, tuple(sorted(sized.items()))))
+        made.append(scale_effect(usual, mass / dict(usual.parameters)["mass"]))
     links = rng.choice(joints[1:-1], size=int(rng.integers(0, 3)), replace=False)
     for link in links:
         scale = float(rng.uniform(*_LINK) * rng.choice([-1, 1]))

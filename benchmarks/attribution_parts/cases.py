@@ -29,7 +29,6 @@ def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
     return {
         "said": [[_plain(n) for n in names] for names in classes],
         "true": len(owners),
-        "exact_by_name": wanted == sorted(str(s.name) for s in said),
         "exact": exact and len(owners) == len(planted),
         "listed": any(sorted(map(str, one)) == wanted for one in listed),
         "unexplained": list(verdict.unexplained.joints),

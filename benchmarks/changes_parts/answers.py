@@ -14,12 +14,12 @@ from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
 from benchmarks.hidden.score import Claim, Name, matched, members
 from benchmarks.measured_parts import arms as measured
-from benchmarks.synthetic.amounts import find_main_parameter
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
 from residual.errors import ModelgapError
 from residual.recording import Recording
 from residual.robot.robot import Robot
+from tests.synthetic.amounts import find_main_parameter
 
 # Effects whose parameters no log tells by themselves: no size is compared.
 _NO_SIZE = ("presliding", "warmup")

@@ -12,18 +12,12 @@ import numpy as np
 
 from benchmarks.check_parts.arms import other_arms, seven
 from benchmarks.harness.logs import PAUSE, RATE, sensed
-from benchmarks.synthetic import quasi_static
-from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
-from sim.engine.plant_records import (
-    PlantEffect,
-    ReferenceMotion,
-    SyntheticEffect,
-    create_random_stream,
-)
+from sim.engine.plant_records import PlantEffect, ReferenceMotion, create_random_stream
 from sim.plant.plant_arm import simulate_torque_logging
-from sim.plant.typical_sizes import compute_usual_motion_range
+from tests.synthetic import quasi_static
+from tests.synthetic.motions import make_motion
 
 Array = np.ndarray
 
@@ -78,10 +72,10 @@ def reported(case: Case) -> Array:
 
 def list_motions(robot: Robot, parts: Sequence[Part]) -> list[tuple[ReferenceMotion, float]]:
     """Return the motion and start [s] of each log of an epoch."""
-    space, out, start = compute_usual_motion_range(robot), [], 0.0
+    out, start = [], 0.0
     for part in parts:
         rng = create_random_stream(part.seed, "motion")
-        motion = make_motion(part.source, space, part.duration, RATE, rng)
+        motion = make_motion(part.source, robot, part.duration, RATE, rng)
         out.append((motion, start))
         start += part.duration + PAUSE
     return out
@@ -102,10 +96,7 @@ def warmed(case: Case) -> float:
 
 
 def _plant(case: Case, changed: bool = False) -> quasi_static.Plant:
-    hidden = ()
-    if changed and case.effect:
-        parameters = dict(case.effect.parameters)
-        hidden = (SyntheticEffect(case.effect.name, case.effect.joints, parameters),)
+    hidden = (case.effect,) if changed and case.effect else ()
     return quasi_static.Plant(robot_of(case.arm), hidden, case.plant, case.background)
 
 

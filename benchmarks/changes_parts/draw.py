@@ -7,14 +7,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.changes_parts import arms, real
-from benchmarks.changes_parts.sizes import solved
 from benchmarks.harness.cases import named, seed_range
-from benchmarks.synthetic.amounts import scale_effect_parameters
-from benchmarks.synthetic.visible import Stage, share
-from residual.errors import InputError
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
-from sim.plant.effect_catalogue import check_effect
+from tests.synthetic.amounts import scale_effect
+from tests.synthetic.sized import solve_size
+from tests.synthetic.visible import Stage
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"
@@ -151,22 +149,11 @@ def _changed(
     stages = [Stage.of(robot, *one) for one in arms.list_motions(robot, case.second)]
 
     def times(factor: float) -> PlantEffect:
+        if name not in _GROWS:
+            return scale_effect(usual, factor)
         values = dict(usual.parameters)
-        if name in _GROWS:
-            values[_GROWS[name]] *= factor
-        else:
-            values = scale_effect_parameters(name, values, factor)
-        return PlantEffect(name, usual.joints, tuple(sorted(values.items())))
+        values[_GROWS[name]] *= factor
+        return replace(usual, parameters=tuple(sorted(values.items())))
 
-    def size_at(factor: float) -> float | None:
-        effect = times(factor)
-        try:
-            check_effect(effect, robot)
-        except InputError:  # no arm has that
-            return None
-        return None if factor > _MOST else share(robot, effect, stages)
-
-    found = solved(size_at, target)
-    if found is None:
-        return None
-    return replace(case, effect=times(found[0]), size=found[1])
+    sized = solve_size(robot, times, target, stages, _MOST)
+    return sized and replace(case, effect=sized[0], size=sized[1])

@@ -6,11 +6,9 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
+from benchmarks.harness.logs import PAUSE, RATE, in_engine, record
 from benchmarks.harness.origin import ROOT
 from benchmarks.measured_parts.arms import absent, read_logs, robot_of
-from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording as Log
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, build_robot, load_robot
@@ -21,7 +19,8 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
-from sim.plant.typical_sizes import compute_usual_motion_range as usual_range
+from tests.synthetic.motions import make_motion
+from tests.synthetic.quasi_static import Plant
 from warehouse.logs import read_log
 
 Array = np.ndarray
@@ -69,7 +68,7 @@ def synthetic(name: str, seed: int) -> Host:
     logs = []
     for i, family in enumerate(FAMILIES):
         rng = create_random_stream(seed, f"motion/{name}/{family}")
-        motion = make_motion(family, usual_range(robot), DURATION, RATE, rng)
+        motion = make_motion(family, robot, DURATION, RATE, rng)
         start = i * (DURATION + PAUSE)
         logs.append(recorded(plant, motion, f"{name}_{family}", start))
     return Host(name, robot, tuple(logs), plant)
@@ -77,13 +76,10 @@ def synthetic(name: str, seed: int) -> Host:
 
 def recorded(plant: Plant, motion: ReferenceMotion, label: str, start: float) -> Log:
     """Return the log of a motion, by the sensors of all synthetic arms."""
-    robot, seed = plant.robot, plant.seed
-    torque = true_torque(plant, motion, label, start)
-    rng = create_random_stream(seed, f"speed/{label}")
+    rng = create_random_stream(plant.seed, f"speed/{label}")
     speed = motion.qd + SPEED_NOISE * rng.normal(size=motion.qd.shape)
-    signals = sensed(robot, torque, label, seed)
-    log = Log(label, robot.name, start + motion.t, *signals)
-    return replace(log, qd=speed) if robot.dof == 6 else log
+    log = record(plant, motion, label, plant.seed, start)
+    return replace(log, qd=speed) if plant.robot.dof == 6 else log
 
 
 def _in_engine(seed: int) -> tuple[Log, ...]:

@@ -1,5 +1,6 @@
 """Figures and bars of the rows of all groups."""
 
+import argparse
 from collections import defaultdict
 from collections.abc import Mapping
 
@@ -7,6 +8,7 @@ import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.check_parts.file_flaws import FLAWED, SCALED
+from benchmarks.harness.cases import crash_figures
 from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
@@ -23,10 +25,11 @@ TRUE_OF = {
 SHOWS_AS = {"saturation": ("saturated",)}
 
 
-def figures(rows: Rows, deciding: bool) -> Figures:
+def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
     by_group = defaultdict(list)
     for row in rows:
-        by_group["crashes" if "error" in row else row["group"]].append(row)
+        if "error" not in row:
+            by_group[row["group"]].append(row)
     faults, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
     mended = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
     own = [row["seconds"] for row in faults]
@@ -59,11 +62,11 @@ def figures(rows: Rows, deciding: bool) -> Figures:
             for name, rows in blamed.items()
         },
         "seconds": figure(value, None, len(own), why=NO_BAR),
-        "crashes": figure(len(by_group["crashes"]), 0, len(rows)),
+        **crash_figures(rows),
     }
     if not out["faults_found_measured"]["n"]:
         out["faults_found_measured"] = missing(None, NO_LOGS)
-    return out if deciding else undecided(out)
+    return out if args.whole else undecided(out)
 
 
 def false_of(row: Mapping) -> list:

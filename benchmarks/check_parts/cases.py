@@ -1,7 +1,8 @@
 """Cases of each group: logs with faults and sound logs, checked and compared."""
 
+import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, dataclass
 from functools import partial
 from time import perf_counter
 
@@ -10,11 +11,7 @@ from benchmarks.check_parts.arms import DRAWN, ENGINE, HOSTS, SEVEN, SIX, Fault,
 from benchmarks.check_parts.explained import EXPLAINED
 from benchmarks.check_parts.judge import compare, reported
 from benchmarks.diagnosis_parts.cases import PYBULLET, SYNTHETIC, as_form, make, the_arm
-from benchmarks.harness.cases import guarded
-from benchmarks.hidden.draw import vocabulary
-from benchmarks.synthetic.amounts import scale_effect_parameters
-from benchmarks.synthetic.laws import supports_synthetic_arm
-from benchmarks.synthetic.other_forms import FORMS
+from benchmarks.harness.cases import guarded, named, seed_range
 from flows.inputs import LogSets
 from flows.steps.check import check_log_sets
 from residual.recording import Recording
@@ -22,6 +19,10 @@ from residual.robot.robot import Robot
 from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_plant_effects
+from tests.synthetic.amounts import scale_effect
+from tests.synthetic.draws import vocabulary
+from tests.synthetic.laws import supports_synthetic_arm
+from tests.synthetic.other_forms import FORMS
 
 _READING = (
     "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "
@@ -37,6 +38,7 @@ FAULTS: Mapping[str, Fault] = {
     for module, names in ((reports, _READING), (faults, _MADE), (reports, _REPORTED))
     for name in names.split()
 }
+GROUPS = ("faults", "clean", "explained", "effects", "large_effects", "files")
 SIZES = 3
 _LARGE = 3.0  # times the usual size of an effect
 _QUICK_KINDS = ("torque_sign", "joint_order", "torque_unit", "spike", "clock")
@@ -55,6 +57,11 @@ class Task:
     def name(self) -> str:
         """Key of the result."""
         return " ".join(map(str, asdict(self).values()))
+
+
+def jobs(args: argparse.Namespace) -> dict[str, Task]:
+    every = tasks(seed_range(args.seeds), args.quick)
+    return named(task for task in every if task.group in args.groups)
 
 
 def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
@@ -135,8 +142,7 @@ def _effects(task: Task) -> list[dict]:
     name = FORMS[task.host][0] if form else task.host
     effect = draw_plant_effect(robot, rng, name)
     if task.group == "large_effects":
-        values = scale_effect_parameters(name, dict(effect.parameters), _LARGE)
-        effect = replace(effect, parameters=tuple(sorted(values.items())))
+        effect = scale_effect(effect, _LARGE)
     hidden = as_form(effect, task.host) if form else effect
     made = make(_arm_for(name), [hidden], task.seed, task.seed)
     return [_sound(made.robot, made.fit, task, name)]

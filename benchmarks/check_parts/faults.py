@@ -15,9 +15,9 @@ from benchmarks.check_parts.arms import (
     table_of,
     tables_of,
 )
-from benchmarks.synthetic.motions import make_motion
 from sim.engine.plant_records import ReferenceMotion
 from sim.plant.typical_sizes import compute_usual_motion_range
+from tests.synthetic.motions import make_motion
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -152,7 +152,7 @@ def no_reversal(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 def _in_motion(host: Host, rng: Rng, kind: str, joints, change) -> FaultyLogs:
     logs = []
     for i in range(2):
-        motion = make_motion("fourier", compute_usual_motion_range(host.robot), DURATION, RATE, rng)
+        motion = make_motion("fourier", host.robot, DURATION, RATE, rng)
         label = f"{kind}_{i}"
         logs.append(recorded(host.plant, change(motion), label, 30.0 * i))
     return FaultyLogs(kind, joints, [table_of(log) for log in logs])

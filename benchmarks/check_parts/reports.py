@@ -19,11 +19,11 @@ from benchmarks.check_parts.arms import (
     tables_of,
     turned,
 )
-from benchmarks.synthetic.motions import make_motion
 from residual.recording import Recording
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
 from residual.signals.filters import filter_low_pass
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import estimate_typical_sizes
+from tests.synthetic.motions import make_motion
 
 Array = np.ndarray
 Rng = np.random.Generator
@@ -122,7 +122,7 @@ def with_held_joint(host: Host, rng: Rng) -> Host | None:
         return None
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(family, compute_usual_motion_range(host.robot), DURATION, RATE, rng)
+        motion = make_motion(family, host.robot, DURATION, RATE, rng)
         joint = int(rng.integers(host.robot.dof))
         q, qd, qdd = motion.q.copy(), motion.qd.copy(), motion.qdd.copy()
         q[:, joint], qd[:, joint], qdd[:, joint] = q[0, joint], 0.0, 0.0

@@ -1,14 +1,17 @@
 """Figures and bars of the rows of all groups."""
 
+import argparse
 from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from benchmarks.harness.cases import crash_figures
+from benchmarks.diagnosis_parts.cases import COST
+from benchmarks.diagnosis_parts.cost import cost_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import NO_BAR, Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, at_least, counts, lines, per, within_two_deviations
 from benchmarks.hidden.score import WRONG, is_right
-from benchmarks.hidden.sized import CLEAR, SHARES
+from tests.synthetic.sized import CLEAR, SHARES
 
 # Families that detection is pooled over; a new effect is in "other" until it is here.
 _NAMES = {
@@ -23,7 +26,12 @@ FAMILIES = (*_NAMES, "other")
 _FAMILY = {name: family for family, names in _NAMES.items() for name in names.split()}
 
 
-def case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
+def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
+    figures = cost_figures(args.quick) if COST in args.groups else {}
+    return figures | (_case_figures(by_group(rows), args.deciding) if rows else {})
+
+
+def _case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     figures: Figures = {}
     for group, of_group in rows.items():
         good = [row for row in of_group if "outcome" in row]

@@ -6,6 +6,7 @@ be compared, except in the group of detection: it asks whether the minimum detec
 sizes that the diagnosis states for the motions are right.
 """
 
+import argparse
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from functools import lru_cache, partial
@@ -13,18 +14,11 @@ from time import perf_counter
 
 import numpy as np
 
-from benchmarks.harness.cases import guarded
-from benchmarks.harness.logs import PAUSE, RATE, in_engine, sensed
-from benchmarks.hidden.draw import draw_detectable, true_parameters, vocabulary
+from benchmarks.harness.cases import guarded, named, seed_range
+from benchmarks.harness.logs import PAUSE, RATE, in_engine
+from benchmarks.harness.logs import record as record_log
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, case_row
-from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share, has_sizes
-from benchmarks.synthetic.amounts import list_unnamed_effects
-from benchmarks.synthetic.laws import supports_synthetic_arm
-from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.other_forms import FORMS
-from benchmarks.synthetic.quasi_static import Plant, true_friction, true_torque
-from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
@@ -37,19 +31,24 @@ from sim.engine.plant_records import (
     PlantSpec,
     ReferenceMotion,
     SensorNoise,
-    SyntheticEffect,
     TrajectorySpec,
     create_random_stream,
 )
 from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.plant_arm import build_plant_arm
-from sim.plant.typical_sizes import (
-    compute_usual_motion_range,
-    estimate_typical_sizes,
-    read_nominal_drives,
-)
+from sim.plant.typical_sizes import estimate_typical_sizes, read_nominal_drives
 from sim.trajectories import plan_reference_motion
+from tests.synthetic.amounts import list_unnamed_effects
+from tests.synthetic.draws import draw_detectable, true_parameters, vocabulary
+from tests.synthetic.laws import supports_synthetic_arm
+from tests.synthetic.motions import make_motion
+from tests.synthetic.other_forms import FORMS
+from tests.synthetic.quasi_static import Plant, true_friction
+from tests.synthetic.sized import CLEAR, SHARES, draw_of_share, has_sizes
+from tests.synthetic.visible import Stage
 
+COST = "cost"
+GROUPS = ("singles", "nulls", "unknown", "pairs", "forms", "detection", COST)
 SYNTHETIC, PYBULLET = "synthetic", "pybullet"
 
 
@@ -102,14 +101,11 @@ def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Lo
 
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     robot = the_arm()
-    hidden = tuple(SyntheticEffect(e.name, e.joints, dict(e.parameters)) for e in effects)
-    plant = Plant(robot, hidden, arm)
+    plant = Plant(robot, effects, arm)
     logs = []
     for place in range(len(plan.fit) + len(plan.held_out)):
         name, made, start = _motion(plan, motion, place)
-        torque = true_torque(plant, made, name, start)
-        signals = sensed(robot, torque, name, arm)
-        logs.append(Recording(name, robot.name, start + made.t, *signals))
+        logs.append(record_log(plant, made, name, arm, start))
     drives = true_friction(plant), estimate_typical_sizes(robot)
     return logs, [true_parameters(e, *drives) for e in effects]
 
@@ -119,8 +115,7 @@ def _motion(plan: Plan, seed: int, place: int) -> tuple[str, ReferenceMotion, fl
     family = (*plan.fit, *plan.held_out)[place]
     name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
     rng = create_random_stream(seed, f"motion/{name}")
-    span = compute_usual_motion_range(the_arm())
-    made = make_motion(family, span, plan.duration, RATE, rng)
+    made = make_motion(family, the_arm(), plan.duration, RATE, rng)
     return name, made, place * (plan.duration + PAUSE)
 
 
@@ -188,6 +183,12 @@ class Task:
         """Key of the result."""
         parts = asdict(self).values()
         return " ".join(str(part) for part in parts if part not in ("", None))
+
+
+def jobs(args: argparse.Namespace) -> dict[str, Task]:
+    seeds = seed_range(args.seeds)
+    some = [group for group in GROUPS if group in args.groups and group != COST]
+    return named(t for group in some for t in tasks(group, seeds, args.quick))
 
 
 def tasks(group: str, seeds: range, quick: bool) -> list[Task]:

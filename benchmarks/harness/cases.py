@@ -4,11 +4,11 @@ A process pool runs the cases; each gives one row. Finished rows are kept line b
 so that an interrupted run continues where it stopped.
 """
 
-import argparse
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
 from benchmarks.harness.figures import (
@@ -24,36 +24,30 @@ from flows.workers import ProcessExecutor, run_jobs
 
 Rows = Sequence[Mapping]
 # The product, and what draws cases.
-_CODE = ("residual", "sim", "warehouse/logs", "benchmarks/hidden", "benchmarks/synthetic")
+_CODE = ("residual", "sim", "warehouse/logs", "benchmarks/hidden", "tests/synthetic")
 
 
 def run_cases(
-    about: str,
-    name: str,
-    seeds: str,
-    groups: Sequence[str],
-    parts: Sequence[str],
-    jobs: Callable[[argparse.Namespace], Mapping[str, Any]],
-    work: Callable[[Any], dict],
-    summary: Callable[[Mapping], str],
-    figures: Callable[[list[Mapping], argparse.Namespace], Figures],
+    about: str, name: str, seeds: str, parts: Sequence[str], cases: ModuleType, bars: ModuleType
 ) -> int:
     """Run one benchmark from its command line and return the exit code.
 
     Args:
         name: Of the benchmark, for its kept rows.
+        seeds: Those that decide.
         parts: What draws and judges its cases: files and folders whose change makes
             kept rows worthless.
-        jobs: Its cases by name, from the options.
-        work: Makes a row of a case, or several under the key "rows".
-        summary: Makes the line to print of a row.
-        figures: Makes figures of all rows.
+        cases: GROUPS; jobs(args), its cases by name; run(job), a row or several under
+            the key "rows"; summary(row), the line to print.
+        bars: all_figures(rows, args); recorded(rows), what the results file has of
+            them, by default the rows by group.
     """
-    args = read_options(about, list(groups), seeds)
+    args = read_options(about, cases.GROUPS, seeds)
     path = kept_file(name, *parts)
-    done = run_kept(path, summary, work, jobs(args), processes=args.processes)
+    done = run_kept(path, cases.summary, cases.run, cases.jobs(args), processes=args.processes)
     rows = [row for result in done.values() for row in result.get("rows", [result])]
-    return finish(args, figures(rows, args), cases=by_group(rows))
+    recorded = getattr(bars, "recorded", lambda rows: {"cases": by_group(rows)})
+    return finish(args, bars.all_figures(rows, args), **recorded(rows))
 
 
 def named(tasks: Iterable[Any]) -> dict[str, Any]:

@@ -2,11 +2,9 @@
 
 from dataclasses import replace
 from functools import lru_cache
-from pathlib import Path
 
 import numpy as np
 
-from benchmarks.synthetic.quasi_static import Torque
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from sim.engine.plant_records import PlantSpec, SampleRates, TrajectorySpec
@@ -16,6 +14,7 @@ from sim.experiment import run_experiment
 from sim.plant.sensors import ENCODER_STEP, draw_torque_noise, simulate_encoder
 from sim.plant.typical_sizes import estimate_typical_sizes
 from sim.trajectories import plan_reference_motion
+from tests.synthetic.quasi_static import Plant, Torque, true_torque
 
 Array = np.ndarray
 RATE, CONTROL, PAUSE = 250.0, 1000.0, 10.0  # Hz, Hz, s between two logs
@@ -42,6 +41,13 @@ def sensed(
     return simulate_encoder(torque.reading, rng, step), tau
 
 
+def record(plant: Plant, motion: Motion, label: str, seed: int, start: float, **sensors: object):
+    """Return the log of a motion of a synthetic arm, which starts at a time [s]."""
+    torque = true_torque(plant, motion, label, start)
+    signals = sensed(plant.robot, torque, label, seed, **sensors)
+    return Recording(label, plant.robot.name, start + motion.t, *signals)
+
+
 def in_engine(
     robot: Robot, plant: PlantSpec, spec: TrajectorySpec, start: float, name: str | None = None
 ) -> Recording:
@@ -53,10 +59,3 @@ def in_engine(
 @lru_cache(maxsize=32)
 def reference(robot: Robot, spec: TrajectorySpec) -> Motion:
     return plan_reference_motion(robot, spec, CONTROL)
-
-
-def write_csv(path: Path, log: Recording) -> Path:
-    names = [f"{signal}{j}" for signal in ("q", "tau") for j in range(1, log.dof + 1)]
-    rows, head = np.column_stack([log.t, log.q, log.tau]), ",".join(["t", *names])
-    np.savetxt(path, rows, "%.6f", delimiter=",", header=head, comments="")
-    return path

@@ -17,6 +17,8 @@ from pathlib import Path
 ROOT = Path(__file__).resolve().parents[2]
 RESULTS = ROOT / "benchmarks" / "results"
 STORE = ROOT / "store" / "benchmarks"
+# What measures: its Python files. Files that a run writes itself do not count.
+_DRAWING = ("benchmarks/*.py", "tests/synthetic")
 PRODUCT = ("residual", "sim", "warehouse", "flows", "modelgap.py")
 
 
@@ -24,8 +26,7 @@ def circumstances(name: str, **extra: object) -> dict:
     """Return commit, hash of the code of a results file, date and machine of a run."""
     return {
         "commit": _git("rev-parse", "HEAD"),
-        # Files that a run writes itself do not count.
-        "dirty": bool(_git("status", "--porcelain", "--", *PRODUCT, "benchmarks/*.py")),
+        "dirty": bool(_git("status", "--porcelain", "--", *PRODUCT, *_DRAWING)),
         "code": code_of(name),
         "date": datetime.now(UTC).isoformat(timespec="seconds"),
         "python": platform.python_version(),

@@ -25,9 +25,10 @@ def share(hits: int, n: int, **extra: object) -> dict:
     return figure(hits / n if n else None, None, n, interval=interval, **extra)
 
 
-def rate(rows: Rows, hit: Hit) -> dict:
-    """Return the share of rows that hit."""
-    return share(sum(bool(hit(row)) for row in rows), len(rows))
+def rate(hits: Iterable[object], **extra: object) -> dict:
+    """Return the share of cases that hit."""
+    every = [bool(hit) for hit in hits]
+    return share(sum(every), len(every), **extra)
 
 
 def counts(rows: Rows, hit: Hit, by: str) -> dict[str, list[int]]:
@@ -78,7 +79,7 @@ def lines(table: Iterable[Line], rows: Rows) -> Figures:
     out: Figures = {}
     for line in table:
         own = [row for row in rows if line.of is None or line.of(row)]
-        entry = rate(own, line.hit)
+        entry = rate(map(line.hit, own))
         if line.low is not None:
             entry = between(entry, line.low, line.bar)
         else:
@@ -94,7 +95,7 @@ def per(hit: Hit, key: str = "effect") -> Callable[[Rows], dict]:
 
 def within_two_deviations(rows: Rows, low: float, high: float) -> dict:
     """Return how often a stated deviation from the truth is two or less."""
-    return between(rate(rows, lambda row: abs(row["z"]) <= 2), low, high)
+    return between(rate(abs(row["z"]) <= 2 for row in rows), low, high)
 
 
 def counted(names: Iterable[str]) -> dict[str, int]:

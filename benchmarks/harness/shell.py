@@ -1,6 +1,5 @@
 """Run a command of the program in a process of its own and measure it."""
 
-import multiprocessing
 import os
 import subprocess
 import sys
@@ -12,13 +11,6 @@ from benchmarks.harness.origin import ROOT
 
 # The same as the console script, also where that is not installed.
 _START = "import sys; from flows.cli import main; sys.exit(main())"
-
-
-def forked(module: str) -> multiprocessing.context.ForkServerContext:
-    """Return a context whose processes fork from one that has loaded a module."""
-    context = multiprocessing.get_context("forkserver")
-    context.set_forkserver_preload([module])
-    return context
 
 
 @dataclass(frozen=True, slots=True)

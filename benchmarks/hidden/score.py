@@ -3,11 +3,11 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
-from benchmarks.synthetic.amounts import find_main_parameter
 from residual.effects import number_reported_joints
 from residual.verdict.result import Finding, Place, Verdict
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import list_plant_effects
+from tests.synthetic.amounts import find_main_parameter
 
 SINGLE, PAIR, NOTHING, UNKNOWN = "single", "pair", "none", "unknown"
 

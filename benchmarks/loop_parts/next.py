@@ -25,7 +25,6 @@ from residual.effects import number_reported_joints
 from residual.planning.next_experiment import (
     OpenQuestion,
     Pair,
-    RivalContest,
     RivalUpdate,
     all_torque_columns,
     find_inseparable_pairs,
@@ -75,17 +74,17 @@ def all_figures(rows: Sequence[Mapping], args: argparse.Namespace) -> Figures:
     chances = [r["chance"] for r in done]
     chance = float(np.mean(chances)) if done else None
     figures = {
-        "next_settled": rate(done, lambda r: r["settled"]),
+        "next_settled": rate(r["settled"] for r in done),
         "next_random_over_designed": _ratio(done, RANDOM),
         "next_d_optimal_over_designed": _ratio(done, D_OPTIMAL),
         "next_nats_within_two": rate(
-            reached, lambda r: 0.5 <= r["reached"] / r["expected_nats"] <= 2.0
+            0.5 <= r["reached"] / r["expected_nats"] <= 2.0 for r in reached
         ),
     }
     figures = {key: at_least(entry, BARS[key]) for key, entry in figures.items()}
     figures |= {
         "next_beyond_limits": figure(sum(not r["kept"] for r in done), 0, len(done)),
-        "next_sure_in_time": at_least(rate(timed, lambda r: r["in_time"]), None),
+        "next_sure_in_time": at_least(rate(r["in_time"] for r in timed), None),
         "next_chance_said": figure(chance, None, len(done), why=NO_BAR),
         "next_crashes": figure(sum("error" in r for r in rows), 0, len(rows)),
     }
@@ -249,10 +248,16 @@ def _leads(search: Search, truth: Place, log: Recording) -> list[float] | None:
     if not pairs:
         return None
     until = np.arange(_STEP, SECONDS + _STEP / 2, _STEP)
-    return [
-        min(_lead(question, p, gram, products) for p in pairs)
-        for gram, products in logged_products(question, log, until)
-    ]
+
+    def lead(pair: Pair, gram: Array, products: Array) -> float:
+        """Before the log, and what the log did bring."""
+        contest, both = question.contests[pair[0]], pair[1:]
+        updates = [RivalUpdate.of(contest.rivals[i], gram) for i in both]
+        a, b = (rival_log_evidence(products[:, None], gram, update)[0] for update in updates)
+        return contest.lead(*both) + float(a - b)
+
+    logged = logged_products(question, log, until)
+    return [min(lead(pair, *products) for pair in pairs) for products in logged]
 
 
 def logged_products(
@@ -280,33 +285,12 @@ def logged_products(
     return out
 
 
-def realised(contest: RivalContest, gram: Array, products: Array, true: int, other: int) -> float:
-    """Log Bayes factor that a log did bring [nats].
-
-    Args:
-        gram: Whitened Gram of the shared columns on the log. Shape (m, m).
-        products: X' y. Shape (m,).
-        true: Index of the rival that it speaks for where positive.
-    """
-    values = [
-        rival_log_evidence(products[:, None], gram, RivalUpdate.of(contest.rivals[i], gram))[0]
-        for i in (true, other)
-    ]
-    return float(values[0] - values[1])
-
-
 def _seconds(leads: list[float] | None) -> float | None:
     """After how long the truth leads by enough; the length where it never does."""
     if leads is None:
         return None
     enough = np.flatnonzero(np.array(leads) >= ENOUGH)
     return float(_STEP * (1 + enough[0])) if len(enough) else SECONDS
-
-
-def _lead(question: OpenQuestion, pair: Pair, gram, products) -> float:
-    c, a, b = pair
-    contest = question.contests[c]
-    return contest.lead(a, b) + realised(contest, gram, products, a, b)
 
 
 def _pairs(search: Search, truth: Place) -> list[Pair]:

@@ -12,12 +12,11 @@ from time import process_time
 
 import numpy as np
 
-from benchmarks.changes_parts.sizes import Shares, moving, size_of, smooth
 from benchmarks.measured_parts import arms, greedy, heard
+from benchmarks.measured_parts.sizes import moving, size_of, smooth
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inertial_regressor
-from residual.signals.track import FilterSettings, build_tracks
 from residual.verdict.result import Finding
 
 Array = np.ndarray
@@ -116,12 +115,9 @@ def cases(seed: int) -> list[Case]:
 def _plain_body(split: str) -> tuple[Array, Array]:
     """Return inertial parameters of an arm by least squares, and rms torques [N m]."""
     robot, (fit, _) = arms.robot_of(arms.SPLITS[split].arm), logs_of(split)
-    tracks, _ = build_tracks(list(fit), FilterSettings())
-    base = [greedy.base_columns(robot, track) for track in tracks]
-    moves = [abs(t.qd[:: t.step]) > greedy.STANDSTILL for t in tracks]
-    torque = np.concatenate([track.tau for track in tracks])
-    body = greedy.plain_fit(base, tracks, moves)[: 10 * robot.dof]
-    return body, np.sqrt(np.mean(torque**2, axis=0))
+    plain = greedy.PlainFit.of(robot, fit)
+    torque = np.concatenate([track.tau for track in plain.tracks])
+    return plain.body, np.sqrt(np.mean(torque**2, axis=0))
 
 
 def _torque(split: str, log: Recording, joint: int, formula: Drawn) -> Array:
@@ -148,9 +144,8 @@ def _draw(case: Case) -> tuple[int, Drawn, float]:
     torque = float(_plain_body(case.split)[1][joint - 1])
     formula = _draw_formula(case.effect, rng, torque)
     plus = [replace(x, tau=_torque(case.split, x, joint, formula)) for x in fit]
-    pairs = zip(map(smooth, plus), even, strict=True)
-    shares = [Shares(more.tau, log.tau, moving(log)) for more, log in pairs]
-    return joint, formula, case.target / size_of(shares, (joint,))
+    size = size_of([smooth(log).tau for log in plus], even, joint)
+    return joint, formula, case.target / size
 
 
 @lru_cache(maxsize=16)

@@ -19,10 +19,11 @@ from time import process_time
 import numpy as np
 
 from benchmarks.harness.origin import ROOT
+from benchmarks.measured_parts import greedy
 from residual.calibration.nominal_pls import fit_nominal_pls
 from residual.diagnosis.diagnose import diagnose
 from residual.recording import Recording
-from residual.robot.dynamics import compute_inertial_regressor, compute_inverse_dynamics
+from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, build_robot, load_robot
 from residual.signals.track import FilterSettings, Track, build_tracks
 from warehouse.logs import read_column_map, read_log
@@ -67,16 +68,8 @@ def _states(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
 
 def _rows(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
     """Return filtered columns (n, dof, p) and torque (n, dof) outside the edges."""
-    columns, torque = [], []
-    for track in tracks:
-        y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
-        ones = np.ones_like(track.q)
-        each = (track.qdd, track.qd, np.sign(track.qd), ones)
-        own = [values[:, :, None] * np.eye(robot.dof) for values in each]
-        filtered = track.filter(np.concatenate([y, *own], axis=2))
-        columns.append(filtered[track.valid])
-        torque.append(track.tau[track.valid])
-    return np.concatenate(columns), np.concatenate(torque)
+    columns = [greedy.base_columns(robot, track, 0.0)[track.valid] for track in tracks]
+    return np.concatenate(columns), np.concatenate([t.tau[t.valid] for t in tracks])
 
 
 def _solve(x: Array, tau: Array) -> Array:

@@ -1,13 +1,14 @@
 """Figures of measured arms: held-out errors, names that repeat, and added effects."""
 
+import argparse
 from collections.abc import Callable, Mapping, Sequence
 from itertools import permutations
 
 import numpy as np
 
 from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, missing
-from benchmarks.harness.rates import Line, Rows, at_least, at_most, lines, share
-from benchmarks.measured_parts import arms
+from benchmarks.harness.rates import Line, Rows, at_least, at_most, lines, rate
+from benchmarks.measured_parts import arms, files
 
 WORSE = 1.10  # times plain least squares on one joint: more than a log decides
 REPEATED, CONSTANT = 0.7, "offset"
@@ -16,6 +17,24 @@ FRICTION = "load_friction"
 WEIGHED, LOAD_ERROR = 2.805, 0.08  # kg; share
 FIRST, ANOTHER = 0.70, 0.06  # of the effects that the logs show; of the cases
 PRICE = 5  # right first names that another name costs
+
+
+def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
+    failed = [row["error"] for row in rows if "error" in row]
+    if failed:
+        raise SystemExit("; ".join(failed))
+    figures: Figures = {}
+    of = recorded(rows)
+    if "splits" in args.groups:
+        figures |= split_figures(of["splits"])
+    if of["added"]:
+        figures |= added_figures(of["added"])
+    return figures | (files.figures(args.quick) if "files" in args.groups else {})
+
+
+def recorded(rows: Rows) -> dict[str, list]:
+    added = [row for row in rows if "truth" in row]
+    return {"splits": [row for row in rows if "truth" not in row], "added": added}
 
 
 def split_figures(rows: Rows) -> Figures:
@@ -54,17 +73,16 @@ def _repeats(rows: Rows) -> Figures:
     A name is an effect on one joint. It repeats as itself, or if one of the two states
     the other as an equivalent. All pairs of splits of one arm and torque count.
     """
-    names = [
+    twins = [
         (name, any(_is_twin(name, other) for other in _places(b)))
         for a, b in permutations(rows, 2)
         if arms.same_logs(a["split"], b["split"])
         for name in _places(a)
     ]
-    every = [twin for _, twin in names]
-    some = [twin for name, twin in names if name[0] != CONSTANT]
+    some = (twin for name, twin in twins if name[0] != CONSTANT)
     return {
-        "names_repeat": at_least(share(sum(every), len(every)), REPEATED),
-        "names_repeat_no_constants": at_least(share(sum(some), len(some)), None),
+        "names_repeat": at_least(rate(twin for _, twin in twins), REPEATED),
+        "names_repeat_no_constants": at_least(rate(some), None),
     }
 
 
@@ -144,46 +162,16 @@ def added_figures(rows: Rows) -> Figures:
 OURS, PEER = ("named", "suspected"), ("peer",)
 
 
-def judged(rows: Rows, keys: Sequence[str], least: float | None = None) -> list[dict]:
-    """Return of each added effect whether it is first, named, and another name new.
-
-    Args:
-        least: Probability from which a name counts, sure or suspected; None for the
-            sure ones.
-    """
+def judged(rows: Rows, keys: Sequence[str]) -> list[dict]:
+    """Return of each added effect whether it is first, named, and another name new."""
     before = {
         row["split"]: [x for key in keys for x in row[key]] for row in rows if row["truth"] is None
     }
-
-    def counted(row: Mapping) -> list:
-        if least is None:
-            return row[keys[0]]
-        every = [x for key in keys for x in row[key] if (x[3] or 0.0) >= least]
-        return sorted(every, key=lambda x: -x[3])
-
-    return [_judged(row, before[row["split"]], counted(row), keys) for row in rows if row["truth"]]
+    return [_judged(row, before[row["split"]], keys) for row in rows if row["truth"]]
 
 
-def curve(rows: Rows) -> list[str]:
-    """Lines of first against another name, over the probability from which one counts.
-
-    Of the added effects that the oracle hears; other names also of all.
-    """
-    every = [x[3] for row in rows for key in OURS for x in row[key] if x[3] is not None]
-    levels = np.quantile(every, np.linspace(0, 1, 12), method="nearest") if every else ()
-    out = ["least probability, first, named, another of the heard, another of all"]
-    for least in sorted({0.5, 0.9, *map(float, levels)}):
-        answers = judged(rows, OURS, least)
-        heard = [row for row in answers if row["heard"]]
-        cells = [sum(x[key] for x in heard) for key in ("first", "named", "another")]
-        spare = sum(row["another"] for row in answers)
-        counts = ", ".join(f"{n} of {len(heard)}" for n in cells)
-        out.append(f"{least:.4f}: {counts}, {spare} of {len(answers)}")
-    return out
-
-
-def _judged(row: Mapping, before: list, names: list, keys: Sequence[str]) -> dict:
-    places, truth = set().union(*map(_class_of, before)), row["truth"]
+def _judged(row: Mapping, before: list, keys: Sequence[str]) -> dict:
+    places, truth, names = set().union(*map(_class_of, before)), row["truth"], row[keys[0]]
     new = [x for x in names if not _class_of(x) & places]
     right = [_is_truth(x, truth) for x in new]
     known = any(_is_truth(x, truth) for x in before)

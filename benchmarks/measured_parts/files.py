@@ -80,7 +80,7 @@ def _is_right(path: Path, robot: Robot) -> bool:
     names = list(robot.model.names)[1:]
     if not all(whole.existJointName(name) for name in names):
         return False
-    joints = [whole.joints[whole.getJointId(name)] for name in names]
+    places = [whole.joints[whole.getJointId(name)].idx_v for name in names]
     rest = pin.neutral(whole)
     for name, angle in robot.locked.items():
         joint = whole.joints[whole.getJointId(name)]
@@ -90,16 +90,12 @@ def _is_right(path: Path, robot: Robot) -> bool:
     whole.gravity = robot.model.gravity
     rng, worst, largest = np.random.default_rng(0), 0, 0
     for _ in range(_STATES):
-        q, v, a = rng.uniform(-1, 1, (3, robot.dof))
-        full = [rest.copy(), np.zeros(whole.nv), np.zeros(whole.nv)]
-        for k, joint in enumerate(joints):
-            if joint.nq == 2:  # a continuous joint by cosine and sine
-                full[0][joint.idx_q : joint.idx_q + 2] = np.cos(q[k]), np.sin(q[k])
-            else:
-                full[0][joint.idx_q] = q[k]
-            full[1][joint.idx_v], full[2][joint.idx_v] = v[k], a[k]
-        ours = pin.rnea(robot.model, other, q, v, a)
-        peer = pin.rnea(whole, data, *full)[[joint.idx_v for joint in joints]]
+        state = rng.uniform(-1, 1, (3, robot.dof))
+        full = np.zeros((3, whole.nv))
+        full[:, places] = state
+        ours = pin.rnea(robot.model, other, *state)
+        # From rest, since continuous joints are cosine and sine.
+        peer = pin.rnea(whole, data, pin.integrate(whole, rest, full[0]), *full[1:])[places]
         worst = max(worst, float(np.abs(ours - peer).max()))
         largest = max(largest, float(np.abs(peer).max()))
     return worst <= _CLOSE * max(largest, 1e-9)

@@ -14,7 +14,7 @@ import numpy as np
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inertial_regressor
 from residual.robot.robot import Robot
-from residual.signals.track import FilterSettings, build_tracks
+from residual.signals.track import FilterSettings, Track, build_tracks
 
 Array = np.ndarray
 Name = tuple[str, int]  # effect and joint from 1
@@ -29,7 +29,13 @@ STRIBECK = (0.02, 0.05, 0.15, 0.4)  # rad/s
 
 def names(robot: Robot, logs: Sequence[Recording]) -> list[Name]:
     """Return the names in the order in which they enter."""
-    selection = _Selection.of(robot, logs)
+    plain = PlainFit.of(robot, logs)
+    torque = [
+        compute_inertial_regressor(robot.model, t.q, t.qd, t.qdd) @ plain.body for t in plain.tracks
+    ]
+    pairs = zip(plain.tracks, torque, strict=True)
+    columns = [{n: t.filter(x) for n, x in _named(t, load)} for t, load in pairs]
+    selection = Selection.of(plain, columns, [track.tau for track in plain.tracks])
     chosen: list[int] = []
     error = selection.left_out(chosen)
     while len(chosen) < MOST:
@@ -50,7 +56,44 @@ def names(robot: Robot, logs: Sequence[Recording]) -> list[Name]:
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class _Selection:
+class PlainFit:
+    """Least squares of what is always there."""
+
+    tracks: Sequence[Track]
+    base: list[Array]  # its columns on the rows of each log, (n, dof, p)
+    moving: list[Array]  # which rows count, (n, dof)
+    theta: Array  # (p,)
+
+    @classmethod
+    def of(cls, robot: Robot, logs: Sequence[Recording]) -> "PlainFit":
+        """Fit logs of an arm."""
+        tracks, _ = build_tracks(list(logs), FilterSettings())
+        base = [base_columns(robot, track) for track in tracks]
+        moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
+        return cls(tracks, base, moving, plain_fit(base, tracks, moving))
+
+    @property
+    def body(self) -> Array:
+        """Inertial parameters. Shape (10 dof,)."""
+        return self.theta[: 10 * self.tracks[0].tau.shape[1]]
+
+    @property
+    def noise(self) -> Array:
+        """What it leaves of each joint [N m]. Shape (dof,)."""
+        left, moves, tau = (
+            np.concatenate(each)
+            for each in (
+                [t.tau - x @ self.theta for x, t in zip(self.base, self.tracks, strict=True)],
+                self.moving,
+                [t.tau for t in self.tracks],
+            )
+        )
+        size = np.sqrt((left**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
+        return np.maximum(size, 0.02 * np.sqrt(np.mean(tau**2, axis=0)))
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Selection:
     """Normal equations of every block: base columns, then those of each name."""
 
     names: tuple[Name, ...]
@@ -63,31 +106,24 @@ class _Selection:
     scale: Array  # (p,)
 
     @classmethod
-    def of(cls, robot: Robot, logs: Sequence[Recording]) -> "_Selection":
-        tracks, _ = build_tracks(list(logs), FilterSettings())
-        base = [base_columns(robot, track) for track in tracks]
-        moving = [abs(t.qd[:: t.step]) > STANDSTILL for t in tracks]
-        theta = plain_fit(base, tracks, moving)
-        body = theta[: 10 * robot.dof]
-        model = robot.model
-        load = [compute_inertial_regressor(model, t.q, t.qd, t.qdd) @ body for t in tracks]
-        blocks, named = [], {}
-        for track, x, torque, moves in zip(tracks, base, load, moving, strict=True):
-            named = dict(_named(track, torque))
-            inner = track.valid
-            every = {key: track.filter(columns) for key, columns in named.items()}
-            tau = track.tau
-            for part in np.array_split(np.flatnonzero(inner), BLOCKS):
-                blocks.append((x[part], every, part, tau[part], moves[part]))
-        keys = tuple(named)
-        width = [named[key].shape[1] for key in keys]
-        first = base[0].shape[2]
+    def of(
+        cls, plain: PlainFit, columns: Sequence[dict[Name, Array]], torque: Sequence[Array]
+    ) -> "Selection":
+        """Sum blocks of logs, from filtered columns of each name and torques."""
+        each = zip(plain.tracks, plain.base, columns, torque, plain.moving, strict=True)
+        blocks = [
+            (x[part], every, part, tau[part], moves[part])
+            for track, x, every, tau, moves in each
+            for part in np.array_split(np.flatnonzero(track.valid), BLOCKS)
+        ]
+        keys = tuple(columns[0])
+        width = [columns[0][key].shape[1] for key in keys]
+        first, noise = plain.base[0].shape[2], plain.noise
         ends = first + np.cumsum([0, *width])
         slots = tuple(np.arange(a, b) for a, b in pairwise(ends))
-        dof, p = robot.dof, int(ends[-1])
+        dof, p = len(noise), int(ends[-1])
         gram = np.zeros((len(blocks), dof, p, p))
         cross, power = np.zeros((len(blocks), dof, p)), np.zeros((len(blocks), dof))
-        noise = left_of_joints(base, tracks, moving, theta)
         for b, (x, every, part, tau, moves) in enumerate(blocks):
             for j in range(dof):
                 weight = moves[:, j] / noise[j]
@@ -161,22 +197,17 @@ class _Selection:
         return left, scale[columns] * (cross.sum(axis=0) - cross)
 
 
-def base_columns(robot: Robot, track) -> Array:
-    """Columns that are always there, on the rows of a log. Shape (n, dof, p)."""
+def base_columns(robot: Robot, track, width: float = STANDSTILL) -> Array:
+    """Columns that are always there, on the rows of a log. Shape (n, dof, p).
+
+    Args:
+        width: Speed over which dry friction turns round [rad/s].
+    """
     y = compute_inertial_regressor(robot.model, track.q, track.qd, track.qdd)
-    way = np.tanh(track.qd / STANDSTILL)
+    way = np.tanh(track.qd / width) if width else np.sign(track.qd)
     each = (track.qdd, track.qd, way, np.ones_like(track.q))
     own = [values[:, :, None] * np.eye(robot.dof) for values in each]
     return track.filter(np.concatenate([y, *own], axis=2))
-
-
-def left_of_joints(base, tracks, moving, theta: Array) -> Array:
-    """What least squares leaves of each joint [N m]. Shape (dof,)."""
-    left = np.concatenate([t.tau - x @ theta for x, t in zip(base, tracks, strict=True)])
-    moves = np.concatenate(moving)
-    rms = np.sqrt(np.mean(np.concatenate([t.tau for t in tracks]) ** 2, axis=0))
-    size = np.sqrt((left**2 * moves).sum(axis=0) / np.maximum(moves.sum(axis=0), 1))
-    return np.maximum(size, 0.02 * rms)
 
 
 def plain_fit(base, tracks, moving) -> Array:

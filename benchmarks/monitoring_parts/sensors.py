@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
-from benchmarks.harness.rates import at_least, at_most, share
+from benchmarks.harness.rates import at_least, at_most, rate
 from residual.errors import InputError
 from residual.identification.identify import identify
 from residual.monitoring.monitor import calibrate_monitor
@@ -80,20 +80,14 @@ def sensor_figures(quick: bool) -> Figures:
                 named = first and (first.joint, first.sensor) == (joint, sensor)
                 rows.append((case.fault, in_time, bool(named)))
     figures = {
-        f"monitor_{fault}_in_time": at_least(
-            share(*_counts([row[1] for row in rows if row[0] == fault])), 0.95
-        )
+        f"monitor_{fault}_in_time": at_least(rate(row[1] for row in rows if row[0] == fault), 0.95)
         for fault in FAULTS
     }
-    named = share(*_counts([row[2] for row in rows]))
+    named = rate(row[2] for row in rows)
     figures["monitor_channel_named"] = at_least(named, 0.8)
-    rate = figure(alarms / hours, None, round(hours * 3600 / _DURATION), alarms=alarms)
-    figures["monitor_false_alarms_per_hour"] = at_most(rate, 1.0)
+    hourly = figure(alarms / hours, None, round(hours * 3600 / _DURATION), alarms=alarms)
+    figures["monitor_false_alarms_per_hour"] = at_most(hourly, 1.0)
     return figures
-
-
-def _counts(hits: list[bool]) -> tuple[int, int]:
-    return sum(hits), len(hits)
 
 
 def record(case: Case) -> tuple[int, float, Recording]:

@@ -15,13 +15,9 @@ from time import perf_counter
 import modelgap as mg
 from benchmarks.harness.cases import guarded, named, seed_range
 from benchmarks.harness.logs import PAUSE, RATE, in_engine
-from benchmarks.hidden.draw import vocabulary
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, members
-from benchmarks.hidden.sized import CLEAR, SHARES, draw_of_share
 from benchmarks.peers_parts import judge, sparse, squares
 from benchmarks.peers_parts.linear_model import Answer, Case
-from benchmarks.synthetic.light_arm import draw_light_arm
-from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
 from residual.effects import load_effects
 from residual.robot.robot import Robot, load_robot
@@ -34,6 +30,10 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.trajectories import plan_reference_motion
+from tests.synthetic.draws import vocabulary
+from tests.synthetic.light_arm import draw_light_arm
+from tests.synthetic.sized import CLEAR, SHARES, draw_of_share
+from tests.synthetic.visible import Stage
 
 _KINDS = (*5 * (SINGLE,), PAIR, PAIR, NOTHING, NOTHING, UNKNOWN)  # of ten cases
 _FAMILIES, _EXPERIMENTS = ("fourier", "cyclic"), (3, 4, 5, 6)

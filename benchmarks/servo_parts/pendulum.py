@@ -14,7 +14,7 @@ from itertools import combinations, permutations
 import numpy as np
 
 from benchmarks.harness.figures import NO_LOGS, Figures, all_missing
-from benchmarks.harness.rates import at_least, at_most, share
+from benchmarks.harness.rates import at_least, at_most, rate
 from benchmarks.measured_parts.arms import absent, folder_of
 from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
@@ -135,7 +135,7 @@ def _score_chains(length: int, quick: bool, bars: Mapping) -> Figures:
                 ],
             )
     return {
-        name: at_least(share(sum(own), len(own), data=data), bars[name])
+        name: at_least(rate(own, data=data), bars[name])
         for name, own in (("goal_speed_first", first), ("delay_next", second))
     }
 
@@ -161,7 +161,7 @@ def mass_figures(quick: bool) -> Figures:
                 across[f"gain {gain}, {mass} g"] = round(value, 4)
     return {
         f"mass_{name}": at_least(
-            share(sum(abs(e) <= 0.1 for e in of.values()), len(of), data=of), bars[f"mass_{name}"]
+            rate((abs(e) <= 0.1 for e in of.values()), data=of), bars[f"mass_{name}"]
         )
         for name, of in (("own_gain", errors), ("across_gains", across))
     }
@@ -271,7 +271,7 @@ def _score_changes(length: int, quick: bool) -> Figures:
         print(f"[{figure}] {row} {hit}", flush=True)
     return {
         name: (at_most if name == "gain_named_load" else at_least)(
-            share(sum(own), len(own), data=data[name]), CHANGES[name]
+            rate(own, data=data[name]), CHANGES[name]
         )
         for name, own in hits.items()
         if own

@@ -12,7 +12,7 @@ proportion to their load, which is declared; without it the figure is given besi
 import numpy as np
 
 from benchmarks.harness.figures import NO_LOGS, Figures, all_missing, figure
-from benchmarks.harness.rates import at_least, share
+from benchmarks.harness.rates import at_least, rate
 from benchmarks.measured_parts.arms import absent
 from benchmarks.servo_parts.pendulum import (
     GAINS,
@@ -42,14 +42,14 @@ def position_figures(quick: bool) -> Figures:
     if absent("servo"):
         bars = {"servo_position_rms": NEAR, "servo_position_below_peer": 0.8}
         return all_missing(bars, NO_LOGS)
-    rows = [compare(setting, i) for i, setting in list_settings(False, quick)]
+    rows = [compare(setting, i) for i, setting in list_settings(quick)]
     return summarize(rows)
 
 
-def list_settings(developed: bool, few: bool) -> list[tuple[int, Setting]]:
-    """Return every other setting: those we developed on, or those we report."""
+def list_settings(few: bool) -> list[tuple[int, Setting]]:
+    """Return every other setting: the rest is what we developed on."""
     every = [(k, m, x) for k in GAINS for m in MASSES for x in (SHORTER, LENGTH)]
-    half = [(i, s) for i, s in enumerate(every) if (i + i // 2) % 2 != developed]
+    half = [(i, s) for i, s in enumerate(every) if (i + i // 2) % 2]
     return half[:: 8 if few else 1]
 
 
@@ -59,7 +59,7 @@ def summarize(rows: list[dict[str, float]]) -> Figures:
         np.array([row[name] for row in rows]) for name in ("ours", "usual", "peer", "nominal")
     )
     pooled, plain = (float(np.sqrt(np.mean(x**2))) for x in (ours, usual))
-    below = share(int((ours <= BELOW * peer).sum()), len(rows))
+    below = rate(ours <= BELOW * peer)
     return {
         "servo_position_below_peer": at_least(below, 0.8),
         "servo_position_rms": figure(pooled, NEAR, len(rows)),

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from benchmarks.harness.figures import Figures
-from benchmarks.harness.rates import at_least, at_most, share
+from benchmarks.harness.rates import at_least, at_most, rate
 from benchmarks.servo_parts.pendulum import rank_chain_parts
 from residual.check.check import check_logs
 from residual.diagnosis.diagnose import diagnose
@@ -65,8 +65,8 @@ def six_joint_figures(quick: bool) -> Figures:
     # An arm that runs away under what was drawn for it has no logs: it is no case.
     told, nulls = ([x for x in of if x is not None] for of in (told, nulls))
     return {
-        "servo_first_name": at_least(share(sum(told), len(told)), 0.9),
-        "servo_null_named": at_most(share(sum(not x for x in nulls), len(nulls)), 0.0),
+        "servo_first_name": at_least(rate(told), 0.9),
+        "servo_null_named": at_most(rate(not x for x in nulls), 0.0),
     }
 
 

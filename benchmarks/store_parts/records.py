@@ -1,4 +1,4 @@
-"""Small runs and records of every kind, for stores."""
+"""Small runs, for stores."""
 
 import shutil
 import tempfile
@@ -7,10 +7,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-import pyarrow as pa
 
 from residual.recording import Recording
-from warehouse.record_commit import SealedTruth, commit_record, commit_run
 
 Array = np.ndarray
 
@@ -36,22 +34,3 @@ def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Arra
     kind = FAMILIES[seed % len(FAMILIES)]
     manifest = {"spec": {"seed": seed, "trajectory": {"kind": kind}}}
     return log, manifest, {"e_q": q / 10, "e_tau": tau / 10}
-
-
-def run(store: Path, seed: int) -> str:
-    log, manifest, twin = small(seed)
-    sealed = SealedTruth({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
-    return commit_run(store, log, manifest, sealed, twin)
-
-
-def records(store: Path, runs: list[str]) -> list[str]:
-    """Commit a model, a diagnosis and a report of some runs and return their ids."""
-    table = {"curve": pa.table({"x": [0.5, 1.5, 2.5]})}
-    about = {"robot": "irb140", "stage": "augmented"}
-    model = commit_record(store, "models", about, table, {"fit": runs})
-    found = {"robot": "irb140", "verdict": "effects", "model_id": model}
-    diagnosis = commit_record(store, "diagnoses", found, None, {"fit": runs})
-    page = {"report.html": b"<html></html>"}
-    told = {"robot": "irb140", "kind": "demo"}
-    report = commit_record(store, "reports", told, None, [diagnosis], page)
-    return [model, diagnosis, report]

@@ -1,6 +1,8 @@
 """Time of a commit against the bare Parquet file, and of ten thousand runs."""
 
+import multiprocessing
 import os
+from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
 from time import perf_counter
@@ -12,7 +14,6 @@ import warehouse
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
-from benchmarks.harness.shell import forked
 from benchmarks.store_parts.records import folder, small
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise, TrajectorySpec
@@ -111,16 +112,11 @@ def _median(spent: list[float], bar: float | None) -> dict:
 
 
 def _fill(place: Path, count: int) -> None:
-    context = forked(__name__)
     half = count // 2
-    jobs = [(place, 0, half), (place, half, count)]
-    writers = [context.Process(target=_write, args=job) for job in jobs]
-    for writer in writers:
-        writer.start()
-    for writer in writers:
-        writer.join()
-    if any(writer.exitcode for writer in writers):
-        raise RuntimeError("a writer failed")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    with ProcessPoolExecutor(2, context) as pool:
+        list(pool.map(_write, (place, place), (0, half), (half, count)))
 
 
 def _write(place: Path, start: int, end: int) -> None:

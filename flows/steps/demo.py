@@ -135,6 +135,6 @@ def list_visible_sizes() -> Mapping[str, dict]:
     """Return what is hidden where a usual size would not show.
 
     By the effect that is asked for ("" for none) and by seed: effect, joints and
-    parameters. Made by `benchmarks/synthetic/visible.py`.
+    parameters. Made by `tests/synthetic/visible.py`.
     """
     return json.loads(Path(__file__).with_name("visible.json").read_text("utf-8"))

@@ -1,6 +1,6 @@
 """The thresholds of the check of logs, in one place (docs/check.md).
 
-benchmarks/check.py measures them: it counts the faults that the check misses, and the
+`benchmarks/run.py check` measures them: it counts the faults that the check misses, and the
 sound logs that it accuses.
 """
 

@@ -1,6 +1,6 @@
 """The thresholds of monitor, in one place (docs/monitoring.md).
 
-Where no reason stands beside a value, benchmarks/groups.py holds it: it counts what is
+Where no reason stands beside a value, `benchmarks/run.py monitoring` holds it: it counts what is
 missed, and false alarms.
 """
 

@@ -21,7 +21,7 @@ from sim.engine.plant_records import PlantRun
 from tests.flows import report_outcomes
 from tests.flows.adopted_arm import make_nights
 from tests.flows.prefect_server import server_settings, started
-from tests.residual.arms import write_csv
+from tests.synthetic.logs import write_csv
 from tests.verdict_documents import typed
 
 

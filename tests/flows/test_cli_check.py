@@ -1,6 +1,7 @@
-"""modelgap check: what it says, in words and as JSON, and that it exits with 0."""
+"""modelgap check: what it says, and the lines that mend a log."""
 
 import json
+import tomllib
 from pathlib import Path
 
 import numpy as np
@@ -8,8 +9,14 @@ import pytest
 
 from flows.cli import main
 from flows.steps import check as steps
+from flows.steps.check import format_gravity_line, format_repair_lines
 from residual.check.result import Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
+from residual.robot.robot import load_robot
+from warehouse.logs import ColumnMap, read_column_map, read_log
+
+# modelgap check: what it says, in words and as JSON, and that it exits with 0.
+
 
 HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
 
@@ -163,3 +170,171 @@ def test_without_a_log_the_robot_file_is_told(tmp_path, monkeypatch, capsys):
     assert [body["flaw"] for body in document["robot"]["bodies"]] == ["impossible", None]
     assert run("check --robot irb140") == 0
     assert "Nothing in the robot file is implausible." in capsys.readouterr().out
+
+
+# The lines that mend a log: valid maps, and a log read with them is the right one.
+
+
+RIGHT = [3, 1, 2]
+NAMES = ("t", *(f"{s}{i}" for s in ("q", "qd", "tau") for i in (1, 2, 3)))
+LINK = """
+  <joint name="joint{i}" type="revolute">
+    <parent link="link{p}"/><child link="link{i}"/><axis xyz="0 1 0"/>
+    <limit lower="-3" upper="3" velocity="9" effort="50"/>
+  </joint>
+  <link name="link{i}"><inertial><mass value="2"/>
+    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
+  </link>"""
+
+
+@pytest.fixture
+def arm(tmp_path):
+    def load(toml=""):
+        folder = tmp_path / "arm"
+        folder.mkdir(exist_ok=True)
+        links = "".join(LINK.format(i=i, p=i - 1) for i in (1, 2, 3))
+        urdf = f'<robot name="three"><link name="link0"/>{links}</robot>'
+        (folder / "arm.urdf").write_text(urdf)
+        (folder / "robot.toml").write_text(toml)
+        return load_robot(folder)
+
+    return load
+
+
+@pytest.fixture
+def table():
+    """Ten seconds at 50 Hz: t, q, qd, tau."""
+    t = np.arange(500) / 50
+    rates, phases = np.array([1.0, 1.3, 1.7]), np.array([0.0, 0.4, 0.9])
+    angle = np.outer(t, rates) + phases
+    torque = np.random.default_rng(3).normal(size=(500, 3))
+    return np.column_stack([t, np.sin(angle), rates * np.cos(angle), torque])
+
+
+def columns_of(text, folder):
+    (folder / "map.toml").write_text(text)
+    return read_column_map(folder / "map.toml")
+
+
+def read(table, robot, columns, folder):
+    np.savetxt(folder / "log.csv", table, delimiter=",", header=",".join(NAMES), comments="")
+    return read_log(str(folder / "log.csv"), robot, columns, despite_doubts=True)[0]
+
+
+# By name: how the table is spoiled, what mends it, and the line.
+FAULTS = {
+    "torque sign": (
+        lambda t: t * np.array([1, *(1,) * 6, 1, -1, 1]),
+        [Repair("tau", (2,), sign=(-1,))],
+        'tau = {columns = ["tau1", "tau2", "tau3"], sign = [1, -1, 1]}',
+    ),
+    "order and sign": (
+        lambda t: t[:, [0, 1, 2, 3, 4, 5, 6, 7, 9, 8]] * np.array([1] * 9 + [-1]),
+        [Repair("tau", (2, 3), order=(1, 3, 2), sign=(-1, 1))],
+        'tau = {columns = ["tau1", "tau3", "tau2"], sign = [1, -1, 1]}',
+    ),
+    "a ring of three": (
+        lambda t: t[:, [0, *RIGHT, 4, 5, 6, 7, 8, 9]],
+        [Repair("q", (1, 2, 3), order=(2, 3, 1))],
+        'q = {columns = ["q2", "q3", "q1"]}',
+    ),
+    "N mm": (
+        lambda t: t * np.array([1] * 7 + [1000] * 3),
+        [Repair("tau", scale=1e-3)],
+        'tau = {columns = ["tau1", "tau2", "tau3"], unit = "N mm"}',
+    ),
+    "degrees": (
+        lambda t: t * np.array([1] + [180 / np.pi] * 6 + [1] * 3),
+        [Repair("q", scale=np.pi / 180), Repair("qd", scale=np.pi / 180)],
+        'q = {columns = ["q1", "q2", "q3"], unit = "deg"}\n'
+        'qd = {columns = ["qd1", "qd2", "qd3"], unit = "deg/s"}',
+    ),
+    "milliseconds": (
+        lambda t: t * np.array([1000] + [1] * 9),
+        [Repair("t", scale=1e-3)],
+        'time = {column = "t", unit = "ms"}',
+    ),
+}
+
+
+@pytest.mark.parametrize(("spoil", "repairs", "line"), FAULTS.values(), ids=FAULTS)
+def test_a_log_that_is_read_with_the_line_is_the_right_one(
+    arm, table, tmp_path, spoil, repairs, line
+):
+    robot = arm()
+    right = read(table, robot, ColumnMap(), tmp_path)
+    lines = format_repair_lines(repairs, robot, ColumnMap())
+    assert lines == line
+    assert_same(read(spoil(table), robot, columns_of(lines, tmp_path), tmp_path), right)
+
+
+def assert_same(one, other):
+    for name in ("t", "q", "qd", "tau"):
+        pair = (getattr(one, name), getattr(other, name))
+        np.testing.assert_allclose(*pair, rtol=1e-8, atol=1e-12, err_msg=name)
+
+
+GEARS = "[joints]\ngear_ratio = [100, -50, 80]\ntorque_per_unit = [30, -20, 10]"
+MAPS = {
+    "zero and sign": (
+        'q = {columns = ["q1", "q2", "q3"], sign = [1, -1, 1], zero = [0.1, 0, -0.2]}',
+        ("q", 1),
+    ),
+    "motor side": ('q = {columns = ["q1", "q2", "q3"], side = "motor"}', ("q", 1)),
+    "motor torque": (
+        'tau = {columns = ["tau1", "tau2", "tau3"], side = "motor", scale = [1, 2, 3]}',
+        ("tau", 7),
+    ),
+    "current": (
+        'tau = {columns = ["tau1", "tau2", "tau3"], unit = "A", side = "motor"}',
+        ("tau", 7),
+    ),
+    "degrees": ('q = {columns = ["q1", "q2", "q3"], unit = "deg"}', ("q", 1)),
+}
+
+
+@pytest.mark.parametrize(("text", "signal"), MAPS.values(), ids=MAPS)
+def test_a_line_does_at_the_link_what_the_repair_says_whatever_the_map(
+    arm, table, tmp_path, text, signal
+):
+    robot, (name, _) = arm(GEARS), signal
+    columns = columns_of(text, tmp_path)
+    before = getattr(read(table, robot, columns, tmp_path), name)
+    repair = Repair(name, sign=(1, -1, 1), scale=(1.0, 2.0, 0.5), order=(2, 1, 3))
+    line = format_repair_lines([repair], robot, columns)
+    after = getattr(read(table, robot, columns_of(line, tmp_path), tmp_path), name)
+    want = before[:, [1, 0, 2]] * [1, -2, 0.5]
+    np.testing.assert_allclose(after, want, rtol=1e-8, atol=1e-12)
+
+
+def test_names_with_quotes_and_backslashes_come_back(arm, tmp_path):
+    odd = ['a"b', "c\\d", "Drehmoment °"]
+    text = f"tau = {{columns = ['a\"b', 'c\\d', '{odd[2]}']}}"
+    columns = columns_of(text, tmp_path)
+    line = format_repair_lines([Repair("tau", (1,), sign=(-1,))], arm(), columns)
+    assert tomllib.loads(line)["tau"]["columns"] == odd
+
+
+def test_coupled_motors_have_no_line_for_one_joint_but_one_for_all(arm, tmp_path):
+    robot = arm("[couplings]\nmotor_from_joint = [[9, 0, 0], [1, 9, 0], [0, 0, 9]]")
+    columns = columns_of(MAPS["motor side"][0], tmp_path)
+    assert format_repair_lines([Repair("q", (2,), sign=(-1,))], robot, columns) is None
+    line = format_repair_lines([Repair("q", scale=0.5)], robot, columns)
+    assert line.endswith('side = "motor", scale = [0.5, 0.5, 0.5]}')
+
+
+@pytest.mark.parametrize(
+    ("gravity", "line"),
+    [
+        ("[0, 0, -9810]", "gravity = [0, 0, -9.81]"),
+        ("[0, -981, 0]", "gravity = [0, -9.81, 0]"),
+        ("[0, 0, -9.81]", None),
+        ("[0, 0, 0]", None),
+        ("[0, 0, -1.62]", None),  # on the moon
+    ],
+)
+def test_gravity_is_mended_in_the_robot_file(arm, gravity, line):
+    assert format_gravity_line(arm(f"[robot]\ngravity = {gravity}")) == line
+    # Grams and millimetres stand in the URDF.
+    lines = format_repair_lines([Repair("robot", scale=1e-3)], arm(), ColumnMap())
+    assert lines is None

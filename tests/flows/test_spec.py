@@ -1,5 +1,6 @@
-"""SPEC.toml and campaigns: what they mean, and what is said when they do not fit."""
+"""SPEC.toml and campaigns: what they mean, their ids, and what does not fit."""
 
+import json
 import re
 import tomllib
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from flows.specs import derive_seed, load_campaign, load_spec, parse_spec
+from flows.steps import demo, experiment
 from flows.steps.experiment import build_public_record as public_record
 from flows.steps.experiment import (
     build_sealed_record,
@@ -17,6 +19,10 @@ from flows.steps.experiment import (
 from residual.errors import InputError
 from sim.engine.plant_records import PlantEffect as Effect
 from sim.engine.plant_records import SampleRates, SensorNoise, TrajectorySpec
+from tests.checkout import ROOT
+
+# SPEC.toml and campaigns: what they mean, and what is said when they do not fit.
+
 
 SPEC = """
 schema = 1
@@ -224,3 +230,41 @@ def test_the_examples_of_the_page_are_what_it_says(tmp_path):
     for design, count in ((grid, 6), (draws, 50)):
         (tmp_path / "C.toml").write_text(whole + design)
         assert len(load_campaign(tmp_path / "C.toml")) == count
+
+
+# Ids of runs move for nobody: those of specs are as ab4d41df computed them.
+
+
+IDS = json.loads(Path(__file__).with_name("run_ids.json").read_text())
+
+
+def read_tables(page: str) -> list[str]:
+    text = (ROOT / "docs" / page).read_text("utf-8")
+    return re.findall(r"```toml[^\n]*\n(.*?)```", text, re.DOTALL)
+
+
+@pytest.fixture
+def specs(tmp_path):
+    tables = read_tables("experiments.md")
+    spec = next(t for t in tables if t.startswith("schema = 1"))
+    axes = {t[1:5]: t for t in tables if t.startswith(("[grid]", "[random]"))}
+    (guide,) = (t for t in read_tables("guide/first_hour.md") if "[grid]" in t)
+    texts = {"spec": spec, "guide": guide}
+    texts |= {name: spec + table for name, table in axes.items()}
+    for name, text in texts.items():
+        (tmp_path / f"{name}.toml").write_text(text)
+    out = {"spec": load_spec(tmp_path / "spec.toml")}
+    shown = demo.build_demo_specs(7)
+    out |= {f"demo {i}": shown[i][1] for i in (0, 3, 7)}
+    paths = [tmp_path / f"{name}.toml" for name in ("guide", *axes)]
+    for path in (*paths, *sorted((ROOT / "examples").glob("*.toml"))):
+        some = load_campaign(path)[:4]
+        out |= {f"{path.stem} {i}": entry.spec for i, entry in enumerate(some)}
+    return out
+
+
+def test_the_ids_of_specs_are_those_that_they_always_had(specs, monkeypatch):
+    monkeypatch.setattr(experiment, "hash_plant_code", lambda: "0" * 64)
+    ids = {name: experiment.compute_run_id(spec) for name, spec in specs.items()}
+    assert len(set(ids.values())) >= 20
+    assert ids == IDS

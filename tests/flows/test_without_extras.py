@@ -12,7 +12,8 @@ from packaging.requirements import Requirement
 
 from sim.engine.plant_records import SyntheticEffect
 from tests.checkout import ROOT
-from tests.residual.arms import arm, short_case, urdf_text, write_csv
+from tests.residual.arms import arm, short_case, urdf_text
+from tests.synthetic.logs import write_csv
 
 # Windows has no fcntl either.
 REFUSED = ("prefect", "pybullet", "pybullet_data", "fcntl")

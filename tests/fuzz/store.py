@@ -7,13 +7,16 @@ import tempfile
 from functools import cache
 from pathlib import Path
 
-from benchmarks.store_parts.records import records, run
+import pyarrow as pa
+
+from benchmarks.store_parts.records import small
 from flows.report.records import encode_query_result
 from residual.errors import InputError
 from tests.checkout import listing
 from tests.fuzz.mutation import mutated
 from tests.fuzz.reader import Reader
 from warehouse.queries import Store, open_store
+from warehouse.record_commit import SealedTruth, commit_record, commit_run
 
 _QUERIES = [
     text.encode()
@@ -46,8 +49,22 @@ _SQL_WORDS = tuple(
 def _origin() -> Path:
     place = Path(tempfile.mkdtemp(prefix="modelgap-fuzz-store-"))
     atexit.register(shutil.rmtree, place, ignore_errors=True)
-    records(place, [run(place, seed) for seed in range(2)])
+    runs = {"fit": [_commit_run(place, seed) for seed in range(2)]}
+    table = {"curve": pa.table({"x": [0.5, 1.5, 2.5]})}
+    about = {"robot": "irb140", "stage": "augmented"}
+    model = commit_record(place, "models", about, table, runs)
+    verdict = {"robot": "irb140", "verdict": "effects", "model_id": model}
+    diagnosis = commit_record(place, "diagnoses", verdict, None, runs)
+    report = {"report.html": b"<html></html>"}
+    about = {"robot": "irb140", "kind": "demo"}
+    commit_record(place, "reports", about, None, [diagnosis], report)
     return place
+
+
+def _commit_run(place: Path, seed: int) -> str:
+    log, manifest, twin = small(seed)
+    sealed = SealedTruth({"effects": [], "salt": f"s{seed}"}, {"q": log.q})
+    return commit_run(place, log, manifest, sealed, twin)
 
 
 @cache

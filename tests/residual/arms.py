@@ -7,8 +7,6 @@ from pathlib import Path
 
 import numpy as np
 
-from benchmarks.synthetic.logs import CHANGES, Case, LogPlan, make_case
-from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.findings import NamedEffect, merge_into_findings
 from residual.diagnosis.outcome import Outcome, search_effects
@@ -21,6 +19,8 @@ from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from tests.synthetic.logs import CHANGES, Case, LogPlan, make_case
+from tests.synthetic.quasi_static import Plant
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)
@@ -150,11 +150,3 @@ def searched(case: Case, declared=DEFAULT_DECLARED) -> tuple[Outcome, list[Named
 
 def quiet(stage, share):
     """Progress that nobody watches."""
-
-
-def write_csv(path, log, form="%.17g", **more) -> None:
-    signals = {"q": log.q, "tau": log.tau, **more}
-    joints = range(1, 1 + log.q.shape[1])
-    names = ["t", *(f"{name}{j}" for name in signals for j in joints)]
-    table = np.column_stack([log.t, *signals.values()])
-    np.savetxt(path, table, form, ",", header=",".join(names), comments="")

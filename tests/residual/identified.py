@@ -15,7 +15,8 @@ from residual.robot.dynamics import compute_inverse_dynamics as inverse_dynamics
 from residual.robot.dynamics import read_inertial_parameters
 from residual.robot.dynamics import replace_inertial_parameters as with_inertial
 from residual.robot.robot import Robot
-from tests.residual.arms import arm, urdf_text, write_csv
+from tests.residual.arms import arm, urdf_text
+from tests.synthetic.logs import write_csv
 
 AXES = ("0 0 1", "0 1 0", "0 1 0")
 VISCOUS, COULOMB, ROTOR = (2.0, 3.0, 1.0), (4.0, 5.0, 2.0), (0.3, 0.4, 0.1)

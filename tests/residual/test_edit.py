@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.effects import load_effects
 from residual.evidence.design import Design
 from residual.model.model import Term
@@ -21,6 +19,8 @@ from residual.verdict.diagnosis import (
 )
 from residual.verdict.result import Edit, Place
 from sim.engine.plant_records import SyntheticEffect
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 LOAD = {"mass": 3.0, "com_x": 0.0, "com_y": 0.0, "com_z": 0.1}
 

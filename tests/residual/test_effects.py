@@ -1,4 +1,4 @@
-"""Laws of the effects: what each one does, to which rows, by which parameters."""
+"""Laws of the effects: what each one does, by which parameters, and what no arm has."""
 
 import re
 from dataclasses import replace
@@ -13,10 +13,13 @@ from numpy.testing import assert_allclose
 
 from residual import effects
 from residual.effects import load_effects
-from residual.effects.base import EffectTrait, MotionSpan, State
+from residual.effects.base import Effect, EffectTrait, JointLimits, MotionSpan, State
 from residual.model.model import Term
 from residual.robot import dynamics
 from tests.residual.arms import SEVEN, arm, bare_irb140
+
+# Laws of the effects: what each one does, to which rows, by which parameters.
+
 
 NAMES = sorted(load_effects())
 
@@ -307,3 +310,117 @@ def test_shapes_are_usable_however_the_arm_moved(name, speed, travel, duration):
             assert np.isfinite(effect.columns(seen, joints, shape)).all()
         if effect.refine is not None:
             assert effect.refine.lower <= shape[0] <= effect.refine.upper
+
+
+# What no arm can have: the sign and the size of every effect.
+
+
+ARM = JointLimits(
+    torque=40.0,
+    lower=-2.0,
+    upper=2.0,
+    speed=1.5,
+    weight=30.0,
+    reach=1.2,
+    nominal_coefficients=np.zeros(1),
+)
+LOAD = (0.1, 0.05, 0.05, *6 * (0.01,))  # mass * centre and inertia of a small load
+
+# Effect, coefficients, shape: what an arm may well have, and what it cannot.
+MAY = [
+    ("viscous", (3.0,), ()),
+    ("coulomb", (12.0,), ()),
+    ("rotor_inertia", (0.4,), ()),
+    ("spring", (20.0, 10.0), ()),
+    ("spring", (20.0, -30.0), ()),
+    ("balancer", (-60.0, 20.0), ()),
+    ("offset", (-3.8,), ()),
+    ("presliding", (8.0,), (0.01,)),
+    ("stribeck", (8.0,), (0.1, 2.0)),
+    ("load_friction", (0.1,), ()),
+    ("torque_gain", (-0.435,), ()),
+    ("torque_gain", (0.9,), ()),
+    ("payload", (2.0, *LOAD), ()),
+    ("tool_force", (30.0, 0.0, -20.0), ()),
+    ("base_tilt", (0.1, -0.05), ()),
+    ("elasticity", (1e-4,), ()),
+    ("backlash", (1e-3,), (1.2e-3,)),
+    ("delay", (0.011,), (0.01,)),
+]
+CANNOT = [
+    ("viscous", (-0.13,), ()),
+    ("viscous", (40.0,), ()),  # 60 N m at the speed that it was seen at
+    ("coulomb", (-2.0,), ()),
+    ("coulomb", (41.0,), ()),
+    ("rotor_inertia", (-0.4,), ()),
+    ("spring", (-20.0, 10.0), ()),  # pushes away
+    ("spring", (0.06, 3.72), ()),  # at rest at -62 rad: a constant torque
+    ("balancer", (-200.0, 20.0), ()),
+    ("offset", (50.0,), ()),
+    ("presliding", (1414.0,), (0.01,)),
+    ("presliding", (-3.0,), (0.01,)),
+    ("stribeck", (-8.0,), (0.1, 2.0)),
+    ("quadratic_viscous", (-5.0,), ()),
+    ("power_viscous", (-8.5,), (0.5,)),
+    ("load_friction", (-0.1,), ()),
+    ("torque_gain", (-1.2,), ()),  # that would be another sign
+    ("payload", (35.0, *LOAD), ()),  # heavier than the arm
+    ("payload", (-2.0, *LOAD), ()),  # lighter than the nothing that the model has
+    ("payload", (1.0, 4.0, 0.0, 0.0, *6 * (0.0,)), ()),  # 4 m away
+    ("tool_force", (400.0, 0.0, 0.0), ()),
+    ("base_tilt", (1.5, 0.0), ()),
+    ("encoder_offset", (0.7,), ()),
+    ("warmup", (-2.0,), (60.0,)),
+    ("elasticity", (-1e-4,), ()),
+    ("backlash", (-1e-3,), (1.2e-3,)),
+    ("backlash", (1e-4,), (1.2e-3,)),  # it bends as another size would
+    ("delay", (-0.011,), (-0.01,)),
+    ("delay", (-0.011,), (0.01,)),
+    ("delay", (0.03,), (0.004,)),
+]
+
+
+def ask(name, theta, shape, had=(0.0,)):
+    limits = replace(ARM, nominal_coefficients=np.array(had, dtype=float))
+    return load_effects()[name].possible(np.array(theta, dtype=float), shape, limits)
+
+
+def test_every_effect_says_for_itself_what_no_arm_can_have():
+    usual = Effect.__dataclass_fields__["possible"].default
+    silent = [n for n, e in load_effects().items() if e.possible is usual]
+    assert silent == []
+
+
+@pytest.mark.parametrize(("name", "theta", "shape"), MAY)
+def test_what_arms_have_is_possible(name, theta, shape):
+    assert ask(name, theta, shape, np.zeros(len(theta)))
+
+
+@pytest.mark.parametrize(("name", "theta", "shape"), CANNOT)
+def test_what_no_arm_has_is_not(name, theta, shape):
+    assert not ask(name, theta, shape, np.zeros(len(theta)))
+
+
+@pytest.mark.parametrize("name", ["viscous", "coulomb", "rotor_inertia"])
+def test_a_value_that_the_model_has_may_fall_but_not_below_nothing(name):
+    assert ask(name, (-4.0,), (), had=(5.0,))
+    assert not ask(name, (-6.0,), (), had=(5.0,))
+
+
+def test_a_load_that_the_model_has_may_be_gone():
+    assert ask("payload", (-2.0, *(-x for x in LOAD)), (), had=(2.5, *9 * (0.0,)))
+
+
+# Sizes as people say them: a change, a balancer, the frame of a vector, a joint.
+
+
+@pytest.mark.parametrize("angle", [-2.8, -0.4, 0.0, 1.1, 3.0])
+def test_the_wave_is_largest_where_it_is_told_to_be(angle):
+    """a sin q + b cos q on a grid, against its amplitude and place in words."""
+    balancer, q = load_effects()["balancer"], np.linspace(-np.pi, np.pi, 7201)
+    values = 4.0 * np.array([np.sin(angle), np.cos(angle)])
+    wave = values[0] * np.sin(q) + values[1] * np.cos(q)
+    shown = balancer.display(values)
+    assert shown["amplitude"][0] == pytest.approx(wave.max(), rel=1e-6)
+    there = np.deg2rad(shown["largest at"][0])
+    assert np.cos(there - q[np.argmax(wave)]) == pytest.approx(1, abs=1e-6)

@@ -1,4 +1,4 @@
-"""Fit and evidence against regressions written out with numpy."""
+"""Fit, evidence, prior and adequacy against regressions written out with numpy."""
 
 from dataclasses import replace
 
@@ -6,9 +6,39 @@ import numpy as np
 import pytest
 from scipy.stats import multivariate_normal
 
+from residual.diagnosis.adequacy import assess_adequacy
+from residual.diagnosis.diagnose import diagnose
+from residual.effects import load_effects
+from residual.evidence.design import Design
 from residual.evidence.fit import FitEquations, count_effective_rows, fit_jointly
-from residual.evidence.priors import screen_candidates
-from tests.residual.linear import GEAR, LINE, LOAD, OTHER, PLANE, Problem, every_group
+from residual.evidence.priors import (
+    ASSUMED,
+    build_relative_prior,
+    compute_inertial_sd,
+    screen_candidates,
+)
+from residual.evidence.priors import list_forbidden_effects as forbidden_effects
+from residual.model.model import Model, Term
+from residual.model.nominal import GIVEN, NominalModel
+from residual.robot.dynamics import read_inertial_parameters as read_inertias
+from tests.residual.arms import TWO, arm, plain_logs
+from tests.residual.linear import (
+    DOF,
+    GEAR,
+    LINE,
+    LOAD,
+    NOMINAL,
+    OTHER,
+    PLANE,
+    Problem,
+    build,
+    every_group,
+    random_state,
+    track,
+)
+
+# Fit and evidence against regressions written out with numpy.
+
 
 SIGMA2 = np.array([1.7, 0.4])  # noise variance of each joint, given
 SETS = {
@@ -154,3 +184,133 @@ def test_two_standard_deviations_hold_the_truth_as_often_as_they_should(colour):
     assert 0.85 <= np.mean(inside) <= 1.0
     # So that the test would notice if rows were taken as independent.
     assert (np.mean(uncounted) < 0.85) == (colour > 0)
+
+
+# How firmly the nominal model is held, and what it may be blamed for.
+
+
+FREE, ROUGH_SCALE, FINE_SCALE = None, 0.3, 0.1
+
+
+def term(name, joint, theta):
+    return Term(load_effects()[name], (joint,), (), np.array(theta, dtype=float))
+
+
+def nominal(terms=(), given=(), **options):
+    robot = arm()
+    model = Model(robot, read_inertias(robot.model), tuple(terms), np.ones(2))
+    return NominalModel(model, tuple(given), **options)
+
+
+def design_of(found, rng):
+    drawn = []
+    for k in range(3):
+        state = random_state(rng, 100)
+        drawn.append((track(rng.normal(size=(100, 2)), np.ones((100, 2), bool), k, state), state))
+    return Design([t for t, _ in drawn], found.model, [s for _, s in drawn])
+
+
+@pytest.mark.parametrize("scale", [0.01, 0.3])
+def test_inertial_parameters_are_held_within_a_share_of_their_size(rng, scale):
+    """Half of the doubt is each one's own, half the link's as a whole."""
+    nominal_model = nominal()
+    prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, scale)
+    expected = np.zeros((NOMINAL, NOMINAL))
+    sizes = compute_inertial_sd(arm()).reshape(2, 10)
+    parameters = read_inertias(arm().model).reshape(2, 10)
+    for i in range(2):
+        own = slice(10 * i, 10 * i + 10)
+        shared = np.outer(parameters[i], parameters[i])
+        expected[own, own] = 0.5 * scale**2 * (shared + np.diag(sizes[i] ** 2))
+    np.testing.assert_allclose(np.linalg.inv(prior.precision), expected, atol=1e-12)
+    assert prior.scale == scale
+    assert prior.log_det == pytest.approx(np.linalg.slogdet(prior.precision)[1])
+
+
+@pytest.mark.parametrize(("given", "share"), [(GIVEN, 0.1), (ASSUMED, 1.0)])
+def test_a_declared_value_is_held_within_its_share(rng, given, share):
+    nominal_model = nominal([term("viscous", 0, [8.0]), term("coulomb", 1, [4.0])], [given, given])
+    prior = build_relative_prior(design_of(nominal_model, rng), nominal_model, 0.03)
+    sd = 1 / np.sqrt(np.diag(prior.precision))[NOMINAL:]
+    # One thousandth of torque rms is added, so that a declared 0 is not exact.
+    assert (sd > share * np.array([8.0, 4.0])).all()
+    np.testing.assert_allclose(sd, share * np.array([8.0, 4.0]), rtol=0.02)
+
+
+def test_a_declared_effect_without_value_may_have_all_of_the_torque(rng):
+    """Its prior is as wide as the torque that it would explain."""
+    nominal_model = nominal([term("viscous", 0, [0.0])], [None])
+    design = design_of(nominal_model, rng)
+    prior = build_relative_prior(design, nominal_model, 0.03)
+    sd = 1 / np.sqrt(prior.precision[-1, -1])
+    speed = np.concatenate([s.qd[:, 0] for s in design.states])
+    assert sd * np.sqrt(np.mean(speed**2)) == pytest.approx(design.rms[0], rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("name", "given", "scale", "barred"),
+    [
+        # Declared without a value: it is free already, there is nothing to blame.
+        ("coulomb", FREE, FINE_SCALE, {"coulomb"}),
+        ("coulomb", ASSUMED, FINE_SCALE, {"coulomb"}),
+        # Declared with a value: the value may be wrong.
+        ("coulomb", GIVEN, FINE_SCALE, set()),
+        # A rough rigid body cannot blame a load.
+        ("coulomb", GIVEN, ROUGH_SCALE, {"payload", "link_body", "link_inertia"}),
+        # What the model has and is no parameter of a model is not named twice.
+        ("offset", GIVEN, FINE_SCALE, {"offset"}),
+    ],
+)
+def test_what_may_not_be_blamed(rng, name, given, scale, barred):
+    nominal_model = nominal([term(name, 1, [1.0])], [given])
+    known = replace(Problem.draw(rng, rows=20).prior, scale=scale)
+    prior = replace(known, widths=nominal_model.kinds)
+    assert forbidden_effects(prior, nominal_model) == barred
+
+
+# Is what remains noise, and was the torque channel touched before it was logged?
+
+
+NOISE = 1.0
+
+
+def noisy_problem(rng, shape=None, size=0.0, rows=400, noise=NOISE):
+    """Noise of 1 N m, known as such, and a torque of some shape on joint 2."""
+    drawn = Problem.draw(rng, rows=rows, noise=noise, logs=3)
+    logs = []
+    for own, state in drawn.logs:
+        tau = own.tau.copy()
+        if shape is not None:
+            tau[:, 1] += size * shape(state)
+        logs.append((replace(own, tau=tau, torque_noise=np.full(DOF, noise)), state))
+    return Problem(logs, build(logs), drawn.prior)
+
+
+def judge(found, members=()):
+    d = found.design
+    before, after = (fit_jointly(d, found.prior, m, d.rows, None, 5) for m in ((), tuple(members)))
+    return assess_adequacy(d, tuple(own for own, _ in found.logs), before, after)
+
+
+def slow(state):
+    return np.sqrt(2) * np.sin(state.t / 25)
+
+
+@pytest.mark.parametrize(
+    ("share", "doubted", "flagged"), [(0.01, (), ()), (0.03, (1,), ()), (0.08, (1,), (1,))]
+)
+def test_a_little_more_than_noise_is_said_and_voids_no_name(share, doubted, flagged):
+    """A part of torque on joint 2, where noise is half a per cent of it."""
+    rms = noisy_problem(np.random.default_rng(1), noise=0.01).design.rms[1]
+    case = noisy_problem(np.random.default_rng(1), slow, share * rms, noise=0.01)
+    judgment = judge(case)
+    assert (judgment.doubted, judgment.flagged) == (doubted, flagged)
+
+
+@pytest.mark.parametrize("compared", [False, True])
+def test_of_logs_that_show_no_motion_nothing_is_said(compared):
+    robot, still = arm(TWO), plain_logs(arm(TWO), [], 0.0, count=3)
+    baseline = plain_logs(robot, [0, 1], 0.0) if compared else ()
+    verdict = diagnose(robot, still[:2], baseline, still[2:]).verdict
+    assert (verdict.verdict, verdict.effects) == ("unknown", ())
+    assert "no motion" in " ".join(verdict.contradictions)

@@ -2,7 +2,7 @@
 
 The arm's formulas are others than those of the library, its inertia is 2 % off its
 URDF, its friction is anything. One clear case per effect, of short logs: how often it
-goes right over many draws is the matter of benchmarks/diagnosis.py.
+goes right over many draws is the matter of `benchmarks/run.py diagnosis`.
 """
 
 from dataclasses import replace
@@ -11,11 +11,11 @@ import numpy as np
 import pinocchio as pin
 import pytest
 
-from benchmarks.synthetic.logs import CHANGES
-from benchmarks.synthetic.quasi_static import Plant, true_friction
 from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.residual.arms import Y, Z, arm, diagnose_case, searched, short_case
 from tests.residual.arms import bare_irb140 as irb140
+from tests.synthetic.logs import CHANGES
+from tests.synthetic.quasi_static import Plant, true_friction
 
 # Seed of the draw, and how near each parameter must come (relative to the truth).
 # None where the arm's formula has no such parameter, or two of them trade off.

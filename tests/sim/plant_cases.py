@@ -2,13 +2,12 @@
 
 import numpy as np
 
-from benchmarks.synthetic.motions import make_motion
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantEffect, PlantSpec, ReferenceMotion
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.closed_loop import choose_controller, simulate_closed_loop
 from sim.plant.plant_arm import build_plant_arm
-from sim.plant.typical_sizes import compute_usual_motion_range
+from tests.synthetic.motions import make_motion
 
 ROBOT = load_robot("irb140")
 
@@ -19,9 +18,7 @@ def effect(name, joints=(), onset=0.0, **parameters):
 
 
 def motion(family="fourier", duration=3.0, seed=1, rate=1000.0):
-    return make_motion(
-        family, compute_usual_motion_range(ROBOT), duration, rate, make_rng(seed, "motion")
-    )
+    return make_motion(family, ROBOT, duration, rate, make_rng(seed, "motion"))
 
 
 def standing(duration, q=None, rate=1000.0):

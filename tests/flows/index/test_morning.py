@@ -20,8 +20,9 @@ from flows.steps.inbox import (
 from flows.steps.monitor import find_diagnosis
 from flows.storage import store_report
 from tests.flows.index.stores import diagnose
-from tests.residual.arms import urdf_text, write_csv
+from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, Truth, logs, truth
+from tests.synthetic.logs import write_csv
 from tests.warehouse import store_samples as samples
 from warehouse.queries import open_store
 from warehouse.record_commit import commit_record, commit_run

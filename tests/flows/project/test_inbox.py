@@ -26,8 +26,9 @@ from flows.steps.inbox import (
     select_unchanged,
 )
 from tests.checkout import ROOT
-from tests.residual.arms import urdf_text, write_csv
+from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
+from tests.synthetic.logs import write_csv
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 

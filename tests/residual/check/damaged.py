@@ -5,11 +5,11 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.check.check import check_logs
 from residual.recording import Recording
 from tests.residual.arms import arm, bare_irb140
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 
 def kinds(robot, logs):

@@ -6,12 +6,15 @@ import numpy as np
 import pytest
 
 from benchmarks.check_parts.arms import SIX, host, other_arms
-from residual.check.check import check_logs
+from residual.check.check import check_logs, list_odd_logs
 from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times, turned
+
+# Signs, orders and units that cannot be are found by the physics of the motion.
+
 
 DAMAGES = {
     "torque of one joint": ({"tau": turned(2)}, "torque_sign", (2,)),
@@ -155,3 +158,16 @@ def test_currents_beside_another_mounting_are_two_faults(amperes):
     mounted, unit = check_logs(wall, amperes).faults
     assert (mounted.kind, unit.kind) == ("mounting", "torque_unit")
     assert mounted.repairs[0].gravity == pytest.approx((0, 0, -9.81))
+
+
+# A log is checked alone only where it misses more of the common arm.
+
+
+def test_no_log_of_one_arm_is_odd_and_one_of_other_columns_is(recwarn):
+    robot, logs = clean_logs("irb140")
+    assert list_odd_logs(robot, logs) == []
+    bad = edited(logs[:1], q=swapped(2, 3), tau=swapped(2, 3))
+    assert bad[0] in list_odd_logs(robot, [*bad, *logs[1:]])
+    held = edited(logs, q=lambda q: np.column_stack([q[:, :5], 0 * q[:, 5]]))
+    list_odd_logs(robot, held)
+    assert not recwarn.list

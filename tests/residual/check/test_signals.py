@@ -5,8 +5,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from benchmarks.synthetic.motions import make_motion
-from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.check.check import check_logs
 from residual.check.kinematics import find_time_unit, find_velocity_faults
 from residual.check.kinematics import find_uneven_time_steps as uneven_time_steps
@@ -17,9 +15,11 @@ from residual.recording import Recording
 from residual.robot.dynamics import compute_inverse_dynamics
 from sim.engine.plant_records import create_random_stream
 from sim.plant.sensors import draw_torque_noise
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import estimate_typical_sizes
 from tests.residual.arms import arm, bare_irb140, plain_logs
 from tests.residual.check.damaged import AXES, clean_logs, edited, kinds, swapped, times, turned
+from tests.synthetic.motions import make_motion
+from tests.synthetic.quasi_static import Plant, true_torque
 from warehouse.logs.column_map import build_default_signal, convert_to_link_side
 
 
@@ -179,9 +179,7 @@ def test_a_joint_that_is_held_has_a_clean_log(joint):
     plant, j = Plant(robot, (), 5), joint - 1
     logs = []
     for i, family in enumerate(("fourier", "cyclic")):
-        motion = make_motion(
-            family, compute_usual_motion_range(robot), 12.0, 125.0, create_random_stream(5, family)
-        )
+        motion = make_motion(family, robot, 12.0, 125.0, create_random_stream(5, family))
         q, qd, qdd = (np.array(x) for x in (motion.q, motion.qd, motion.qdd))
         q[:, j], qd[:, j], qdd[:, j] = q[0, j], 0.0, 0.0
         tau = true_torque(plant, replace(motion, q=q, qd=qd, qdd=qdd), family).tau

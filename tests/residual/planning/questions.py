@@ -3,13 +3,13 @@
 from functools import cache
 from unittest.mock import patch
 
-from benchmarks.synthetic.logs import LogPlan, make
-from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.open_question import build_open_question
 from residual.robot.robot import load_robot
 from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from tests.synthetic.logs import LogPlan, make
+from tests.synthetic.quasi_static import Plant
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 

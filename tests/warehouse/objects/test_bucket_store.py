@@ -2,15 +2,18 @@
 
 import contextlib
 import json
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
+import pyarrow.parquet as pq
 import pytest
 
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
-from warehouse import remote_store
+from warehouse import remote_store, store_catalogue
+from warehouse.bucket import open_bucket
 from warehouse.record_commit import (
     ADOPTED,
     AdoptionConflictError,
@@ -22,6 +25,10 @@ from warehouse.remote_store import IDENTITY
 from warehouse.runs import has_seal, open_seal, quarantine_run, read_run
 from warehouse.store_catalogue import find_record, list_record_folders
 from warehouse.verification import verify_store
+from warehouse.view_schema import KINDS
+
+# A store in a bucket is the store that a folder is: ids, bytes, answers, damage.
+
 
 ALL = ("runs", "models", "diagnoses")
 
@@ -203,3 +210,134 @@ def test_a_list_of_sums_that_names_other_places_reaches_none(store, memory, tmp_
         read_run(other, run)
     assert faults(other) != []
     assert not list(tmp_path.rglob("evil"))
+
+
+# The catalogue of a bucket: only a copy of rows, whoever writes it when.
+
+
+def fill(store, count, start=0):
+    return {samples.commit(store, seed) for seed in range(start, start + count)}
+
+
+def row_count(bucket, tmp_path):
+    """How many rows the one file of the catalogue has."""
+    (tmp_path / "rows.parquet").write_bytes(bucket.get("_index/runs.parquet"))
+    return pq.read_metadata(tmp_path / "rows.parquet").num_rows
+
+
+def run_ids(store):
+    with warehouse.open(store) as opened:
+        return set(opened.sql("SELECT run_id FROM runs").column(0).to_pylist())
+
+
+def listed(store):
+    ids = run_ids(store)
+    assert sorted(ids) == list(list_record_folders(store, "runs"))
+    return ids
+
+
+@pytest.fixture
+def began(store):
+    ids = fill(store, 3)
+    assert listed(store) == ids
+    return ids
+
+
+def test_what_is_in_no_catalogue_yet_is_listed(store, memory, began, tmp_path):
+    more = fill(store, 2, 3)
+    assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began | more
+
+
+def test_of_two_that_join_no_record_is_lost(store, memory, began, tmp_path, monkeypatch):
+    monkeypatch.setattr(store_catalogue, "_SPARE", 0)
+    more, real, between = fill(store, 2, 3), memory.put, []
+
+    def slow(key, data):
+        if key == "_index/runs.parquet" and not between:
+            between.append(key)
+            # Before its index is there, another reader writes one with a further run.
+            between.extend(fill(folder_for(memory, tmp_path / "cache" / "two"), 1, 10))
+            listed(folder_for(memory, tmp_path / "cache" / "three"))
+        real(key, data)
+
+    monkeypatch.setattr(memory, "put", slow)
+    assert run_ids(folder_for(memory, tmp_path / "cache" / "other")) == began | more
+    assert len(between) == 2
+    last = folder_for(memory, tmp_path / "cache" / "last")
+    assert listed(last) == began | more | set(between[1:])
+
+
+def test_a_commit_of_another_form_is_no_record(store, memory, began):
+    memory.put("commits/samples/robot=UP/run_id=ab.json", b"{}")
+    memory.put("commits/nonsense", b"")
+    assert listed(store) == began
+
+
+def test_the_whole_index_may_be_deleted_or_damaged(store, memory, began, tmp_path):
+    memory.delete(memory.keys("_index"))
+    assert listed(folder_for(memory, tmp_path / "cache" / "other")) == began
+    memory.put("_index/runs.parquet", b"PAR1")
+    assert listed(folder_for(memory, tmp_path / "cache" / "third")) == began
+    assert row_count(memory, tmp_path) == 3
+
+
+def test_rows_of_another_version_are_read_from_records(store, memory, began, tmp_path):
+    path = tmp_path / "runs.parquet"
+    path.write_bytes(memory.get("_index/runs.parquet"))
+    pq.write_table(pq.read_table(path).drop_columns(["seed"]), path)
+    memory.put("_index/runs.parquet", path.read_bytes())
+    other = folder_for(memory, tmp_path / "cache" / "other")
+    with warehouse.open(other) as opened:
+        seeds = opened.sql("SELECT seed FROM runs").column(0).to_pylist()
+    assert np.array_equal(sorted(seeds), [0, 1, 2])
+    assert "seed" in KINDS["runs"].fields.names
+
+
+# The bucket of a server: its conditions, its errors, and a store behind them.
+
+
+def test_of_eight_writers_of_one_key_one_wins(bucket_store):
+    bucket = open_bucket(bucket_store)
+    with ThreadPoolExecutor(8) as beside:
+        for number in range(5):
+            texts = [bytes([writer]) * 1000 for writer in range(8)]
+            tried = [beside.submit(bucket.put_if_absent, f"a/{number}", t) for t in texts]
+            won = [t for t, each in zip(texts, tried, strict=True) if each.result()]
+            assert won == [bucket.get(f"a/{number}")]
+
+
+def test_what_a_store_asks_of_it(bucket_store):
+    bucket = open_bucket(bucket_store)
+    bucket.put("a/x/1", b"0123456789")
+    bucket.put("a/y/2", b"")
+    bucket.put("ab/3", b"")
+    assert bucket.keys("a") == ["a/x/1", "a/y/2"]
+    assert bucket.names("a") == ["x", "y"]
+    assert bucket.names("a/x") == ["1"]
+    bucket.delete(["a/y/2", "a/none"])
+    assert bucket.get("a/y/2") is None
+
+
+def test_a_bucket_that_is_not_there_and_a_server_that_is_gone_are_told(bucket_store, monkeypatch):
+    with pytest.raises(InputError, match="There is no bucket for s3://not-there/a"):
+        remote_store.find_local_copy("s3://not-there/a")
+    monkeypatch.setattr("warehouse.bucket._RETRIES", 0)
+    monkeypatch.setenv("AWS_ENDPOINT_URL", "http://127.0.0.1:9")
+    with pytest.raises(InputError, match=r"AWS_ENDPOINT_URL"):
+        remote_store.find_local_copy(bucket_store)
+
+
+def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
+    bucket_store, tmp_path, monkeypatch
+):
+    with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
+        warehouse.open(bucket_store)
+    run = samples.commit(remote_store.find_local_copy(bucket_store), 1)
+    monkeypatch.setenv(remote_store.CACHE, str(tmp_path / "another machine"))
+    remote_store.close_buckets()
+    with warehouse.open(bucket_store) as opened:
+        rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
+        assert [v.faults for v in verify_store(opened.path) if v.faults] == []
+    assert rows.to_pylist() == [
+        {"run_id": run, "q": pytest.approx(samples.recording(1).q[:, 0].mean())}
+    ]
