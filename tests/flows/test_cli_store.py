@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import resource
 import shutil
 import subprocess
 from pathlib import Path
@@ -10,9 +11,11 @@ from pathlib import Path
 import pyarrow.parquet as pq
 import pytest
 
+from residual.errors import InputError
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.runs import quarantine_run
+from warehouse.sql_guard import limit_process_memory
 from warehouse.view_schema import list_views
 
 
@@ -177,3 +180,16 @@ def test_what_the_page_says_packs_a_record_with_all_that_it_needs(run, ids, tmp_
     subprocess.run(["bash", "-c", script], check=True)
     code, out, _ = run(verify)
     assert (code, "2 runs, 1 models, 1 diagnoses, 2 sealed" in out) == (0, True)
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux counts the memory")
+def test_a_query_ends_before_the_memory_of_the_machine(run, monkeypatch):
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    monkeypatch.setattr("warehouse.sql_guard.read_machine_memory", lambda: 700_000_000)
+    # 24 GB that DuckDB does not count.
+    code, _, err = run("sql", "SELECT unnest(range(3000000000))")
+    assert code == 2
+    assert "half of this machine's memory. Ask for less" in err
+    with pytest.raises(InputError, match="Ask for less: aggregate"), limit_process_memory():
+        bytearray(10**9)  # as an answer is written
+    assert resource.getrlimit(resource.RLIMIT_AS) == before
