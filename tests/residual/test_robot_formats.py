@@ -1,7 +1,5 @@
 """MJCF by MuJoCo's compiler and xacro by xacrodoc: the same arm as a URDF has."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 
@@ -160,12 +158,17 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
     assert load_arm(xacro).model.inertias[1].mass == 2  # beside the file
 
 
-def test_a_relative_include_of_a_xacro_is_relative_to_the_file(xacro, tmp_path, monkeypatch):
-    xacro = Path(xacro)
-    (tmp_path / "elsewhere" / "parts" / "link.xacro").rename(xacro.with_name("link.xacro"))
-    xacro.write_text(XACRO.replace("$(find parts)/", ""))
-    monkeypatch.chdir(tmp_path / "elsewhere")
-    assert load_arm(xacro).joints == ("a_joint", "b_joint")
+def test_a_relative_include_of_a_xacro_begins_at_its_file(xacro, tmp_path, monkeypatch):
+    (tmp_path / "cell" / "link.xacro").write_text(PART)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "link.xacro").write_text("no XML")
+    near = XACRO.replace("$(find parts)/", "")
+    broken = written(tmp_path / "broken", near, "arm.urdf.xacro")
+    written(tmp_path / "cell", near, "arm.urdf.xacro")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RobotError, match="does not expand"):
+        load_arm(broken)
+    assert load_arm(xacro.relative_to(tmp_path)).joints == ("a_joint", "b_joint")
 
 
 @pytest.mark.parametrize(
