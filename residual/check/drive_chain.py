@@ -310,25 +310,6 @@ def _find_range(tries: Array, scores: Array, top: Array) -> Array:
     return out
 
 
-def leave_out_wrong_limits(robot: Robot, logs: Sequence[Recording]) -> list[Recording]:
-    """Leave out limits that logs refute: torque beyond them is as good as any other."""
-    drive = logs[0].drive if logs else None
-    if drive is None or not drive.limit or any(r.drive != drive or r.q_ref is None for r in logs):
-        return list(logs)
-    rows = build_chain_rows(robot, logs)
-    if rows is None:
-        return list(logs)
-    chain = {name: drive.values(name, robot.dof) for name in _GRIDS}
-    limited = chain | {"limit": chain["limit"] / drive.values("gain", robot.dof)}
-    free = chain | {"limit": np.full(robot.dof, IDEAL["limit"])}
-    wrong = rows.score(free) - rows.score(limited) > CHECK.odds_nats
-    if not wrong.any():
-        return list(logs)
-    limit = np.where(wrong, IDEAL["limit"], chain["limit"])
-    new = replace(drive, limit=tuple(limit.tolist()))
-    return [apply_drive(r, new) for r in logs]
-
-
 def find_drive_faults(
     robot: Robot, logs: Sequence[Recording]
 ) -> tuple[list[Fault], list[Recording]]:

@@ -9,7 +9,6 @@ from dataclasses import replace
 
 import numpy as np
 
-from residual.check.drive_chain import leave_out_wrong_limits
 from residual.check.result import LogCheck
 from residual.diagnosis.change_verdict import build_change_verdict
 from residual.diagnosis.epoch_outcome import conclude_epochs, fit_epoch
@@ -31,8 +30,6 @@ from residual.signals.splitting import find_session_start, group_pieces_by_log, 
 from residual.signals.track import FilterSettings
 from residual.verdict.diagnosis import fit_all_parameters, run_edit_tests
 from residual.verdict.result import Diagnosis
-
-WRONG_LIMIT = "the later logs refute the limit of torque of the map: they are judged without it"
 
 
 def compare_epochs(
@@ -57,10 +54,6 @@ def compare_epochs(
         warnings: Sentences on the logs that the verdict is to repeat.
     """
     tell("search", 0.0)
-    later = leave_out_wrong_limits(robot, [*second, *held_out])
-    if later[0].drive != second[0].drive:  # of another gain: it would hide all rows
-        warnings = (*warnings, WRONG_LIMIT)
-    second, held_out = later[: len(second)], later[len(second) :]
     logs, count = _prepare(robot, first, second)
     # The model that the arm is said to have; its values are what the logs show.
     model = start_model(logs, declared)

@@ -9,7 +9,7 @@ import pytest
 
 from residual.check import drive_chain
 from residual.check.check import check_logs
-from residual.check.drive_chain import find_drive_faults, leave_out_wrong_limits
+from residual.check.drive_chain import find_drive_faults
 from residual.drive import Drive
 from residual.recording import apply_drive
 from residual.robot.robot import add_known_values
@@ -84,16 +84,3 @@ def test_no_row_at_the_limit_of_a_drive_is_fitted():
     assert 0.05 < np.mean(log.masked) < 0.95
     again = apply_drive(log, Drive(gain=(60.0,)))
     assert not again.masked.any()
-
-
-@pytest.mark.parametrize(("limit", "kept"), [(12.0, True), (5.0, False)])
-def test_a_limit_that_logs_refute_is_left_out(limit, kept):
-    """That of a drive of another gain hides nearly all rows, and its change with them."""
-    real = replace(DRIVE, limit=(12.0,))
-    own = [drive_log(seed, drive=real) for seed in (1, 2)]
-    mapped = [apply_drive(log, replace(real, limit=(limit,))) for log in own]
-    left = leave_out_wrong_limits(pendulum(), mapped)
-    assert left[0].drive.limit == ((limit,) if kept else (np.inf,))
-    assert left[0].masked.any() == kept
-    measured = [replace(log, drive=None) for log in mapped]
-    assert leave_out_wrong_limits(pendulum(), measured) == measured
