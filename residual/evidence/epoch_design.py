@@ -29,15 +29,17 @@ class Whitening:
 
     basis: Array  # orthonormal columns of what is shared, (rows, k)
     shrink: Array  # what goes of each, (k,)
+    weight: Array | float  # of the rows: the usual deviation over theirs, (rows,)
 
     @classmethod
-    def of(cls, shared: Array, precision: Array) -> "Whitening":
+    def of(cls, shared: Array, precision: Array, weight: Array | float = 1.0) -> "Whitening":
         """Columns with a prior precision, in units of the noise. (rows, p), (p,)."""
+        shared = (weight * shared.T).T
         size = np.sqrt((shared**2).mean(axis=0)) if len(shared) else np.zeros(0)
         real = size > 1e-9 * size.max(initial=1e-30)
         scaled = shared[:, real] / np.sqrt(precision[real])
         basis, size, _ = np.linalg.svd(scaled, full_matrices=False)
-        return cls(basis, 1 - 1 / np.sqrt(1 + size**2))
+        return cls(basis, 1 - 1 / np.sqrt(1 + size**2), weight)
 
     @property
     def degrees(self) -> float:
@@ -46,6 +48,7 @@ class Whitening:
 
     def __call__(self, rows: Array) -> Array:
         """Whiten row values. Shape (..., rows)."""
+        rows = self.weight * rows
         return rows - ((rows @ self.basis) * self.shrink) @ self.basis.T
 
 
