@@ -1,20 +1,16 @@
-"""Long logs: cut into pieces, they say what they say whole."""
+"""Long logs: pieces, evenly spread, are diagnosed; an identification takes them all."""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from numpy.testing import assert_allclose
 
-from residual.effects import load_effects
+from residual.diagnosis.diagnose import diagnose
 from residual.errors import RecordingError
-from residual.evidence.design import Design
 from residual.identification.identify import identify
-from residual.model.nominal import build_free_nominal, prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inertial_regressor, read_inertial_parameters
 from residual.signals import splitting as pieces
-from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs
 
 NAMES = ("viscous", "coulomb", "rotor_inertia")
@@ -48,27 +44,17 @@ def smooth_log(seconds, seed):
     return Recording(f"long {seed}", like.robot, t, q, tau)
 
 
-@pytest.mark.parametrize("lengths", [(36.0,), (5.0, 5.5, 6.0), (5.0, 20.0)])
-def test_sums_over_pieces_are_those_of_all_rows(short, lengths, monkeypatch):
-    recordings = [smooth_log(s, seed) for seed, s in enumerate(lengths)]
-    logs = prepare_fit_logs(arm(), recordings, None, FilterSettings())
-    model = build_free_nominal(logs, NAMES).model
-    long = Design(logs.tracks, model)
-    with monkeypatch.context() as room:
-        room.setattr(pieces, "LONG", np.inf)
-        uncut = Design(logs.tracks, model)
-    assert len(long.tracks) < len(uncut.tracks)
-    wanted = [(load_effects()[n], (1,), ()) for n in ("spring", "offset")]
-    wanted += [(load_effects()[n], (j,), ()) for n, j in (("payload", 1), ("spring", 0))]
-    groups = [design.add(wanted) for design in (long, uncut)]
-    assert [g.ids.tolist() for g in groups[0]] == [g.ids.tolist() for g in groups[1]]
-    for j in range(2):
-        for mine, theirs in zip(long.total(j), uncut.total(j), strict=True):
-            size = np.abs(theirs).max()
-            assert_allclose(mine, theirs, rtol=1e-9, atol=1e-9 * size)
-    for name in ("rows", "rms", "peak", "power", "tau_power", "fold_rows"):
-        assert_allclose(getattr(long, name), getattr(uncut, name), rtol=1e-9)
-    assert_allclose(groups[0][2].precision, groups[1][2].precision, rtol=1e-9)
+def test_a_long_log_is_diagnosed_by_pieces_evenly_spread(log, short):
+    result = diagnose(arm(), [log], held_out=[smooth_log(10.0, 7)], declared=["viscous"])
+    (used,) = [note for note in result.notes if note.startswith("long logs: ")]
+    assert "of 36 s, evenly spread, are used" in used
+    assert "coulomb" in {f.name for f in result.verdict.effects + result.verdict.background}
+    some = pieces.pick_spread_pieces([log])
+    starts = [piece.t[0] for piece in some]
+    assert sum(piece.duration for piece in some) < 24
+    assert starts == sorted(starts)
+    assert starts[0] < 9
+    assert starts[-1] > 20
 
 
 def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
