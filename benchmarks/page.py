@@ -98,7 +98,30 @@ def _section(name: str, content: Mapping) -> str:
         rows.append((about, *cells, bar_of(first, unit)))
     facts = f"`results/{name}.json`: {_origin(name, content)}"
     parts = [f"## {text['title']}", facts, text["about"].strip(), _table(rows).rstrip()]
+    if "case" in text:
+        parts.append(_table(_outside_rows(text["case"])).rstrip())
     return "\n\n".join(filter(None, parts)) + "\n"
+
+
+def _outside_rows(cases: Iterable[Mapping]) -> list[tuple[str, ...]]:
+    """Rows of figures of several files: cases of other people, and their peers."""
+    rows = [("what", "source", "modelgap", "peer")]
+    for case in cases:
+        (about, ours), peer = _look_up(case["figure"]), case.get("peer", "")
+        if ours:
+            rows.append((about, case["source"], ours, _look_up(peer)[1] if "." in peer else peer))
+    return rows
+
+
+def _look_up(figure: str) -> tuple[str, str]:
+    """Return what a figure, as "file.key", is, and its value; "" where there is none."""
+    file, key = figure.split(".")
+    entry = results().get(file, {}).get("figures", {}).get(key)
+    text = describe(file)
+    columns = (pattern.format(name) for name in text["figures"] for pattern in text["columns"])
+    names = [name for name in text["figures"] for _ in text["columns"]]
+    about = text["figures"][dict(zip(columns, names, strict=True)).get(key, key)]
+    return about["is"], value_of(entry, about["unit"]) if entry else ""
 
 
 def readme_table() -> str:

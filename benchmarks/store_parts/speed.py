@@ -7,6 +7,7 @@ from functools import partial
 from pathlib import Path
 from time import perf_counter
 
+import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 
@@ -102,6 +103,13 @@ def _figures(place: Path, rounds: int) -> Figures:
         for name, (bar, query, each) in questions.items():
             spent = [wall(partial(store.sql, query.format(id))) for id in each]
             figures[f"{name}_s"] = _median(spent, bar)
+        rows = store.sql("FROM errors")
+    # The peer: the rows in one Parquet file, asked by DuckDB without a store.
+    pq.write_table(rows, place / "errors.parquet")
+    alone = ERRORS.replace("FROM errors", f"FROM '{place / 'errors.parquet'}'")
+    with duckdb.connect() as peer:
+        spent = [wall(lambda: peer.sql(alone).fetchall()) for _ in some]
+    figures["error_aggregate_by_duckdb_s"] = figure(float(np.median(spent)), None, rounds)
     reading = [wall(lambda id=id: read_run(place, id)) for id in some]
     figures["one_run_read_s"] = _median(reading, 0.05)
     return figures
