@@ -19,8 +19,6 @@ from warehouse.record_commit import SealedTruth, commit_record, commit_run
 from warehouse.runs import quarantine_run
 from warehouse.view_schema import build_view_table, list_views
 
-# modelgap runs, sql and show: words in, answers and exit codes out.
-
 
 @pytest.fixture(scope="module")
 def ids(tmp_path_factory):

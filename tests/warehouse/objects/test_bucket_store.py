@@ -27,9 +27,6 @@ from warehouse.store_catalogue import find_record, list_record_folders
 from warehouse.verification import verify_store
 from warehouse.view_schema import KINDS
 
-# A store in a bucket is the store that a folder is: ids, bytes, answers, damage.
-
-
 ALL = ("runs", "models", "diagnoses")
 
 
