@@ -11,7 +11,7 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
+from tests.warehouse.objects.conftest import Breaking, Careless, KilledError, folder_for
 from warehouse import remote_store, store_catalogue
 from warehouse.bucket import open_bucket
 from warehouse.record_commit import (
