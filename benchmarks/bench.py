@@ -9,10 +9,10 @@ machine and date. A benchmark with a result of the present code does not run aga
 an interrupted one continues where it stopped (store/benchmarks): repeat the command. At
 the end benchmarks/page.py writes docs/benchmarks.md and the table of the README. A
 quick run writes no result. Measured logs are read from $MODELGAP_DATA (else
-../shared/data), robot files also from the package example-robot-data (pip install
---no-deps example-robot-data); without them these figures are not measured. The last
-line of a benchmark is one JSON object. Exit code 1: a bar is missed; 2: a benchmark
-failed.
+../shared/data), robot files also from the packages example-robot-data and rtb-data (pip
+install --no-deps --target FOLDER, and FOLDER in $PYTHONPATH); without them these figures
+are not measured. The last line of a benchmark is one JSON object. Exit code 1: a bar is
+missed; 2: a benchmark failed.
 """
 
 import argparse
@@ -28,7 +28,7 @@ from benchmarks.harness.origin import RESULTS, ROOT, is_current
 
 PLAN = (
     *("measured", "diagnosis", "attribution", "changes", "check", "loop", "peers", "plsr"),
-    *("store", "identification", "monitoring", "pipelines", "servo", "six_joints"),
+    *("store", "identification", "monitoring", "pipelines", "servo", "six_joints", "others"),
 )
 FAILED = 2
 _ENDS = {0: "no bar is missed", 1: "a bar is missed"}

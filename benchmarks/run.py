@@ -28,7 +28,8 @@ written from the description of SAPC, not that program.
 Of single rooms: plsr (peers run in the same process with one BLAS thread and are timed
 in processor time), store (bars in seconds are for an idle machine; if its load was above
 1 at the start, a missed one is null), identification, monitoring, servo, six_joints,
-pipelines; servo_developed is the half to work on, not to report.
+pipelines, others (cases that other people wrote down); servo_developed is the half to
+work on, not to report.
 
 The last line is one JSON object; exit code 1 for a missed bar.
 """
@@ -44,18 +45,18 @@ from benchmarks.harness.figures import run_groups
 # Deciding seeds; the module that draws, runs and summarises cases; that of the figures;
 # and what else draws or judges cases: a change makes kept rows worthless.
 DRAWN = {
-    "attribution": ("166201:166208", "attribution_parts.cases", "attribution_parts.bars"),
+    "attribution": ("166211:166218", "attribution_parts.cases", "attribution_parts.bars"),
     "changes": (
-        *("166304:166306", "changes_parts.answers", "changes_parts.bars"),
+        *("166307:166309", "changes_parts.answers", "changes_parts.bars"),
         "benchmarks/check_parts",
     ),
     "check": (
         *("166402:166402", "check_parts.cases", "check_parts.bars"),
         *("flows/inputs", "flows/steps"),
     ),
-    "diagnosis": ("166104:166104", "diagnosis_parts.cases", "diagnosis_parts.bars"),
+    "diagnosis": ("166105:166105", "diagnosis_parts.cases", "diagnosis_parts.bars"),
     "loop": ("166601:166608", "loop_parts.next", "loop_parts.next", "flows/steps/next.py"),
-    "measured": ("166703:166703", "measured_parts.cases", "measured_parts.bars"),
+    "measured": ("166704:166704", "measured_parts.cases", "measured_parts.bars"),
     "peers": ("166501:166502", "peers_parts.cases", "peers_parts.bars"),
 }
 # The groups of each other benchmark, in order, and the functions that measure them.
@@ -80,10 +81,13 @@ GROUPS = {
     "six_joints": {"hidden": "servo_parts.six_joints:six_joint_figures"},
     "servo_developed": {"changes": "servo_parts.pendulum:developed_figures"},
     "pipelines": {"overhead": "pipelines_parts.overhead:overhead_figures"},
+    "others": {"cases": "others_parts.cases:case_figures"},
 }
 
 
 def main(name: str) -> int:
+    if name not in DRAWN | GROUPS:
+        raise SystemExit(f"{__doc__}\nFirst argument: one of {', '.join(DRAWN | GROUPS)}.")
     if name in GROUPS:
         return run_groups(__doc__, name, GROUPS[name])
     from benchmarks.harness.cases import run_cases  # with its NumPy
@@ -94,7 +98,4 @@ def main(name: str) -> int:
 
 
 if __name__ == "__main__":
-    name = sys.argv.pop(1) if len(sys.argv) > 1 else ""
-    if name not in DRAWN | GROUPS:
-        raise SystemExit(f"{__doc__}\nFirst argument: one of {', '.join(DRAWN | GROUPS)}.")
-    sys.exit(main(name))
+    sys.exit(main(sys.argv.pop(1) if len(sys.argv) > 1 else ""))

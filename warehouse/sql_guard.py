@@ -161,6 +161,35 @@ def read_machine_memory() -> int:
     return os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
 
 
+@contextmanager
+def limit_process_memory() -> Iterator[None]:
+    """Let this program take what a query and its answer may, on Linux.
+
+    DuckDB counts its tables, yet no list that an expression makes: `unnest(range(1e9))`
+    takes all of the memory, and the machine ends programs.
+    """
+    used = Path("/proc/self/statm")
+    if not used.exists():
+        yield
+        return
+    import resource
+
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    most = int(used.read_text(encoding="ascii").split()[0]) * resource.getpagesize()
+    most += int((WORKING + LARGEST) * read_machine_memory())
+    set_limits = [limit for limit in before if limit != resource.RLIM_INFINITY]
+    resource.setrlimit(resource.RLIMIT_AS, (min([most, *set_limits]), before[1]))
+    try:
+        yield
+    except MemoryError as error:
+        raise InputError(
+            "Query and answer need more than three quarters of this machine's memory. Ask "
+            "for less: aggregate, or add LIMIT or a WHERE; --format csv or parquet takes less."
+        ) from error
+    finally:
+        resource.setrlimit(resource.RLIMIT_AS, before)
+
+
 def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
     """Return the whole answer if it fits into the memory that it may take."""
     batches, size, most = [], 0, LARGEST * read_machine_memory()

@@ -6,12 +6,8 @@ import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
 from residual.identification.estimate import Options
-from residual.identification.identify import (
-    Identification,
-    compute_torque_errors,
-    find_consistent_parameters,
-    identify,
-)
+from residual.identification.identify import Identification, find_consistent_parameters, identify
+from residual.model.compare import compute_model_errors, prepare_held_out
 from residual.model.model import Model
 from residual.recording import Recording
 from residual.robot.dynamics import read_inertial_parameters
@@ -97,7 +93,8 @@ def _identified(seed: int) -> dict[str, float]:
     share = result.estimate.theta[friction] / theta[friction] - 1
     models = {"nominal": result.nominal, "free": result.model}
     models |= {"irls": robust.model, "consistent": bodies.model}
-    errors = compute_torque_errors(models, held_out)
+    ready = prepare_held_out(held_out, result.nominal)
+    errors, _ = compute_model_errors(models, ready, result.nominal.filters)
     return {
         **{name: errors[name].overall("filtered") for name in models},
         "recovered": _recovered(result, truth, held_out),

@@ -7,7 +7,7 @@ others at zero, or where the robot is locked if its limits exclude zero. Arms wi
 that cannot exist, which is repaired, are counted apart.
 """
 
-from importlib.util import find_spec
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -19,9 +19,11 @@ from modelgap import load_robot
 from residual.errors import InputError
 from residual.robot.robot import Robot
 
-PACKAGES = {  # and where their robots are
-    "pybullet_data": "",
+# Where their robots are, below a directory that Python or Pinocchio is installed in.
+PACKAGES = {
+    "pybullet_data": "pybullet_data",
     "example_robot_data": "share/example-robot-data/robots",
+    "rtb_data": "rtbdata",
 }
 _STATES, _CLOSE = 20, 1e-6  # share of the largest torque
 
@@ -30,7 +32,9 @@ def figures(quick: bool) -> Figures:
     """Return for each package the share of arms that are right, and the crashes."""
     out: Figures = {}
     for package, folder in PACKAGES.items():
-        root = _root(package, folder)
+        places = [Path(p, *at) for p in sys.path for at in ((), ("cmeel.prefix",))]
+        roots = (place / folder for place in (*places, *Path(pin.__file__).parents))
+        root = next((r for r in roots if r.is_dir()), None)
         if root is None:
             why = f"{package} is not installed"
             out[f"files_{package}_right"] = missing(1.0, why)
@@ -58,14 +62,6 @@ def figures(quick: bool) -> Figures:
         count = arms + repaired + refused + len(crashes)
         out[f"files_{package}_crashes"] = figure(len(crashes), 0, count, which=crashes)
     return out
-
-
-def _root(package: str, folder: str) -> Path | None:
-    if folder:  # a package of Pinocchio's own prefix
-        places = [p / folder for p in Path(pin.__file__).parents]
-        return next((p for p in places if p.is_dir()), None)
-    spec = find_spec(package)
-    return Path(spec.origin).parent if spec and spec.origin else None
 
 
 def _load(path: Path) -> Robot:

@@ -244,6 +244,7 @@ def sql(
         refuse_binary_on_terminal,
     )
     from warehouse.queries import open_store
+    from warehouse.sql_guard import limit_process_memory
 
     place = resolve_store_folder(store)
     if json is not None:
@@ -270,7 +271,7 @@ def sql(
             print_query_result(list_named_queries(), "table")
         return
     text, values = _query(query, named, with_)
-    with open_store(place) as opened:
+    with limit_process_memory(), open_store(place) as opened:
         if truth:
             from flows.sealed_truth import show_truth
 

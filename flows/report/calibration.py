@@ -10,8 +10,7 @@ from flows.report.page import render_html as render_page
 from flows.report.phrases import capitalize_first, count_noun, read_page_texts
 from flows.steps.fit import StoredCalibration
 from residual.calibration.calibrate import Calibration
-from residual.calibration.calibration_rows import PAPER
-from residual.calibration.figure_data import INPUT, WHITE
+from residual.calibration.calibration_rows import INPUT, PAPER, WHITE
 from residual.calibration.validation_scores import (
     BLOCK,
     DEFAULT,

@@ -20,7 +20,9 @@ from residual.calibration.calibration_rows import (
     PAPER,
     CalibrationRows,
     CalibrationRun,
+    PrincipalComponents,
     RunBlocks,
+    analyze_principal_components,
     build_measured_rows,
     build_paper_rows,
     choose_thinning_factor,
@@ -39,15 +41,6 @@ from residual.calibration.correction_choice import (
     fit_all_corrections,
     list_correction_options,
 )
-from residual.calibration.figure_data import (
-    LevelSweep,
-    PrincipalComponents,
-    UnseenRun,
-    analyze_principal_components,
-    build_unseen_run,
-    find_median_error_run,
-    sweep_level_counts,
-)
 from residual.calibration.nominal_pls import NominalPlsForm, fit_nominal_pls
 from residual.calibration.validation_scores import (
     BLOCK,
@@ -56,22 +49,33 @@ from residual.calibration.validation_scores import (
     RUN,
     SCHEMES,
     WIDE,
+    LevelSweep,
     ModelScore,
     SchemeErrors,
+    UnseenRun,
     ValidationScheme,
     build_training_rows,
+    build_unseen_run,
     build_validation_schemes,
     choose_fold_options,
     cross_validate_corrections,
+    find_median_error_run,
     find_model_score,
     score_models,
+    sweep_level_counts,
 )
 from residual.effects.base import EffectTrait
 from residual.evidence.design import Design
 from residual.evidence.fit import build_fitted_model, fit_jointly, fit_nominal
 from residual.evidence.priors import list_first_priors
-from residual.model.lookup import NEAREST, CorrectedModel, Lookup, LookupTable, TableVariable
-from residual.model.lookup import JointCorrection as JointTables
+from residual.model.lookup import (
+    NEAREST,
+    CorrectedModel,
+    JointCorrection,
+    Lookup,
+    LookupTable,
+    TableVariable,
+)
 from residual.model.model import Model
 from residual.model.nominal import (
     FitLogs,
@@ -262,7 +266,7 @@ def calibrate(
     tables = choose_table_levels(rows.X, rows.tau - rows.Y, rows.velocity_columns, names)
     scores, chosen, a_opt, unseen = _table(schemes, rows, compute_residuals, tables, settings, tell)
     training = build_training_rows(rows, rows.Y, tables).with_fitted_standstill()
-    fitted = fit_nominal_pls(training.X, training.Y, settings.form, allow_fewer_components=True)
+    fitted = fit_nominal_pls(training.X, training.Y, settings.form)
     best = fitted.components if settings.exact_components else a_opt
     components = min(best, fitted.components)
     calibration = Calibration(
@@ -365,7 +369,7 @@ def add_correction_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -
         part = _of_joint(lookup, m)
         empty = not (part.tables or part.offset.any() or part.slope.any())
         kind = NONE if empty else MAIN
-        tables.append(JointTables(joint - 1, tuple(columns), part, kind, NEAREST))
+        tables.append(JointCorrection(joint - 1, tuple(columns), part, kind, NEAREST))
     return CorrectedModel(model, tuple(tables))
 
 

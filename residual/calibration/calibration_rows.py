@@ -19,8 +19,15 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.model.model import Model
-from residual.quantity import make_read_only
+from residual.quantity import (
+    check_block,
+    check_column_names,
+    check_count,
+    check_varying,
+    make_read_only,
+)
 from residual.recording import Array, Recording
+from residual.signals.filters import randomise_phases
 from residual.signals.splitting import slice_recording
 from residual.signals.track import FilterSettings, Track, estimate_sample_rate, interpolate_signals
 
@@ -292,3 +299,147 @@ def choose_thinning_factor(runs: Sequence[CalibrationRun]) -> tuple[int, tuple[s
     if thin == 1:
         return 1, ()
     return thin, (f"{total / 60:.3g} min of logs: tables take one row in {thin}",)
+
+
+# Principal components of the rows (paper, eq. 12, figures 4 to 6).
+
+
+LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
+_QUANTILE = 0.95  # of the surrogates, that chance may not exceed
+INPUT, TWIN, WHITE, LEFT = "input", "twin error", "white noise", "residual"
+_DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
+_TWIN_STATE = ("e_q", "e_qd", "e_qdd")
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class PrincipalComponents:
+    """Principal components of centred, scaled columns (paper, eq. 12, figures 4 to 6).
+
+    Attributes:
+        names: The columns.
+        loadings: Orthonormal loadings P, by column. Shape (k, k).
+        explained: Share of the variance per component [%]. Shape (k,).
+        limit: What 95 of 100 surrogates with the same spectra do not exceed [%]. (k,).
+        family, block: Kind of motion and block of a calibration.
+    """
+
+    names: tuple[str, ...]
+    loadings: Array
+    explained: Array
+    limit: Array
+    family: str = ""
+    block: str = ""
+
+    @property
+    def real(self) -> int:
+        """Number of leading components with more variance than chance gives.
+
+        In a correlation matrix a first component too large makes the others small, so
+        only an unbroken start is a count.
+        """
+        return int(np.logical_and.accumulate(self.explained > self.limit).sum())
+
+    def strongest(self, component: int) -> tuple[tuple[str, float], ...]:
+        """The three variables with the largest loadings of a component, with sign."""
+        column = self.loadings[:, component]
+        order = np.argsort(-np.abs(column), kind="stable")[:3]
+        return tuple((self.names[i], float(column[i])) for i in order)
+
+
+def fit_pca(
+    X: Array,
+    rng: np.random.Generator,
+    names: Sequence[str] | None = None,
+    *,
+    run_of_row: Array | None = None,
+    surrogate_count: int = 100,
+) -> PrincipalComponents:
+    """Return all principal components of signals as columns, in any units.
+
+    The columns are centred and scaled to unit variance first (paper, below eq. 12):
+    angles, speeds and accelerations have different units. The largest loading of each
+    component is positive. Surrogates are drawn within runs.
+
+    How many components are more than chance: parallel analysis (Horn 1965,
+    Psychometrika 30) compares with white noise. Rows of a log are autocorrelated: two
+    slow signals of no relation correlate by chance. So chance is drawn with the
+    spectrum of every variable kept (Theiler et al. 1992, Physica D 58).
+    """
+    X = check_block(X, "X")
+    least = max(2, X.shape[1])
+    check_count(len(X), least, 2**62, "rows of X", "Take a longer log.")
+    names = check_column_names(names, X.shape[1], "x")
+    check_varying(X, names)
+    check_count(surrogate_count, LEAST_DRAWS, 10**6, "draws", "100 are usual.")
+    run_of_row = np.zeros(len(X), int) if run_of_row is None else np.asarray(run_of_row)
+    if run_of_row.shape != (len(X),):
+        raise InputError(f"run has shape {run_of_row.shape}, expected ({len(X)},).")
+    parts = [np.flatnonzero(run_of_row == label) for label in np.unique(run_of_row)]
+    shortest = min(map(len, parts))
+    check_count(shortest, 4, len(X), "rows of a run", "Leave short runs out.")
+    from sklearn.decomposition import PCA
+    from sklearn.preprocessing import StandardScaler
+
+    scaled = StandardScaler().fit_transform(X)
+    pca = PCA(svd_solver="covariance_eigh").fit(scaled)
+    spectra = [np.fft.rfft(X[rows] - X[rows].mean(0), axis=0) for rows in parts]
+    means = np.concatenate([np.repeat(X[r].mean(0)[None], len(r), 0) for r in parts])
+    drawn = np.empty((surrogate_count, X.shape[1]))
+    for i in range(surrogate_count):
+        pairs = zip(spectra, parts, strict=True)
+        new = [randomise_phases(s, len(rows), rng) for s, rows in pairs]
+        correlation = np.corrcoef((np.concatenate(new) + means).T).reshape(X.shape[1], -1)
+        drawn[i] = np.linalg.eigvalsh(correlation)[::-1]
+    limit = np.quantile(drawn, _QUANTILE, axis=0)
+    # Variances of n rows are over n, as in a correlation matrix, and not over n - 1.
+    values = pca.explained_variance_ * (len(X) - 1) / len(X)
+    shares = (100 * v / X.shape[1] for v in (values, limit))
+    ordered = pca.components_.T.copy(), *shares
+    return PrincipalComponents(names, *map(make_read_only, ordered))
+
+
+def analyze_principal_components(
+    rows: CalibrationRows, runs: Sequence[CalibrationRun], rng: np.random.Generator
+) -> tuple[PrincipalComponents, ...]:
+    """Principal components of input, error and white noise, family by family.
+
+    Where the logs do not say their family, all runs are one.
+    """
+    out = []
+    families = rows.families if all(rows.families) else ("all runs",) * len(runs)
+    for family in dict.fromkeys(families):
+        members = [i for i, f in enumerate(families) if f == family]
+        taken = [np.flatnonzero(rows.run == i) for i in members]
+        step = max(1, sum(map(len, taken)) // _MOST_ROWS)
+        taken = [part[::step] for part in taken]
+        chosen = np.concatenate(taken)
+        X = rows.X[chosen]
+        blocks = {
+            INPUT: (X, rows.names),
+            **_error_block(rows, runs, dict(zip(members, taken, strict=True))),
+            WHITE: (rng.normal(size=X.shape), rows.names),
+        }
+        for name, (values, names) in blocks.items():
+            options = {"run_of_row": rows.run[chosen], "surrogate_count": _DRAWS}
+            pca = fit_pca(values, rng, names, **options)
+            out.append(replace(pca, family=family, block=name))
+    return tuple(out)
+
+
+def _error_block(
+    rows: CalibrationRows, runs: Sequence[CalibrationRun], taken: Mapping[int, Array]
+) -> dict[str, tuple[Array, tuple[str, ...]]]:
+    """The twin's errors of state at equally many times as rows were taken of each run.
+
+    What a model leaves on these rows where there is no twin.
+    """
+    if not all(set(_TWIN_STATE) <= set(runs[i].twin) for i in taken):
+        residual = rows.Y[np.concatenate([*taken.values()])]
+        return {LEFT: (residual, tuple(f"residual{j}" for j in rows.joints))}
+    joints, errors = [j - 1 for j in rows.joints], []
+    for i, part in taken.items():
+        at = np.linspace(0, len(runs[i].log.t) - 1, len(part)).astype(int)
+        parts = (runs[i].twin[name][at][:, joints] for name in _TWIN_STATE)
+        errors.append(np.hstack([*parts]))
+    names = tuple(f"e_{name}" for name in name_state_columns(rows.joints))
+    return {TWIN: (np.concatenate(errors), names)}

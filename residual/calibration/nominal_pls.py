@@ -9,9 +9,8 @@ the same in two bytes (section 2.6.1), and compiled loops read and add there
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from itertools import combinations
-from math import prod
 
 import numpy as np
 
@@ -38,18 +37,12 @@ DWELL = 1e-3  # rad/s: a joint slower than this stands still
 class PlsModel:
     """A fitted regression; any number of leading components is a model of its own."""
 
-    names: tuple[str, ...]  # variables of X
     # Mean and standard deviation of X (paper, eq. 18), (k,).
     x_mean: Array
     x_scale: Array
     y_mean: Array  # mean of Y, (j,)
     V: Array  # weights that give scores from scaled X itself (eq. 19), (k, A)
     Q: Array  # loadings of Y (eq. 16), (j, A)
-
-    def transform(self, X: Array) -> Array:
-        """Scores of new rows, t = (x - xbar) V (eq. 21). Shape (m, A)."""
-        X = check_rows(X, self.names, "the model was fitted to")
-        return (X - self.x_mean) / self.x_scale @ self.V
 
     def linear(self, components: int) -> tuple[Array, Array]:
         """Constant (j,) and slope (k, j) of some leading components (eq. 25, 26)."""
@@ -58,36 +51,28 @@ class PlsModel:
         return self.y_mean - self.x_mean @ slope, slope
 
 
-def fit_pls(
-    X: Array, Y: Array, components: int | None = None, *, names: Sequence[str] | None = None
-) -> PlsModel:
+def fit_pls(X: Array, Y: Array) -> PlsModel:
     """Fit a partial least squares regression (paper, eq. 14 to 27).
 
     Kernel PLS (Dayal and MacGregor 1997, algorithm 1), from Z'Z and Z'Y alone. Columns
-    of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare. Fewer
-    components than asked for come back where nothing of Y is left to explain.
+    of X are scaled to unit variance: rad, rad/s and rad/s^2 do not compare. There are as
+    many components as the rank of X; fewer where nothing of Y is left to explain.
 
     Args:
         X: Regressors. Shape (n, k).
         Y: Responses. Shape (n, j).
-        components: Number A; as many as the rank of X if None.
 
     Raises:
-        InputError: On a constant column, more components than the rank of X, blocks
-            of different length, or a value that is not finite.
+        InputError: On a constant column, blocks of different length, or a value that is
+            not finite.
     """
     X, Y = check_block_pair(X, Y)
-    names = check_column_names(names, X.shape[1], "x")
     check_count(len(X), 2, 2**62, "rows of X", "Take a longer log.")
-    check_varying(X, names)
+    check_varying(X, check_column_names(None, X.shape[1], "x"))
     x_mean, x_scale, y_mean = X.mean(axis=0), X.std(axis=0, ddof=1), Y.mean(axis=0)
     Z = (X - x_mean) / x_scale
-    rank = int(np.linalg.matrix_rank(Z))
-    remedy = f"The bound is the rank of X ({len(X)} rows, {X.shape[1]} columns)."
-    requested = rank if components is None else components
-    count = check_count(requested, 1, rank, "components", remedy)
-    parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), count)
-    return PlsModel(names, *map(make_read_only, (x_mean, x_scale, y_mean, *parts)))
+    parts = _components(Z.T @ Z, Z.T @ (Y - y_mean), int(np.linalg.matrix_rank(Z)))
+    return PlsModel(*map(make_read_only, (x_mean, x_scale, y_mean, *parts)))
 
 
 def find_leading_direction(S: Array) -> tuple[Array, float]:
@@ -232,14 +217,8 @@ def merge_equal_rows(codes: Array, sizes: Sequence[int]) -> LevelCells:
     Neighbours share their first variables, so that tables that are read one after the
     other lie close in memory.
     """
-    if prod(sizes) < 2**63:  # one number per row, else the bytes of the row
-        key = np.zeros(len(codes), np.int64)
-        for column, size in zip(codes.T, sizes, strict=True):
-            key *= size
-            key += column
-    else:
-        wide = np.ascontiguousarray(codes.astype(">u2"))
-        key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
+    wide = np.ascontiguousarray(codes.astype(">u2"))  # whose bytes are in that order
+    key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
     _, first, of_row, count = np.unique(
         key, return_index=True, return_inverse=True, return_counts=True
     )
@@ -290,10 +269,6 @@ class NominalPls:
         check_count(a, 0, self.components, "components", remedy)
         return self.V[:a].T @ self.Q[:a]
 
-    def offset(self, components: int | None = None) -> Array:
-        """b0 = ybar - xbar B (eq. 26), in units of Y. Shape (j,)."""
-        return self.y_mean - self.x_mean @ self.coefficients(components)
-
     def predict(self, X: Array, components: int | None = None) -> Array:
         """Return b0 + x B (eq. 24), in units of Y. Shape (m, j)."""
         B = self.coefficients(components)
@@ -304,17 +279,18 @@ class NominalPls:
         return self._read(X, self.V.T) - self.V @ self.x_mean
 
     def lookup(self, components: int | None = None) -> Lookup:
-        """Return its tables, of some leading components or of all."""
-        levels, offset = self.levels, self.offset(components)
+        """Return its tables, of some leading components or of all; eq. 26 for b0."""
+        levels, B = self.levels, self.coefficients(components)
+        offset = self.y_mean - self.x_mean @ B
         sizes = [[levels.sizes[i] for i in pair] for pair in self.pairs]
         ends = np.cumsum([a * b for a, b in sizes])[:-1]
-        parts = np.split(self.coefficients(components), ends)
+        parts = np.split(B, ends)
         cut = zip(self.pairs, parts, sizes, strict=True)
         return Lookup(
             levels.names,
             check_column_names(None, len(offset), "joint "),
             tuple(LevelAxis(i, edges) for i, edges in enumerate(levels.edges)),
-            tuple(LookupTable(pair, B.reshape(*size, -1)) for pair, B, size in cut),
+            tuple(LookupTable(pair, part.reshape(*size, -1)) for pair, part, size in cut),
             offset,
             make_read_only(np.zeros((len(levels.names), len(offset)))),
             levels.low,
@@ -331,20 +307,16 @@ class NominalPls:
         return out
 
 
-def fit_nominal_pls(
-    X: Array, Y: Array, form: NominalPlsForm | None = None, allow_fewer_components: bool = False
-) -> NominalPls:
-    """Fit the paper's modified PLSR.
+def fit_nominal_pls(X: Array, Y: Array, form: NominalPlsForm | None = None) -> NominalPls:
+    """Fit the paper's modified PLSR, with fewer components where rows bear no more.
 
     Args:
         X: Variables, such as q, qd, qdd of joints 1 to 3. Shape (n, d), d at least 2.
         form: Levels and components; the paper's form if None.
-        allow_fewer_components: Whether to take fewer components where the rows bear no
-            more.
 
     Raises:
-        InputError: On fewer than 2 levels or variables, a constant column, more
-            components than the rank can be, or a value that is not finite.
+        InputError: On fewer than 2 levels or variables, a constant column, no component,
+            or a value that is not finite.
     """
     from residual.calibration.kernels import (
         accumulate_component_scores,
@@ -363,14 +335,13 @@ def fit_nominal_pls(
     visited = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
     inner = (visited.sum() ** 2 - (visited**2).sum()) // 2
     bound = int(min(len(cells.count) - 1, visited.sum() + inner))
-    if allow_fewer_components:
-        form = replace(form, components=min(form.components, bound))
+    components = min(form.components, bound)
     check_count(len(cells.sizes), 2, 64, "variables", "A table is of two variables.")
     remedy = (
         f"The bound is the rank of the tables ({len(cells.count)} distinct rows, up to "
         f"{int(cells.sizes.max())} levels): take more rows or fewer components."
     )
-    check_count(form.components, 1, bound, "components", remedy)
+    check_count(components, 1, bound, "components", remedy)
     n, y_mean = len(Y), Y.mean(axis=0)
     # A row for each column that the products of two variables' indicators would take.
     columns = int(cells.sizes.sum() ** 2 - (cells.sizes**2).sum()) // 2
@@ -380,10 +351,10 @@ def fit_nominal_pls(
     x_mean = table[:, -1] / n
     # The responses are centred, so that their product with X - xbar is that with X.
     S = np.ascontiguousarray(table[:, :-1].T)
-    W, V, P = (np.zeros((form.components, S.shape[1])) for _ in range(3))
-    Q = np.zeros((form.components, len(S)))
+    W, V, P = (np.zeros((components, S.shape[1])) for _ in range(3))
+    Q = np.zeros((components, len(S)))
     first, done = 0.0, 0
-    for a in range(form.components):
+    for a in range(components):
         q, size = find_leading_direction(S)
         first = first or size
         if size <= EXHAUSTED * first:

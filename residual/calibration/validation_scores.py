@@ -9,8 +9,10 @@ repetition a period later, stay in the training set: they measure memory of the 
 Runs and families held out measure what the model knows of motion that it never saw.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from itertools import islice
+from time import process_time
 
 import numpy as np
 
@@ -230,7 +232,7 @@ def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[Tr
 
     Where the rows bear fewer, the last comes again. Shapes (A + 1, m, j).
     """
-    model = fit_nominal_pls(rows.X, rows.Y, form, allow_fewer_components=True)
+    model = fit_nominal_pls(rows.X, rows.Y, form)
 
     def predict(new: TrainingRows) -> Array:
         T, steps = model.transform(new.X), np.zeros((form.components + 1, *new.Y.shape))
@@ -334,3 +336,105 @@ def find_model_score(scores: Sequence[ModelScore], scheme: str, model: str) -> M
     """Return one cell of the table, None where it is not there."""
     same = (s for s in scores if (s.scheme, s.model) == (scheme, model))
     return next(same, None)
+
+
+# What the paper's figures show beside the table: levels, and one run (figures 9 and 12).
+
+
+SWEEP = (2, 4, 8, 15, 22, 40)  # levels
+_COMPONENTS, _FOLDS = 15, 4  # of the sweep; so many folds say what all do
+_MOST = 600  # rows of a picture
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class LevelSweep:
+    """Errors of the paper's form over the number of levels (paper, figure 12).
+
+    Attributes:
+        levels: Levels tried.
+        errors: RMSEV by scheme, best of all component counts [%]. Shapes (levels, j).
+        seconds: Processor time of each number of levels [s].
+    """
+
+    levels: tuple[int, ...]
+    errors: Mapping[str, Array]
+    seconds: tuple[float, ...]
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class UnseenRun:
+    """A run that no model has seen, over time (paper, figure 9).
+
+    Attributes:
+        label: The run.
+        t: Time from its first row [s]. Shape (n,).
+        residual: Of a nominal model that has not seen the run [N m]. Shape (n, j).
+        corrections: Torque of each model's correction [N m]. Shapes (n, j).
+    """
+
+    label: str
+    t: Array
+    residual: Array
+    corrections: Mapping[str, Array]
+
+
+def find_median_error_run(rows: CalibrationRows) -> int:
+    """Return the number of the run of the middle error."""
+    runs = range(len(rows.labels))
+    size = [float((rows.Y[rows.run == run] ** 2).mean()) for run in runs]
+    return int(np.argsort(size)[len(size) // 2])
+
+
+def build_unseen_run(
+    rows: CalibrationRows,
+    trial: SchemeErrors,
+    number: int,
+    residual: Array,
+    chosen: Sequence[CorrectionOption],
+) -> UnseenRun:
+    """Return a run with its corrections by models that were fitted without it.
+
+    Args:
+        trial: By run; its forecasts are of this one.
+        residual: Of a nominal model that has not seen it, on all rows. (n, j).
+        chosen: Option of each joint, chosen without it.
+    """
+    in_run, place = rows.run == number, trial.options.index
+    step = max(1, int(in_run.sum()) // _MOST)
+    default = [trial.forecasts[place(o), :, j] for j, o in enumerate(chosen)]
+    corrections = {
+        LS: trial.forecasts[place(CorrectionOption(LEAST_SQUARES))],
+        PAPER_FORM: trial.forecasts[-1],  # with all components
+        DEFAULT: np.stack(default, axis=1),
+    }
+    t = np.arange(in_run.sum()) / rows.rates[number]
+    thin = {name: values[::step] for name, values in corrections.items()}
+    return UnseenRun(rows.labels[number], t[::step], residual[in_run][::step], thin)
+
+
+def sweep_level_counts(
+    rows: CalibrationRows,
+    schemes: Sequence[ValidationScheme],
+    tables: TableColumns,
+    components: int,
+) -> LevelSweep:
+    """Validate every number of levels, on what the first folds of schemes hold out."""
+    every, torque = (build_training_rows(rows, rows.Y, tables), (rows.tau * rows.moving) ** 2)
+    count = min(components, _COMPONENTS)
+    errors: dict[str, list[Array]] = {scheme.name: [] for scheme in schemes}
+    spent = []
+    for levels in SWEEP:
+        start, form = process_time(), NominalPlsForm(levels, count)
+        for scheme in schemes:
+            miss, power = 0.0, 0.0
+            for kept, held_out in islice(scheme.split(rows), _FOLDS):
+                new = every.rows(held_out)
+                guesses = fit_paper_forecast(every.rows(kept).with_fitted_standstill(), form)(new)
+                miss += np.stack([new.squared_errors(g).sum(axis=0) for g in guesses[1:]])
+                power += torque[held_out].sum(axis=0)
+            curve = compute_relative_error(miss, power)
+            best = np.nansum(curve**2, axis=1).argmin()
+            errors[scheme.name].append(curve[best])
+        spent.append(process_time() - start)
+    stacked = {name: np.array(values) for name, values in errors.items()}
+    return LevelSweep(SWEEP, stacked, tuple(spent))

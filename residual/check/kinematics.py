@@ -225,7 +225,10 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
     ):
         # What outlives a running median. Of what is large all along the unit is wrong,
         # and other checks say so.
-        peak = np.max([compute_running_median(np.abs(x)).max(axis=0) for x in signals], axis=0)
+        peak = np.max([np.abs(x).max(axis=0) for x in signals], axis=0)
+        if (far := peak > CHECK.certain_ratio * limit).any():
+            smooth = [compute_running_median(np.abs(x[:, far])).max(axis=0) for x in signals]
+            peak[far] = np.max(smooth, axis=0)
         peak[usual > CHECK.limit_ratio * limit] = 0.0
         most = np.where(peak > CHECK.certain_ratio * limit, peak, usual)
         for j in np.flatnonzero(most > CHECK.limit_ratio * limit):

@@ -18,6 +18,7 @@ from residual.diagnosis.held_out import prove, tabulate_held_out_errors
 from residual.diagnosis.outcome import Progress
 from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_joint_remainders
+from residual.diagnosis.verdict import describe_used_part
 from residual.errors import format_joint_numbers
 from residual.evidence.design import Design
 from residual.evidence.thresholds import THRESHOLDS
@@ -66,7 +67,7 @@ def compare_epochs(
     held = prepare_held_out(held_out, before.model)
     proof = prove(outcome, held)
     outcome = proof.outcome
-    remains = analyze_joint_remainders(outcome.design, logs.sketch, outcome.fit, outcome.adequacy)
+    remains = analyze_joint_remainders(outcome.design, logs.tracks, outcome.fit, outcome.adequacy)
     found = merge_into_findings(outcome, outcome.fit, outcome.named)
     refuted = proof.refuted
     suspects = (*refuted, *(m for m in outcome.suspected if m not in refuted))
@@ -98,7 +99,7 @@ def compare_epochs(
         models=models,
         proofs=proofs,
         clouds=tuple(replace(c, log=_without_epoch(c.log)) for c in clouds),
-        notes=(*_notes(epochs), *augmented.notes),
+        notes=(*describe_used_part(logs, (*first, *second)), *_notes(epochs), *augmented.notes),
         sentences=tuple(f.effect.sentence for f in found),
         adoptable=augmented.model,
     )

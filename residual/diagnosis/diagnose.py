@@ -20,7 +20,7 @@ from residual.diagnosis.open_question import build_open_question
 from residual.diagnosis.outcome import Progress, search_effects
 from residual.diagnosis.rivals import find_rival_sets
 from residual.diagnosis.unexplained import analyze_unexplained
-from residual.diagnosis.verdict import build_verdict, describe_signals
+from residual.diagnosis.verdict import build_verdict, describe_signals, describe_used_part
 from residual.errors import InputError
 from residual.model.compare import compute_model_errors, prepare_held_out
 from residual.model.model import Model
@@ -36,7 +36,11 @@ from residual.model.nominal import (
 )
 from residual.recording import Recording
 from residual.robot.robot import Robot, check_joint_count
-from residual.signals.splitting import find_session_start, split_off_last_quarter
+from residual.signals.splitting import (
+    find_session_start,
+    pick_spread_pieces,
+    split_off_last_quarter,
+)
 from residual.signals.track import FilterSettings
 from residual.verdict.result import PLAIN, Diagnosis
 
@@ -86,7 +90,8 @@ def diagnose(
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 
     # What the nominal model lacks, by the fit logs alone.
-    logs = prepare_fit_logs(robot, fit, find_session_start(fit), FilterSettings())
+    pieces = pick_spread_pieces(fit)
+    logs = prepare_fit_logs(robot, pieces, find_session_start(fit), FilterSettings())
     outcome = search_effects(logs, _build_nominal_model(logs, declared), tell)
     # The held-out logs are read once: a refuted name leaves the model.
     tell("proof", 0.0)
@@ -95,7 +100,7 @@ def diagnose(
     refuted, outcome = proof.refuted, proof.outcome
     models, bodies = build_three_models(outcome)
     remains = analyze_unexplained(outcome, outcome.fit, models["augmented"])
-    noise = check_angle_noise(outcome, outcome.fit, fit) if outcome.named else None
+    noise = check_angle_noise(outcome, outcome.fit, pieces) if outcome.named else None
     found = merge_into_findings(outcome, outcome.fit, outcome.named, noise)
     named, background = split_background(found, robot.dof)
     suspects = (*refuted, *(m for m in outcome.suspected if m not in refuted))
@@ -132,6 +137,7 @@ def diagnose(
         proofs=proofs,
         clouds=residual_clouds(outcome, outcome.fit, named),
         notes=(
+            *describe_used_part(logs, fit),
             *describe_signals(outcome),
             *describe_angle_noise(noise, outcome.named),
             *bodies.notes,

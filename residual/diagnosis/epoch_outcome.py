@@ -71,7 +71,7 @@ def fit_epoch(
     if like is None:
         # What brakes decides how a joint stands; the rest only takes time.
         kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
-        still = choose_standstill_behaviour(replace(rough, terms=tuple(kept)), logs.sketch)
+        still = choose_standstill_behaviour(replace(rough, terms=tuple(kept)), logs.tracks)
         rough = replace(rough, standstill=still.standstill)
     return EpochFit(logs, _with_tables(rough, nominal), joint)
 

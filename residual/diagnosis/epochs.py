@@ -219,7 +219,9 @@ def _build_epochs(
     friction = _friction_torque(raw, fitted, nominal.model)
     residuals = [raw.residual(j, fitted.ids, fitted.theta) for j in range(raw.dof)]
     joints = {
-        j: _SharedColumns.of(raw, fitted.ids, own, j) for j, own in enumerate(rows) if own.compared
+        j: _SharedColumns.of(raw, fitted.ids, own, j, logs.span.one_drive)
+        for j, own in enumerate(rows)
+        if own.compared
     }
     drift = _measure_friction(joints, residuals, friction, first)
     whiten = {
@@ -287,31 +289,40 @@ class _SharedColumns:
     columns: Array  # (rows, p)
     precision: Array  # in units of the noise, (p,)
     noise: float  # variance of independent rows [N^2 m^2]
+    weight: Array | float  # of the rows: the usual deviation over theirs, (rows,)
 
     @classmethod
-    def of(cls, raw: Design, ids: Array, rows: EpochRows, j: int) -> "_SharedColumns":
+    def of(cls, raw: Design, ids: Array, rows: EpochRows, j: int, uneven: bool) -> "_SharedColumns":
         """Columns of the joint fit, each with the same freedom of torque.
 
-        The noise is of the first epoch by itself: no change can be in it, as it may be
-        in what a fit of both epochs leaves.
+        The noise is of each epoch by itself: no change can be in it, as it may be in
+        what a fit of both epochs leaves.
+
+        Args:
+            uneven: Whether blocks have noise of their own. What the chain of a drive
+                leaves is many times larger where the drive can do no more.
         """
         columns = raw.columns(j, raw.present(j, ids)[0])
-        first = np.flatnonzero(~rows.second)
-        free = np.full(columns.shape[1], RIDGE * len(first))
         power = (columns**2).mean(axis=0)
-        unit = columns[first] / np.sqrt(np.maximum(power, 1e-300))
-        inverse = np.linalg.inv(unit.T @ unit + np.diag(free))
-        y = raw.target[j][first]
-        left = y - unit @ (inverse @ (unit.T @ y))
-        degrees = len(y) - float((inverse * (unit.T @ unit)).sum())
-        line = np.zeros(len(rows.second))
-        line[first] = left
+        unit = columns / np.sqrt(np.maximum(power, 1e-300))
+        line = np.zeros(len(unit))
+        line[~rows.second], degrees = _fit_alone(unit, raw.target[j], ~rows.second)
+        left = line[~rows.second]
         slow = max(estimate_autocorrelation_time(raw.line(j, line)), 1.0)
         floor = (THRESHOLDS.noise_floor * raw.rms[j]) ** 2
         noise = slow * (float(left @ left) / max(degrees, 1.0) + floor)
         share = THRESHOLDS.shared_share * raw.rms[j]
         held = noise / share**2 + RIDGE * len(columns)
-        return cls(rows, columns, held * power, noise)
+        weight: Array | float = 1.0
+        if uneven:
+            line[rows.second], more = _fit_alone(unit, raw.target[j], rows.second)
+            usual = float(line @ line) / max(degrees + more, 1.0) + floor
+            square, count = np.bincount(rows.block, line**2), np.bincount(rows.block)
+            # The usual noise counts as one independent row more.
+            own = (square + slow * usual) / (count + slow)
+            weight = own[rows.block] ** -0.5
+            weight /= np.sqrt((weight**2).mean())
+        return cls(rows, columns, held * power, noise, weight)
 
     def whiten(
         self, friction: Array, drift: FrictionSpread, j: int, reported: Array | None
@@ -341,7 +352,16 @@ class _SharedColumns:
         return Whitening.of(
             np.hstack([self.columns, *columns]),
             np.concatenate([self.precision, self.noise / np.square(sd)]),
+            self.weight,
         )
+
+
+def _fit_alone(unit: Array, y: Array, kept: Array) -> tuple[Array, float]:
+    """What a free fit of some rows leaves of them, and its degrees of freedom."""
+    x, y = unit[kept], y[kept]
+    inverse = np.linalg.inv(x.T @ x + np.diag(np.full(x.shape[1], RIDGE * len(x))))
+    left = y - x @ (inverse @ (x.T @ y))
+    return left, len(y) - float((inverse * (x.T @ x)).sum())
 
 
 def _contrast(
@@ -386,7 +406,7 @@ def _measure_friction(
     moved, sd = np.full((2, len(friction)), np.nan)
     within = np.zeros(len(friction))
     for j, joint in joints.items():
-        whiten = Whitening.of(joint.columns, joint.precision)
+        whiten = Whitening.of(joint.columns, joint.precision, joint.weight)
         own, before = joint.rows, ~joint.rows.second
         known = friction[j][None], whiten(residuals[j]), own.block, own.second
         if beyond := _contrast(whiten, *known)[0]:

@@ -9,7 +9,7 @@ the noise is redrawn as it was measured and taken out of the normal equations; w
 moves is counted as doubt (effective variance).
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -30,7 +30,6 @@ from residual.evidence.fit import (
 from residual.evidence.priors import build_first_design
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array, Recording
-from residual.signals.splitting import split_long_logs
 from residual.signals.track import build_tracks, keep_measured_rows
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
@@ -114,11 +113,10 @@ def check_angle_noise(
     """Check a fit by its reference where every log has one, else by redrawn noise.
 
     Args:
-        recordings: The fit logs, in the diagnosis' order.
+        recordings: The fit logs, or pieces of long ones, in the diagnosis' order.
     """
     if all(r.q_ref is not None for r in recordings):
         logs = outcome.logs
-        recordings = split_long_logs(recordings, logs.filters.torque)
         commanded = [replace(r, q=r.q_ref, qd=None, qdd=None) for r in recordings]
         tracks, _ = build_tracks(commanded, logs.filters, logs.speed_floor)
         return _by_instruments(outcome, fitted, keep_measured_rows(logs.tracks, tracks))
@@ -133,9 +131,8 @@ def _by_instruments(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     precision, pull = system.precision.copy(), system.pull.copy()
     for j in range(design.dof):
         place, have = design.present(j, fitted.ids)
-        real = design.chunks(j, place)
-        instruments = other.chunks(j, other.present(j, ids)[0])
-        inner, pulled = _project(real, instruments)
+        real, instruments = design.columns(j, place), other.columns(j, other.present(j, ids)[0])
+        inner, pulled = _project(real, design.target[j], instruments)
         precision[np.ix_(have, have)] += weight[j] * inner
         pull[have] += weight[j] * pulled
     covariance = invert_scaled(precision)
@@ -158,10 +155,9 @@ def _by_redrawing(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     design, other, ids = outcome.design, *_design_with(outcome, fitted, tracks)
     if any(EffectTrait.USES_MODEL in g.effect.traits for g in fitted.members):
         # Seen with the same model, else what it changed would be taken for noise.
-        design, own = _design_with(outcome, fitted, outcome.logs.sketch)
+        design, own = _design_with(outcome, fitted, outcome.logs.tracks)
     else:
         own = fitted.ids
-    rows = outcome.design.rows
     weight = fitted.weight
     start, size = np.zeros(len(ids)), len(ids)
     start[: len(design.nominal)] = outcome.nominal.model.coefficients()
@@ -169,11 +165,9 @@ def _by_redrawing(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
     for j in range(design.dof):
         place, have = design.present(j, own)
         moved = other.columns(j, other.present(j, ids)[0]) - design.columns(j, place)
-        # Of a long log the noise was redrawn on a sketch of its rows.
-        scale = rows[j] / max(len(moved), 1)
-        noise[np.ix_(have, have)] += scale * weight[j] * moved.T @ moved
+        noise[np.ix_(have, have)] += weight[j] * moved.T @ moved
         torque = moved @ (start + fitted.theta)[have]
-        share[j] = scale * torque @ torque / max(fitted.sse[j], 1e-300)
+        share[j] = torque @ torque / max(fitted.sse[j], 1e-300)
     lower = np.tril(fitted.cholesky)
     half = solve_triangular(lower, noise, lower=True)
     values, vectors = np.linalg.eigh(solve_triangular(lower, half.T, lower=True))
@@ -202,19 +196,13 @@ def _design_with(outcome: Outcome, fitted: Fit, tracks) -> tuple[Design, Array]:
     return design, np.concatenate([design.nominal, *(g.ids for g in members)])
 
 
-def _project(real: Iterable, instruments: Iterable) -> tuple[Array, Array]:
-    """Products of what of the columns x lies in the span of the instruments z.
-
-    Args:
-        real: Columns and target, x (n, k) and y (n,), piece by piece.
-        instruments: The same of the reference, of which z (n, m) is taken.
+def _project(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
+    """Products of what of the columns x (n, k) lies in the span of the instruments z.
 
     Returns:
-        x'Px and x'Py, P the projection on z. Shapes (k, k), (k,).
+        x'Px and x'Py, P the projection on z (n, m). Shapes (k, k), (k,).
     """
-    zz, zx, zy = 0.0, 0.0, 0.0
-    for (x, y), (z, _) in zip(real, instruments, strict=True):
-        zz, zx, zy = zz + z.T @ z, zx + z.T @ x, zy + z.T @ y
+    zz, zx, zy = z.T @ z, z.T @ x, z.T @ y
     size = np.sqrt(np.diag(zz))
     nonzero = np.flatnonzero(size > 0)
     unit = 1 / size[nonzero]

@@ -472,7 +472,7 @@ def _variable(
     prismatic = outcome.logs.robot.prismatic[j]
     values, labels, label = ([], [], convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED)
     states = outcome.design.states
-    for track, state in zip(outcome.logs.sketch, states, strict=True):
+    for track, state in zip(outcome.logs.tracks, states, strict=True):
         rows = track.moving[:, j]
         if effect.variable is not None:
             x, label = effect.variable(state, anchor)

@@ -176,4 +176,4 @@ def fit_least_squares_model(logs: FitLogs) -> Model:
     whole = FitEquations.of(design, build_relative_prior(design, nominal, SCALES[-1]), ())
     least = solve_minimum_norm(whole.gram.sum(axis=0), whole.cross.sum(axis=0))
     model = nominal.model.with_coefficients(nominal.model.coefficients() + least)
-    return choose_standstill_behaviour(model, logs.sketch)
+    return choose_standstill_behaviour(model, logs.tracks)

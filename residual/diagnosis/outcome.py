@@ -117,7 +117,7 @@ class Outcome:
         """
         rough = build_fitted_model(self.nominal, fitted)
         if like is None:
-            rough = choose_standstill_behaviour(rough, self.logs.sketch)
+            rough = choose_standstill_behaviour(rough, self.logs.tracks)
         else:
             rough = replace(rough, standstill=like.standstill)
         # A wide standstill changes friction on slow moving rows too, and features such
@@ -160,5 +160,5 @@ def leave_out_impossible_bodies(outcome: Outcome) -> Outcome:
 def _assess(
     logs: FitLogs, nominal: NominalModel, design: Design, plain: Fit, fitted: Fit
 ) -> Adequacy:
-    angles = torque_from_angle_noise(build_fitted_model(nominal, fitted), logs.sketch, logs.shaken)
-    return assess_adequacy(design, logs.sketch, plain, fitted, angles)
+    angles = torque_from_angle_noise(build_fitted_model(nominal, fitted), logs.tracks, logs.shaken)
+    return assess_adequacy(design, logs.tracks, plain, fitted, angles)

@@ -127,8 +127,8 @@ def select_names(
 
 def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
     """Whether noise of the angles makes torque that shows beside the torque's own."""
-    angles = torque_from_angle_noise(nominal.model, logs.sketch, logs.shaken)
-    noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.sketch], axis=0))
+    angles = torque_from_angle_noise(nominal.model, logs.tracks, logs.shaken)
+    noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.tracks], axis=0))
     return bool((angles > THRESHOLDS.shaken_share * noise).any())
 
 
@@ -378,9 +378,9 @@ def _find_doubted_joints(logs: FitLogs, nominal: NominalModel, best: SearchRun) 
     """Joints (from 0) on which more than noise is left beside the names."""
     named = _without_curves(best.score, best.fit)
     model = build_fitted_model(nominal, named)
-    angles = torque_from_angle_noise(model, logs.sketch, logs.shaken)
+    angles = torque_from_angle_noise(model, logs.tracks, logs.shaken)
     plain, design = best.score.fit((), named), best.score.design
-    return assess_adequacy(design, logs.sketch, plain, named, angles).doubted
+    return assess_adequacy(design, logs.tracks, plain, named, angles).doubted
 
 
 def _drop_curved_constants(

@@ -561,7 +561,7 @@ class UnexplainedAnalysis:
 
 def analyze_unexplained(outcome: Outcome, fitted: Fit, augmented: Model) -> UnexplainedAnalysis:
     """Look at what the names leave on the fit logs; nothing held out has a part."""
-    adequacy, tracks = outcome.adequacy, outcome.logs.sketch
+    adequacy, tracks = outcome.adequacy, outcome.logs.tracks
     found = analyze_joint_remainders(outcome.design, tracks, fitted, adequacy)
     correction = fit_correction(augmented, tracks, found)
     sentences = ()

@@ -34,13 +34,14 @@ from residual.evidence.priors import compute_inertial_precision, compute_inertia
 from residual.evidence.thresholds import THRESHOLDS
 from residual.model.compare import ErrorSums
 from residual.model.model import Term, pair_coefficient_slices
+from residual.model.nominal import FitLogs
 from residual.planning.next_experiment import (
     OpenQuestion,
     mark_inseparable_alternatives,
     predict_best_motion,
 )
 from residual.quantity import convert_to_plain_values
-from residual.recording import Array
+from residual.recording import Array, Recording
 from residual.robot.dynamics import (
     compute_base_parameters,
     compute_inertial_regressor,
@@ -114,7 +115,7 @@ def build_verdict(
         warnings=(
             *notes,
             *(check.sentences if check else ()),
-            *collect_warnings(proof, tables.same_run),
+            *collect_warnings(proof, tables.same_run, outcome.selection.scale),
             *describe_unproven_joints(outcome, errors["augmented"]),
             *unexplained.sentences,
         ),
@@ -218,6 +219,7 @@ def _unexplained(outcome: Outcome, leftovers: Sequence[JointRemainder]) -> Unexp
     )
 
 
+USED_WHOLE = 0.95  # of the seconds of the logs: all but the ends of some
 PLACES = 20  # positions at which the inertia is looked at
 
 
@@ -264,7 +266,7 @@ def _driving_friction(outcome: Outcome, fitted: Fit) -> list[int]:
     brakes = select_coefficients(
         outcome.nominal.model, fitted, lambda e, on: EffectTrait.FRICTION in e.traits
     )
-    speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.sketch])
+    speeds = design.stacked([t.qd[:: t.step] for t in outcome.logs.tracks])
     for j, speed in enumerate(speeds):
         place, have = design.present(j, fitted.ids)
         friction = brakes[have]
@@ -305,19 +307,19 @@ def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
     return out
 
 
-def collect_warnings(proof: Proof, same_run: bool) -> list[str]:
+def collect_warnings(proof: Proof, same_run: bool, scale: float = 0.0) -> list[str]:
     """Return what qualifies the answer: a weak proof, a rough model, refuted names.
 
     Args:
         same_run: Whether the held-out logs are a part of a fit log.
+        scale: By how much the given bodies are off, where the search looked for it.
     """
-    out, outcome = [], proof.outcome
+    out = []
     if same_run:
         out.append(
             "no --holdout given: the last quarter of the longest log was held out; "
             "the proof is weak: it is the same run"
         )
-    scale = outcome.selection.scale
     if scale > THRESHOLDS.rough_scale:
         off = "100 % or more" if scale >= 1 else f"about {100 * scale:.0f} %"
         out.append(
@@ -333,6 +335,14 @@ def collect_warnings(proof: Proof, same_run: bool) -> list[str]:
             f"there {rise:.1f} % higher with it); suspected, and in no model"
         )
     return list(dict.fromkeys(out))
+
+
+def describe_used_part(logs: FitLogs, recordings: Sequence[Recording]) -> tuple[str, ...]:
+    """Say how much of long logs is used; nothing where that is all of them."""
+    used, logged = sum(t.seconds for t in logs.tracks), sum(r.duration for r in recordings)
+    if used > USED_WHOLE * logged:
+        return ()
+    return (f"long logs: {used:.0f} of {logged:.0f} s, evenly spread, are used",)
 
 
 def describe_signals(outcome: Outcome) -> tuple[str, ...]:

@@ -122,11 +122,6 @@ class ExportedLaw:
     obstacle: str = ""
 
 
-def build_formula_law(*rows: str, joint: tuple[Property, ...] = (), memory: int = 0) -> ExportedLaw:
-    """An effect that its torque says, and what its coefficients are to a joint."""
-    return ExportedLaw(formula=rows, joint=joint, memory=memory)
-
-
 NOWHERE = ExportedLaw(obstacle="its file does not say it")
 
 
@@ -139,6 +134,13 @@ class PlacedEffect(NamedTuple):
     effect: "Effect"
     joints: Joints
     shape: Shape
+
+    def regressor(self, state: "State") -> Array:
+        """Its columns on all joints. Shape (n, dof, k)."""
+        columns = self.effect.columns(state, self.joints, self.shape)
+        out = np.zeros((*state.q.shape, columns.shape[2]))
+        out[:, list(self.effect.rows(self.joints, out.shape[1]))] = columns
+        return out
 
 
 Scope = Literal["local", "pair", "link", "flange", "global"]
@@ -461,8 +463,7 @@ def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[st
         return out
 
     terms = (f"a[{k}]" + f" * {feature}" * (feature != "1") for k, feature in enumerate(features))
-    law = build_formula_law(" + ".join(terms), joint=joint)
-    return {"columns": columns, "portable": law}
+    return {"columns": columns, "portable": ExportedLaw((" + ".join(terms),), joint=joint)}
 
 
 def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:

@@ -6,7 +6,7 @@ qd_i - qd_j; its friction and its inertia load both joints.
 
 import numpy as np
 
-from residual.effects.base import Effect, build_formula_law
+from residual.effects.base import Effect, ExportedLaw
 
 
 def _columns(state, joints, shape):
@@ -57,5 +57,5 @@ EFFECT = Effect(
     shapes=_shapes,
     possible=_possible,
     inexact=0.04,  # its curve is smooth at standstill, which costs 3.6 % of the level
-    portable=build_formula_law(DRAG, f"s[0] * ({DRAG})"),
+    portable=ExportedLaw((DRAG, f"s[0] * ({DRAG})")),
 )

@@ -5,7 +5,7 @@ import numpy as np
 from residual.effects.base import (
     Effect,
     EffectTrait,
-    build_formula_law,
+    ExportedLaw,
     build_joint_columns,
     dissipates_with_speed,
 )
@@ -31,5 +31,5 @@ EFFECT = Effect(
     possible=dissipates_with_speed,
     # Of a drive that is always on it is viscous friction, and called that.
     shapes=lambda span, j: ((),) if span.switched and span.switched[j] else (),
-    portable=build_formula_law("a[0] * qd", joint=("damping",)),
+    portable=ExportedLaw(("a[0] * qd",), joint=("damping",)),
 )

@@ -3,7 +3,7 @@
 import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, ExportedLaw, describe_wave
-from residual.effects.sensitivity import compute_drive_shift_torque
+from residual.effects.sensitivity import compute_shift_torque
 
 MOST = 0.2  # rad
 SHIFT = (
@@ -21,9 +21,12 @@ def _columns(state, joints, shape):
         (cos, (-sin * qd, -cos * qd**2 - sin * qdd)),
         (sin, (cos * qd, -sin * qd**2 + cos * qdd)),
     )
-    return np.stack(
-        [compute_drive_shift_torque(state, j, x, speeds) for x, speeds in shifts], axis=2
-    )
+    out = np.stack([compute_shift_torque(state, j, *shift) for shift in shifts], axis=2)
+    if state.drive is not None:  # it is shifted with the joint
+        viscous, rotor = state.drive[:, j]
+        for k, (_, rates) in enumerate(shifts):
+            out[:, j, k] += viscous * rates[0] + rotor * rates[1]
+    return out
 
 
 EFFECT = Effect(

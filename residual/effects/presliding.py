@@ -8,9 +8,9 @@ from residual.effects.base import (
     BRISTLE,
     Effect,
     EffectTrait,
+    ExportedLaw,
     ShapeRefinement,
     append_shape,
-    build_formula_law,
     build_joint_columns,
     dissipates,
 )
@@ -42,5 +42,5 @@ EFFECT = Effect(
     refine=ShapeRefinement("ratio", 0.6),
     possible=dissipates,
     least_seen=((0.006,),),  # rad
-    portable=build_formula_law("a[0] * (bristle(m, q, s[0]) - sign)", memory=BRISTLE),
+    portable=ExportedLaw(("a[0] * (bristle(m, q, s[0]) - sign)",), memory=BRISTLE),
 )

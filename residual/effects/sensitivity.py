@@ -90,17 +90,6 @@ def compute_shift_torque(
     return sum(slope[:, :, joint] * x[:, None] for slope, x in parts)
 
 
-def compute_drive_shift_torque(
-    state: State, joint: int, shift: Array, rates: tuple[Array, Array]
-) -> Array:
-    """The same where the drive is shifted with the joint. Shape (n, dof)."""
-    out = compute_shift_torque(state, joint, shift, rates)
-    if state.drive is not None:
-        viscous, rotor = state.drive[:, joint]
-        out[:, joint] += viscous * rates[0] + rotor * rates[1]
-    return out
-
-
 def filter_before_differentiation(state: State, values: Array) -> Array:
     """What of a signal is slow enough to be differentiated twice. Shape (n,)."""
     return filter_low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)

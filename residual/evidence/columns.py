@@ -1,13 +1,11 @@
-"""Rows of columns by shelf, and their Gram matrices per joint and fold.
+"""Columns of each joint on its rows, and their Gram matrices per fold.
 
 Both are appended to, and all designs that share these columns see it. Only the newest
 columns may be taken back, those of shapes that were tried.
 """
 
-import os
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from tempfile import TemporaryFile
 
 import numpy as np
 
@@ -18,100 +16,43 @@ from residual.signals.track import Track
 
 
 class ColumnCache:
-    """Columns on the rows of each shelf, in memory or in a file without a name.
+    """Columns on the rows of each joint; room is made for more than there are."""
 
-    The file is the one place where the core touches a disk. It is memory that happens
-    to lie there, as the system's own swap does: no path comes in or goes out, nothing
-    is left of it, and a result does not depend on it. It vanishes with the last use of
-    this object, and lies where the system keeps such files (TMPDIR).
-    """
-
-    def __init__(self, on_disk: bool) -> None:
+    def __init__(self) -> None:
         """Make an empty one."""
-        # It is closed with this object.
-        self._file = TemporaryFile(prefix="modelgap-") if on_disk else None  # noqa: SIM115
-        self._kept: dict[object, tuple[Array, int]] = {}
-        self._blocks: dict[object, list[tuple[int, int]]] = {}
-        self._end = 0
+        self._kept: dict[int, tuple[Array, int]] = {}
 
     def copy(self) -> "ColumnCache":
         """The same columns; what is added to one does not show in the other."""
-        other = ColumnCache(False)
-        other._kept = {k: (x[:n], n) for k, (x, n) in self._kept.items()}
-        other._file, other._end = self._file, self._end
-        other._blocks = {k: list(blocks) for k, blocks in self._blocks.items()}
+        other = ColumnCache()
+        other._kept = {j: (x[:n], n) for j, (x, n) in self._kept.items()}
         return other
 
-    def write(self, shelf: object, columns: Array) -> None:
-        """Append columns to a shelf.
-
-        Args:
-            shelf: Its name; as many rows on each shelf at any time.
-            columns: Shape (k, rows).
-        """
-        if self._file is None:
-            self._keep(shelf, columns)
-            return
-        data = np.ascontiguousarray(columns)
-        self._blocks.setdefault(shelf, []).append((self._end, len(data)))
-        os.pwrite(self._file.fileno(), data, self._end) if data.size else None
-        self._end += data.nbytes
-
-    def _keep(self, shelf: object, columns: Array) -> None:
+    def write(self, j: int, columns: Array) -> None:
+        """Append columns of joint j. Shape (k, rows)."""
         k, rows = columns.shape
-        have, n = self._kept.get(shelf, (np.empty((0, rows)), 0))
+        have, n = self._kept.get(j, (np.empty((0, rows)), 0))
         if n + k > len(have):
             # Many are added at once first, then a few at a time.
             longer = np.empty((n + k + (n + k) // 8 if n else k, rows))
             longer[:n] = have[:n]
             have = longer
         have[n : n + k] = columns
-        self._kept[shelf] = have, n + k
+        self._kept[j] = have, n + k
 
-    def cut(self, shelf: object, count: int) -> None:
-        """Take back the newest columns of a shelf, so that so many are left."""
-        if shelf in self._kept:
-            self._kept[shelf] = self._kept[shelf][0], count
-        blocks, have = [], 0
-        for offset, k in self._blocks.get(shelf, []):
-            blocks += [(offset, min(k, count - have))] if count > have else []
-            have += k
-        self._blocks[shelf] = blocks
+    def cut(self, j: int, count: int) -> None:
+        """Take back the newest columns of joint j, so that so many are left."""
+        if j in self._kept:
+            self._kept[j] = self._kept[j][0], count
 
-    def count(self, shelf: object) -> int:
-        """Return the number of columns on a shelf."""
-        if self._file is None:
-            return self._kept[shelf][1] if shelf in self._kept else 0
-        return sum(k for _, k in self._blocks.get(shelf, []))
+    def count(self, j: int) -> int:
+        """Return the number of columns of joint j."""
+        return self._kept[j][1] if j in self._kept else 0
 
-    def read(self, shelf: object, rows: int) -> Array:
-        """Return all columns of a shelf. Shape (k, rows)."""
-        if self._file is None:
-            have, n = self._kept.get(shelf, (np.empty((0, rows)), 0))
-            return have[:n]
-        blocks = self._blocks.get(shelf, [])
-        out = np.empty((sum(k for _, k in blocks), rows))
-        start = 0
-        for offset, k in blocks:
-            part = out[start : start + k]
-            if part.size:
-                os.preadv(self._file.fileno(), [part], offset)
-            start += k
-        return out
-
-    def pick(self, shelf: object, rows: int, which: Array) -> Array:
-        """Return some columns of a shelf. Shape (len(which), rows)."""
-        if self._file is None:
-            return self.read(shelf, rows)[which]
-        offsets = np.array([o for o, _ in self._blocks[shelf]])
-        firsts = np.cumsum([0, *(k for _, k in self._blocks[shelf])])
-        out = np.empty((len(which), rows))
-        for own, i in zip(out, which, strict=True):
-            block = int(np.searchsorted(firsts, i, side="right")) - 1
-            start = offsets[block] + (i - firsts[block]) * own.nbytes
-            if own.size:
-                os.preadv(self._file.fileno(), [own], int(start))
-        return out
+    def read(self, j: int, rows: int) -> Array:
+        """Return all columns of joint j. Shape (k, rows)."""
+        have, n = self._kept.get(j, (np.empty((0, rows)), 0))
+        return have[:n]
 
 
 class GramSums:
@@ -203,16 +144,14 @@ class FoldGrams:
     with these, since a fit has few others.
     """
 
-    def __init__(
-        self, columns: ColumnCache, shelves: Mapping[object, Array], folds: int, lead: int
-    ) -> None:
+    def __init__(self, columns: ColumnCache, j: int, labels: Array, folds: int, lead: int) -> None:
         """Make empty ones.
 
         Args:
-            shelves: Where the columns of the joint lie, with the fold of each row.
+            labels: Fold of each row of joint j. Shape (rows,).
             lead: Number of leading columns.
         """
-        self._columns, self._shelves = columns, shelves
+        self._columns, self._j, self._labels = columns, j, labels
         self._folds, self._lead = folds, np.arange(lead)
         self._whole: Array | None = None  # (folds, lead, lead)
         self._sides: dict[int, Array] = {}  # of a column with the leading ones
@@ -257,10 +196,10 @@ class FoldGrams:
         out = np.zeros((self._folds, len(left), len(right)))
         if not len(left):
             return out
-        for shelf, labels in self._shelves.items():
-            x, y = (self._columns.pick(shelf, len(labels), i) for i in (left, right))
-            for fold, own in slice_folds(labels):
-                out[fold] += x[:, own] @ y[:, own].T
+        every = self._columns.read(self._j, len(self._labels))
+        x, y = every[left], every[right]
+        for fold, own in slice_folds(self._labels):
+            out[fold] = x[:, own] @ y[:, own].T
         return out
 
 

@@ -1,11 +1,6 @@
 """Filtered columns of every candidate on the rows that count, and their Gram.
 
-Rows of joint j are its moving samples, all fit logs stacked, at some 33 a second. The
-search needs but the Gram matrices per fold, which are added up chunk by chunk: logs of
-up to ten minutes are one chunk in memory, of long ones each piece is one, and their
-columns wait in a file for those that are added later. What is asked of single rows
-(residuals, which tell how long noise remembers and what is left) is answered of a
-sketch: of seven minutes evenly spread, and of all rows where there is one chunk.
+Rows of joint j are its moving samples, all fit logs stacked, at some 33 a second.
 """
 
 from collections.abc import Callable, Iterator, Sequence
@@ -33,7 +28,6 @@ from residual.model.model import Model, Term
 from residual.model.nominal import compute_known_value_information, select_effect_values
 from residual.recording import Array
 from residual.robot.dynamics import split_regressor_by_link
-from residual.signals.splitting import choose_spread_pieces, exceeds_memory_length
 from residual.signals.track import Track
 
 LAGS = 80  # rows over which noise is asked whether it remembers
@@ -53,7 +47,7 @@ class Design:
         inertial: Those of them that are inertial parameters.
         rms, peak: Torque of each joint on its rows, rms and largest [N m]. (dof,).
         rows: Rows of each joint. Shape (dof,).
-        target: Filtered torque minus nominal torque on the sketch, one per joint.
+        target: Filtered torque minus nominal torque on the rows, one per joint.
         tau: Filtered torque there.
         folds: Number of folds.
         fold_rows: Rows of each fold and joint. Shape (folds, dof).
@@ -83,30 +77,24 @@ class Design:
             seen_with: The model whose torque effects see; the nominal one where None.
             labels: Fold of each row of each log, in ascending order; logs, or blocks
                 of few logs, where none is given. Shapes (m,).
-            shaken: The sketch with one more helping of the noise of its angles: the
+            shaken: The logs with one more helping of the noise of their angles: the
                 bias that this noise is to products with the target leaves them.
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
         self._seen_with = seen_with or model
         self._states: list = list(states) or [None] * len(tracks)
-        seconds, every = [t.seconds for t in tracks], range(len(tracks))
-        long = exceeds_memory_length(seconds)
-        self._chunks = [[i] for i in every] if long else [list(every)]
-        self._shown = choose_spread_pieces(seconds)
         self._use = select_moving_rows(tracks)
         self._labels = list(labels) or label_folds(tracks)
         self.folds = 1 + max(int(x.max(initial=0)) for x in self._labels)
         qd = np.concatenate([t.qd for t in tracks])
         self.speed = np.quantile(np.abs(qd), 0.95, axis=0)
-        self._columns, self._sums = ColumnCache(long), GramSums(self.dof, self.folds)
-        self._targets: list[list[Array]] = [[] for _ in range(self.dof)]
+        self._columns, self._sums = ColumnCache(), GramSums(self.dof, self.folds)
         self._totals: list = [None] * self.dof
         self._blocks: list[FoldGrams] = []
-        self._leads: dict[int, Array] = {}
         self._lines: dict[int, tuple[Array, int]] = {}
         self.flat, self.stacks = {}, {}
-        self._noise = AngleNoise(self.dof, dict(zip(self._shown, shaken, strict=False)))
+        self._noise = AngleNoise(self.dof, dict(enumerate(shaken)))
         self._measure_torque()
         self._take_nominal()
         self._take_noise_torque(model)
@@ -114,28 +102,19 @@ class Design:
     # -- building -----------------------------------------------------------------
 
     def _measure_torque(self) -> None:
-        every, joints = range(len(self._tracks)), range(self.dof)
-        logged = [t.tau for t in self._tracks]
-        tau = [self._stacked(logged, j, every) for j in joints]
-        labels = [self._rows_labels(j, every) for j in joints]
-        ones = [np.ones_like(x) for x in tau]
-        self.fold_rows = sum_squares_per_fold(ones, labels, self.folds)
-        self.tau_power = sum_squares_per_fold(tau, labels, self.folds)
+        self.tau = self.stacked([t.tau for t in self._tracks])
+        self._rows_folds = [
+            np.concatenate([x[use[:, j]] for x, use in zip(self._labels, self._use, strict=True)])
+            for j in range(self.dof)
+        ]
+        ones = [np.ones_like(x) for x in self.tau]
+        self.fold_rows = sum_squares_per_fold(ones, self._rows_folds, self.folds)
+        self.tau_power = sum_squares_per_fold(self.tau, self._rows_folds, self.folds)
         count = self.fold_rows.sum(axis=0)
         self.rows = np.maximum(count, 1.0)
         rms = np.sqrt(self.tau_power.sum(axis=0) / self.rows)
         self.rms = np.maximum(np.where(count > 0, rms, 1.0), 1e-9)
-        self.peak = np.array([np.abs(x).max(initial=0.0) for x in tau])
-        self.tau = self.stacked([self._tracks[i].tau for i in self._shown])
-
-    def _stacked(self, per_log: Sequence[Array], j: int, numbers) -> Array:
-        """A joint's values on its rows of some logs. Shape (rows,)."""
-        pairs = zip(per_log, numbers, strict=True)
-        return np.concatenate([x[self._use[i][:, j], j] for x, i in pairs])
-
-    def _rows_labels(self, j: int, numbers) -> Array:
-        """Fold of each row of a joint, of some logs. Shape (rows,)."""
-        return np.concatenate([self._labels[i][self._use[i][:, j]] for i in numbers])
+        self.peak = np.array([np.abs(x).max(initial=0.0) for x in self.tau])
 
     def _take_nominal(self) -> None:
         """Columns of the nominal model, and what it leaves of the torque."""
@@ -149,41 +128,28 @@ class Design:
                 out.append((t.effect.rows(t.joints, dof), columns))
             return out
 
+        gaps = []
+        for i, track in enumerate(self._tracks):
+            torque = self.model.torque_of_state(self._state_of(i))
+            gaps.append(track.tau - track.filter(torque))
+        self._take_target(self.stacked(gaps))
         ids = self._append(columns_of, bodies=False)
-        self._show_target()
         self.nominal = np.concatenate(ids)
         self.inertial = self.nominal[: len(model.inertial)]
         self._blocks = [self._fold_grams(j) for j in range(self.dof)]
 
     def _fold_grams(self, j: int) -> FoldGrams:
-        shelves = {(j, c): self._rows_labels(j, chunk) for c, chunk in enumerate(self._chunks)}
         lead = int((self._sums.place[j][self.nominal] >= 0).sum())
-        return FoldGrams(self._columns, shelves, self.folds, lead)
+        return FoldGrams(self._columns, j, self._rows_folds[j], self.folds, lead)
 
-    def _take_target(self, c: int, chunk: Sequence[int]) -> None:
-        """Residual torque of the nominal model on a chunk, computed once."""
-        if len(self._targets[0]) > c:
-            return
-        gaps = []
-        for i in chunk:
-            track = self._tracks[i]
-            torque = self.model.torque_of_state(self._state_of(i))
-            gaps.append(track.tau - track.filter(torque))
-        for j in range(self.dof):
-            self._targets[j].append(self._stacked(gaps, j, chunk))
+    def _take_target(self, target: Sequence[Array]) -> None:
+        self.target = list(target)
+        self._squares = sum_squares_per_fold(self.target, self._rows_folds, self.folds)
 
     def _state_of(self, i: int) -> State:
         if self._states[i] is None:
             self._states[i] = self._seen_with.observe(self._tracks[i])
         return self._states[i]
-
-    def _show_target(self) -> None:
-        every = range(len(self._tracks))
-        labels = [self._rows_labels(j, every) for j in range(self.dof)]
-        whole = [np.concatenate(own) for own in self._targets]
-        self._squares = sum_squares_per_fold(whole, labels, self.folds)
-        chunks = [0] if len(self._chunks) == 1 else self._shown
-        self.target = [np.concatenate([x[c] for c in chunks]) for x in self._targets]
 
     def _append(
         self, columns_of: Made, bodies: bool, widths: Callable[[int], Sequence[int]] = lambda j: ()
@@ -194,23 +160,21 @@ class Design:
             widths: Columns of each group that acts on a joint, once they are made.
         """
         ids: list[Array] = []
-        for c, chunk in enumerate(self._chunks):
-            fresh: list[list[Array]] = [[] for _ in range(self.dof)]
-            self._take_target(c, chunk)
-            for i in chunk:
-                state = self._state_of(i)
-                if bodies:  # read for every body, and of a long log not kept
-                    state = replace(state, regressor=np.asarray(state.regressor))
-                parts = columns_of(state)
-                if not ids:
-                    ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
-                for j, columns in self._filtered(i, parts):
-                    fresh[j].append(columns)
-                self._take_noise(i, columns_of, bodies, fresh)
-            for j in (j for j in range(self.dof) if fresh[j]):
-                columns = np.concatenate(fresh[j], axis=1)
-                fresh[j].clear()  # they are as much again
-                self._extend(c, j, columns, widths(j))
+        fresh: list[list[Array]] = [[] for _ in range(self.dof)]
+        for i in range(len(self._tracks)):
+            state = self._state_of(i)
+            if bodies:  # read for every body
+                state = replace(state, regressor=np.asarray(state.regressor))
+            parts = columns_of(state)
+            if not ids:
+                ids = self._sums.reserve([(on, x.shape[2]) for on, x in parts])
+            for j, columns in self._filtered(i, parts):
+                fresh[j].append(columns)
+            self._take_noise(i, columns_of, bodies, fresh)
+        for j in (j for j in range(self.dof) if fresh[j]):
+            columns = np.concatenate(fresh[j], axis=1)
+            fresh[j].clear()  # they are as much again
+            self._extend(j, columns, widths(j))
         return ids
 
     def _take_noise(self, i: int, columns_of: Made, bodies: bool, fresh) -> None:
@@ -250,12 +214,11 @@ class Design:
             if own:
                 yield j, np.concatenate(own)
 
-    def _extend(self, c: int, j: int, new: Array, widths: Sequence[int]) -> None:
-        y = self._targets[j][c]
-        first = self._columns.count((j, c))
-        self._columns.write((j, c), new)
-        every = self._columns.read((j, c), len(y))
-        self._sums.add(j, every, first, y, self._rows_labels(j, self._chunks[c]))
+    def _extend(self, j: int, new: Array, widths: Sequence[int]) -> None:
+        y = self.target[j]
+        first = self._columns.count(j)
+        self._columns.write(j, new)
+        self._sums.add(j, self._columns.read(j, len(y)), first, y, self._rows_folds[j])
 
     def add(self, candidates: Sequence[PlacedEffect]) -> list[CandidateColumns]:
         """Append candidates and return their groups, in order."""
@@ -293,8 +256,7 @@ class Design:
         for j, count in enumerate(self._sums.cut(size)):
             self._noise.cut(j, count)
             self._blocks[j].cut(count)
-            for c in range(len(self._chunks)):
-                self._columns.cut((j, c), count)
+            self._columns.cut(j, count)
             self._totals[j] = None
 
     def _group(self, candidate, rows: Joints, ids: Array) -> CandidateColumns:
@@ -379,22 +341,20 @@ class Design:
         Torque rms, to which tolerances and priors of effects refer, stays.
 
         Args:
-            target: Filtered torque minus nominal torque on the rows, one per joint, of
-                logs that are one chunk.
+            target: Filtered torque minus nominal torque on the rows, one per joint.
         """
         out = copy(self)
-        out._targets = [[y] for y in target]
         out._totals, out.flat, out.stacks = [None] * self.dof, {}, {}
         out._columns, cross = self._columns.copy(), []
         for j, y in enumerate(target):
-            x = self._columns.read((j, 0), len(y))
+            x = self._columns.read(j, len(y))
             own = np.zeros_like(self._sums.cross[j])
-            for fold, rows in slice_folds(self._rows_labels(j, self._chunks[0])):
+            for fold, rows in slice_folds(self._rows_folds[j]):
                 own[fold] = x[:, rows] @ y[rows]
             cross.append(own)
         out._sums = self._sums.with_cross(cross)
         out._blocks = [out._fold_grams(j) for j in range(self.dof)]
-        out._show_target()
+        out._take_target(target)
         return out
 
     # -- reading ------------------------------------------------------------------
@@ -477,22 +437,8 @@ class Design:
         return cross
 
     def columns(self, j: int, place: Array) -> Array:
-        """Filtered columns of joint j on the sketch. Shape (rows, len(place))."""
-        return self._of_sketch(j, place).T
-
-    def _of_sketch(self, j: int, place: Array) -> Array:
-        chunks, rows = [0] if len(self._chunks) == 1 else self._shown, self._targets[j]
-        parts = [self._columns.pick((j, c), len(rows[c]), place) for c in chunks]
-        return parts[0] if len(parts) == 1 else np.concatenate(parts, axis=-1)
-
-    def _leading(self, j: int) -> Array:
-        """The nominal columns of joint j on the sketch. Shape (k, rows)."""
-        count = int((self._sums.place[j][self.nominal] >= 0).sum())
-        if len(self._chunks) == 1:
-            return self._columns.read((j, 0), len(self._targets[j][0]))[:count]
-        if j not in self._leads:  # a fit asks for them many times
-            self._leads[j] = self._of_sketch(j, np.arange(count))
-        return self._leads[j]
+        """Filtered columns of joint j. Shape (rows, len(place))."""
+        return self._columns.read(j, len(self.target[j]))[place].T
 
     def coefficients(self, theta: Array) -> Array:
         """Nominal coefficients as a fit moves them. Shape (p,)."""
@@ -503,7 +449,7 @@ class Design:
         return False
 
     def acting(self, j: int) -> Array:
-        """Rows of joint j on the sketch on which candidates act. (rows,), bool."""
+        """Rows of joint j on which candidates act. (rows,), bool."""
         return np.ones(len(self.target[j]), dtype=bool)
 
     def torque(self, group: CandidateColumns, theta: Array, j: int) -> Array:
@@ -520,31 +466,26 @@ class Design:
             out[j] = np.sqrt(max(power, 0.0)) / self.rms[j]
         return out
 
-    def chunks(self, j: int, place: Array) -> Iterator[tuple[Array, Array]]:
-        """Columns and target of joint j, of all rows: (rows, len(place)), (rows,)."""
-        for c, y in enumerate(self._targets[j]):
-            yield self._columns.read((j, c), len(y))[place].T, y
-
     def residual(self, j: int, ids: Array, theta: Array) -> Array:
-        """What the columns leave of joint j's target on the sketch [N m]. (rows,)."""
+        """What the columns leave of joint j's target [N m]. (rows,)."""
         place, have = self.present(j, ids)
         # The nominal model's come first and lie together: no copy is made of them.
         first = int(np.cumprod(place == np.arange(len(place))).sum())
-        lead = self._leading(j)
-        first = min(first, len(lead))
-        torque = theta[have[:first]] @ lead[:first]
+        columns = self._columns.read(j, len(self.target[j]))
+        torque = theta[have[:first]] @ columns[:first]
         if first < len(place):
-            torque = torque + theta[have[first:]] @ self._of_sketch(j, place[first:])
+            torque = torque + theta[have[first:]] @ columns[place[first:]]
         return self.target[j] - torque
 
     def stacked(self, per_log: Sequence[Array]) -> list[Array]:
-        """Signals of the logs of the sketch on the rows of each joint."""
-        return [self._stacked(per_log, j, self._shown) for j in range(self.dof)]
+        """Signals of the logs on the rows of each joint. Shapes (rows,)."""
+        pairs = list(zip(per_log, self._use, strict=True))
+        return [np.concatenate([x[use[:, j], j] for x, use in pairs]) for j in range(self.dof)]
 
     def series(self, j: int, values: Array) -> list[Array]:
         """Row values of joint j put back on each log's time line, 0 where masked."""
         out, start = [], 0
-        for use in (self._use[i][:, j] for i in self._shown):
+        for use in (own[:, j] for own in self._use):
             line = np.zeros(len(use))
             stop = start + int(use.sum())
             line[use] = values[start:stop]
@@ -553,15 +494,15 @@ class Design:
         return out
 
     def line(self, j: int, values: Array) -> Array:
-        """Row values of joint j on one time line of all logs of the sketch.
+        """Row values of joint j on one time line of all logs.
 
         0 where masked; logs are apart by ``LAGS`` rows, and so is the end. Shape (n,).
         """
         if j not in self._lines:
-            starts = np.cumsum([0, *(len(self._use[i]) + LAGS for i in self._shown)])
+            starts = np.cumsum([0, *(len(use) + LAGS for use in self._use)])
             at = [
-                start + np.flatnonzero(self._use[i][:, j])
-                for start, i in zip(starts[:-1], self._shown, strict=True)
+                start + np.flatnonzero(use[:, j])
+                for start, use in zip(starts[:-1], self._use, strict=True)
             ]
             size = -(-int(starts[-1]) // QUICK) * QUICK
             self._lines[j] = np.concatenate(at), size
@@ -581,15 +522,15 @@ class Design:
         return out
 
     def label_joint_folds(self, j: int) -> Array:
-        """Fold of each row of joint j on the sketch. Shape (rows,)."""
-        return self._rows_labels(j, self._shown)
+        """Fold of each row of joint j. Shape (rows,)."""
+        return self._rows_folds[j]
 
     @property
     def states(self) -> list[State]:
-        """What the effects see of each log of the sketch."""
-        return [self._state_of(i) for i in self._shown]
+        """What the effects see of each log."""
+        return [self._state_of(i) for i in range(len(self._tracks))]
 
     @property
     def tracks(self) -> list[Track]:
-        """Signals of the logs of the sketch."""
-        return [self._tracks[i] for i in self._shown]
+        """Signals of the logs."""
+        return self._tracks

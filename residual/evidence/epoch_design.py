@@ -29,15 +29,17 @@ class Whitening:
 
     basis: Array  # orthonormal columns of what is shared, (rows, k)
     shrink: Array  # what goes of each, (k,)
+    weight: Array | float  # of the rows: the usual deviation over theirs, (rows,)
 
     @classmethod
-    def of(cls, shared: Array, precision: Array) -> "Whitening":
+    def of(cls, shared: Array, precision: Array, weight: Array | float = 1.0) -> "Whitening":
         """Columns with a prior precision, in units of the noise. (rows, p), (p,)."""
+        shared = (weight * shared.T).T
         size = np.sqrt((shared**2).mean(axis=0)) if len(shared) else np.zeros(0)
         real = size > 1e-9 * size.max(initial=1e-30)
         scaled = shared[:, real] / np.sqrt(precision[real])
         basis, size, _ = np.linalg.svd(scaled, full_matrices=False)
-        return cls(basis, 1 - 1 / np.sqrt(1 + size**2))
+        return cls(basis, 1 - 1 / np.sqrt(1 + size**2), weight)
 
     @property
     def degrees(self) -> float:
@@ -46,6 +48,7 @@ class Whitening:
 
     def __call__(self, rows: Array) -> Array:
         """Whiten row values. Shape (..., rows)."""
+        rows = self.weight * rows
         return rows - ((rows @ self.basis) * self.shrink) @ self.basis.T
 
 
@@ -106,13 +109,12 @@ class EpochDesign(Design):
         out.__dict__.update(raw.__dict__)
         out.raw, out.epochs, out.whiten, out._span = raw, epochs, whiten, span
         out._information, out._acting = {}, {}
-        out._columns, out._sums = ColumnCache(False), GramSums(out.dof, out.folds)
-        out._before = ColumnCache(False)
-        out._totals, out._leads, out._lines = [None] * out.dof, {}, {}
+        out._columns, out._sums = ColumnCache(), GramSums(out.dof, out.folds)
+        out._before = ColumnCache()
+        out._totals, out._lines = [None] * out.dof, {}
         out.flat, out.stacks, out._noise = {}, {}, AngleNoise(out.dof, {})
         out.unrest = np.ones(out.dof)
         out.target = [out._whitened(j, y) for j, y in enumerate(target)]
-        out._targets = [[y] for y in out.target]
         out._squares = sum_squares_per_fold(out.target, [own.block for own in epochs], out.folds)
         out.rows = np.ones(out.dof)
         for j, own in whiten.items():
@@ -131,11 +133,11 @@ class EpochDesign(Design):
         return np.zeros_like(rows) if whiten is None else whiten(rows)
 
     def _store(self, j: int, columns: Array, before: Array) -> None:
-        self._before.write((j, 0), before.astype(np.float32))
-        super()._extend(0, j, columns, ())
+        self._before.write(j, before.astype(np.float32))
+        super()._extend(j, columns, ())
 
-    def _extend(self, c: int, j: int, new: Array, widths: Sequence[int]) -> None:
-        second, start = self.epochs[j].second, self._columns.count((j, c))
+    def _extend(self, j: int, new: Array, widths: Sequence[int]) -> None:
+        second, start = self.epochs[j].second, self._columns.count(j)
         after, every = self._whitened(j, new * second), self._whitened(j, new)
         power, count = (new**2).sum(axis=1), max(int(second.sum()), 1)
         rms = np.sqrt((self.tau[j][second] ** 2).sum() / count) or self.rms[j]
@@ -150,7 +152,7 @@ class EpochDesign(Design):
         """Forget the columns that were added since there were ``size`` of them."""
         super().drop_newest_columns(size)
         for j in range(self.dof):
-            self._before.cut((j, 0), self._columns.count((j, 0)))
+            self._before.cut(j, self._columns.count(j))
 
     def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
         """Products of columns with what they leave, in every fold. Shape (folds, k).
@@ -159,8 +161,8 @@ class EpochDesign(Design):
         all blocks that is orthogonal to it, of one it is not.
         """
         pulls, rows = super().fold_pulls(j, place, theta), len(self.target[j])
-        before = self._before.pick((j, 0), rows, place).astype(float)
-        columns = self._of_sketch(j, place)
+        before = self._before.read(j, rows)[place].astype(float)
+        columns = self.columns(j, place).T
         gram = before @ before.T
         gram += np.diag(OWN * np.diag(gram) + 1e-300)
         left = self.target[j] - theta @ columns

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from residual.errors import InputError
-from residual.model.lookup import AnyModel, CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel, remove_tables, replace_model
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot
@@ -139,13 +139,7 @@ def split_exportable_terms(
 
 def replace_terms(source: AnyModel, terms: Iterable[Term]) -> AnyModel:
     """Return a model with other terms and the same tables on top."""
-    model = replace(remove_tables(source), terms=tuple(terms), tables=())
-    return replace(source, model=model) if isinstance(source, CorrectedModel) else model
-
-
-def remove_tables(source: AnyModel) -> Model:
-    """Return the model without its tables."""
-    return source.model if isinstance(source, CorrectedModel) else source
+    return replace_model(source, replace(remove_tables(source), terms=tuple(terms), tables=()))
 
 
 def make_file_stem(source: AnyModel) -> str:

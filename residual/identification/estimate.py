@@ -29,11 +29,11 @@ from residual.evidence.fit import estimate_autocorrelation_time
 from residual.evidence.priors import compute_inertial_precision
 from residual.model.model import Model, compute_torque_columns
 from residual.recording import Array
-from residual.robot import dynamics
 from residual.robot.dynamics import (
     BaseParameters,
     StandardParameter,
     compute_base_parameters,
+    compute_robot_regressor,
     draw_random_states,
     extend_independent_columns,
     list_inertial_parameters,
@@ -116,7 +116,7 @@ def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
 
 def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State:
     """Return single states as the effects see them, a second apart. Shapes (n, dof)."""
-    regressor = dynamics.compute_robot_regressor(model.robot, q, qd, qdd)
+    regressor = compute_robot_regressor(model.robot, q, qd, qdd)
     rigid = regressor @ model.inertial
     t = np.arange(len(q), dtype=float)
     # A drive that is off in a part tells its damping from the joint's.
@@ -390,8 +390,7 @@ def solve_least_squares(blocks: Blocks, joint_weights: Array, start: FitStart) -
 
 def stack_weighted_blocks(blocks: Blocks, joint_weights: Array) -> Array:
     """Return the rows of all joints, by the roots of their weights."""
-    pairs = zip(joint_weights, blocks, strict=True)
-    return np.concatenate([np.sqrt(w) * block for w, block in pairs])
+    return np.concatenate([np.sqrt(w) * r for w, r in zip(joint_weights, blocks, strict=True)])
 
 
 def sum_squared_residuals(blocks: Blocks, theta: Array) -> Array:

@@ -159,13 +159,11 @@ def _fitted(
 
 # Full parameters that a body can have, nearest to the nominal among those that fit.
 #
-# min  |R (K pi - theta)|^2 + (pi - pi_0)' S^-1 (pi - pi_0) / scale^2
+# min  |R (K pi - theta)|^2 + (pi - pi_0)' S^-1 (pi - pi_0)
 #
 # over bodies that can exist (``residual.model.bodies``) and friction that brakes, with
 # R'R the information of the free fit about theta, so that whatever the logs tell weighs
 # as they tell it, and the rest stays near the nominal.
-
-LOOSE = 1.0  # relative doubt of nominal values that logs may override
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -183,41 +181,28 @@ class ConsistentParameters:
     misfit: Array
 
 
-def find_consistent_parameters(
-    unconstrained: Identification, prior_scale: float = LOOSE
-) -> ConsistentParameters:
+def find_consistent_parameters(free: Identification) -> ConsistentParameters:
     """Find the physically consistent parameters that fit, nearest to the nominal.
 
     Raises:
-        InputError: If the scale is no positive number, or the method fails.
+        InputError: If the method fails.
     """
-    if not 0 < prior_scale < np.inf:
-        raise InputError(
-            f"Scale {prior_scale:g}: expected a positive number; 1 doubts nominal "
-            f"values by "
-            "their own size."
-        )
     # The best parameters without the cone, and U'U, the information of rows and nominal
     # together, in SI units.
-    unit = np.sqrt(np.diag(unconstrained.spread))
-    rows = stack_weighted_blocks(unconstrained.blocks, unconstrained.estimate.weight)
-    left = rows[:, :-1] @ unconstrained.base.mapping * unit
-    right = rows[:, -1] - rows[:, :-1] @ unconstrained.nominal_theta
-    correlation = unconstrained.spread / np.outer(unit, unit)
-    root = np.linalg.cholesky(np.linalg.inv(correlation)).T / prior_scale
+    unit = np.sqrt(np.diag(free.spread))
+    rows = stack_weighted_blocks(free.blocks, free.estimate.weight)
+    left = rows[:, :-1] @ free.base.mapping * unit
+    right = rows[:, -1] - rows[:, :-1] @ free.nominal_theta
+    correlation = free.spread / np.outer(unit, unit)
+    root = np.linalg.cholesky(np.linalg.inv(correlation)).T
     q, upper = np.linalg.qr(np.concatenate([left, root]))
     target = q.T @ np.concatenate([right, np.zeros(len(root))])
-    best = unconstrained.nominal.coefficients() + unit * np.linalg.solve(upper, target)
-    bodies = build_body_sums(unconstrained.nominal.with_coefficients(best), friction=True)
-    model = unconstrained.nominal.with_coefficients(
-        find_nearest_possible(bodies, best, upper / unit)
-    )
-    theta = unconstrained.base.mapping @ model.coefficients()
-    both = [
-        sum_squared_residuals(unconstrained.blocks, t)
-        for t in (unconstrained.estimate.theta, theta)
-    ]
-    misfit = np.sqrt(np.array(both) / np.maximum(unconstrained.estimate.counts, 1))
+    best = free.nominal.coefficients() + unit * np.linalg.solve(upper, target)
+    bodies = build_body_sums(free.nominal.with_coefficients(best), friction=True)
+    model = free.nominal.with_coefficients(find_nearest_possible(bodies, best, upper / unit))
+    theta = free.base.mapping @ model.coefficients()
+    both = [sum_squared_residuals(free.blocks, t) for t in (free.estimate.theta, theta)]
+    misfit = np.sqrt(np.array(both) / np.maximum(free.estimate.counts, 1))
     least = compute_link_eigenvalues(model), find_least_mass_eigenvalue(model)
     return ConsistentParameters(model, *least, POSES, misfit)
 
@@ -226,24 +211,6 @@ SAME_RUN = (
     "no --holdout given: the last quarter of the longest log was held out; the proof "
     "is weak, since it is the same run"
 )
-
-
-# Validation of models (G2017 section 1.3): both directions, and unseen motion.
-#
-# Torque from motion is `residual.model.compare`, acceleration from torque
-# `compute_acceleration_error`; here models are fitted to some logs and tried on the
-# others. Feed-forward and open loop need an arm or its simulation: ``modelgap validate``.
-
-
-def compute_torque_errors(
-    models: Mapping[str, Model], recordings: Sequence[Recording]
-) -> dict[str, ErrorSums]:
-    """Return the error of torque from motion on unseen logs, of models by name."""
-    if not models or not recordings:
-        raise InputError("Validation needs at least one model and one held-out log.")
-    some = next(iter(models.values()))
-    errors, _ = compute_model_errors(models, prepare_held_out(recordings, some), some.filters)
-    return errors
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -311,6 +278,7 @@ def identify_and_validate(
             accelerations[name] = compute_acceleration_error(model, held_out)
         except InputError:
             accelerations[name] = None
+    ready = prepare_held_out(held_out, free.nominal)
     doubts = (
         f"M(q) of the {name} model is not positive definite (least eigenvalue "
         f"{value:.3g} kg m^2): it predicts torque but cannot be simulated; "
@@ -322,7 +290,7 @@ def identify_and_validate(
         robot=robot,
         free=free,
         consistent=consistent_fit,
-        errors=compute_torque_errors(models, held_out),
+        errors=compute_model_errors(models, ready, free.nominal.filters)[0],
         accelerations=accelerations,
         least_mass_matrix=least,
         fit=tuple(r.id for r in fit),

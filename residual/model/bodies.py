@@ -67,8 +67,8 @@ def build_body_sums(model: Model, friction: bool = False) -> BodySums:
     Args:
         friction: Whether coefficients that cannot be negative are to be held to that.
     """
-    dof, c = model.robot.dof, model.coefficients()
-    links = np.zeros((PER_LINK * dof, len(c)))
+    robot, c = model.robot, model.coefficients()
+    links = np.zeros((PER_LINK * robot.dof, len(c)))
     size = len(model.inertial)
     links[:, :size] = np.eye(size)
     load, positive, placed = np.zeros((PER_LINK, len(c))), [], []
@@ -78,11 +78,10 @@ def build_body_sums(model: Model, friction: bool = False) -> BodySums:
             placed.append(own)
         elif add := term.effect.portable.bodies:
             ways = np.eye(len(term.theta))
-            added = [add(way, term.joints, model.robot) for way in ways]
+            added = [add(way, term.joints, robot) for way in ways]
             links[:, own] += np.transpose(added)
         if friction and EffectTrait.NOT_NEGATIVE in term.effect.traits:
             positive += range(own.start, own.stop)
-    robot = model.robot
     scale, start = compute_link_scales(robot), np.zeros(len(c))
     names = [f"link {i + 1}" for i in range(robot.dof)]
     sums = links.reshape(robot.dof, PER_LINK, -1)

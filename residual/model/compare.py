@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.special import stdtrit
 
-from residual.model.lookup import AnyModel, CorrectedModel
+from residual.model.lookup import AnyModel, remove_tables, replace_model
 from residual.model.model import Model
 from residual.recording import Array, Recording
 from residual.signals.splitting import (
@@ -192,20 +192,12 @@ def compute_model_errors(
             torque = model.torque_on(witness.track)
             curves[name] = witness.track.filter(torque)
             _accumulate(sums[name], witness, torque, curves[name], filters.edge)
-        inner = witness.track.valid
-        start = first.setdefault(witness.recording.id, witness.track.t[0])
-        t = (witness.track.t - start)[:: witness.track.step]
-        proofs.append(
-            LogPrediction(
-                witness.recording.id,
-                t[inner],
-                witness.track.tau[inner],
-                {k: v[inner] for k, v in curves.items()},
-                witness.track.moving[inner],
-            )
-        )
-    bodies = [m.model if isinstance(m, CorrectedModel) else m for m in models.values()]
-    alike = all(len(set(body.robot.prismatic)) == 1 for body in bodies)
+        label, track = witness.recording.id, witness.track
+        inner, start = track.valid, first.setdefault(label, track.t[0])
+        t = (track.t - start)[:: track.step][inner]
+        hats = {k: v[inner] for k, v in curves.items()}
+        proofs.append(LogPrediction(label, t, track.tau[inner], hats, track.moving[inner]))
+    alike = all(len(set(remove_tables(m).robot.prismatic)) == 1 for m in models.values())
     errors = {name: ErrorSums(s["miss"], s["power"], alike) for name, s in sums.items()}
     joined = []  # of all pieces of each log
     for numbers in group_pieces_by_log([p.id for p in proofs]):
@@ -310,7 +302,7 @@ def predict_logs(model: AnyModel, logs: Sequence[Recording], without: Edits = ()
     models: dict[str, AnyModel] = {WHOLE: model}
     if without:
         models[EDITED] = remove_effects(model, without)
-    base = model.model if isinstance(model, CorrectedModel) else model
+    base = remove_tables(model)
     ready = prepare_held_out(logs, base)
     errors, _ = compute_model_errors(models, ready, base.filters)
     torque = [{name: m.predict(log) for name, m in models.items()} for log in logs]
@@ -320,10 +312,7 @@ def predict_logs(model: AnyModel, logs: Sequence[Recording], without: Edits = ()
 
 def remove_effects(model: AnyModel, without: Edits) -> AnyModel:
     """Return a model without some effects; tables on top of it stay as they are."""
-    if isinstance(model, CorrectedModel):
-        edited = remove_effects(model.model, without)
-        assert isinstance(edited, Model)
-        return replace(model, model=edited)
+    edited = remove_tables(model)
     for name, joints in without:
-        model = model.without(name, joints or None)
-    return model
+        edited = edited.without(name, joints or None)
+    return replace_model(model, edited)

@@ -21,10 +21,10 @@ import pinocchio as pin
 from scipy.ndimage import uniform_filter1d
 
 from residual.drive import limit_goal
-from residual.effects.base import EffectTrait, Shape, State
+from residual.effects.base import EffectTrait, Shape
 from residual.errors import InputError
 from residual.model.compare import ErrorSums, prepare_held_out
-from residual.model.lookup import AnyModel, CorrectedModel
+from residual.model.lookup import AnyModel, remove_tables, replace_model
 from residual.model.model import Model, Term
 from residual.model.records import PositionErrors
 from residual.recording import Array, Recording
@@ -52,7 +52,7 @@ def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording])
     Raises:
         InputError: If the model has no acceleration.
     """
-    base: Model = getattr(model, "model", model)
+    base = remove_tables(model)
     dof = base.robot.dof
     miss, power = np.zeros(dof), np.zeros(dof)
     for witness in prepare_held_out(recordings, base):
@@ -75,7 +75,7 @@ def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
     Raises:
         InputError: If M(q) is not positive definite, or there is no such acceleration.
     """
-    base: Model = getattr(model, "model", model)
+    base = remove_tables(model)
     now = replace(base, terms=tuple(t for t in base.terms if _of_now(t)))
     beside = model.torque_on(track) - now.torque_on(track)
     own_mass = _bodies(now, track.q)
@@ -164,14 +164,14 @@ def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
     return out
 
 
-def find_least_mass_eigenvalue(model: Model, poses: int = POSES) -> float:
+def find_least_mass_eigenvalue(model: Model) -> float:
     """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
 
     M is positive definite for every pose where it is for every one that was tried
     only in all likelihood; for consistent links it is proved.
     """
     robot, rng = model.robot, np.random.default_rng(0)
-    q = rng.uniform(*robot.ends, (poses, robot.dof))
+    q = rng.uniform(*robot.ends, (POSES, robot.dof))
     return float(np.linalg.eigvalsh(compute_model_mass_matrix(model, q))[:, 0].min())
 
 
@@ -226,16 +226,17 @@ def compute_feed_forward(
     """
     rate = (len(t) - 1) / np.ptp(t)
     prepared = _used(model, reversal.width(rate))
-    base: Model = getattr(prepared, "model", prepared)
+    base = remove_tables(prepared)
     # Of a log the session's clock is known, of a motion to come it is not.
     since = t - t[0] if base.clock is None else t
     state = base.state(rate, since, motion)
     most = reversal.compute_torque_rate(base.robot) / rate
     # Friction turns at the torque rate at most. A reversal is known beforehand, so the
     # ramp lies around it, half before.
-    ends = [base.torque_of_state(_turned(base, state, d)) for d in (1.0, -1.0)]
+    ways = np.ones(state.q.shape), -np.ones(state.q.shape)
+    ends = [base.torque_of_state(base.replace_sign(state, way)) for way in ways]
     swing = np.abs(ends[0] - ends[1]).max(axis=0)
-    state = _turned(base, state, _ramp(state.sign, swing / most))
+    state = base.replace_sign(state, _ramp(state.sign, swing / most))
     torque = base.torque_of_state(state)
     if prepared is base:
         return torque
@@ -254,12 +255,6 @@ def _ramp(steps: Array, samples: Array) -> Array:
     return out
 
 
-def _turned(base: Model, state: State, sign: Array | float) -> State:
-    """The same motion with another direction of friction."""
-    state = replace(state, sign=np.broadcast_to(sign, state.q.shape))
-    return replace(state, tau_model=base.torque_seen(state, as_reported=False))
-
-
 def build_computed_torque_law(
     model: AnyModel, t: Array, motion: Sequence[Array], reversal: FrictionReversal = AS_MEASURED
 ) -> Law:
@@ -274,7 +269,7 @@ def build_computed_torque_law(
         From step, position, speed and wanted acceleration to torque [N m]. (dof,).
     """
     prepared = _used(model, 1.0)
-    base: Model = getattr(prepared, "model", prepared)
+    base = remove_tables(prepared)
     rotor = base.drive()[1]
     body = replace_inertial_parameters(base.robot.model, base.loaded())
     data, along = body.createData(), compute_feed_forward(model, t, motion, reversal)
@@ -293,7 +288,7 @@ def _used(model: AnyModel, width: float) -> AnyModel:
     Args:
         width: Speed over which friction turns [rad/s].
     """
-    base = getattr(model, "model", model)
+    base = remove_tables(model)
     dof = base.robot.dof
     late_report = EffectTrait.REPORT | EffectTrait.MEMORY
     late = [t for t in base.terms if late_report in t.effect.traits]
@@ -303,7 +298,7 @@ def _used(model: AnyModel, width: float) -> AnyModel:
         standstill=(_TURN,) * dof,
         speed_floor=np.full(dof, width),
     )
-    return replace(model, model=base) if isinstance(model, CorrectedModel) else base
+    return replace_model(model, base)
 
 
 # Where a model goes by itself: its forward dynamics under the goal of a log.

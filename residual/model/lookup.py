@@ -7,7 +7,7 @@ import csv
 import io
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import NamedTuple
@@ -246,13 +246,9 @@ class CorrectedModel:
         rate = (len(t) - 1) / np.ptp(t)
         return self.torque_of_state(self.model.state(rate, t, motion))
 
-    def observe(self, track: Track) -> State:
-        """What the model's effects see of one log."""
-        return self.model.observe(track)
-
     def torque_on(self, track: Track) -> Array:
         """Torque at the samples of a log's signals [N m]. Shape (n, dof)."""
-        state = self.observe(track)
+        state = self.model.observe(track)
         return self._and_tables(self.model.torque_seen(state), state)
 
     def torque_of_state(self, state: State) -> Array:
@@ -302,6 +298,16 @@ class CorrectedModel:
 
 
 AnyModel = Model | CorrectedModel
+
+
+def remove_tables(source: AnyModel) -> Model:
+    """Return the model without its tables."""
+    return source.model if isinstance(source, CorrectedModel) else source
+
+
+def replace_model(source: AnyModel, model: Model) -> AnyModel:
+    """Return another model with the same tables on top, if there are any."""
+    return replace(source, model=model) if isinstance(source, CorrectedModel) else model
 
 
 def compute_table_variables(state: State, columns: Sequence[TableVariable]) -> list[Array]:

@@ -9,7 +9,7 @@ import numpy as np
 import pinocchio
 
 from residual.effects import load_effects
-from residual.effects.base import Effect, EffectTrait, Joints, Shape, State
+from residual.effects.base import Effect, EffectTrait, Joints, PlacedEffect, Shape, State
 from residual.errors import InputError, check_name, quote_value
 from residual.recording import Array, Recording
 from residual.robot.dynamics import LazyRegressor, replace_inertial_parameters
@@ -61,10 +61,7 @@ class Term:
 
     def regressor(self, state: State) -> Array:
         """Columns of this effect on all joints. Shape (n, dof, k)."""
-        out = np.zeros((*state.q.shape, len(self.theta)))
-        rows = self.effect.rows(self.joints, out.shape[1])
-        out[:, list(rows)] = self.effect.columns(state, self.joints, self.shape)
-        return out
+        return PlacedEffect(self.effect, self.joints, self.shape).regressor(state)
 
     def parameters(self, robot: Robot) -> dict[str, float]:
         """Physical parameters by key, in the units of the effect."""
@@ -290,7 +287,10 @@ class Model:
     def replace_standstill(self, state: State, standstill: Sequence[StandstillFriction]) -> State:
         """The same motion with another behaviour at standstill, of every joint."""
         motion = state.q, state.qd, self._floor()
-        sign = compute_friction_directions(*motion, tuple(standstill))
+        return self.replace_sign(state, compute_friction_directions(*motion, tuple(standstill)))
+
+    def replace_sign(self, state: State, sign: Array) -> State:
+        """The same motion with another direction of friction. Shape (n, dof)."""
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 

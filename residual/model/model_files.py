@@ -10,7 +10,7 @@ import tomli_w
 
 from residual.effects.base import EffectTrait
 from residual.errors import InputError, check_nesting
-from residual.model.lookup import AnyModel, CorrectedModel
+from residual.model.lookup import AnyModel, CorrectedModel, remove_tables
 from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import write_urdf_with_inertias
@@ -90,7 +90,7 @@ def model_from_record(record: Mapping) -> AnyModel:
     """
     try:
         model = (CorrectedModel if "tables" in record else Model).from_record(record)
-        wrong = _wrong(getattr(model, "model", model))
+        wrong = _wrong(remove_tables(model))
     except _DAMAGED as error:
         lacks, size = f"it lacks the key {error}", "a value has another kind or size"
         wrong = lacks if isinstance(error, KeyError) else size

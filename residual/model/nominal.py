@@ -228,7 +228,11 @@ def choose_declared_effects(robot: Robot, names: Sequence[str] | None) -> tuple[
 
 
 def build_nominal(
-    robot: Robot, names: Sequence[str], span: MotionSpan, speed_floor, filters: FilterSettings
+    robot: Robot,
+    names: Sequence[str],
+    span: MotionSpan,
+    speed_floor: Array,
+    clock: float | None = None,
 ) -> NominalModel:
     """Nominal model with the robot's values where given, else zero and free.
 
@@ -258,7 +262,7 @@ def build_nominal(
             theta += row * (fixed.value - row @ theta) / (row @ row)
         if not np.array_equal(theta, term.theta):
             terms[i] = replace(term, theta=theta).as_nominal()
-    model = Model(robot, body.ravel(), tuple(terms), speed_floor, (), None)
+    model = Model(robot, body.ravel(), tuple(terms), speed_floor, clock=clock)
     return NominalModel(model, tuple(widths), scale=robot.prior_scale)
 
 
@@ -380,8 +384,7 @@ def start_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> Model:
 
 def build_free_nominal(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     """The user's model, on the clock and thresholds of these logs."""
-    base = build_nominal(logs.robot, names, logs.span, logs.speed_floor, logs.filters)
-    return replace(base, model=replace(base.model, clock=logs.clock))
+    return build_nominal(logs.robot, names, logs.span, logs.speed_floor, logs.clock)
 
 
 def add_joint_constants(logs: FitLogs, names: Sequence[str]) -> NominalModel:

@@ -317,14 +317,8 @@ class MotionInformation:
 
 def all_torque_columns(question: OpenQuestion, state: State) -> Array:
     """Return the inertial columns and those of all effects. Shape (n, dof, m)."""
-    n, dof = state.q.shape
-    parts = [np.asarray(state.regressor)]
-    for effect, joints, shape in question.effects:
-        own = effect.columns(state, joints, shape)
-        part = np.zeros((n, dof, own.shape[2]))
-        part[:, list(effect.rows(joints, dof))] = own
-        parts.append(part)
-    return np.concatenate(parts, axis=2)
+    effects = (placed.regressor(state) for placed in question.effects)
+    return np.concatenate([np.asarray(state.regressor), *effects], axis=2)
 
 
 def describe_plan(

@@ -285,8 +285,7 @@ class LazyRegressor:
 
         By the recursive algorithm, in a third of the time, where it is not known.
         """
-        blocks = self._remembered()
-        if blocks is None and self.robot.carried is None:
+        if not self._small and self.robot.carried is None:
             body = replace_inertial_parameters(self.robot.model, parameters)
             return compute_inverse_dynamics(body, *self.motion)
         out = np.zeros(self.motion[0].shape)
@@ -297,15 +296,13 @@ class LazyRegressor:
 
     def links(self) -> tuple[Array, ...]:
         """Columns of each link on the joints that carry it. Shapes (n, i + 1, 10)."""
-        blocks = self._remembered()
-        return self._by_link() if blocks is None else blocks
+        return _kept_links(self) if self._small else self._by_link()
 
-    def _remembered(self) -> tuple[Array, ...] | None:
-        """All of it, where it is small enough to be kept."""
+    @property
+    def _small(self) -> bool:
+        """Whether all of it is small enough to be kept."""
         n, dof = self.motion[0].shape
-        if 8 * PER_LINK * n * dof * (dof + 1) // 2 > LARGEST:
-            return None
-        return _kept_links(self)
+        return 8 * PER_LINK * n * dof * (dof + 1) // 2 <= LARGEST
 
     def _by_link(self) -> tuple[Array, ...]:
         n, dof = self.motion[0].shape
@@ -437,10 +434,7 @@ def find_independent_columns(model: pin.Model) -> Array:
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
     """
-    rows = compute_inertial_regressor(model, *draw_random_states(model)).reshape(
-        STATES * model.nv, -1
-    )
-    factors = qr(_scaled(rows, _SILENT), mode="r", pivoting=True)
+    factors = qr(_scaled(_draw_rows(model), _SILENT), mode="r", pivoting=True)
     pivots, order = np.abs(np.diag(np.asarray(factors[0]))), np.asarray(factors[-1])
     return np.sort(order[: int((pivots > _INDEPENDENT * pivots[0]).sum())])
 
@@ -451,6 +445,12 @@ def draw_random_states(model: pin.Model) -> Array:
     Which columns depend on which is a property of the arm: any states tell it.
     """
     return np.random.default_rng(0).uniform(-3, 3, (3, STATES, model.nv))
+
+
+def _draw_rows(model: pin.Model) -> Array:
+    """Return the rows of the inertial regressor on those states. (STATES dof, 10 dof)."""
+    rows = compute_inertial_regressor(model, *draw_random_states(model))
+    return rows.reshape(STATES * model.nv, -1)
 
 
 def list_inertial_parameters(dof: int) -> tuple[StandardParameter, ...]:
@@ -470,9 +470,7 @@ def compute_base_parameters(model: pin.Model) -> BaseParameters:
     URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
     by rounding alone; they count as one.
     """
-    rows = compute_inertial_regressor(model, *draw_random_states(model)).reshape(
-        STATES * model.nv, -1
-    )
+    rows = _draw_rows(model)
     links = range(model.nv)
     order = [PER_LINK * link + kind for kind in _ORDER for link in links]
     columns = np.sort(extend_independent_columns(rows, np.zeros(0, dtype=int), order))

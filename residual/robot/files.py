@@ -48,6 +48,7 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
         InputError: If an argument is none, or xacrodoc is not installed.
     """
     try:
+        import xacro
         from xacrodoc import XacroDoc
         from xacrodoc import packages as finder
     except ImportError as error:
@@ -67,6 +68,8 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
     beside = [p for folder in (*packages, *above[:3]) for p in Path(folder).iterdir()]
     folders = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
     finder.update_package_cache(folders)
+    # A relative include begins at the file that has it, and not at the last one of before.
+    xacro.init_stacks(str(path.resolve()))
     try:
         # Meshes are nobody's concern here, and their folders no part of the robot.
         document = XacroDoc.from_file(path, subargs=arguments, resolve_packages=False)
@@ -98,6 +101,15 @@ def build_pinocchio_model(text: str, where: str) -> pin.Model:
     if model is None or "nertia" in noise[0]:
         reasons = re.findall(r"Error:\s+(.*)", "\n".join(noise))
         raise RobotError(f"{where} is not a usable URDF: {'; '.join(reasons[:2])[:180]}")
+    places = zip(model.names, model.inertias, model.jointPlacements, strict=True)
+    numbers = {f"joint '{n}'": (i.toDynamicParameters(), p.translation) for n, i, p in places}
+    numbers |= {f"frame '{f.name}'": (f.placement.translation,) for f in model.frames}
+    for name, values in numbers.items():
+        if not (np.abs(np.concatenate(values)) < LARGEST).all():
+            raise RobotError(
+                f"{where}: a mass, inertia or origin at {name} is beyond {LARGEST:g}, expected "
+                "values of an arm in SI units. Repair that body or its place in the file."
+            )
     return model
 
 

@@ -1,4 +1,4 @@
-"""Bodies of a robot file that no link has, judged from the file alone.
+"""Bodies of a robot file: those that no link has, and the weight that is held.
 
 A tensor of positive mass has a covariance S = tr(I) / 2 - I that is positive: no moment
 exceeds the sum of the two others. Its radius of gyration lies between that of a ball of
@@ -16,6 +16,7 @@ import pinocchio as pin
 from residual.errors import join_with_commas
 from residual.recording import Array
 from residual.robot.files import find_prismatic_joints
+from residual.robot.urdf import GRAVCOMP
 
 LIGHTEST, HEAVIEST = 300.0, 20_000.0  # kg/m^3 of a ball as large, as small as a link
 WIDEST = 0.8  # radius of gyration over the link's length; a dumbbell's is 0.5
@@ -277,3 +278,51 @@ def _ball(mass: float, density: float) -> float:
 def _vector(node: ET.Element | None, key: str) -> Array:
     text = "0 0 0" if node is None else node.get(key, "0 0 0")
     return np.array(text.split(), float)
+
+
+# The weight that the drives of an arm do not carry, by what its robot file states.
+#
+# MuJoCo holds a body with ``gravcomp`` against that share of its weight by a force of its
+# own. Joints with actuatorgravcomp count it as torque of their drive; on the others
+# it is missing from it:
+#
+# tau = Y(q, qd, qdd) pi - G(q) C pi
+#
+# with G the columns of gravity and C pi the masses and moments that are held. A body of
+# several links, some held, has a C that is exact for the bodies of the file.
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class CarriedWeight:
+    """What of the arm's weight is missing from the torque of its drives."""
+
+    # C of each body: mass and first moments held, of its own. Shape (dof, 4, 4).
+    shares: Array
+    missing: Array  # whether it is missing from a joint's torque, (dof,), bool
+    links: tuple[str, ...]  # that are held, in whole or in part
+
+
+def read_carried_weight(
+    model: pin.Model, urdf: str, bodies: Sequence[LinkBody]
+) -> CarriedWeight | None:
+    """Return what a URDF of ours notes of it; None where the drives carry all."""
+    nodes = ET.fromstring(urdf).findall(f"modelgap/{GRAVCOMP}")
+    share = {n.get("link", ""): float(n.get("share", "0")) for n in nodes}
+    counted = {n.get("joint", "") for n in nodes}
+    missing = np.array([name not in counted for name in list(model.names)[1:]])
+    held, own = np.zeros((2, model.nv, 4))
+    links = []
+    for body in bodies:
+        moments = body.mass * np.array([1.0, *body.centre])
+        own[body.joint - 1] += moments
+        held[body.joint - 1] += share.get(body.link, 0.0) * moments
+        links += [body.link] * bool(share.get(body.link))
+    if not links or not missing.any():
+        return None
+    shares = np.zeros((model.nv, 4, 4))
+    for out, part, all_of_it in zip(shares, held, own, strict=True):
+        if all_of_it[0] > 0:
+            mean = part[0] / all_of_it[0]
+            out += mean * np.eye(4)
+            out[:, 0] += (part - mean * all_of_it) / all_of_it[0]
+    return CarriedWeight(shares, missing, tuple(links))

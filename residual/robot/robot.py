@@ -20,7 +20,6 @@ import pinocchio as pin
 
 from residual.errors import InputError, RobotError, UnknownNameError, check_name, shorten_value
 from residual.recording import Array, Recording
-from residual.robot.carried_weight import CarriedWeight, read_carried_weight
 from residual.robot.files import (
     GRAVITY,
     CompiledMjcf,
@@ -36,7 +35,9 @@ from residual.robot.files import (
 )
 from residual.robot.plausibility import (
     BodyFlaw,
+    CarriedWeight,
     find_body_flaws,
+    read_carried_weight,
     read_link_bodies,
     repair_impossible_bodies,
 )
@@ -153,12 +154,12 @@ def check_joint_count(robot: Robot, recordings: Sequence[Recording]) -> None:
 
 def list_built_in_robots() -> tuple[str, ...]:
     """Return the names of the robots that come with the program."""
-    return tuple(sorted(f.name for f in _robots_folder().iterdir() if f.is_dir()))
+    return tuple(sorted(f.name for f in find_built_in_folder().iterdir() if f.is_dir()))
 
 
-def find_built_in_folder(name: str) -> Traversable:
-    """Return where a robot that comes with the program is described."""
-    return _robots_folder() / name
+def find_built_in_folder(name: str = "") -> Traversable:
+    """Return where a robot that comes with the program is described; "" for all."""
+    return files("residual") / "robot" / "built_in" / name
 
 
 def load_robot(
@@ -325,10 +326,6 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
         limits["carried"] = read_carried_weight(model, arm.urdf, bodies)
     parts = {"model": model, "urdf": arm.urdf, "lower": lower, "upper": upper}
     return Robot(dof=dof, **parts, **limits | extra)
-
-
-def _robots_folder() -> Traversable:
-    return files("residual") / "robot" / "built_in"
 
 
 def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:

@@ -68,6 +68,11 @@ class _Tree:
         for name, joint in self.joints.items():
             self._place(name, joint)
         self._drop_loose(root)
+        self.mimics = {  # joints that follow another one
+            name: joint
+            for name, joint in self.joints.items()
+            if joint.find("mimic") is not None and joint.get("type") in MOVING
+        }
 
     def _by_name(self, root: ET.Element, kind: str) -> dict[str, ET.Element]:
         elements: dict[str, ET.Element] = {}
@@ -193,13 +198,8 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
             _limits(tree, joint)
         _check_bodies(tree, ())
     _refuse(tree.faults, where)
-    mimics = {
-        name: joint
-        for name, joint in tree.joints.items()
-        if joint.find("mimic") is not None and joint.get("type") in MOVING
-    }
-    chain = _chain(tree, mimics, choice, where)
-    locked = _locked(tree, chain, mimics, choice, where)
+    chain = _chain(tree, choice, where)
+    locked = _locked(tree, chain, choice, where)
     limits, mended = zip(*(_limits(tree, tree.joints[n]) for n in chain), strict=True)
     _check_bodies(tree, chain)
     for name, value in locked.items():
@@ -253,21 +253,19 @@ def _refuse(faults: Sequence[str], where: str) -> None:
 # Which joints are the arm.
 
 
-def _chain(
-    tree: _Tree, mimics: Mapping[str, ET.Element], choice: ArmChoice, where: str
-) -> list[str]:
+def _chain(tree: _Tree, choice: ArmChoice, where: str) -> list[str]:
     """Names of the joints of the arm, base to tip."""
     free = [
         name
         for name, joint in tree.joints.items()
-        if joint.get("type") in MOVING and name not in (mimics.keys() | choice.locked)
+        if joint.get("type") in MOVING and name not in (tree.mimics.keys() | choice.locked)
     ]
     if not free:
         raise RobotError(
             f"{where} has no revolute, continuous or prismatic joint that is free, expected an arm."
         )
     if choice.joints:
-        chain = _named(tree, mimics, choice, where)
+        chain = _named(tree, choice, where)
     elif choice.tip is not None:
         check_name(choice.tip, tree.links, f"link of {where}")
         chain = [name for name in tree.path(choice.tip) if name in free]
@@ -276,12 +274,12 @@ def _chain(
                 f"{where}: no joint moves link '{choice.tip}'. Give --tip another link."
             )
     else:
-        chain = _only(tree, free, mimics, choice.logged, where)
-    for name, joint in mimics.items():
+        chain = _only(tree, free, choice.logged, where)
+    for name, joint in tree.mimics.items():
         leader = joint.find("mimic").get("joint")
-        for _ in mimics:  # one may follow another that follows
-            if leader in mimics:
-                leader = mimics[leader].find("mimic").get("joint")
+        for _ in tree.mimics:  # one may follow another that follows
+            if leader in tree.mimics:
+                leader = tree.mimics[leader].find("mimic").get("joint")
         if leader in chain:
             raise RobotError(
                 f"{where}: joint '{name}' follows '{leader}', which is in the chain: "
@@ -291,7 +289,7 @@ def _chain(
     return chain
 
 
-def _named(tree: _Tree, mimics: Mapping, choice: ArmChoice, where: str) -> list[str]:
+def _named(tree: _Tree, choice: ArmChoice, where: str) -> list[str]:
     for name in choice.joints:
         check_name(name, tree.joints, f"joint of the chain in {where}")
     named = set(choice.joints)
@@ -300,7 +298,7 @@ def _named(tree: _Tree, mimics: Mapping, choice: ArmChoice, where: str) -> list[
     for name in choice.joints:
         if tree.joints[name].get("type") == "fixed":
             tree.faults.append(f"joint '{name}' of the chain is fixed")
-        elif name in mimics or tree.joints[name].get("type") not in MOVING:
+        elif name in tree.mimics or tree.joints[name].get("type") not in MOVING:
             tree.faults.append(f"joint '{name}' of the chain cannot move by itself")
         elif name not in path:
             tree.faults.append(f"joints '{name}' and '{last}' are on no one chain")
@@ -310,17 +308,11 @@ def _named(tree: _Tree, mimics: Mapping, choice: ArmChoice, where: str) -> list[
     return [name for name in path if name in named]
 
 
-def _only(
-    tree: _Tree,
-    free: Sequence[str],
-    mimics: Mapping[str, ET.Element],
-    logged: Sequence[str],
-    where: str,
-) -> list[str]:
+def _only(tree: _Tree, free: Sequence[str], logged: Sequence[str], where: str) -> list[str]:
     """The only chain there is, of those that the log has by name; hands taken off."""
     # Those that end within another one fall to it.
-    ends = [*(tree.joints[name] for name in free), *mimics.values()]
-    chains = _apart([_without_hand(tree, mimics, free, j) for j in ends])
+    ends = [*(tree.joints[name] for name in free), *tree.mimics.values()]
+    chains = _apart([_without_hand(tree, free, j) for j in ends])
     in_logs = set(logged)
     if any(in_logs & set(chain) for chain in chains):
         spans = []  # from the first joint of each chain that is logged to the last
@@ -352,14 +344,14 @@ def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
     return [c for c in once if not any(set(c) < set(other) for other in once)]
 
 
-def _without_hand(tree: _Tree, mimics: Mapping, free: Sequence[str], last: ET.Element) -> list[str]:
+def _without_hand(tree: _Tree, free: Sequence[str], last: ET.Element) -> list[str]:
     """The joints that lead to one, up to where fingers begin.
 
     Fingers are joints that move on one link, or lead others, each with fewer joints
     than there are before them.
     """
     names = tree.path(read_joint_link(last, "child"))
-    leaders = {joint.find("mimic").get("joint") for joint in mimics.values()}
+    leaders = {joint.find("mimic").get("joint") for joint in tree.mimics.values()}
     trunk: list[str] = []
     for name in names:
         link = read_joint_link(tree.joints[name], "parent")
@@ -367,7 +359,7 @@ def _without_hand(tree: _Tree, mimics: Mapping, free: Sequence[str], last: ET.El
             link = read_joint_link(tree.above[link], "parent")
         beside = tree.moved_by(tree.below[link])
         deepest = max(_depth(tree, joint) for joint in beside)
-        fingers = len(beside) > 1 or name in leaders or name in mimics
+        fingers = len(beside) > 1 or name in leaders or name in tree.mimics
         if fingers and max(TRUNK, deepest + 1) <= len(trunk):
             break
         if name in free:
@@ -383,9 +375,7 @@ def _depth(tree: _Tree, joint: ET.Element) -> int:
 # Where all other joints stand.
 
 
-def _locked(
-    tree: _Tree, chain: Sequence[str], mimics: Mapping, choice: ArmChoice, where: str
-) -> dict[str, float]:
+def _locked(tree: _Tree, chain: Sequence[str], choice: ArmChoice, where: str) -> dict[str, float]:
     """Values of the joints that are not in the chain [rad or m]; followers follow."""
     for name in choice.locked:
         check_name(name, tree.joints, f"joint in [locked] of {where}")

@@ -414,10 +414,11 @@ class Verdict:
         said = "nothing found" if self.verdict == "none" else "something without a name"
         if self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
-            # No data give certainty.
-            least = ["> 0.99" if p > 0.99 else f"= {p:.2f}" for p in sorted(sure)[:1]]
-            odds = [f"probability {p}" for p in least]
-            said = ", ".join([*(f.where for f in self.effects), *odds])
+            words = [f.where for f in self.effects]
+            if sure:  # no data give certainty
+                odds = "> 0.99" if min(sure) > 0.99 else f"= {min(sure):.2f}"
+                words.append(f"probability {odds}")
+            said = ", ".join(words)
         elif self.verdict == "unknown":
             said += _joints_phrase(self.unexplained.joints)
         held_out = f"{before} -> {after}" if self.effects else before

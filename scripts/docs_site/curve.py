@@ -14,7 +14,6 @@ from residual.effects.base import Effect, MotionSpan, State, against_position
 from residual.model.model import Term
 from residual.model.nominal import build_nominal, choose_declared_effects
 from residual.robot.robot import load_robot
-from residual.signals.track import FilterSettings
 
 ROBOT, RATE, SECONDS = "irb140", 100.0, 20.0
 WIDTH, HEIGHT, LEFT, RIGHT, TOP, LOW = 460, 220, 58, 12, 12, 44
@@ -36,7 +35,7 @@ def _seen() -> tuple[State, MotionSpan]:
     )
     span = _span(motion, np.zeros(robot.dof))
     names = choose_declared_effects(robot, None)
-    model = build_nominal(robot, names, span, np.full(robot.dof, 1e-3), FilterSettings()).model
+    model = build_nominal(robot, names, span, np.full(robot.dof, 1e-3)).model
     state = model.state(RATE, t, motion)
     return state, _span(motion, np.abs(state.tau_model).max(axis=0))
 

@@ -102,7 +102,7 @@ def few_tables(monkeypatch):
     lean = partial(core.CalibrationSettings, form=NominalPlsForm(6, 4))
     monkeypatch.setattr("flows.steps.fit.CalibrationSettings", lean)
     monkeypatch.setattr("residual.calibration.correction_choice.LEVELS", 10)
-    monkeypatch.setattr("residual.calibration.figure_data.SWEEP", (2, 5))
+    monkeypatch.setattr("residual.calibration.validation_scores.SWEEP", (2, 5))
 
 
 @pytest.fixture

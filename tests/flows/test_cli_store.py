@@ -3,6 +3,7 @@
 import io
 import json
 import re
+import resource
 import shutil
 import subprocess
 from datetime import datetime
@@ -12,11 +13,13 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.sealed_truth import show_truth
+from residual.errors import InputError
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.queries import open_store
 from warehouse.record_commit import SealedTruth, commit_record, commit_run
 from warehouse.runs import quarantine_run
+from warehouse.sql_guard import limit_process_memory
 from warehouse.view_schema import build_view_table, list_views
 
 
@@ -287,3 +290,16 @@ def test_the_level_at_which_a_verdict_first_names_its_effect(friction_store):
 def test_seconds_by_step(friction_store):
     rows = {r["step"]: (r["times"], r["seconds"]) for r in friction_store[1]("Seconds")}
     assert rows == {"plant": (6, 12.0), "reference": (6, 3.0), "validate": (5, 15.0)}
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="Linux counts the memory")
+def test_a_query_ends_before_the_memory_of_the_machine(run, monkeypatch):
+    before = resource.getrlimit(resource.RLIMIT_AS)
+    monkeypatch.setattr("warehouse.sql_guard.read_machine_memory", lambda: 700_000_000)
+    # 24 GB that DuckDB does not count.
+    code, _, err = run("sql", "SELECT unnest(range(3000000000))")
+    assert code == 2
+    assert "half of this machine's memory. Ask for less" in err
+    with pytest.raises(InputError, match="Ask for less: aggregate"), limit_process_memory():
+        bytearray(10**9)  # as an answer is written
+    assert resource.getrlimit(resource.RLIMIT_AS) == before

@@ -23,7 +23,6 @@ from residual.signals.filters import filter_low_pass
 from residual.signals.track import (
     CHOICES,
     SMOOTH,
-    FilterSettings,
     StandstillFriction,
     build_tracks,
     compute_dahl_state,
@@ -40,7 +39,7 @@ FLOOR = 0.01
 
 def nominal(robot, names):
     span = MotionSpan(np.full(robot.dof, 1.0), np.full(robot.dof, 2.0), 0.0, 8.0)
-    return build_nominal(robot, names, span, floor(robot), FilterSettings())
+    return build_nominal(robot, names, span, floor(robot))
 
 
 def floor(robot):

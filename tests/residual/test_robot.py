@@ -121,6 +121,11 @@ BAD_URDF = {
     "massless": (urdf(joint(1, inertial="")), "'joint1' moves has a mass"),
     "mass is text": (TWO_LINK.replace('value="2"', 'value="m"'), "expected a finite number"),
     "negative mass": (TWO_LINK.replace('value="2"', 'value="-2"'), "expected >= 0"),
+    "mass that overflows": (TWO_LINK.replace('value="2"', 'value="1e308"'), r"beyond 1e\+30"),
+    "origin that overflows": (
+        TWO_LINK.replace("<inertial>", '<inertial><origin xyz="1e200 0 0"/>'),
+        r"at joint '.*' is beyond 1e\+30",
+    ),
     "only comments": ("<robot><!-- see the xacro --></robot>", "has no link"),
     "mimic": (
         urdf(joint(1), joint(2, extra='<mimic joint="joint1"/>')),

@@ -158,6 +158,19 @@ def test_a_xacro_is_expanded_with_its_arguments_and_packages(xacro, tmp_path):
     assert load_arm(xacro).model.inertias[1].mass == 2  # beside the file
 
 
+def test_a_relative_include_of_a_xacro_begins_at_its_file(xacro, tmp_path, monkeypatch):
+    (tmp_path / "cell" / "link.xacro").write_text(PART)
+    (tmp_path / "broken").mkdir()
+    (tmp_path / "broken" / "link.xacro").write_text("no XML")
+    near = XACRO.replace("$(find parts)/", "")
+    broken = written(tmp_path / "broken", near, "arm.urdf.xacro")
+    written(tmp_path / "cell", near, "arm.urdf.xacro")
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(RobotError, match="does not expand"):
+        load_arm(broken)
+    assert load_arm(xacro.relative_to(tmp_path)).joints == ("a_joint", "b_joint")
+
+
 @pytest.mark.parametrize(
     ("args", "message"),
     [(["mass=7"], "expected name:=value"), ([], "arm.urdf.xacro does not expand.*parts")],

@@ -31,6 +31,12 @@ def test_whitened_rows_are_generalised_least_squares(seed, width):
     assert whiten(y) @ whiten(z) == pytest.approx(expected, rel=1e-9, abs=1e-9)
     degrees = np.trace(np.eye(ROWS) - np.linalg.inv(covariance))
     assert whiten.degrees == pytest.approx(degrees, rel=1e-9)
+    # Rows of uneven noise: the same, of covariance diag(1 / w^2) + M L^-1 M'.
+    weight = rng.uniform(0.2, 3.0, ROWS)
+    whiten = Whitening.of(shared, precision, weight)
+    covariance += np.diag(weight**-2.0 - 1)
+    expected = y @ np.linalg.solve(covariance, z)
+    assert whiten(y) @ whiten(z) == pytest.approx(expected, rel=1e-6, abs=1e-6)
 
 
 @cache

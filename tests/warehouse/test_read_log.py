@@ -265,6 +265,35 @@ def test_text_column_in_parquet_is_refused(robot, samples, tmp_path):
         read_log(str(tmp_path / "run.parquet"), robot)
 
 
+def test_of_two_parquet_columns_with_one_name_neither_is_read(robot, samples, tmp_path):
+    names, path = [*NAMES, "note", "note"], tmp_path / "run.parquet"
+    columns = [*samples.T, samples[:, 1], samples[:, 2]]
+    pq.write_table(pa.table(columns, names=names), path)
+    log, known = read_log(str(path), robot)
+    np.testing.assert_array_equal(log.q, samples[:, 1:3])
+    assert known.ignored == ("note", "note")
+    pq.write_table(pa.table(columns, names=[*NAMES, "note", "q1"]), path)
+    with pytest.raises(InputError, match="'q1' stands twice, expected once"):
+        read_log(str(path), robot)
+
+
+def test_a_clock_of_nanoseconds_and_long_lists_are_read_from_parquet(robot, samples, tmp_path):
+    columns, path = dict(zip(NAMES, samples.T, strict=True)), tmp_path / "run.parquet"
+    lists = samples[:, 1:3].tolist()
+    columns["t"] = (samples[:, 0] * 1e9).astype("int64") + 1_760_000_000_123_456_789
+    columns["q"] = pa.array(lists, pa.large_list(pa.float64()))
+    q = SignalMap(("q[0]", "q[1]"), "rad")
+    written = ColumnMap(time="t", time_scale=1e-9, signals={"q": q})
+    pq.write_table(pa.table(columns), path)
+    log, _ = read_log(str(path), robot, written)
+    np.testing.assert_array_equal(log.q, samples[:, 1:3])
+    np.testing.assert_allclose(log.t - log.t[0], samples[:, 0] - samples[0, 0], atol=1e-6)
+    columns["q"] = pa.array([*lists[:-1], [1.0]])
+    pq.write_table(pa.table(columns), path)
+    with pytest.raises(InputError, match="lists of column 'q' differ in length"):
+        read_log(str(path), robot, written)
+
+
 @pytest.mark.parametrize(
     ("spec", "message"),
     [

@@ -9,6 +9,7 @@ only compared with those of the map; a difference is an error.
 import csv
 import re
 from abc import ABC, abstractmethod
+from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -412,14 +413,21 @@ class ParquetLog(LogFile):
                 "samples, of which each has several bytes. Export the log again."
             )
         self._schema = self._file.schema_arrow
-        # Column and place in its lists; of a column of numbers no place.
-        self._places: dict[str, tuple[str, int | None]] = {}
+        # Column and place in its lists; of a column of numbers no place. Of two columns
+        # with one name Arrow finds neither: whoever chooses columns refuses the name.
+        self._places: dict[str, tuple[pa.Field, int | None]] = {}
+        names: list[str] = []
+        times = Counter(self._schema.names)
         for each in self._schema:
-            size = self._lengths(each)
-            items = {f"{each.name}[{k}]": (each.name, k) for k in range(size or 0)}
-            self._places |= items or {each.name: (each.name, None)}
-        self.columns = tuple(self._places)
-        self.text = frozenset(c for c in self.columns if not self._holds_numbers(c))
+            size = self._lengths(each) if times[each.name] == 1 else None
+            items = {f"{each.name}[{k}]": (each, k) for k in range(size or 0)}
+            items = items or {each.name: (each, None)}
+            names += items
+            self._places |= items
+        self.columns = tuple(names)
+        self.text = frozenset(
+            c for c, (each, k) in self._places.items() if not _holds_numbers(each.type, k)
+        )
         recorded = (self._schema.metadata or {}).get(FIELD.encode(), b"")
         self.recorded_at, _ = find_header_timestamp([recorded.decode(errors="replace")])
 
@@ -427,44 +435,58 @@ class ParquetLog(LogFile):
         """Return the values of some columns, NaN where empty."""
         for column in columns:
             if column in self.text:
-                kind = self._schema.field(self._places[column][0]).type
-                raise InputError(f"{self.name}: column '{column}' holds {kind}, expected numbers.")
+                kind = self._places[column][0].type
+                raise InputError(
+                    f"{self.name}: column '{column}' holds {kind}, expected numbers. Export it "
+                    "as numbers, a time as seconds, or name another column in the map (--map)."
+                )
         values = {c: np.empty(self._file.metadata.num_rows) for c in columns}
         done = 0
         try:
             # Batch by batch: a table of all of it would stand beside the values.
-            selected = list(dict.fromkeys(self._places[c][0] for c in columns))
+            selected = list(dict.fromkeys(self._places[c][0].name for c in columns))
             for batch in self._file.iter_batches(BATCH, columns=selected):
                 rows = slice(done, done + len(batch))
                 for c in columns:
-                    name, k = self._places[c]
-                    column = batch.column(name)
+                    each, k = self._places[c]
+                    column = batch.column(each.name)
                     if k is not None:
-                        column = pc.list_element(column, k)
-                    column = column.cast(pa.float64())
+                        column = self._items(column, each.name, k)
+                    # Of a clock of nanoseconds the last hundred do not matter.
+                    column = column.cast(pa.float64(), safe=False)
                     values[c][rows] = column.to_numpy(zero_copy_only=False)
                 done += len(batch)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
         return {c: x[:done] for c, x in values.items()}
 
-    def _holds_numbers(self, column: str) -> bool:
-        kind = self._schema.field(self._places[column][0]).type
-        if pa.types.is_list(kind) or pa.types.is_fixed_size_list(kind):
-            kind = kind.value_type
-        return pa.types.is_integer(kind) or pa.types.is_floating(kind)
+    def _items(self, column: pa.Array, name: str, k: int) -> pa.Array:
+        try:
+            return pc.list_element(column, k)
+        except pa.ArrowInvalid as error:
+            raise InputError(
+                f"{self.name}: lists of column '{name}' differ in length, expected as many "
+                "numbers in every row. Repair the log or cut it with a window (FILE@start:end)."
+            ) from error
 
     def _lengths(self, field: pa.Field) -> int | None:
         """How many numbers each list of a column has; None for what is no list."""
         if pa.types.is_fixed_size_list(field.type):
             return field.type.list_size
-        if not pa.types.is_list(field.type) or not self._file.metadata.num_rows:
+        lists = pa.types.is_list(field.type) or pa.types.is_large_list(field.type)
+        if not lists or not self._file.metadata.num_rows:
             return None
         try:
             batch = next(self._file.iter_batches(1, columns=[field.name]))
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(self.name)) from error
         return len(batch.column(0)[0].as_py() or ())
+
+
+def _holds_numbers(kind: pa.DataType, place: int | None) -> bool:
+    """Whether a column holds numbers; or lists of them, of which one place is read."""
+    kind = kind if place is None else kind.value_type
+    return pa.types.is_integer(kind) or pa.types.is_floating(kind)
 
 
 def prepare_arrow_source(path: Path) -> Path | pa.BufferReader:

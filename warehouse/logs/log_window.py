@@ -5,7 +5,6 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import combinations
 from pathlib import Path
 
 import numpy as np
@@ -156,17 +155,21 @@ def check_logs_distinct(recordings: Sequence[Recording]) -> None:
     if len(recordings) < 2:
         return
     prints = [_runs(recording) for recording in recordings]
-    for i, j in combinations(range(len(recordings)), 2):
-        (runs, moving), (other_runs, other_moving) = prints[i], prints[j]
-        shared, at, there = np.intersect1d(
-            runs, other_runs, assume_unique=True, return_indices=True
-        )
-        if moving[at].any() or other_moving[there].any():
-            raise InputError(
-                f"'{recordings[i].id}' and '{recordings[j].id}' hold the same samples "
-                f"(about {len(shared) + RUN - 1}). Give every sample once: other logs, "
-                "or windows that do not overlap."
-            )
+    runs, moving = (np.concatenate(each) for each in zip(*prints, strict=True))
+    log = np.repeat(np.arange(len(prints)), [len(own) for own, _ in prints])
+    order = np.argsort(runs, kind="stable")
+    again = np.flatnonzero(runs[order[1:]] == runs[order[:-1]])
+    pairs = np.stack([order[again], order[again + 1]])
+    pairs = pairs[:, moving[pairs].any(axis=0)]
+    if not pairs.size:
+        return
+    i, j = min(zip(*log[pairs].tolist(), strict=True))
+    shared = np.intersect1d(prints[i][0], prints[j][0], assume_unique=True)
+    raise InputError(
+        f"'{recordings[i].id}' and '{recordings[j].id}' hold the same samples "
+        f"(about {len(shared) + RUN - 1}). Give every sample once: other logs, "
+        "or windows that do not overlap."
+    )
 
 
 def _runs(recording: Recording) -> tuple[Array, Array]:

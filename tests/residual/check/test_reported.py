@@ -19,8 +19,8 @@ from residual.check.gravcomp import find_weight_in_torque
 from residual.check.kinematics import find_limit_violations
 from residual.check.result import Repair
 from residual.check.slips import build_order_slip, build_sign_slips, list_factor_slips, merge_slips
-from residual.robot.carried_weight import CarriedWeight
 from residual.robot.dynamics import compute_gravity_torque, compute_inverse_dynamics
+from residual.robot.plausibility import CarriedWeight
 from residual.robot.robot import load_robot
 from residual.signals.filters import filter_low_pass
 from sim.engine.plant_records import create_random_stream
