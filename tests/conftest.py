@@ -2,6 +2,8 @@
 
 import fcntl
 import os
+import re
+import sys
 import tempfile
 from functools import cache
 from pathlib import Path
@@ -11,7 +13,7 @@ from hypothesis import settings
 from hypothesis.configuration import set_hypothesis_home_dir
 
 from tests import s3
-from tests.checkout import changed, listing
+from tests.checkout import ROOT, changed, listing
 from warehouse import remote_store
 
 # Before numpy is loaded, so that a bare `pytest` runs as `make test` does: two test
@@ -25,7 +27,6 @@ set_hypothesis_home_dir(Path(tempfile.gettempdir()) / "modelgap-hypothesis")
 settings.register_profile("modelgap", deadline=None, derandomize=True, database=None)
 settings.load_profile("modelgap")
 
-ROOT = Path(__file__).parents[1]
 _BEFORE = pytest.StashKey()
 # The store of every command without --store: a test that writes there has named none.
 _DEFAULT_STORE = Path(tempfile.gettempdir(), f"modelgap-no-store-{os.getpid()}")
@@ -101,3 +102,23 @@ def bucket_store(s3_server, tmp_path, monkeypatch):
     remote_store.close_buckets()
     yield s3.new_bucket(s3_server)
     remote_store.close_buckets()
+
+
+@pytest.fixture
+def new_effect(tmp_path, monkeypatch):
+    """Put the examples of a page beside the files of both folders; give their name."""
+    from residual import effects as sought
+    from sim import effects as hidden
+
+    page = (ROOT / "docs/guide/add_an_effect.md").read_text(encoding="utf-8")
+    examples, name = re.findall(r"```python\n(.*?)```", page, re.S), "creaking"
+    for folder, example in zip((sought, hidden), examples, strict=True):
+        copy = tmp_path / folder.__name__
+        copy.mkdir()
+        (copy / f"{name}.py").write_text(example, encoding="utf-8")
+        monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(copy)])
+        folder.load_effects.cache_clear()
+    yield name
+    for folder in (sought, hidden):
+        sys.modules.pop(f"{folder.__name__}.{name}", None)
+        folder.load_effects.cache_clear()

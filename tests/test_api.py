@@ -31,9 +31,6 @@ from tests.checkout import ROOT
 from tests.residual.test_model_record import model_of
 from warehouse.record_commit import commit_run
 
-# The door: what `import modelgap as mg` gives, and what it does not load.
-
-
 HEAVY = ("numpy", "pinocchio", "prefect", "pybullet", "duckdb", "rich")
 
 

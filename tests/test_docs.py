@@ -19,8 +19,6 @@ from residual.model.nominal import DEFAULT_DECLARED
 from scripts.docs_site import pages
 from tests.checkout import ROOMS, ROOT, nodes, sources
 
-# The pages say what the program does.
-
 
 def _text(name: str) -> str:
     return (ROOT / name).read_text(encoding="utf-8")

@@ -2,7 +2,6 @@
 
 import importlib
 import json
-import re
 import sys
 from pathlib import Path
 
@@ -11,39 +10,16 @@ import pytest
 
 from flows.cli import main
 from flows.steps.export import list_export_targets
-from residual import effects as sought
 from residual.effects import load_effects
 from residual.errors import InputError
 from residual.plugins import load_plugins
-from sim import effects as hidden
 from sim.engine.plant_records import SyntheticEffect as Effect
 from tests.residual.arms import arm, short_case, urdf_text
 from tests.residual.test_model_record import model_of
 from tests.synthetic.logs import write_csv
 from warehouse.logs import read_log
 
-# A new effect is a file on each side; from the arm to the page, nothing else knows.
-
-
-PAGE = Path(__file__).parents[1] / "docs" / "guide" / "add_an_effect.md"
 NAME, JOINT, SIZE = "creaking", 2, 8.0  # N m s/rad^2
-
-
-@pytest.fixture
-def new_effect(tmp_path, monkeypatch):
-    """Put the examples of the page beside the files of both folders, for one test."""
-    page = PAGE.read_text(encoding="utf-8")
-    examples = re.findall(r"```python\n(.*?)```", page, re.S)
-    for folder, example in zip((sought, hidden), examples, strict=True):
-        copy = tmp_path / folder.__name__
-        copy.mkdir()
-        (copy / f"{NAME}.py").write_text(example, encoding="utf-8")
-        monkeypatch.setattr(folder, "__path__", [*folder.__path__, str(copy)])
-        folder.load_effects.cache_clear()
-    yield
-    for folder in (sought, hidden):
-        sys.modules.pop(f"{folder.__name__}.{NAME}", None)
-        folder.load_effects.cache_clear()
 
 
 @pytest.mark.usefixtures("new_effect")

@@ -12,9 +12,6 @@ from benchmarks.harness.figures import figure, finish, missing, undecided
 from flows.workers import InlineExecutor
 from tests.pages.page import ROOT
 
-# Figures are of the code that ships: results, their hash, pages made of them.
-
-
 DOCS = [ROOT / "README.md", *sorted((ROOT / "docs").rglob("*.md"))]
 # The one page of figures that is written by hand; test_limits compares it.
 BY_HAND = ROOT / "docs" / "guide" / "limits.md"

@@ -12,8 +12,6 @@ from flows.api import logs as remedies
 from residual.errors import InputError
 from tests.residual.arms import urdf_text
 
-# Writing to the store from Python: by the steps of the commands.
-
 
 def test_what_python_imports_and_diagnoses_is_what_the_commands_store(folder, calls, cli):
     robot = mg.load_robot("irb140")

@@ -14,9 +14,6 @@ from tests.residual.test_model_record import model_of
 from tests.warehouse import store_samples
 from warehouse.record_commit import commit_run
 
-# Bad words of every command about logs: exit code 2, a line or two, no file.
-
-
 ROBOT = "--robot arm.urdf"
 # What stands for itself with any of the verbs that fit something to logs.
 OF_ALL = {
@@ -47,7 +44,7 @@ BAD = {
     f"diagnose A.csv {ROBOT} --report A.csv": "overwrite an input",
     f"diagnose A.csv {ROBOT} --json o --report ./o": "both name",
     f"identify A.csv {ROBOT} --method wsl": "did you mean 'wls'",
-    f"identify A.csv {ROBOT} --prior -1": "expected a positive number",
+    f"identify A.csv {ROBOT} --prior 0": "expected a positive number",
     f"identify A.csv {ROBOT} --prior x": "prior",
     f"identify A.csv {ROBOT} --out A.csv": "is a file, expected a folder",
     f"identify A.csv {ROBOT} --out .": "is not empty",

@@ -11,13 +11,11 @@ import pytest
 from flows.cli import main
 from flows.specs import parse_spec
 from flows.steps import experiment
-from flows.steps import experiment as campaign
 from flows.steps.experiment import plan_experiments, run_campaign_experiments
 from flows.workers import InlineExecutor, JobResult, ProcessExecutor, run_jobs
 from residual.errors import InputError
+from tests.checkout import ROOT
 from tests.waiting import PATIENCE, until
-
-ROOT = Path(__file__).parents[2]
 
 
 def specs(count: int) -> list:
@@ -41,7 +39,7 @@ def done(monkeypatch):
         (store / "samples" / "robot=irb140" / f"run_id={id}").mkdir(parents=True)
         return id
 
-    monkeypatch.setattr(campaign, "simulate_and_store", run)
+    monkeypatch.setattr(experiment, "simulate_and_store", run)
     return ran
 
 
@@ -92,7 +90,7 @@ def test_a_dry_run_plans_the_motions_and_says_which_break_a_limit(tmp_path, caps
 
 
 def test_a_campaign_with_a_failure_ends_with_1_and_says_which(tmp_path, done, monkeypatch, capsys):
-    monkeypatch.setattr(campaign, "ProcessExecutor", lambda workers: InlineExecutor())
+    monkeypatch.setattr(experiment, "ProcessExecutor", lambda workers: InlineExecutor())
     (tmp_path / "C.toml").write_text("[grid]\nseed = [0, 1]\n")
     words = ["campaign", str(tmp_path / "C.toml"), "--store", str(tmp_path / "s")]
     assert main(words) == 1

@@ -13,10 +13,8 @@ from flows.steps.check import format_gravity_line, format_repair_lines
 from residual.check.result import Fault, LogCheck, Repair, read_log_check
 from residual.errors import InputError
 from residual.robot.robot import load_robot
+from tests.warehouse.conftest import chain
 from warehouse.logs import ColumnMap, read_column_map, read_log
-
-# modelgap check: what it says, in words and as JSON, and that it exits with 0.
-
 
 HIDDEN = Path(__file__).parents[2] / "examples" / "hidden"
 
@@ -177,14 +175,6 @@ def test_without_a_log_the_robot_file_is_told(tmp_path, monkeypatch, capsys):
 
 RIGHT = [3, 1, 2]
 NAMES = ("t", *(f"{s}{i}" for s in ("q", "qd", "tau") for i in (1, 2, 3)))
-LINK = """
-  <joint name="joint{i}" type="revolute">
-    <parent link="link{p}"/><child link="link{i}"/><axis xyz="0 1 0"/>
-    <limit lower="-3" upper="3" velocity="9" effort="50"/>
-  </joint>
-  <link name="link{i}"><inertial><mass value="2"/>
-    <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
-  </link>"""
 
 
 @pytest.fixture
@@ -192,9 +182,7 @@ def arm(tmp_path):
     def load(toml=""):
         folder = tmp_path / "arm"
         folder.mkdir(exist_ok=True)
-        links = "".join(LINK.format(i=i, p=i - 1) for i in (1, 2, 3))
-        urdf = f'<robot name="three"><link name="link0"/>{links}</robot>'
-        (folder / "arm.urdf").write_text(urdf)
+        (folder / "arm.urdf").write_text(chain("three", 3))
         (folder / "robot.toml").write_text(toml)
         return load_robot(folder)
 

@@ -7,7 +7,6 @@ import shlex
 import subprocess
 import sys
 from dataclasses import fields, replace
-from pathlib import Path
 
 import pytest
 
@@ -15,8 +14,7 @@ from flows.cli import main
 from flows.cli.app import app
 from flows.requests import Diagnose, format_command
 from residual.diagnosis import diagnose as loop
-
-ROOT = Path(__file__).parents[2]
+from tests.checkout import ROOT
 
 
 def run(words):

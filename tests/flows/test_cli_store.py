@@ -19,8 +19,6 @@ from tests.warehouse import store_samples as samples
 from warehouse.queries import open_store
 from warehouse.record_commit import SealedTruth, commit_record, commit_run
 from warehouse.runs import quarantine_run
-
-# modelgap runs, sql and show: words in, answers and exit codes out.
 from warehouse.sql_guard import limit_process_memory
 from warehouse.view_schema import build_view_table, list_views
 

@@ -1,7 +1,6 @@
 """The flows of Prefect: their order, what they leave behind, and where."""
 
 from datetime import UTC, datetime
-from pathlib import Path
 from types import SimpleNamespace
 
 import httpx
@@ -18,6 +17,7 @@ from flows.steps.experiment import compute_run_id
 from flows.steps.model_choice import ModelChoice
 from flows.workers import RUNNER, InlineExecutor
 from residual.errors import InputError, RunError
+from tests.checkout import ROOT
 from tests.verdict_documents import typed
 from tests.waiting import until
 from warehouse.record_ids import build_record_path
@@ -86,8 +86,6 @@ def faked(monkeypatch, tmp_path):
 
 # The flows of Prefect: their order, what they leave behind, and where.
 
-
-ROOT = Path(__file__).parents[2]
 
 pytestmark = pytest.mark.prefect
 

@@ -10,7 +10,6 @@ import pytest
 from flows.cli import main
 from flows.specs import load_campaign, parse_spec
 from flows.steps import experiment
-from flows.steps import experiment as campaign
 from flows.steps.experiment import plan_experiments, store_campaign
 from flows.storage import diagnosis_from_record, diagnosis_to_record
 from flows.workers import run_job
@@ -105,7 +104,7 @@ def test_a_simulation_that_diverges_stores_nothing_and_ends_with_2(tmp_path, mon
     # From a process of a campaign the error reaches its parent as words.
     planned = experiment.PlannedExperiment("one", spec(), "ab", False)
     with pytest.raises(InputError) as caught:
-        run_job(campaign.run_planned_experiment, planned, str(store))
+        run_job(experiment.run_planned_experiment, planned, str(store))
     assert "1.250 s" in str(pickle.loads(pickle.dumps(caught.value)))
 
 

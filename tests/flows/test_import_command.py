@@ -1,18 +1,19 @@
 """modelgap import: measured logs become runs like any other."""
 
 import json
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import warehouse
 from flows.inputs import load_command_robot as load_arm
 from flows.inputs import read_run_robot
 from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
+from tests.warehouse import store_samples as samples
 from warehouse.runs import read_run
 from warehouse.store_catalogue import read_record
 
@@ -30,9 +31,7 @@ def run(place, cli):
     return cli
 
 
-def ask(query):
-    with warehouse.open("store") as store:
-        return store.sql(query).to_pylist()
+ask = partial(samples.ask, "store")
 
 
 def test_a_dry_run_shows_what_was_understood_and_stores_nothing(run, place):

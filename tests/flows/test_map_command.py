@@ -11,8 +11,6 @@ from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, short_case, urdf_text
 from tests.warehouse.foreign_logs import FOLDER, FORMATS
 
-# modelgap map: from a log with a foreign header and an own URDF to a verdict.
-
 
 @pytest.fixture
 def arm(tmp_path, monkeypatch):

@@ -21,8 +21,6 @@ from tests.flows.adopted_arm import unchecked
 from tests.residual.planning.questions import logs, robot_and_question
 from tests.synthetic.logs import write_csv
 
-# The motion that is chosen: the soonest of all that were ranked, within all limits.
-
 
 @pytest.fixture(scope="module")
 def robot_and_ranking():
@@ -158,24 +156,18 @@ def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):
 # modelgap trajectory: from the words to the files.
 
 
-@pytest.fixture
-def empty_folder(tmp_path, monkeypatch):
-    monkeypatch.chdir(tmp_path)
-    return tmp_path
-
-
 def run(*words):
     return main(["trajectory", *words])
 
 
-def test_a_motion_is_described_and_its_csv_is_what_a_controller_reads(empty_folder, capsys):
+def test_a_motion_is_described_and_its_csv_is_what_a_controller_reads(own_folder, capsys):
     assert run("welding", "--out", "w.csv", "--rate", "100", "--seed", "3") == 0
     shown = capsys.readouterr().out
     assert "welding motion of irb140: 20 s at 100 Hz" in shown
     assert "condition number" in shown
     assert "Share of the limits" in shown
     assert "wrote w.csv" in shown
-    header, *lines = (empty_folder / "w.csv").read_text().splitlines()
+    header, *lines = (own_folder / "w.csv").read_text().splitlines()
     names = [f"{name}{j}" for name in ("q", "qd", "qdd") for j in range(1, 7)]
     assert header.split(",") == ["t", *names]
     assert not any("-0.000000000," in line for line in lines)

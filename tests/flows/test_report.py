@@ -23,7 +23,7 @@ from flows.steps.adopt import _of_verdict
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json
-from residual.verdict.result import Diagnosis, Edit, Place, Verdict
+from residual.verdict.result import Diagnosis, Edit, Place
 from tests.flows import report_outcomes as outcomes
 from tests.verdict_documents import typed
 from tests.warehouse import store_samples as samples
@@ -212,14 +212,6 @@ def test_envelope_keeps_ends_and_every_single_peak(count: int) -> None:
 
 
 # The verdict in plain sentences: claim, error, values that are off, alternatives.
-
-
-def verdict(*effects: dict, kind: str = "effects", **error: object) -> Verdict:
-    return typed(outcomes.verdict(kind, list(effects), **error))
-
-
-def effect(name: str, joints: list[int], **more: object) -> dict:
-    return outcomes.effect(name, joints, {}, **more)
 
 
 @pytest.mark.parametrize(

@@ -35,9 +35,6 @@ from warehouse.store_files import ReadOnlyStoreError
 from warehouse.verification import verify_store
 from warehouse.view_schema import TRUTH
 
-# Sealed truth opens on purpose, leaves a mark, and changes no verdict.
-
-
 EFFECTS = [
     {"name": "coulomb", "joints": [2], "level": 4.0, "onset": 1.0},
     {"name": "x_wall", "joints": [1], "angle": 0.5, "stiffness": 9.0, "side": 1.0},

@@ -21,9 +21,6 @@ from sim.engine.plant_records import PlantEffect as Effect
 from sim.engine.plant_records import SampleRates, SensorNoise, TrajectorySpec
 from tests.checkout import ROOT
 
-# SPEC.toml and campaigns: what they mean, and what is said when they do not fit.
-
-
 SPEC = """
 schema = 1
 robot = "irb140"

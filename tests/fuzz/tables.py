@@ -22,21 +22,6 @@ q = {columns = ["q1", "q2"], unit = "rad", side = "link", sign = [1, -1]}
 tau = {columns = ["tau1", "tau2"], unit = "A", scale = [1.0, 2.0]}
 csv = {separator = ",", decimal = ".", skip = 0}
 """,
-    """[time]
-column = "t"
-[q]
-columns = ["q1", "q2"]
-unit = "deg"
-side = "motor"
-zero = [0.5, 1.5]
-[qd]
-columns = ["q1", "q2"]
-unit = "deg/s"
-[bag]
-topic = "/js"
-joints = ["a", "b"]
-time = "record"
-""",
 )
 _MAP_WORDS = tuple(
     b"time column unit scale q tau qd qdd q_ref columns side sign zero csv separator "
@@ -186,7 +171,7 @@ def _reader(name: str, texts: tuple[str, ...], words: tuple, read) -> Reader:
 
 
 TABLES = (
-    _reader("map", _MAPS[:1], _MAP_WORDS, _read_map),
+    _reader("map", _MAPS, _MAP_WORDS, _read_map),
     _reader("urdf", (URDF, _CONTINUOUS, _TOOL), _URDF_WORDS, _read_urdf),
     _reader("robot", _ROBOTS, _ROBOT_WORDS, _read_robot),
     _reader("spec", _SPECS, _SPEC_WORDS, _read_spec),

@@ -4,7 +4,7 @@ import pytest
 
 from tests.fuzz.campaign import CORPUS
 from tests.fuzz.reader import judge
-from tests.fuzz.readers import READERS
+from tests.fuzz.run import READERS
 
 CASES = sorted(path.relative_to(CORPUS).as_posix() for path in CORPUS.glob("*/*.bin"))
 

@@ -16,9 +16,6 @@ from residual.robot.dynamics import (
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, TWO, arm
 
-# Laws that any rigid-body dynamics obeys.
-
-
 MODEL = load_robot("irb140").model
 seeds = st.integers(0, 2**31)
 

@@ -18,9 +18,6 @@ from residual.model.model import Term
 from residual.robot import dynamics
 from tests.residual.arms import SEVEN, arm, bare_irb140
 
-# Laws of the effects: what each one does, to which rows, by which parameters.
-
-
 NAMES = sorted(load_effects())
 
 

@@ -37,9 +37,6 @@ from tests.residual.linear import (
     track,
 )
 
-# Fit and evidence against regressions written out with numpy.
-
-
 SIGMA2 = np.array([1.7, 0.4])  # noise variance of each joint, given
 SETS = {
     "nominal alone": [],

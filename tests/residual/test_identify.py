@@ -23,9 +23,6 @@ from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs
 from tests.residual.identified import COULOMB, ROTOR, VISCOUS, logs, truth
 
-# Identification: recovery of known parameters, and the laws of its estimators.
-
-
 FRICTION = [*VISCOUS, *COULOMB, *ROTOR]
 
 
@@ -145,12 +142,6 @@ BAD = {
         lambda: identify(truth().robot, logs(1, duration=1.6)),
         r"Too few rows: \d+ moving rows for 22 parameters, expected 66 or more",
     ),
-    "unknown effect": (
-        lambda: identify(truth().robot, logs(1), ["coulom"]),
-        "did you mean 'coulomb'",
-    ),
-    "unknown method": (lambda: Options("wsl"), "did you mean 'wls'"),
-    "prior of 0": (lambda: Options(prior=0.0), "expected a positive number"),
 }
 
 

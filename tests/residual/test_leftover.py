@@ -23,8 +23,6 @@ from residual.signals.splitting import find_session_start
 from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs, quiet
 
-# What a leftover depends on: the right variable, time, or nothing at all.
-
 
 def line(left):
     t = np.concatenate([30 * k + np.arange(N) * STEP for k in range(LOGS)])

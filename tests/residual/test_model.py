@@ -18,7 +18,6 @@ from residual.evidence.fit import FitEquations, fit_jointly
 from residual.model.model import Model, Term
 from residual.model.nominal import DEFAULT_DECLARED, build_nominal, choose_standstill_behaviour
 from residual.robot.dynamics import compute_inverse_dynamics, read_inertial_parameters
-from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from residual.robot.robot import load_robot
 from residual.signals.filters import filter_low_pass
 from residual.signals.track import (
@@ -214,7 +213,9 @@ def test_the_share_that_friction_holds_at_standstill_is_read_from_the_fit_logs(h
     robot = arm()
     t, q = stop_and_go()
     friction = Term(load_effects()["coulomb"], (0,), (), np.array([5.0]))
-    model = Model(robot, read_inertias(robot.model), (friction,), np.full(2, SPEED_FLOOR))
+    model = Model(
+        robot, read_inertial_parameters(robot.model), (friction,), np.full(2, SPEED_FLOOR)
+    )
     truth = replace(model, standstill=2 * (StandstillFriction("bristle", 1e-3, hold=hold),))
     log = recording(t, q, truth.predict(recording(t, q, 0 * q)))
     tracks, _ = build_tracks([log], model.filters, model.speed_floor)

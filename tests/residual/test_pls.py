@@ -20,8 +20,6 @@ from residual.calibration.nominal_pls import (
 from residual.errors import InputError
 from tests.residual.motion_blocks import motion, one_hot
 
-# Principal components and PLSR.
-
 
 def blocks(rng, n=60, k=6, j=3):
     X = rng.normal(size=(n, k)) @ rng.normal(size=(k, k)) * 10.0 ** np.arange(k) + 3

@@ -17,9 +17,6 @@ from residual.robot.plausibility import describe_body_flaws
 from residual.robot.robot import add_known_values, build_robot, load_robot, set_serial_number
 from tests.residual.arms import plain_logs, urdf_text
 
-# Loading robots: what is accepted, and what is said of what is not.
-
-
 JOINT = """
   <joint name="joint{i}" type="{kind}">
     <parent link="link{parent}"/><child link="link{i}"/>

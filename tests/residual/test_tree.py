@@ -23,15 +23,11 @@ from residual.robot.dynamics import (
     find_flange_frame,
     read_inertial_parameters,
 )
-from residual.robot.dynamics import compute_inertial_regressor as inertial_regressor
 from residual.robot.robot import build_robot, load_robot
 from residual.robot.urdf import ArmChoice, read_urdf
 from sim.engine.pybullet_world import BulletWorld
 from tests.plain_arm import SLIDING, logs, sizes, sliding_arm, true_model, with_load
 from warehouse.robots import find_robot_by_hash
-
-# Files that hold more than an arm: which chain it is, and what all the rest weighs.
-
 
 LIMIT = '<limit lower="{low}" upper="{high}" velocity="2" effort="90"/>'
 
@@ -397,4 +393,4 @@ def test_a_load_on_an_arm_on_a_rail_is_named_in_kilograms():
     assert mass.unit == "kg"
     assert abs(mass.value - 2.5) < 2 * mass.std
     assert read_inertial_parameters(loaded).shape == (50,)
-    assert inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)
+    assert compute_inertial_regressor(loaded, *np.zeros((3, 1, 5))).shape == (1, 5, 50)

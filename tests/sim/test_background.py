@@ -12,9 +12,6 @@ from tests.sim.plant_cases import ROBOT, motion
 from tests.synthetic.logs import LogPlan, make
 from tests.synthetic.quasi_static import Plant
 
-# The background of an arm in use: what is drawn for it, and what its drives log.
-
-
 SCALE = {"workshop": 1.0, "worn": 2.0}
 COULOMB = np.full(6, 4.0)
 SPAN = estimate_typical_sizes(ROBOT).torque

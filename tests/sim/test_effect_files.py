@@ -1,7 +1,5 @@
 """What an arm may hide is one file in sim/effects, and nothing else knows its name."""
 
-import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -20,20 +18,7 @@ from sim.plant.effect_catalogue import list_named_effects as named_effects
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent
-PAGE = Path(__file__).parents[2] / "docs" / "guide" / "add_an_effect.md"
 SIZE = 4.0  # N m s/rad^2
-
-
-@pytest.fixture
-def creaking(tmp_path, monkeypatch):
-    page = PAGE.read_text(encoding="utf-8")
-    _, code = re.findall(r"```python\n(.*?)```", page, re.S)[:2]
-    (tmp_path / "creaking.py").write_text(code, encoding="utf-8")
-    monkeypatch.setattr(effects, "__path__", [*effects.__path__, str(tmp_path)])
-    load_effects.cache_clear()
-    yield "creaking"
-    sys.modules.pop("sim.effects.creaking", None)
-    load_effects.cache_clear()
 
 
 def test_the_registry_is_the_folder():
@@ -52,18 +37,18 @@ def test_the_plant_can_have_what_the_diagnosis_looks_for_in_the_same_words():
         assert dict(load_effects()[name].parameters) == dict(sought()[name].parameters)
 
 
-def test_one_new_file_is_an_effect_that_can_be_drawn_and_checked(creaking):
-    assert creaking in list_plant_effects()
-    assert creaking in list_drawable_effects()
-    drawn = draw_plant_effect(ROBOT, create_random_stream(1, "hidden"), creaking)
+def test_one_new_file_is_an_effect_that_can_be_drawn_and_checked(new_effect):
+    assert new_effect in list_plant_effects()
+    assert new_effect in list_drawable_effects()
+    drawn = draw_plant_effect(ROBOT, create_random_stream(1, "hidden"), new_effect)
     check_effect(drawn, ROBOT)
     assert [key for key, _ in drawn.parameters] == ["coefficient"]
     with pytest.raises(InputError, match="'coefficient'"):
-        check_effect(effect(creaking, 2, coeficient=1.0), ROBOT)
+        check_effect(effect(new_effect, 2, coeficient=1.0), ROBOT)
 
 
-def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(creaking):
-    hidden, quiet = effect(creaking, 2, coefficient=SIZE), SensorNoise(0.0, 0.0)
+def test_one_new_file_acts_in_the_physics_engine_and_in_its_log(new_effect):
+    hidden, quiet = effect(new_effect, 2, coefficient=SIZE), SensorNoise(0.0, 0.0)
     run = run_experiment(ROBOT, motion(duration=2.1), PlantSpec((hidden,), noise=quiet))
     torque = run.truth["tau_creaking"]
     expected = SIZE * run.truth["q"] * run.truth["qd"] * (np.arange(6) == 1)

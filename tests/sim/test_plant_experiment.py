@@ -23,9 +23,6 @@ from sim.plant.effect_catalogue import check_effect, list_plant_effects, resolve
 from sim.plant.sensors import simulate_torque_report
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
-# Experiments: pure functions of their specs, and clear about what cannot be.
-
-
 pytestmark = pytest.mark.usefixtures("compiled_plant")
 
 MOVE = motion("fourier", 2.0)

@@ -12,7 +12,6 @@ from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
 from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.engine.plant_records import create_random_stream
-from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
 from tests.sim import plant_cases
 from tests.sim.plant_cases import ROBOT
@@ -144,7 +143,7 @@ SHORT = tuple(
 
 
 def logs(*effects, seed=5):
-    hidden = tuple(draw_effect(ROBOT, e, make_rng(seed, e)) for e in effects)
+    hidden = tuple(draw_effect(ROBOT, e, create_random_stream(seed, e)) for e in effects)
     return make(Plant(ROBOT, hidden, seed), SHORT, seed)
 
 

@@ -21,7 +21,6 @@ from sim.engine.geometry import (
     solve_pose_path,
 )
 from sim.engine.geometry import compute_capsule_ends as capsule_ends
-from sim.engine.geometry import compute_flange_pose as pose
 from sim.engine.plant_records import TrajectorySpec
 from sim.trajectories import (
     KINDS,
@@ -43,7 +42,6 @@ from sim.trajectories.planning_limits import (
     read_planning_limits,
 )
 from sim.trajectories.planning_limits import check_motion_clearance as check_clearance
-from sim.trajectories.planning_limits import read_planning_limits as read_limits
 
 # Arms to plan for, as URDF text.
 
@@ -123,10 +121,10 @@ IRB = build_tool_kinematics(ROBOT, "test")
 def test_the_flange_comes_where_it_was_sent(seed):
     rng = np.random.default_rng(seed)
     q = rng.uniform(-1, 1, 6)
-    target = pose(IRB, q)
+    target = compute_flange_pose(IRB, q)
     q_found = solve_inverse_kinematics(IRB, target, q + rng.uniform(-0.2, 0.2, 6))
     assert q_found is not None
-    assert np.abs(pin.log6(pose(IRB, q_found).actInv(target)).vector).max() < 1e-9
+    assert np.abs(pin.log6(compute_flange_pose(IRB, q_found).actInv(target)).vector).max() < 1e-9
 
 
 def test_what_is_out_of_reach_is_not_found_and_a_stretched_wrist_is_singular():
@@ -142,7 +140,7 @@ def test_what_is_out_of_reach_is_not_found_and_a_stretched_wrist_is_singular():
 def test_a_spare_joint_comes_home_with_the_flange(tmp_path):
     seven = build_tool_kinematics(arm(SEVEN, tmp_path), "test")
     home = np.array([0.2, 0.8, -0.3, 1.0, 0.4, 0.9, 0.1])
-    start = pose(seven, home)
+    start = compute_flange_pose(seven, home)
     angle = np.linspace(0, 2 * np.pi, 40)
     targets = [
         pin.SE3(start.rotation, start.translation + 0.1 * np.array([0, np.sin(a), 0]))
@@ -333,7 +331,7 @@ POSES = ("cyclic", "welding")
 )
 def test_families_plan_for_other_arms(text, kind, tmp_path):
     robot, spec = arm(text, tmp_path), TrajectorySpec(kind, 11.0, 1)
-    r, limits = plan_reference_motion(robot, spec, 100.0, False), read_limits(robot)
+    r, limits = plan_reference_motion(robot, spec, 100.0, False), read_planning_limits(robot)
     assert ((r.q >= limits.lower) & (r.q <= limits.upper)).all()
     assert (np.abs(r.qd) <= limits.velocity).all()
     assert compute_clearances(build_arm_capsules(robot.model), r.q).min() >= MARGIN
@@ -402,7 +400,7 @@ def test_too_much_torque_is_named(tmp_path):
 
 def test_a_peak_between_two_samples_is_seen():
     t = np.arange(101) / 100
-    limit = read_limits(ROBOT).velocity[0]
+    limit = read_planning_limits(ROBOT).velocity[0]
     # A wave whose samples miss its peaks.
     wave = np.cos(2 * np.pi * 10 * t + np.pi / 10)
     qd = np.zeros((101, 6))

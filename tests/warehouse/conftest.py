@@ -14,11 +14,15 @@ LINK = """
   <link name="link{i}"><inertial><mass value="2"/>
     <inertia ixx="0.1" iyy="0.1" izz="0.1" ixy="0" ixz="0" iyz="0"/></inertial>
   </link>"""
-URDF = (
-    '<robot name="two_link"><link name="link0"/>'
-    + "".join(LINK.format(i=i, parent=i - 1) for i in (1, 2))
-    + "</robot>"
-)
+
+
+def chain(name, dof):
+    """URDF of so many equal links, one on the other."""
+    links = "".join(LINK.format(i=i, parent=i - 1) for i in range(1, dof + 1))
+    return f'<robot name="{name}"><link name="link0"/>{links}</robot>'
+
+
+URDF = chain("two_link", 2)
 NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
 

@@ -10,11 +10,9 @@ import pytest
 from residual.errors import InputError
 from residual.recording import Recording
 from tests.warehouse import log_files as files
+from tests.warehouse.conftest import NAMES
 from warehouse.logs import check_logs_distinct, read_column_map, read_log
 from warehouse.logs.log_tables import format_timestamp, parse_timestamp
-
-# COLUMNS.toml: units, sides, signs; and what is said of a bad one.
-
 
 LOG_NAMES = ("Time", "J1", "J2", "I1", "I2")
 
@@ -185,7 +183,6 @@ def test_maps_that_do_not_fit_the_log_or_the_robot_are_refused(read, text, messa
 # When a log was recorded, windows of it, and that no sample counts twice.
 
 
-NAMES = ("t", "q1", "q2", "tau1", "tau2")
 START = 1_763_647_380  # 2025-11-20 14:03:00 UTC
 
 

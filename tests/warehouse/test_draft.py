@@ -10,7 +10,6 @@ import pyarrow.parquet as pq
 import pytest
 
 from flows.steps.check import format_drafted_map
-from flows.steps.check import format_drafted_map as drafted_map
 from residual.robot.robot import load_robot
 from tests.residual.arms import SEVEN, arm, urdf_text
 from tests.warehouse.foreign_logs import FOLDER, FORMATS
@@ -18,8 +17,6 @@ from tests.warehouse.log_files import messages, write_bag
 from warehouse.logs import read_log
 from warehouse.logs.column_map import read_column_map
 from warehouse.logs.map_draft import draft_column_map
-
-# A drafted map: what is found by names, units, joints and numbers, and what is not.
 
 
 def arm_of(form):
@@ -89,7 +86,7 @@ def write(path, header, table, decimal=".", separator=";"):
 def test_names_of_joints_units_and_a_decimal_comma_are_understood(tmp_path, table, header, decimal):
     robot = two(tmp_path)
     path = write(tmp_path / "log.csv", header, table, decimal)
-    text = drafted_map(draft_column_map(path, robot), str(path), robot)
+    text = format_drafted_map(draft_column_map(path, robot), str(path), robot)
     (tmp_path / "C.toml").write_text(text, encoding="utf-8")
     log, _ = read_log(str(path), robot, read_column_map(tmp_path / "C.toml"))
     np.testing.assert_allclose(log.t, table[:, 0] / 1000, atol=1e-9)
@@ -143,7 +140,7 @@ def test_what_is_not_found_is_a_comment_with_all_that_is_there(tmp_path, table):
     path = write(tmp_path / "a.csv", "t;q1;q2;left;right", table)
     proposed = draft_column_map(path, robot)
     assert proposed.missing == ("tau",)
-    text = drafted_map(proposed, "a.csv", robot)
+    text = format_drafted_map(proposed, "a.csv", robot)
     assert '# tau = {columns = ["...", "..."], unit = "..."}' in text
     assert "# not read: left right" in text
     assert set(tomllib.loads(text)) == {"time", "q"}
@@ -155,7 +152,7 @@ def test_names_that_would_break_out_of_a_comment_stay_in_it(tmp_path, table):
     columns = dict(zip(names, [*table.T, table[:, 0]], strict=True))
     pq.write_table(pa.table(columns), tmp_path / "a.parquet")
     robot = two(tmp_path)
-    text = drafted_map(draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot)
+    text = format_drafted_map(draft_column_map(tmp_path / "a.parquet", robot), "a.parquet", robot)
     assert tomllib.loads(text)["q"]["columns"] == ["q1", "q2"]
     assert all(c.isprintable() or c == "\n" for c in text)
 
@@ -168,7 +165,7 @@ def test_a_bag_with_other_names_gets_its_joints_and_its_topic(tmp_path, table):
         "/arm": messages(samples, ("arm_shoulder_pan", "arm_elbow")),
     }
     path = write_bag(tmp_path / "log.bag", topics, version=1)
-    text = drafted_map(draft_column_map(tmp_path / "log.bag", robot), path, robot)
+    text = format_drafted_map(draft_column_map(tmp_path / "log.bag", robot), path, robot)
     line = 'bag = {topic = "/arm", joints = ["arm_shoulder_pan", "arm_elbow"]}'
     assert line in text
     (tmp_path / "C.toml").write_text(text)
@@ -199,7 +196,7 @@ def test_goals_without_torque_are_drafted_with_a_drive(header, tmp_path):
     assert draft.columns.drive.enabled == "torque_enable"
     assert "no torque" in draft.doubts["drive"][0]
     assert "is q_ref the goal" in draft.doubts["drive"][1]
-    written = drafted_map(draft, "log.csv", arm())
+    written = format_drafted_map(draft, "log.csv", arm())
     assert tomllib.loads(written)["drive"] == {"enabled": "torque_enable"}
 
 

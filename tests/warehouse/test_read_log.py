@@ -11,12 +11,11 @@ import pytest
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.residual.arms import arm
+from tests.warehouse.conftest import NAMES
 from warehouse.logs import ColumnMap, read_log
 from warehouse.logs.column_map import CsvFormat, SignalMap, read_column_map
 from warehouse.logs.log_reading import MemoryLog, read_opened_log
 from warehouse.logs.log_window import find_interleaved_arms, find_leaps
-
-NAMES = ("t", "q1", "q2", "tau1", "tau2")
 
 
 def test_plain_csv_arrives_as_written(robot, samples, write):

@@ -4,11 +4,11 @@ import os
 import signal
 import subprocess
 import sys
+from functools import partial
 from pathlib import Path
 
 import pytest
 
-import warehouse
 from flows.cli import main
 from flows.project import read_project
 from flows.steps import inbox as run
@@ -29,6 +29,7 @@ from tests.checkout import ROOT
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.synthetic.logs import write_csv
+from tests.warehouse import store_samples as samples
 from warehouse.record_commit import commit_record
 from warehouse.runs import read_manifest
 
@@ -61,9 +62,7 @@ def place(own_folder):
     return own_folder
 
 
-def ask(query):
-    with warehouse.open("store") as store:
-        return store.sql(query).to_pylist()
+ask = partial(samples.ask, "store")
 
 
 def test_logs_are_stored_refused_or_known_and_moved(place, csv, capsys):

@@ -24,9 +24,6 @@ from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES
 from warehouse.toml_records import read_toml
 
-# modelgap init and modelgap.toml: every option is there, every fault is named.
-
-
 SECOND = "[[robot]]\nname = 'b'\nurdf = 'arm.urdf'\n"
 HEAD = "schema = 1\n[[robot]]\nname = 'a'\nurdf = 'arm.urdf'\n"
 

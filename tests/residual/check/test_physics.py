@@ -13,9 +13,6 @@ from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times, turned
 
-# Signs, orders and units that cannot be are found by the physics of the motion.
-
-
 DAMAGES = {
     "torque of one joint": ({"tau": turned(2)}, "torque_sign", (2,)),
     "all torques": ({"tau": times(-1)}, "torque_sign", (1, 2, 3)),

@@ -27,9 +27,6 @@ from residual.planning.next_experiment import rival_log_evidence as log_evidence
 from residual.verdict.result import Alternative, Place
 from tests.residual.planning.questions import SECONDS, logs, robot_and_question
 
-# What a diagnosis leaves open, and what motions say to that.
-
-
 RATE = 50.0  # Hz
 
 

@@ -11,7 +11,7 @@ import pytest
 import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
-from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
+from tests.warehouse.objects.conftest import Breaking, Careless, KilledError, folder_for
 from warehouse import remote_store, store_catalogue
 from warehouse.bucket import open_bucket
 from warehouse.record_commit import (
@@ -26,9 +26,6 @@ from warehouse.runs import has_seal, open_seal, quarantine_run, read_run
 from warehouse.store_catalogue import find_record, list_record_folders
 from warehouse.verification import verify_store
 from warehouse.view_schema import KINDS
-
-# A store in a bucket is the store that a folder is: ids, bytes, answers, damage.
-
 
 ALL = ("runs", "models", "diagnoses")
 
