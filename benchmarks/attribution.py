@@ -1,8 +1,6 @@
-"""The benchmark attribution, by the command that other programs call (see run.py)."""
-
-import sys
+"""The benchmark attribution, by the command that other programs call (run.py)."""
 
 from run import main
 
 if __name__ == "__main__":
-    sys.exit(main("attribution"))
+    raise SystemExit(main("attribution"))

@@ -1,8 +1,6 @@
-"""The benchmark diagnosis, by the command that other programs call (see run.py)."""
-
-import sys
+"""The benchmark diagnosis, by the command that other programs call (run.py)."""
 
 from run import main
 
 if __name__ == "__main__":
-    sys.exit(main("diagnosis"))
+    raise SystemExit(main("diagnosis"))

@@ -109,7 +109,8 @@ def _outside_rows(cases: Iterable[Mapping]) -> list[tuple[str, ...]]:
     for case in cases:
         (about, ours), peer = _look_up(case["figure"]), case.get("peer", "")
         if ours:
-            rows.append((about, case["source"], ours, _look_up(peer)[1] if "." in peer else peer))
+            peer = _look_up(peer)[1] if "." in peer else peer
+            rows.append((case.get("what", about), case["source"], ours, peer))
     return rows
 
 

@@ -1,8 +1,6 @@
-"""The benchmark store, by the command that other programs call (see run.py)."""
-
-import sys
+"""The benchmark store, by the command that other programs call (run.py)."""
 
 from run import main
 
 if __name__ == "__main__":
-    sys.exit(main("store"))
+    raise SystemExit(main("store"))
