@@ -34,7 +34,7 @@ from warehouse.logs import (
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.ros_bags import list_joint_topics
 from warehouse.robots import find_robot_by_hash
-from warehouse.runs import read_manifest, read_run
+from warehouse.store_catalogue import read_manifest, read_run
 
 R = TypeVar("R", bound=Request)
 

@@ -21,7 +21,6 @@ from warehouse.remote_store import (
     find_store_bucket,
     format_store_name,
 )
-from warehouse.runs import list_marked_runs
 from warehouse.sql_guard import (
     build_catalogue_views,
     build_signal_table,
@@ -32,7 +31,7 @@ from warehouse.sql_guard import (
     limit_query_time,
     open_read_only_connection,
 )
-from warehouse.store_catalogue import StoreCatalogue, find_record, read_catalogue
+from warehouse.store_catalogue import StoreCatalogue, find_record, list_marked_runs, read_catalogue
 from warehouse.store_files import replace_file, verify_file
 from warehouse.view_schema import (
     COMPUTED,

@@ -10,7 +10,8 @@ import numpy as np
 import pyarrow as pa
 
 from residual.recording import Recording
-from warehouse.record_commit import SealedTruth, commit_record, commit_run
+from warehouse.record_commit import commit_record, commit_run
+from warehouse.store_catalogue import SealedTruth
 
 Array = np.ndarray
 

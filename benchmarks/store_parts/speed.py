@@ -18,7 +18,7 @@ from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise, TrajectorySpec
 from sim.experiment import run_experiment
 from warehouse.record_commit import commit_run
-from warehouse.runs import read_run
+from warehouse.store_catalogue import read_run
 from warehouse.store_files import arrays_to_table, write_parquet
 
 ROWS = 10_000

@@ -57,7 +57,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
     """
     from flows.report.records import print_query_result, refuse_binary_on_terminal
     from warehouse.queries import open_store
-    from warehouse.runs import read_manifest
+    from warehouse.store_catalogue import read_manifest
 
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
@@ -108,9 +108,8 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         reason: Reason, which is stored; the first one is kept.
     """
     from warehouse.queries import open_store
-    from warehouse.runs import quarantine_run as set_aside
-    from warehouse.runs import read_quarantine_reason
-    from warehouse.store_catalogue import find_record
+    from warehouse.store_catalogue import find_record, read_quarantine_reason
+    from warehouse.store_catalogue import quarantine_run as set_aside
 
     with open_store(resolve_store_folder(store)) as opened:
         run_id = find_record(opened.path, id).id
@@ -142,8 +141,7 @@ def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -
     adopted; json has the whole record.
     """
     from warehouse.queries import open_store
-    from warehouse.runs import read_quarantine_reason
-    from warehouse.store_catalogue import find_record, read_record
+    from warehouse.store_catalogue import find_record, read_quarantine_reason, read_record
 
     with open_store(resolve_store_folder(store)) as opened:
         place = find_record(opened.path, id)
@@ -174,7 +172,7 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     from flows.report.document import print_parts, widen_piped_console
     from residual.verdict.document import parse_verdict
     from residual.verdict.result import Diagnosis
-    from warehouse.record_commit import describe_diagnosis_adoption
+    from warehouse.store_catalogue import describe_diagnosis_adoption
 
     id, content = record["id"], record["content"]
     try:

@@ -28,7 +28,7 @@ from residual.robot.robot import Robot
 from residual.robot.urdf import read_joint_link
 from residual.verdict.result import ErrorTables
 from warehouse.logs.column_map import abbreviate_column_names
-from warehouse.record_commit import AdoptionEntry
+from warehouse.store_catalogue import AdoptionEntry
 
 _TEXT = read_page_texts()["proposal"]
 

@@ -12,19 +12,20 @@ from residual.diagnosis.adoption import AdoptionCheck, check_adoption
 from residual.errors import InputError
 from residual.model.model import Model
 from residual.verdict.result import Verdict
-from warehouse.record_commit import (
+from warehouse.record_commit import commit_adoption
+from warehouse.remote_store import format_store_name
+from warehouse.store_catalogue import (
     ADOPTED,
     FORCED,
     ROLLED_BACK,
     AdoptionEntry,
     ModelAdoption,
-    commit_adoption,
     find_last_adoption,
+    list_record_folders,
     read_adoptions,
+    read_record,
+    read_run,
 )
-from warehouse.remote_store import format_store_name
-from warehouse.runs import read_run
-from warehouse.store_catalogue import list_record_folders, read_record
 
 # Times the error of the baseline's own model: what a model may leave of its logs once
 # what was found is taken out again.

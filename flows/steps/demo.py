@@ -21,7 +21,7 @@ from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import BACKGROUNDS, CLEAN, HIDDEN, create_random_stream
 from sim.plant.effect_catalogue import check_effect_name
 from sim.trajectories.excitation import draw_slow_coefficients
-from warehouse import runs as stored
+from warehouse import store_catalogue as stored
 
 ROBOT = "irb140"
 NOTHING = "none"  # as --effect: hide nothing

@@ -30,7 +30,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis
-from warehouse.runs import read_run
+from warehouse.store_catalogue import read_run
 
 ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 

@@ -50,11 +50,11 @@ from sim.plant.effect_catalogue import check_effect
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import SealedTruth, commit_record, commit_run, hash_sealed_spec
+from warehouse.record_commit import commit_record, commit_run
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
 from warehouse.robots import store_robot_description
-from warehouse.store_catalogue import find_record
+from warehouse.store_catalogue import SealedTruth, find_record, hash_sealed_spec
 from warehouse.view_schema import build_view_table
 
 _LATER = ("background", "worked_before", "drive")

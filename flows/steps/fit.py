@@ -46,8 +46,7 @@ from residual.model.model import Model
 from residual.quantity import convert_to_plain_values
 from residual.robot.robot import Robot
 from warehouse.record_commit import commit_record
-from warehouse.runs import read_channels
-from warehouse.store_catalogue import find_record, find_run, read_record
+from warehouse.store_catalogue import find_record, find_run, read_channels, read_record
 from warehouse.store_files import read_parquet
 from warehouse.view_schema import build_view_table
 

@@ -21,7 +21,7 @@ from warehouse.record_ids import build_record_path
 from warehouse.record_ids import convert_to_json_types as plain_json
 from warehouse.remote_store import record_exists
 from warehouse.robots import store_robot_description
-from warehouse.runs import read_manifest
+from warehouse.store_catalogue import read_manifest
 
 
 @dataclass(frozen=True, eq=False, slots=True)

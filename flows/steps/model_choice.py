@@ -17,8 +17,7 @@ from residual.export.model_export import AnyModel
 from residual.model.model_files import load_model, model_from_record
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from warehouse.record_commit import find_last_adoption
-from warehouse.store_catalogue import find_record, read_record
+from warehouse.store_catalogue import find_last_adoption, find_record, read_record
 
 NOMINAL = "nominal"
 AUGMENTED = "augmented"

@@ -19,8 +19,15 @@ from residual.recording import Recording
 from warehouse.queries import query_store_rows
 from warehouse.record_commit import commit_record
 from warehouse.remote_store import format_store_name
-from warehouse.runs import read_manifest, read_quarantine_reason, read_run
-from warehouse.store_catalogue import find_record, find_run, list_record_folders, read_record
+from warehouse.store_catalogue import (
+    find_record,
+    find_run,
+    list_record_folders,
+    read_manifest,
+    read_quarantine_reason,
+    read_record,
+    read_run,
+)
 from warehouse.view_schema import build_view_table
 
 MOST_HEALTHY = 12  # of them are read

@@ -43,13 +43,15 @@ from warehouse.remote_store import (
     record_exists,
 )
 from warehouse.robots import find_used_robot
-from warehouse.runs import open_seal, read_channels, read_manifest
 from warehouse.store_catalogue import (
     RERUN_OF,
     StoredRecord,
     find_record,
     list_record_ancestry,
     list_record_folders,
+    open_seal,
+    read_channels,
+    read_manifest,
     read_record,
 )
 from warehouse.store_files import hash_table, read_parquet, table_to_arrays

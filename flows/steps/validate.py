@@ -52,9 +52,15 @@ from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError, build_and_simulate
 from sim.trajectories import plan_reference_motion
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import build_run_columns, commit_record, find_last_adoption
-from warehouse.runs import has_seal, open_seal, read_manifest, read_run
-from warehouse.store_catalogue import find_record
+from warehouse.record_commit import build_run_columns, commit_record
+from warehouse.store_catalogue import (
+    find_last_adoption,
+    find_record,
+    has_seal,
+    open_seal,
+    read_manifest,
+    read_run,
+)
 from warehouse.view_schema import build_view_table
 
 Array = np.ndarray

@@ -17,9 +17,13 @@ from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, SERIAL, diagnosed, unchecked
 from warehouse.queries import open_store
-from warehouse.record_commit import describe_diagnosis_adoption, find_last_adoption
-from warehouse.runs import read_run
-from warehouse.store_catalogue import find_record, read_record
+from warehouse.store_catalogue import (
+    describe_diagnosis_adoption,
+    find_last_adoption,
+    find_record,
+    read_record,
+    read_run,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -14,9 +14,7 @@ from flows.steps.rerun import rerun_experiment
 from residual.errors import InputError
 from residual.robot.robot import load_robot
 from tests.flows import adopted_arm
-from warehouse.record_commit import find_last_adoption
-from warehouse.runs import read_manifest
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import find_last_adoption, read_manifest, read_record
 
 PLANT = {"seed": 1}
 

@@ -12,7 +12,7 @@ import pytest
 
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
-from warehouse.runs import quarantine_run
+from warehouse.store_catalogue import quarantine_run
 from warehouse.view_schema import list_views
 
 

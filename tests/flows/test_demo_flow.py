@@ -16,7 +16,7 @@ from residual.errors import InputError, RunError
 from tests.flows.faked_night import NAME, faked
 from tests.waiting import until
 from warehouse.record_ids import build_record_path
-from warehouse.runs import read_channels
+from warehouse.store_catalogue import read_channels
 
 ROOT = Path(__file__).parents[2]
 

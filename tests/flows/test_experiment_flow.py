@@ -18,7 +18,7 @@ from residual.model.compare import FindingScatter, LogPrediction
 from residual.verdict.result import Diagnosis
 from sim.plant.closed_loop import SimulationDivergedError
 from tests.verdict_documents import typed
-from warehouse.runs import open_seal, read_channels, read_manifest, read_run
+from warehouse.store_catalogue import open_seal, read_channels, read_manifest, read_run
 
 EFFECT = {"name": "spring", "joints": [2], "stiffness": 4.0}
 SPEC = """

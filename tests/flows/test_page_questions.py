@@ -9,7 +9,8 @@ from flows.sealed_truth import show_truth
 from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.queries import open_store
-from warehouse.record_commit import SealedTruth, commit_record, commit_run
+from warehouse.record_commit import commit_record, commit_run
+from warehouse.store_catalogue import SealedTruth
 from warehouse.view_schema import build_view_table
 
 ARM = {"robot": "two_link"}

@@ -10,8 +10,8 @@ from flows.service.state import KEY, RunningService, start_process, stop_process
 from flows.settings import prefect_home
 from flows.steps.adopt import judge_adoption, list_adoptions, roll_back
 from tests.flows.adopted_arm import ROBOT, SERIAL
-from warehouse.record_commit import ADOPTED, ModelAdoption, commit_adoption, find_last_adoption
-from warehouse.store_catalogue import read_record
+from warehouse.record_commit import commit_adoption
+from warehouse.store_catalogue import ADOPTED, ModelAdoption, find_last_adoption, read_record
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 

@@ -11,7 +11,7 @@ from residual.errors import InputError
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import ReferenceMotion, ServoDrive
 from sim.plant.closed_loop import build_servo_law, follow_goal
-from warehouse.runs import open_seal, read_channels, read_run
+from warehouse.store_catalogue import open_seal, read_channels, read_run
 
 GAIN = [1500.0, 2500.0, 1200.0, 200.0, 200.0, 100.0]
 DRIVE = {"gain": GAIN, "limit": [300, 300, 200, 60, 60, 30]}

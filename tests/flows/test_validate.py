@@ -17,8 +17,7 @@ from sim.engine.plant_records import PlantSpec
 from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
 from warehouse.record_ids import encode_canonical_json
-from warehouse.runs import read_run
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import read_record, read_run
 
 LOAD = {"name": "payload", "joints": [6], "mass": 4.0, "com_x": 0.1}
 ROBOT = load_robot("irb140")

@@ -7,7 +7,8 @@ from flows.storage import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document
-from warehouse.record_commit import SealedTruth, commit_diagnosis, commit_run
+from warehouse.record_commit import commit_diagnosis, commit_run
+from warehouse.store_catalogue import SealedTruth
 
 DOF = 2
 

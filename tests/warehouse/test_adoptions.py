@@ -8,18 +8,17 @@ import pyarrow as pa
 import pytest
 
 from warehouse.queries import open_store
-from warehouse.record_commit import (
+from warehouse.record_commit import AdoptionConflictError, commit_adoption, commit_record
+from warehouse.sql_guard import NAMED
+from warehouse.store_catalogue import (
     ADOPTED,
     ROLLED_BACK,
-    AdoptionConflictError,
     ModelAdoption,
-    commit_adoption,
-    commit_record,
+    StoredRecord,
     find_last_adoption,
+    list_record_folders,
     read_adoption,
 )
-from warehouse.sql_guard import NAMED
-from warehouse.store_catalogue import StoredRecord, list_record_folders
 from warehouse.verification import find_record_faults
 from warehouse.view_schema import VIEWS, build_arrow_schema
 

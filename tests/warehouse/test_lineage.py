@@ -9,8 +9,8 @@ from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
 from warehouse.record_commit import commit_record, commit_run
-from warehouse.runs import read_run
 from warehouse.sql_guard import NAMED
+from warehouse.store_catalogue import read_run
 
 YEARS = "2020-01-01T00:00:00Z"
 

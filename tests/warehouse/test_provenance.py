@@ -10,7 +10,7 @@ from tests.warehouse import store_samples as samples
 from warehouse import code_provenance
 from warehouse.code_provenance import ROOT, hash_plant_code, list_plant_files
 from warehouse.code_provenance import format_uncommitted_change as uncommitted_change
-from warehouse.runs import read_manifest
+from warehouse.store_catalogue import read_manifest
 
 FILES = {
     "sim/__init__.py": "",

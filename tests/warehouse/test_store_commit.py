@@ -13,9 +13,17 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import commit_record, commit_run, hash_sealed_spec
-from warehouse.runs import open_seal, read_channels, read_manifest, read_run
-from warehouse.store_catalogue import find_record, find_run, read_record
+from warehouse.record_commit import commit_record, commit_run
+from warehouse.store_catalogue import (
+    find_record,
+    find_run,
+    hash_sealed_spec,
+    open_seal,
+    read_channels,
+    read_manifest,
+    read_record,
+    read_run,
+)
 from warehouse.store_files import write_check_sums
 
 

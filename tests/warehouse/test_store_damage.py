@@ -10,8 +10,7 @@ import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import flip
-from warehouse.runs import quarantine_run
-from warehouse.store_catalogue import find_run
+from warehouse.store_catalogue import find_run, quarantine_run
 from warehouse.store_files import SUMS, write_check_sums, write_parquet
 from warehouse.store_files import read_unverified_parquet as unverified_parquet
 from warehouse.verification import verify_store

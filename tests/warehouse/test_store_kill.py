@@ -10,8 +10,7 @@ import warehouse
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_campaign import RUNS, campaign
-from warehouse.runs import open_seal, read_run
-from warehouse.store_catalogue import list_record_folders
+from warehouse.store_catalogue import list_record_folders, open_seal, read_run
 
 KILLS = 6
 

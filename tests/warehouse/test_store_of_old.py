@@ -15,9 +15,8 @@ from flows.steps.rerun import rerun
 from residual.diagnosis import diagnose as diagnosis
 from tests.once import once
 from warehouse.queries import open_store
-from warehouse.runs import read_manifest
 from warehouse.sql_guard import NAMED, TAKES
-from warehouse.store_catalogue import list_record_folders, read_record
+from warehouse.store_catalogue import list_record_folders, read_manifest, read_record
 
 # Where linear algebra takes another path, on another machine, the last digits differ.
 ROUNDING = 1e-9

@@ -13,9 +13,8 @@ from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
 from warehouse import view_schema
 from warehouse.record_commit import commit_run
-from warehouse.runs import quarantine_run, read_quarantine_reason, read_run
 from warehouse.sql_guard import NAMED, TAKES
-from warehouse.store_catalogue import find_run
+from warehouse.store_catalogue import find_run, quarantine_run, read_quarantine_reason, read_run
 from warehouse.store_files import write_check_sums
 
 

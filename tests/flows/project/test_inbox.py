@@ -29,7 +29,7 @@ from tests.checkout import ROOT
 from tests.residual.arms import urdf_text, write_csv
 from tests.residual.identified import AXES, logs
 from warehouse.record_commit import commit_record
-from warehouse.runs import read_manifest
+from warehouse.store_catalogue import read_manifest
 
 TEXT = """schema = 1
 [[robot]]

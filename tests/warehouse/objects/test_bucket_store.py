@@ -11,16 +11,18 @@ from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
 from warehouse import remote_store
-from warehouse.record_commit import (
-    ADOPTED,
-    AdoptionConflictError,
-    ModelAdoption,
-    commit_adoption,
-    commit_run,
-)
+from warehouse.record_commit import AdoptionConflictError, commit_adoption, commit_run
 from warehouse.remote_store import IDENTITY
-from warehouse.runs import has_seal, open_seal, quarantine_run, read_run
-from warehouse.store_catalogue import find_record, list_record_folders
+from warehouse.store_catalogue import (
+    ADOPTED,
+    ModelAdoption,
+    find_record,
+    has_seal,
+    list_record_folders,
+    open_seal,
+    quarantine_run,
+    read_run,
+)
 from warehouse.verification import verify_store
 
 ALL = ("runs", "models", "diagnoses")
