@@ -28,8 +28,8 @@ from benchmarks.harness.shell import run_command
 from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import draw_effect
 
 _CASES = ("singles", "nulls", "unknown", "pairs", "forms", "detection")
 _COSTS = {"seconds": 10.0, "peak_gb": 1.0}

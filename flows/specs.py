@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from copy import deepcopy
 from itertools import product
 from math import exp, log, prod
@@ -261,16 +262,10 @@ def parse_spec(content: dict, path: str | Path) -> ExperimentSpec:
             )
     spec = build_toml_record(ExperimentSpec, content, Path(path).name, _CHANGES)
     beside = Path(path).parent / spec.robot
-    if not Path(spec.robot).is_absolute() and _exists(beside):
-        return spec.model_copy(update={"robot": str(beside)})
+    with suppress(OSError):  # a name that no file can have, such as a very long one
+        if not Path(spec.robot).is_absolute() and beside.exists():
+            return spec.model_copy(update={"robot": str(beside)})
     return spec
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # a name that no file can have, such as a very long one
-        return False
 
 
 MOST = 10_000  # runs

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli.app import app
+from flows.cli import app
 from residual.model.nominal import DEFAULT_DECLARED
 
 

@@ -196,7 +196,7 @@ def commit_catalogue_row(
         return publish_folder(folder, build_record_path(store, kind, id))
 
 
-def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
+def build_lineage_rows(parents: Parents) -> list[dict]:
     """Return parents as rows of the view ``lineage``, without the child.
 
     Args:
@@ -205,7 +205,7 @@ def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
     if isinstance(parents, Mapping):
         pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
-        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
+        pairs = [(p, "input") if isinstance(p, str) else tuple(p) for p in parents]
     rows = [{"parent": record_ids.check_record_id(id), "role": str(name)} for id, name in pairs]
     if len({tuple(row.values()) for row in rows}) < len(rows):
         raise InputError("A parent is given twice in one role, expected it once.")

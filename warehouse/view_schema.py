@@ -83,9 +83,9 @@ def list_sample_columns(dof: int) -> tuple[ViewColumn, ...]:
     return tuple(columns)
 
 
-def list_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[ViewColumn, ...]]:
+def list_views() -> dict[str, tuple[ViewColumn, ...]]:
     """Return every view with its columns, ``samples`` second as the most used."""
-    first = {"runs": VIEWS["runs"], "samples": list_sample_columns(dof)}
+    first = {"runs": VIEWS["runs"], "samples": list_sample_columns(DEFAULT_DOF)}
     views = {**first, **VIEWS}
     return {name: (*columns, *COMPUTED.get(name, ())) for name, columns in views.items()}
 

@@ -17,7 +17,6 @@ from benchmarks.synthetic.motions import make_motion
 from benchmarks.synthetic.quasi_static import Plant, true_torque
 from residual.recording import Recording
 from residual.robot.robot import Robot, build_robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     ReferenceMotion,
@@ -25,7 +24,11 @@ from sim.engine.plant_records import (
     create_random_stream,
 )
 from sim.plant.sensors import WHITE_TORQUE
-from sim.plant.typical_sizes import compute_usual_motion_range, estimate_typical_sizes
+from sim.plant.typical_sizes import (
+    compute_usual_motion_range,
+    draw_plant_effect,
+    estimate_typical_sizes,
+)
 
 Array = np.ndarray
 

@@ -12,9 +12,9 @@ from benchmarks.harness.cases import named, seed_range
 from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.visible import Stage, share
 from residual.errors import InputError
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
 from sim.plant.effect_catalogue import check_effect
+from sim.plant.typical_sizes import draw_plant_effect
 
 UNCHANGED, CHANGE, UNNAMED, DRIFT = "unchanged", "change", "unnamed", "drift"
 REAL_UNCHANGED, LOAD = "measured_unchanged", "load"

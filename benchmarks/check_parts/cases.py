@@ -19,9 +19,9 @@ from flows.inputs import LogSets
 from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 
 _READING = (
     "torque_sign angle_sign joint_order torque_unit angle_unit time_unit gear_ratio "

@@ -31,7 +31,6 @@ from residual.effects import number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -45,6 +44,7 @@ from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.plant_arm import build_plant_arm
 from sim.plant.typical_sizes import (
     compute_usual_motion_range,
+    draw_plant_effect,
     estimate_typical_sizes,
     read_nominal_drives,
 )

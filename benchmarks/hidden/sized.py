@@ -17,9 +17,9 @@ from benchmarks.synthetic.amounts import scale_effect_parameters
 from benchmarks.synthetic.visible import Stage, share
 from residual.errors import InputError
 from residual.robot.robot import Robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 
 SHARES = (0.01, 0.02, 0.05, 0.10)  # of the torque of the joint, rms
 CLEAR = SHARES[2:]  # what one ought to see

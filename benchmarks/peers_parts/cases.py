@@ -25,7 +25,6 @@ from benchmarks.synthetic.visible import Stage
 from flows.specs import derive_seed
 from residual.effects import load_effects
 from residual.robot.robot import Robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -33,6 +32,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
+from sim.plant.typical_sizes import draw_plant_effect
 from sim.trajectories import plan_reference_motion
 
 _KINDS = (*5 * (SINGLE,), PAIR, PAIR, NOTHING, NOTHING, UNKNOWN)  # of ten cases

@@ -17,8 +17,8 @@ from benchmarks.synthetic.logs import LogPlan, make
 from benchmarks.synthetic.quasi_static import Plant
 from residual.recording import Array
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.typical_sizes import draw_effect
 
 BACKWARDS = np.array([1.0, -1.0])  # joint 2 of the controller counts the other way
 ZERO = np.array([0.0, 90.0])  # deg that the controller shows where the URDF has zero

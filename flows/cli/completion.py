@@ -13,7 +13,7 @@ from cyclopts import App
 from cyclopts.completion.detect import detect_shell
 from cyclopts.completion.install import create_install_completion_command
 
-from flows.cli.app import app
+from flows.cli import app
 
 # Which ids of a store stand for an argument: of commands, then of options.
 _ALL = "run model diagnosis validation report"

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.app import STDOUT
+from flows.cli import STDOUT
 from flows.outputs import (
     check_outside,
     check_writable,
@@ -168,8 +168,8 @@ def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -
 
 
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
+    from flows.report import print_parts, widen_piped_console
     from flows.report.diagnosis import describe_parents, print_diagnosis
-    from flows.report.document import print_parts, widen_piped_console
     from residual.verdict.document import parse_verdict
     from residual.verdict.result import Diagnosis
     from warehouse.store_catalogue import describe_diagnosis_adoption
@@ -257,7 +257,7 @@ def sql(
         raise InputError("--with sets a value of a ready query: --named NAME.")
     refuse_binary_on_terminal(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
-    check_outside("--out", out, place)
+    check_outside(out, place)
     if not timeout > 0:
         raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
     limit = timeout if timeout <= threading.TIMEOUT_MAX else None
@@ -325,7 +325,7 @@ def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store =
         one: Id of a record, or its beginning.
         two: Id of a second record of the same kind.
     """
-    from flows.report.document import print_parts, widen_piped_console
+    from flows.report import print_parts, widen_piped_console
     from flows.report.records import build_diff_record, build_diff_tables
     from flows.steps import rerun as steps
 
@@ -356,7 +356,7 @@ def lineage(
         up: Only the sources.
         down: Only the records made from it.
     """
-    from flows.report.document import widen_piped_console
+    from flows.report import widen_piped_console
     from flows.report.records import print_tree
     from warehouse.queries import build_lineage_tree, open_store
 

@@ -8,8 +8,8 @@ from typing import Any
 
 import numpy as np
 
+from flows.report import Chart, Pairs
 from flows.report.diagnosis import DiagnosisFigures, build_diagnosis_document
-from flows.report.document import Chart, Pairs
 from flows.report.page import render_html
 from flows.report.phrases import Demonstration, find_effect, format_effect_noun, join_with_and
 from flows.report.tables import METRICS, list_errors, list_metrics
@@ -254,11 +254,7 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
 
 
 def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Chart:
-    """Return the residual over its variable with the effect through it.
-
-    Args:
-        count: Such figures on the page, which share its points.
-    """
+    """Return the residual over its variable with the effect; `count` figures share the points."""
     unit = diagnosis.torque_unit(cloud.joint)
     low, high = cloud.residual.min(), cloud.residual.max()
     over = f"joint {cloud.joint} over {cloud.variable}, {low:.3g} to {high:.3g} {unit}"

@@ -9,8 +9,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 from rich.console import Console
 
-from flows.report import sentences, tables
-from flows.report.document import (
+from flows.report import (
     Chart,
     Document,
     Facts,
@@ -27,6 +26,8 @@ from flows.report.document import (
     html_tag,
     print_document,
     print_line,
+    sentences,
+    tables,
 )
 from flows.report.phrases import (
     WEIGH_LOAD,
@@ -63,21 +64,13 @@ class DiagnosisFigures(NamedTuple):
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
-    """Print a diagnosis: verdict, findings, errors, remainder, next experiment.
-
-    Args:
-        console: Where to print; 80 columns and no color are enough.
-    """
+    """Print a diagnosis: verdict, findings, errors, remainder, next experiment."""
     print_document(console, build_diagnosis_document(result))
     print_line(console, "")
 
 
 def describe_parents(parents: Sequence[Mapping]) -> list[str]:
-    """Return a line for each role of the records that a diagnosis is made from.
-
-    Args:
-        parents: Each with `parent`, an id, and `role`.
-    """
+    """Return a line for each role of the records that a diagnosis is made from."""
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flows.report.document import BoldText, Document, ReportTable, Section
+from flows.report import BoldText, Document, ReportTable, Section
 from flows.report.page import render_html
 from flows.report.phrases import capitalize_first, count_noun, format_joints, read_page_texts
 from flows.report.sentences import describe_place, describe_separation
@@ -246,11 +246,7 @@ def build_ranking_table(ranking: Ranking) -> ReportTable:
 
 
 def explain_no_experiment(opened: ReopenedDiagnosis, ranking: Ranking | None) -> list[str]:
-    """Return why there is no experiment to propose.
-
-    Args:
-        ranking: Its best motion decides nothing; None where there is no question.
-    """
+    """Return why there is no experiment to propose; no ranking where there is no question."""
     flagged = opened.diagnosis.verdict.unexplained.joints
     if ranking is None and flagged:
         return [

@@ -5,12 +5,20 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from flows.report.document import Document, Heading, Pairs, ReportTable, Section, build_text_table
+from flows.report import (
+    Document,
+    Heading,
+    Pairs,
+    ReportTable,
+    Section,
+    build_text_table,
+    format_markdown_table,
+)
 from flows.report.page import render_html
 from flows.report.phrases import capitalize_first, read_page_texts
 from flows.report.sentences import describe_faults, list_headline_sentences
-from flows.steps.adopt import Judgment, Proposal
 from flows.steps.imports import ImportedLog
+from flows.steps.model_choice import Judgment
 from residual.check.result import LogCheck
 from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
@@ -196,18 +204,18 @@ def _fall(before: float | None, after: float | None) -> str:
     return f"{format_percent_number(before)} → {format_percent(after)}"
 
 
-def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
+def _compared(judgment: Judgment) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
-    check, rows = proposal.judgment.check, []
+    check, rows = judgment.check, []
     if check:
         errors = format_percent_number(check.before), format_percent_number(check.after)
         rows.append(("error on unseen motion, %", *errors))
     rows += [
         (f"{finding.where}: {key}", "–", str(value))
-        for finding in proposal.verdict.effects
+        for finding in judgment.verdict.effects
         for key, value in finding.parameters.items()
     ]
-    table = proposal.verdict.error.filtered
+    table = judgment.verdict.error.filtered
     before, after = (table.get(k) or () for k in ("nominal", "augmented"))
     return rows + [
         (f"error of joint {joint}, filtered, %", format_percent_number(a), format_percent_number(b))
@@ -215,13 +223,13 @@ def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     ]
 
 
-def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
+def render_proposal_page(judgment: Judgment, origin: Pairs = ()) -> str:
     """Return the page of a proposal."""
-    diagnosis, robot = proposal.judgment.diagnosis, proposal.verdict.robot
-    heads = ("", proposal.current_model, f"proposed: diagnosis {diagnosis[:8]}")
+    diagnosis, robot = judgment.diagnosis, judgment.verdict.robot
+    heads = ("", judgment.current_model, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
-        Section("two", "Comparison", [build_text_table(heads, _compared(proposal))]),
-        Section("gate", "Result of the gate", [describe_gate_result(proposal.judgment)]),
+        Section("two", "Comparison", [build_text_table(heads, _compared(judgment))]),
+        Section("gate", "Result of the gate", [describe_gate_result(judgment)]),
         Section("answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]),
     )
     return render_html(
@@ -229,19 +237,19 @@ def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
             title=f"modelgap proposal: {robot}",
             about=f"modelgap proposal for {robot}",
             headline="A new model is proposed",
-            lead=list_headline_sentences(proposal.verdict)[:1],
+            lead=list_headline_sentences(judgment.verdict)[:1],
             sections=sections,
             foot=origin,
         )
     )
 
 
-def render_proposal_markdown(proposal: Proposal) -> str:
+def render_proposal_markdown(judgment: Judgment) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
-    rows = [("", proposal.current_model, "proposed"), ("---",) * 3, *_compared(proposal)]
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    gate = "\n".join(f"- {line}" for line in describe_gate_result(proposal.judgment))
-    return "\n\n".join([*list_headline_sentences(proposal.verdict)[:1], table, gate])
+    table = build_text_table(("", judgment.current_model, "proposed"), _compared(judgment))
+    gate = "\n".join(f"- {line}" for line in describe_gate_result(judgment))
+    headline = list_headline_sentences(judgment.verdict)[:1]
+    return "\n\n".join([*headline, format_markdown_table(table), gate])
 
 
 def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:

@@ -12,7 +12,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import BoldText, Document, Pairs, html_tag
+from flows.report import BoldText, Document, Pairs, html_tag
 from flows.report.phrases import capitalize_first
 from flows.requests import Diagnose, format_command
 from warehouse.code_provenance import format_version
@@ -35,9 +35,6 @@ def read_record_origin(store: Path, id: str) -> Pairs:
 
     Its kind and id, time and program, the ids of its inputs by role, and the command
     that makes it again.
-
-    Raises:
-        InputError: If there is no such record, or it is damaged.
     """
     record = find_record(store, id)
     is_run = record.kind == "runs"

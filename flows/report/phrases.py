@@ -48,14 +48,7 @@ def join_with_and(items: Sequence[str]) -> str:
 
 
 def format_joints(joints: Iterable[int], dof: int | None = None) -> str:
-    """Return joints in words: 'joint 2', 'joints 4 to 6', 'all six joints'.
-
-    Args:
-        joints: Joint numbers from 1.
-
-    Returns:
-        Words without a preposition; empty without joints.
-    """
+    """Return joint numbers in words: 'joint 2', 'joints 4 to 6', 'all six joints', '' for none."""
     numbers = sorted(set(joints))
     if not numbers:
         return ""
@@ -177,9 +170,6 @@ class Demonstration:
 
 def compare_with_truth(hidden: Sequence[HiddenEffect], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
-
-    Args:
-        hidden: What was under the seal; one effect, or none.
 
     Returns:
         "right": the first name is it. "class": it is an equivalent of the first name.

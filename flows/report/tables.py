@@ -1,13 +1,13 @@
 """The rows of every table of a diagnosis, and the sizes of a finding."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
 
 import numpy as np
 
-from flows.report.document import BoldText, ReportTable, build_text_table, html_tag
+from flows.report import BoldText, ReportTable, build_text_table, html_tag
 from flows.report.phrases import (
     capitalize_first,
     find_effect,
@@ -26,16 +26,7 @@ from residual.quantity import (
     format_unit,
     is_number,
 )
-from residual.verdict.result import (
-    PLAIN,
-    STAGES,
-    Change,
-    Diagnosis,
-    Finding,
-    Frames,
-    Number,
-    Verdict,
-)
+from residual.verdict.result import PLAIN, STAGES, Change, Diagnosis, Finding, Number, Verdict
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
@@ -125,17 +116,12 @@ def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:
     """Return a finding with its place and the names of its joints in the URDF."""
-    names = format_urdf_joint_names(effect.joints, verdict.frames)
-    return format_effect_place(effect, verdict.dof) + (f" ({names})" if names else "")
-
-
-def format_urdf_joint_names(joints: Iterable[int], frames: Frames) -> str:
-    """Return the names of joints in the URDF, where a name is more than a number."""
-    names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
-    plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
-    return join_with_and(
-        [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
-    )
+    known = verdict.frames.joints
+    names = [(j, known[j - 1]) for j in effect.joints if j <= len(known)]
+    plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"  # no more than the number
+    telling = [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
+    about = f" ({join_with_and(telling)})" if telling else ""
+    return format_effect_place(effect, verdict.dof) + about
 
 
 def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:

@@ -39,11 +39,7 @@ _GRACE = 15.0  # s between SIGTERM and SIGKILL
 
 
 def start_process(home: Path, name: str, command: Sequence[str], env: Mapping[str, str]) -> None:
-    """Start a process in its own session, with its output in a log file.
-
-    Raises:
-        RunError: If one of that name runs.
-    """
+    """Start a process in its own session, its output in a log file; RunError if it runs."""
     with (home / f"{name}.pid").open("a+") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)

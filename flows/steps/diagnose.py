@@ -178,9 +178,6 @@ def store_diagnosis(
     Args:
         logs: The runs, called by their whole ids (`resolve_whole_runs`).
         seconds: Time that the diagnosis took [s].
-
-    Returns:
-        The ids of the diagnosis, and of the validation that has its curves.
     """
     ids = {role: [log.id for log in getattr(logs, role)] for role in ROLES}
     words = {name: tuple(ids[role]) for role, name in ROLES.items()}
@@ -214,11 +211,7 @@ def resolve_whole_runs(logs: LogSets) -> LogSets | None:
 def build_diagnose_request(
     runs: Mapping[str, Sequence[str]], store: Path, model: str | None = None
 ) -> Diagnose:
-    """Return the request to diagnose runs of one robot.
-
-    Args:
-        runs: Ids by role: fit, and held_out and baseline where there are such.
-    """
+    """Return the request to diagnose runs of one robot, given by role: fit, held_out, baseline."""
     return add_stored_runs(Diagnose(robot="", store=store, model=model), runs)
 
 

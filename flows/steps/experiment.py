@@ -90,12 +90,7 @@ def plan_experiments(
     store: Path,
     campaign: str | None = None,
 ) -> list[PlannedExperiment]:
-    """Return what would run and what is there; the same experiment only once.
-
-    Args:
-        specs: By the changes of a campaign, or by the path of their file.
-        campaign: Name of the campaign that they are of.
-    """
+    """Return what would run and what is there; the same experiment only once."""
     planned: dict[str, PlannedExperiment] = {}
     for label, requested, *points in specs:
         try:
@@ -275,11 +270,7 @@ def build_sealed_record(plant: PlantSpec) -> dict:
 
 
 def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
-    """Return the plant of a sealed half: `build_sealed_record` undone.
-
-    Raises:
-        InputError: If it is not a sealed half as this version writes it.
-    """
+    """Return the plant of a sealed half: `build_sealed_record` undone."""
     try:
         plant = _PLANT.validate_python(sealed)
     except ValueError:
@@ -388,11 +379,7 @@ def add_twin_errors(robot: Robot, runs: Sequence[CalibrationRun]) -> tuple[Calib
 
 
 def resolve_controller_model(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
-    """Return a spec whose controller names its model by a whole id.
-
-    Args:
-        spec: The spec; its model may be "adopted", or the beginning of an id.
-    """
+    """Return a spec whose controller names its model by a whole id, not "adopted"."""
     word = spec.controller.model
     if word == NOMINAL:
         return spec
@@ -505,14 +492,7 @@ def build_campaign_document(summary: CampaignSummary, done: bool = True) -> dict
 
 
 def plan_campaign(path: str, store: Path, seed: int | None) -> list[PlannedExperiment]:
-    """Return the experiments of a campaign, and which of them are stored.
-
-    Args:
-        seed: Seed instead of that of the file; None for none.
-
-    Raises:
-        InputError: If the campaign is not usable, or of several robots.
-    """
+    """Return the experiments of a campaign, of one robot, and which of them are stored."""
     entries = load_campaign(path, seed)
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
@@ -521,15 +501,7 @@ def plan_campaign(path: str, store: Path, seed: int | None) -> list[PlannedExper
 
 
 def group_runs_by_role(path: str, proof: str, summary: CampaignSummary) -> Runs:
-    """Return the stored runs of a campaign by role: fit and held_out.
-
-    Args:
-        path: The campaign file.
-        proof: Kind of motion of the held-out runs; "" for none.
-
-    Raises:
-        RunError: If none is left to fit.
-    """
+    """Return the stored runs of a campaign: fit, and held_out those of one kind of motion."""
     runs: Runs = {"fit": [], "held_out": []}
     for each in summary.planned:
         if each.run_id in summary.stored:

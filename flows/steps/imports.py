@@ -69,11 +69,7 @@ def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
 def check_logs(
     request: Import, robot: Robot, read: Sequence[ImportedLog]
 ) -> tuple[tuple[ImportedLog, ...], LogCheck]:
-    """Check logs before they are stored.
-
-    Returns:
-        The logs, their records with what was found; and what was found.
-    """
+    """Check logs before they are stored; return them with the report in their records, and it."""
     columns = choose_column_map(robot, request.columns) or ColumnMap()
     sets = LogSets(
         robot,

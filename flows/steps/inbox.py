@@ -174,11 +174,7 @@ def strip_option_hints(reason: str) -> str:
 
 
 def move_imported_log(outcome: ImportOutcome) -> Path | None:
-    """Move a log to done/, or to rejected/ with a text file with the reason.
-
-    Returns:
-        The new path; None for a log that waits.
-    """
+    """Move a log to done/, or to rejected/ with the reason in a text file; one that waits stays."""
     if outcome.status == WAITING:
         return None
     folder = outcome.path.parent / (REJECTED if outcome.status == REFUSED else DONE)
@@ -411,11 +407,7 @@ def pick_evenly_spread(runs: Sequence[str], max_count: int) -> list[str]:
 def diagnose_new_runs(
     project: Project, name: str, progress: Callable[[str, float], None] | None = None
 ) -> BatchDiagnosis | None:
-    """Diagnose the new runs of a robot; None if there are none.
-
-    Raises:
-        InputError: If the runs are not usable together, or their robot is not.
-    """
+    """Diagnose the new runs of a robot; None if there are none."""
     table, store = project.robot(name), project.store
     arm = project.arm(table)
     with _locked(store, name):

@@ -252,11 +252,7 @@ def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
 
 
 def read_usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
-    """Return runs by id, in their order.
-
-    Raises:
-        InputError: If one is in quarantine, or given twice.
-    """
+    """Return runs by id, in their order; InputError for one in quarantine, or given twice."""
     out = {}
     for word in ids:
         run = read_run(store, word)

@@ -4,10 +4,10 @@ import pytest
 
 from benchmarks.synthetic.visible import OF_A_NAME, SEEDS, VISIBLE, Stage, draw_visible, share
 from flows.steps import demo
-from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.plant_records import HIDDEN, TrajectorySpec
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import check_effect
+from sim.plant.typical_sizes import draw_plant_effect, list_drawable_effects
 from sim.trajectories import plan_reference_motion as plan_motion
 from sim.trajectories.excitation import draw_slow_coefficients
 from tests.sim.plant_cases import ROBOT

@@ -5,8 +5,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
-from flows.report import store_index
-from flows.report.document import ReportTable
+from flows.report import ReportTable, store_index
 from flows.steps import diagnose, fit, validate
 from flows.steps import experiment as campaign
 from flows.steps.model_choice import ModelChoice

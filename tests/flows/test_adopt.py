@@ -10,8 +10,13 @@ from flows import storage as keep
 from flows.cli import main
 from flows.inputs import load_run_robot
 from flows.steps import rerun as reruns
-from flows.steps.adopt import adopt, list_adoptions, roll_back
-from flows.steps.model_choice import choose_model, choose_monitor_model
+from flows.steps.model_choice import (
+    adopt,
+    choose_model,
+    choose_monitor_model,
+    list_adoptions,
+    roll_back,
+)
 from flows.storage import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError

@@ -6,9 +6,8 @@ from flows.inputs import load_run_robot
 from flows.requests import Monitor
 from flows.specs import parse_spec
 from flows.steps import experiment, monitor
-from flows.steps.adopt import adopt, judge_adoption
 from flows.steps.diagnose import build_diagnose_request, read_logs
-from flows.steps.model_choice import choose_model, resolve_adopted_model
+from flows.steps.model_choice import adopt, choose_model, judge_adoption, resolve_adopted_model
 from flows.steps.monitor import find_latest_diagnosis, group_runs_by_arm
 from flows.steps.rerun import rerun_experiment
 from residual.errors import InputError

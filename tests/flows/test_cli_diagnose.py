@@ -11,8 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from flows.cli import main
-from flows.cli.app import app
+from flows.cli import app, main
 from flows.requests import Diagnose, format_command
 from residual.diagnosis import diagnose as loop
 

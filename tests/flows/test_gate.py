@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import pytest
 
-from flows.steps.adopt import _of_verdict
+from flows.steps.model_choice import _of_verdict
 from residual.verdict.result import Edit
 from tests.verdict_documents import typed
 

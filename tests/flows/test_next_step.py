@@ -4,7 +4,7 @@ import copy
 
 import pytest
 
-from flows.cli.app import app
+from flows.cli import app
 from flows.report.diagnosis import describe_next_step
 from flows.report.store_index import describe_name_records
 from residual.verdict.result import Place

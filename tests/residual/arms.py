@@ -19,8 +19,8 @@ from residual.robot.robot import Robot, load_robot
 from residual.signals.splitting import find_session_start
 from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.typical_sizes import draw_effect
 
 Y, Z = "0 1 0", "0 0 1"
 TWO = (Y, Y)

@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 
 from residual.errors import InputError, UnknownNameError
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
 from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import create_random_stream as make_rng
@@ -17,6 +16,7 @@ from sim.experiment import simulate_open_loop_windows as open_loop_windows
 from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -7,8 +7,8 @@ from benchmarks.synthetic.examples import write_hidden
 from benchmarks.synthetic.logs import LogPlan, make, make_case
 from benchmarks.synthetic.quasi_static import Plant
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream as make_rng
+from sim.plant.typical_sizes import draw_effect
 
 ROBOT = load_robot("irb140")
 SHORT = tuple(

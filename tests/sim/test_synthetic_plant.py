@@ -8,9 +8,8 @@ from benchmarks.synthetic.quasi_static import Plant, true_friction, true_model
 from benchmarks.synthetic.quasi_static import true_torque as torque
 from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
-from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.engine.plant_records import create_random_stream
-from sim.plant.typical_sizes import scatter_inertias
+from sim.plant.typical_sizes import draw_effect, list_drawable_effects, scatter_inertias
 from tests.sim import plant_cases
 from tests.sim.plant_cases import ROBOT
 

@@ -8,8 +8,8 @@ from benchmarks.synthetic.quasi_static import Plant
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.open_question import build_open_question
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import draw_effect
 
 FAMILY, SECONDS = "slow_cyclic", 8.0
 
