@@ -373,8 +373,7 @@ def parse_known_values(words: Sequence[str]) -> dict[str, float]:
             equals = ""
         if not equals:
             raise InputError(
-                f"--known '{shorten_value(word)}': expected NAME.PARAMETER=NUMBER, "
-                f"such as "
+                f"--known '{shorten_value(word)}': expected NAME.PARAMETER=NUMBER, such as "
                 "payload.mass=2.8 or coulomb.2.level=8."
             )
     return out

@@ -259,11 +259,15 @@ def create_project(
     name = load_command_robot(word).name
     folder.mkdir(parents=True, exist_ok=True)
     simulated = simulated or robot is None
+    place, _ = parse_robot_reference(word)
+    path, options = Path(place).resolve(), word.removeprefix(place)
+    if path.is_relative_to(folder):  # a path from there
+        path = path.relative_to(folder).as_posix()
     values = {
         # The first port that is free now.
         "PORT": str(next(filter(partial(port_is_free, "127.0.0.1"), _PORTS), 4200)),
         "NAME": name,
-        "URDF": _path_from(folder, word),
+        "URDF": word if word in list_built_in_robots() else f"{path}{options}",
         "FOLDER": INBOX,
         "SIMULATED": "" if simulated else "# ",
         "YES": "true" if simulated else "false",
@@ -275,16 +279,6 @@ def create_project(
     for inbox in project.table.inbox:
         project.path(inbox.folder).mkdir(parents=True, exist_ok=True)
     return project
-
-
-def _path_from(folder: Path, word: str) -> str:
-    """Return a robot word for the file: a path from its folder where it is inside."""
-    if word in list_built_in_robots():
-        return word
-    place, _ = parse_robot_reference(word)
-    path, options = Path(place).resolve(), word.removeprefix(place)
-    inside = path.is_relative_to(folder)
-    return f"{path.relative_to(folder).as_posix() if inside else path}{options}"
 
 
 COMMITTED = "modelgap.run.committed"

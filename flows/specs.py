@@ -205,10 +205,6 @@ class ExperimentSpec(SpecTable):
             )
         return self
 
-    def log_drive(self) -> Drive | None:
-        """What the log says of the drives; None where it has the torque."""
-        return None if self.drive is None else Drive(**self.drive.model_dump())
-
     def reference(self) -> TrajectorySpec:
         """The reference motion."""
         table = self.trajectory
@@ -366,8 +362,7 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
     if not numbers or not low < high or (values.get("log") and low <= 0):
         raise InputError(
-            f"{where} is low {quote_value(low)} to high {quote_value(high)}, "
-            f"expected low < high"
+            f"{where} is low {quote_value(low)} to high {quote_value(high)}, expected low < high"
             f"{' and low > 0 for log' if values.get('log') else ''}."
         )
     if values.get("log"):

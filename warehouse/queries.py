@@ -93,12 +93,9 @@ def query_store_rows(path: Path, query: str, **values: object) -> list[dict]:
 
 
 def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
-    """Return the ids of the runs that a WHERE clause chooses, in order of recording.
+    """Return the ids of the runs that a SQL condition over `runs` chooses, by time of recording.
 
-    Args:
-        path: The store.
-        clause: One condition over the view `runs`, in the SQL of DuckDB. Runs in
-            quarantine are left out unless it speaks of them.
+    Runs in quarantine are left out unless the condition speaks of them.
 
     Raises:
         InputError: If it is no condition, or no run fulfils it.

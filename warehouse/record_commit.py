@@ -175,11 +175,7 @@ def commit_catalogue_row(
     lists: Mapping[str, Sequence[Mapping]],
     files: Mapping[str, pa.Table | bytes] | None = None,
 ) -> bool:
-    """Put a record of a known id into the store, with its one catalogue row.
-
-    Returns:
-        Whether it is this one; False if the id was taken.
-    """
+    """Put a record of a known id into the store; return False if the id was taken."""
     kinds, origin = KINDS[kind], asdict(read_code_provenance())
     row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(kind, id)
     texts = {"record": record, "provenance": origin}
@@ -197,11 +193,7 @@ def commit_catalogue_row(
 
 
 def build_lineage_rows(parents: Parents) -> list[dict]:
-    """Return parents as rows of the view ``lineage``, without the child.
-
-    Args:
-        parents: Ids, pairs of id and role, or lists of ids by role.
-    """
+    """Return ids, pairs of id and role, or ids by role as rows of `lineage`, without the child."""
     if isinstance(parents, Mapping):
         pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
@@ -395,9 +387,6 @@ class AdoptionConflictError(InputError):
 
 def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
     """Put an adoption into the store under the next number.
-
-    Args:
-        adoption: Its parent is what the robot had when it was judged.
 
     Raises:
         AdoptionConflictError: If the robot has got another model since.

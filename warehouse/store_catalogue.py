@@ -340,11 +340,6 @@ def read_verified_channels(folder: Path) -> dict:
     return arrays
 
 
-def has_seal(store: Path, run_id: str) -> bool:
-    """Return whether the hidden half of a run is in the store."""
-    return record_exists(build_seal_path(store, run_id))
-
-
 def open_seal(store: Path, run_id: str) -> SealedTruth:
     """Open the hidden half of a run: for reruns and for judging verdicts, only.
 
@@ -382,11 +377,7 @@ def _broken(run: StoredRecord, path: Path) -> InputError:
 
 
 def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
-    """Mark a run as not to be used; the run itself stays unchanged.
-
-    Returns:
-        The tombstone; the first one stays.
-    """
+    """Mark a run as not to be used, which it does not change; return the tombstone."""
     if not reason.strip():
         raise InputError("A quarantine needs a reason, for those who find it later.")
     id = find_run(store, run_id).id

@@ -77,11 +77,7 @@ class ChannelDifference:
 def compare_channels(
     before: Mapping[str, Array], after: Mapping[str, Array]
 ) -> tuple[ChannelDifference, ...]:
-    """Compare the channels of two runs.
-
-    Args:
-        before: Signals by name, as `read_channels` returns them; times are its.
-    """
+    """Compare the channels of two runs, by the times of the first."""
     time = np.asarray(before["t"], dtype=float) if "t" in before else None
     names = [n for n in SIGNALS if n in before or n in after]
     channels = []

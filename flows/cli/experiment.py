@@ -279,7 +279,6 @@ def demo(
     """
     from flows.report import print_parts
     from flows.report.diagnosis import build_truth_parts, print_diagnosis
-    from flows.report.phrases import Demonstration
     from flows.report.store_index import parse_hidden_effects, store_demo_page
     from flows.steps import demo as demonstration
     from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
@@ -299,8 +298,8 @@ def demo(
         page = store_demo_page(ids, hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    shown = Demonstration(parse_hidden_effects(hidden), outcome.verdict)
-    print_parts(console, *build_truth_parts(shown), wrapped=True)
+    truth = build_truth_parts(parse_hidden_effects(hidden), outcome.verdict)
+    print_parts(console, *truth, wrapped=True)
     print_plain(console, f"\nreport: {page}")
 
 

@@ -324,7 +324,10 @@ def _print_status(status: Mapping, store: Path) -> None:
         rows = [(d["name"], _due(d)) for d in status["deployments"]]
         print_parts(console, build_text_table(("deployment", "due next (UTC)"), rows))
     if status["runs"]:
-        rows = [_run(run) for run in status["runs"]]
+        rows = [
+            (r["name"], r["state"], _second(r["start_time"]), f"{r['total_run_time']:.1f}")
+            for r in status["runs"]
+        ]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 
@@ -339,8 +342,3 @@ def _due(deployment: Mapping) -> str:
 
 def _second(time: str | None) -> str:
     return (time or "–")[:19].replace("T", " ")
-
-
-def _run(run: Mapping) -> tuple[str, str, str, str]:
-    begun = _second(run["start_time"])
-    return run["name"], run["state"], begun, f"{run['total_run_time']:.1f}"

@@ -31,7 +31,7 @@ from flows.report import (
 )
 from flows.report.phrases import (
     WEIGH_LOAD,
-    Demonstration,
+    HiddenEffect,
     build_truth_rows,
     capitalize_first,
     compare_with_truth,
@@ -85,7 +85,7 @@ def describe_parents(parents: Sequence[Mapping]) -> list[str]:
 def build_diagnosis_document(
     result: Diagnosis,
     robot: str = "",
-    demonstration: Demonstration | None = None,
+    hidden: Sequence[HiddenEffect] | None = None,
     origin: Pairs = (),
     records: Sequence[str] = (),
     figures: DiagnosisFigures | None = None,
@@ -93,12 +93,13 @@ def build_diagnosis_document(
     """Return a diagnosis as a document.
 
     Args:
+        hidden: What was under the seal of a demonstration; None for any other diagnosis.
         origin: Where it comes from, and the command that makes it again.
         records: How often the arm's stored diagnoses had each finding, a sentence each.
         figures: Those of a page; None for a terminal.
     """
     verdict = result.verdict
-    truth = build_truth_parts(demonstration) if demonstration else ()
+    truth = () if hidden is None else build_truth_parts(hidden, verdict)
     first, *lead = sentences.list_headline_sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and figures else []
     sections = (
@@ -162,14 +163,14 @@ def _fold(parts: Sequence[Chart], title: str, grid: bool = True) -> FoldedParts 
     return FoldedParts(shown, [parts] if grid else parts) if parts else None
 
 
-def build_truth_parts(demonstration: Demonstration) -> list[Part]:
+def build_truth_parts(hidden: Sequence[HiddenEffect], verdict: Verdict) -> list[Part]:
     """Return the hidden effect beside the named one."""
     title = "The seal, opened after the verdict was stored"
-    text, hidden = read_page_texts()["judged"], demonstration.hidden
+    text = read_page_texts()["judged"]
     return [
-        build_text_table(("", "hidden", "named"), build_truth_rows(demonstration), title),
-        Note(text[compare_with_truth(hidden, demonstration.verdict)], "callout"),
-        *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
+        build_text_table(("", "hidden", "named"), build_truth_rows(hidden, verdict), title),
+        Note(text[compare_with_truth(hidden, verdict)], "callout"),
+        *([Note(text["forms"])] if hidden and verdict.effects else []),
     ]
 
 

@@ -196,22 +196,22 @@ def build_alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]
 
 def _inseparable(ranking: Ranking) -> list[str]:
     """Return which rivals are the same torque, and which no motion rules out."""
-    lines = {}
+    lines = []
     for c, a, b in sorted(ranking.twins):
         rivals = ranking.question.contests[c].rivals
         one, other = describe_place(rivals[a].place), describe_place(rivals[b].place)
         start = capitalize_first(one)
         if (c, b, a) not in ranking.twins:
-            lines[
+            lines.append(
                 f"{start} is a special case of {other}: a motion can rule out the "
                 "first, never the second."
-            ] = None
+            )
         elif a < b:
-            lines[
+            lines.append(
                 f"{start} and {other} are the same torque on every motion, at the "
                 "identified size: no experiment separates them."
-            ] = None
-    return [*lines]
+            )
+    return [*dict.fromkeys(lines)]
 
 
 def describe_best_motion(ranking: Ranking) -> list[str]:

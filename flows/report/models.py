@@ -117,8 +117,7 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
         least = outcome.consistent.least_eigenvalue.min()
         lines.append(
             "consistent: every pseudo-inertia is positive definite (least eigenvalue "
-            f"{least:.2g} of its scale); error {constrained:.3g} %, unconstrained "
-            f"{free:.3g} %"
+            f"{least:.2g} of its scale); error {constrained:.3g} %, unconstrained {free:.3g} %"
         )
     return lines + [
         f"least eigenvalue of M(q), 10 000 random poses, {name}: {value:.3g} kg m²"

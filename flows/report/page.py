@@ -122,11 +122,6 @@ def embed_json(value: object) -> Markup:
     return Markup(text)
 
 
-def list_page_headings(body: str) -> list[tuple[str, Markup]]:
-    """Return id and text of each section of a page, in order."""
-    return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]
-
-
 @cache
 def _environment() -> Environment:
     # Everything is escaped: names of logs and columns come from other people's files.
@@ -139,7 +134,9 @@ def _environment() -> Environment:
     )
     templates.filters |= {
         "as_data": embed_json,
-        "headings": list_page_headings,
+        "headings": lambda body: [
+            (id, Markup(t).striptags()) for id, t in _HEADING.findall(str(body))
+        ],
         "kind": lambda part: type(part).__name__,
         "script_hash": hash_script,
         "scripts": list_page_scripts,

@@ -486,7 +486,13 @@ def describe_errors(verdict: Verdict) -> str:
     weak = " (end of the fitted run, a weak test)" if verdict.error.same_run else ""
     steps = " → ".join(f"{format_percent(v)} ({words[k]})" for k, v in levels.items())
     out = f"Error on unseen motion{weak}: {steps}."
-    worse = describe_worse_joints(verdict)
+    moving = verdict.error.moving
+    pairs = [*zip(moving["identified"] or (), moving["augmented"] or (), strict=False)]
+    worse = [  # beyond chance
+        f"joint {j} ({format_percent(pairs[j - 1][0])} → {format_percent(pairs[j - 1][1])})"
+        for j in verdict.error.worse
+        if j <= len(pairs)
+    ]
     return f"{out} The findings raise it on {join_with_and(worse)}." if worse else out
 
 
@@ -502,17 +508,6 @@ def _first_fitted(verdict: Verdict) -> str:
     if nominal < _DIFFERS * refit:
         return ""
     return f"The refit also fitted {join_with_and(nouns)}, for which the robot file has no values."
-
-
-def describe_worse_joints(verdict: Verdict) -> list[str]:
-    """Return the joints that the findings make worse beyond chance, in words."""
-    stages = verdict.error.moving
-    before, after = stages["identified"] or (), stages["augmented"] or ()
-    return [
-        f"joint {j} ({format_percent(before[j - 1])} → {format_percent(after[j - 1])})"
-        for j in verdict.error.worse
-        if j <= min(len(before), len(after))
-    ]
 
 
 def _more_motion(report: LogCheck | None) -> list[str]:

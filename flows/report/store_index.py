@@ -19,7 +19,7 @@ from flows.outputs import json_text, write_files
 from flows.report import Document, Facts, HeadlineFigure, ReportTable, Section, html_tag
 from flows.report.charts import render_diagnosis_page
 from flows.report.page import read_diagnosis_origin, read_record_origin, render_html
-from flows.report.phrases import Demonstration, HiddenEffect, capitalize_first, count_noun
+from flows.report.phrases import HiddenEffect, capitalize_first, count_noun
 from flows.report.records import format_record_lines
 from flows.report.sentences import format_claim, format_error_change, list_wrong_values
 from flows.storage import read_outcome, read_verdict, store_report
@@ -275,7 +275,7 @@ def store_diagnosis_page(
     ids: Sequence[str],
     store: Path,
     kind: str,
-    demonstration: Demonstration | None = None,
+    hidden: Sequence[HiddenEffect] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> Path:
     """Write the page and the verdict of a diagnosis into the store; `kind` is "nightly", "demo"."""
@@ -283,7 +283,7 @@ def store_diagnosis_page(
     robot = result.verdict.robot
     origin = read_diagnosis_origin(store, ids[0])
     records = describe_name_records(store, ids[0], result.effects)
-    page = render_diagnosis_page(result, robot, demonstration, origin, records)
+    page = render_diagnosis_page(result, robot, hidden, origin, records)
     verdict = json_text(to_json(result.verdict)).encode()
     contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
@@ -293,10 +293,8 @@ def store_diagnosis_page(
 
 def store_demo_page(ids: Sequence[str], hidden: Sequence[Mapping], store: Path) -> Path:
     """Write the page of a demonstration, with the truth at its end."""
-    verdict = read_outcome(store, ids[1]).verdict
-    demonstration = Demonstration(parse_hidden_effects(hidden), verdict)
     files = {"truth.json": (json.dumps(list(hidden), indent=2) + "\n").encode()}
-    return store_diagnosis_page(ids, store, "demo", demonstration, files)
+    return store_diagnosis_page(ids, store, "demo", parse_hidden_effects(hidden), files)
 
 
 def parse_hidden_effects(records: Sequence[Mapping]) -> tuple[HiddenEffect, ...]:

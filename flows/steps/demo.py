@@ -13,7 +13,12 @@ from pathlib import Path
 from flows.inputs import load_command_robot
 from flows.outputs import Progress
 from flows.specs import ExperimentSpec, derive_seed
-from flows.steps.experiment import parse_sealed_plant, plan_experiments, run_campaign_experiments
+from flows.steps.experiment import (
+    Runs,
+    parse_sealed_plant,
+    plan_experiments,
+    run_campaign_experiments,
+)
 from residual.effects import number_reported_joints
 from residual.errors import InputError, RunError, check_name
 from sim.engine.plant_records import BACKGROUNDS, CLEAN, HIDDEN, create_random_stream
@@ -29,8 +34,6 @@ FIT = (*2 * ("fourier",), "cyclic", SLOW, *2 * ("move_stop_move",))
 HELD_OUT = ("welding", "fourier")  # of another family, and of one that was fitted
 DURATION, PAUSE = 20.0, 10.0  # s
 CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
-
-Runs = dict[str, list[str]]
 
 
 def build_demo_specs(

@@ -98,8 +98,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     if not ids:
         raise InputError(
             f"To say {subject}, runs behind it are needed that are not diagnosed now: "
-            "expected one at least, got none. Diagnose later runs, or give --model "
-            "nominal."
+            "expected one at least, got none. Diagnose later runs, or give --model nominal."
         )
     try:
         return tuple(read_run(store, id) for id in ids)

@@ -34,6 +34,7 @@ from flows.steps.model_choice import choose_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun
+from residual.drive import Drive
 from residual.errors import InputError, RunError, build_missing_package_error
 from residual.model.dynamics import (
     FrictionReversal,
@@ -277,15 +278,8 @@ def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
-    whole = (
-        []
-        if plant is None
-        else [
-            convert_to_json_types(build_sealed_record(plant)),
-            convert_to_json_types(asdict(plant)),
-        ]
-    )
-    if convert_to_json_types(sealed) not in whole:
+    whole = [] if plant is None else [build_sealed_record(plant), asdict(plant)]
+    if convert_to_json_types(sealed) not in map(convert_to_json_types, whole):
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
             "scatter, noise, seed, salt and background. Run its experiment again."
@@ -325,7 +319,8 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     clock.append(perf_counter())
     plant = spec.plant_spec()
     simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
-    if (drive := spec.log_drive()) is not None:
+    if spec.drive is not None:
+        drive = Drive(**spec.drive.model_dump())
         simulated = replace(simulated, log=apply_drive(simulated.log, drive))
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
@@ -535,8 +530,7 @@ def explain_missing_run(planned: PlannedExperiment, run_id: str, store: Path) ->
         return f"stored as {run_id}: the code was changed since the start"
     if not is_stored(store, planned.spec, run_id):
         return (
-            f"stored elsewhere than in {format_store_name(store)}: a cluster needs "
-            f"a store on "
+            f"stored elsewhere than in {format_store_name(store)}: a cluster needs a store on "
             "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )

@@ -39,7 +39,7 @@ from residual.quantity import convert_to_plain_values
 from residual.robot.robot import Robot
 from warehouse.record_commit import commit_record
 from warehouse.store_catalogue import find_record, find_run, read_channels, read_record
-from warehouse.store_files import read_parquet
+from warehouse.store_files import read_row_text
 from warehouse.view_schema import build_view_table
 
 SCHEMA, IDENTIFIED = 1, "identified"
@@ -361,9 +361,15 @@ def read_calibration_runs(request: Calibrate) -> tuple[LogSets, tuple[Calibratio
     logs = read_logs(request, "to calibrate on")
     store, runs, lines = resolve_store_folder(request.store), [], []
     for log, line in zip(logs.fit, logs.each, strict=True):
-        id = logs.runs.get(log.id)
-        runs.append(CalibrationRun(log, *_beside(store, id)) if id else CalibrationRun(log))
-        lines.append(_about(runs[-1]) if id else line)
+        family, twin = None, {}
+        if id := logs.runs.get(log.id):
+            family = read_row_text(find_run(store, id).row, "trajectory")
+            channels = read_channels(store, id)
+            twin = {name: c for name, c in channels.items() if name.startswith("e_")}
+            size = f"{len(log.t)} samples, {log.duration:.2f} s"
+            line = f"{log.id}: run of {log.robot}, {family or 'unknown motion'}, {size}"
+        runs.append(CalibrationRun(log, family, twin))
+        lines.append(line)
     return replace(logs, each=tuple(lines)), tuple(runs)
 
 
@@ -400,18 +406,6 @@ def calibrate(
     seconds = {"calibrate": perf_counter() - begun}
     kept = store_calibration(store, made, asked, seconds) if stored else {}
     return StoredCalibration(made, (*logs.warnings, *report.sentences), kept)
-
-
-def _beside(store: Path, id: str) -> tuple[str | None, dict]:
-    row = read_parquet(find_run(store, id).row, ["trajectory"])
-    channels = read_channels(store, id)
-    twin = {name: c for name, c in channels.items() if name.startswith("e_")}
-    return row.column("trajectory")[0].as_py(), twin
-
-
-def _about(run: CalibrationRun) -> str:
-    log, family = run.log, run.family or "unknown motion"
-    return f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, {log.duration:.2f} s"
 
 
 def read_controller_model(

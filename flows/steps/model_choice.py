@@ -362,8 +362,7 @@ def adopt(
     if judgment.doubts and not force:
         raise InputError(
             f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
-            "it has. Diagnose with more motion, or give --force and a --note with the "
-            "reason."
+            "it has. Diagnose with more motion, or give --force and a --note with the reason."
         )
     if force and not note:
         raise InputError("--force needs a --note: give the reason for the adoption.")

@@ -270,8 +270,7 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
         return None
     if not any(id.startswith(word) for id in list_record_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {format_store_name(store)}. Name a robot "
-            f"such as "
+            f"'{word}' is no diagnosis in {format_store_name(store)}. Name a robot such as "
             "irb140, or a diagnosis: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     return find_record(store, word).id

@@ -63,10 +63,8 @@ class ReopenedDiagnosis:
     @property
     def reproduced(self) -> bool:
         """Whether the logs gave the verdict again."""
-        one, other = (
-            {(f.name, f.joints) for f in v.effects} | {v.verdict}
-            for v in (self.verdict, self.diagnosis.verdict)
-        )
+        both = (self.verdict, self.diagnosis.verdict)
+        one, other = ({(f.name, f.joints) for f in v.effects} | {v.verdict} for v in both)
         return one == other
 
 

@@ -41,19 +41,17 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(store_index, "store_diagnosis_page", page)
-    take(store_index, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
         (nightly, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
-        (nightly, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
+        (nightly, "judge_adoption", SimpleNamespace(doubts=("nothing new",), verdict=typed({}))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "read_run_robot", lambda runs, store: "irb140")
-    monkeypatch.setattr(nightly, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(tasks, "format_run_name", lambda *_: NAME)
     for name in ("read_identification_logs", "read_calibration_runs"):
         monkeypatch.setattr(fit, name, lambda request: ((), ()))

@@ -6,13 +6,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-import warehouse
 from flows.inputs import load_command_robot as load_arm
 from flows.inputs import read_run_robot
 from tests.flows.adopted_arm import unchecked
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
+from warehouse.queries import open_store
 from warehouse.store_catalogue import read_record, read_run
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
@@ -30,7 +30,7 @@ def run(place, cli):
 
 
 def ask(query):
-    with warehouse.open("store") as store:
+    with open_store("store") as store:
         return store.sql(query).to_pylist()
 
 

@@ -4,10 +4,10 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-import warehouse
 from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record, commit_run
 from warehouse.sql_guard import NAMED
 from warehouse.store_catalogue import read_run
@@ -47,7 +47,7 @@ def test_what_a_record_or_an_alarm_refers_to_stays(store):
         {"alarms": table},
         parents={"watched": [alarmed]},
     )
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         rows = opened.sql(NAMED["old_runs"][1], {"days": "30"}).to_pylist()
         assert {row["run_id"] for row in rows} == {free, listed, tagged}
         assert opened.sql(NAMED["old_runs"][1], {"days": "90000"}).num_rows == 0
@@ -64,7 +64,7 @@ def test_a_run_that_is_moved_by_list_is_whole_in_other_folder(store, tmp_path, c
     (tmp_path / "old" / place).parent.mkdir(parents=True)
     (store / place).rename(tmp_path / "old" / place)
     np.testing.assert_array_equal(read_run(tmp_path / "old", id).q, before.q)
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         assert opened.sql("SELECT run_id FROM runs").to_pylist() == [{"run_id": kept}]
     with pytest.raises(InputError, match="Nothing in"):
         read_run(store, id)

@@ -6,10 +6,10 @@ from contextlib import contextmanager
 
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
+from warehouse.queries import open_store
 from warehouse.store_catalogue import find_run
 
 SUMS = "SELECT run_id, count(*) AS n, sum(q1) AS q, sum(tau2) AS tau FROM samples"
@@ -56,7 +56,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("warehouse.sql_guard.read_machine_memory", lambda: 400_000_000)
-    with warehouse.open(tmp_path) as store:
+    with open_store(tmp_path) as store:
         with pytest.raises(InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"):
             store.sql("FROM range(1000000000000)")
         with pytest.raises(InputError, match="Out of Memory"):

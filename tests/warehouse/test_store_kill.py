@@ -6,10 +6,10 @@ import time
 
 import pytest
 
-import warehouse
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_campaign import RUNS, campaign
+from warehouse.queries import open_store
 from warehouse.store_catalogue import list_record_folders, open_seal, read_run
 
 KILLS = 6
@@ -24,7 +24,7 @@ def processes():
 
 
 def check(store):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         rows = opened.sql(
             "SELECT run_id, count(t) AS n FROM runs LEFT JOIN samples USING (run_id) "
             "GROUP BY run_id"
@@ -42,7 +42,7 @@ def check(store):
 
 def content(store):
     """Every value in the store, but for times of commits and the state of git."""
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         views = ("samples", "errors")
         tables = {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in views}
         known = "SELECT * EXCLUDE (created, commit, dirty) FROM runs ORDER BY ALL"

@@ -4,10 +4,10 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import warehouse
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import folder_for
 from warehouse import store_catalogue
+from warehouse.queries import open_store
 from warehouse.store_catalogue import list_record_folders
 from warehouse.view_schema import KINDS
 
@@ -23,7 +23,7 @@ def row_count(bucket, tmp_path):
 
 
 def run_ids(store):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         return set(opened.sql("SELECT run_id FROM runs").column(0).to_pylist())
 
 
@@ -84,7 +84,7 @@ def test_rows_of_another_version_are_read_from_records(store, memory, began, tmp
     pq.write_table(pq.read_table(path).drop_columns(["seed"]), path)
     memory.put("_index/runs.parquet", path.read_bytes())
     other = folder_for(memory, tmp_path / "cache" / "other")
-    with warehouse.open(other) as opened:
+    with open_store(other) as opened:
         seeds = opened.sql("SELECT seed FROM runs").column(0).to_pylist()
     assert np.array_equal(sorted(seeds), [0, 1, 2])
     assert "seed" in KINDS["runs"].fields.names

@@ -4,11 +4,11 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from warehouse import remote_store
 from warehouse.bucket import open_bucket
+from warehouse.queries import open_store
 from warehouse.verification import verify_store
 
 
@@ -47,11 +47,11 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
     bucket_store, tmp_path, monkeypatch
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
-        warehouse.open(bucket_store)
+        open_store(bucket_store)
     run = samples.commit(remote_store.find_local_copy(bucket_store), 1)
     monkeypatch.setenv(remote_store.CACHE, str(tmp_path / "another machine"))
     remote_store.close_buckets()
-    with warehouse.open(bucket_store) as opened:
+    with open_store(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
         assert [v.faults for v in verify_store(opened.path) if v.faults] == []
     assert rows.to_pylist() == [

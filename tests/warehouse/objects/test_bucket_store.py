@@ -6,18 +6,18 @@ import json
 import numpy as np
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.buckets import Breaking, Careless, KilledError, folder_for
 from warehouse import remote_store
+from warehouse.queries import open_store
 from warehouse.record_commit import AdoptionConflictError, commit_adoption, commit_run
-from warehouse.remote_store import IDENTITY
+from warehouse.record_ids import build_seal_path
+from warehouse.remote_store import IDENTITY, record_exists
 from warehouse.store_catalogue import (
     ADOPTED,
     ModelAdoption,
     find_record,
-    has_seal,
     list_record_folders,
     open_seal,
     quarantine_run,
@@ -69,7 +69,7 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
         "FROM lineage ORDER BY ALL",
     )
     other = forget_copies(store, memory, tmp_path)
-    with warehouse.open(tmp_path / "folder") as one, warehouse.open(other) as two:
+    with open_store(tmp_path / "folder") as one, open_store(other) as two:
         for query in queries:
             assert one.sql(query).equals(two.sql(query)), query
         seal = f"sealed/run_id={run}/truth.parquet"
@@ -117,12 +117,12 @@ def check(store):
     if not store.is_dir():
         return 0, 0, 0
     assert faults(store) == []
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         runs = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
         count = opened.sql("SELECT count(*) AS n FROM samples").to_pylist()[0]["n"]
         assert opened.damaged == ()
     for id in runs:
-        assert has_seal(store, id)
+        assert record_exists(build_seal_path(store, id))
         assert read_run(store, id).dof == samples.DOF
     assert count == 50 * len(runs)
     return len(runs), *(len(list_record_folders(store, k)) for k in ALL[1:])
@@ -163,7 +163,7 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
     other = forget_copies(store, memory, tmp_path)
     with pytest.raises(InputError, match="is damaged in the bucket"):
         read_run(other, run)
-    with warehouse.open(other) as opened:
+    with open_store(other) as opened:
         with pytest.raises(InputError, match="damaged in the bucket"):
             opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')), sum(t) FROM samples")
         kept = opened.sql("SELECT DISTINCT run_id FROM samples", without_damaged=True)
