@@ -31,7 +31,7 @@ from residual.quantity import (
     format_unit,
 )
 from residual.robot.dynamics import compute_reach
-from residual.robot.plausibility import LinkBody, read_link_bodies
+from residual.robot.plausibility import read_link_bodies
 from residual.robot.robot import Robot
 from residual.robot.urdf import read_joint_link
 from residual.verdict.result import ErrorTables
@@ -254,7 +254,8 @@ def render_proposal_markdown(judgment: Judgment) -> str:
 def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
     """Return the check of a robot file as JSON: that of a check, and the robot."""
     kinds = {flaw.link: flaw.kind for flaw in robot.flaws}
-    links = _chain_links(robot)
+    moved = {j.get("name"): j for j in ET.fromstring(robot.urdf).findall("joint")}
+    links = [read_joint_link(moved[name], "child") for name in robot.joints]
     joints = [
         {
             "name": name,
@@ -295,8 +296,7 @@ def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
 
 def describe_robot_check(robot: Robot, report: LogCheck) -> list[str | ReportTable | Heading]:
     """Return the answer, the faults, and the tables of joints and bodies."""
-    bodies = read_link_bodies(robot.model, robot.urdf)
-    mass, count = sum(body.mass for body in bodies), len(report.faults)
+    about, count = build_robot_document(robot, report)["robot"], len(report.faults)
     answer = "Nothing in the robot file is implausible."
     if count:
         answer = f"The robot file is implausible in {count} point{'s' * (count > 1)}."
@@ -304,43 +304,42 @@ def describe_robot_check(robot: Robot, report: LogCheck) -> list[str | ReportTab
         answer,
         *describe_faults(report),
         Heading("Arm"),
-        f"{robot.name}: {robot.dof} joint{'s' * (robot.dof > 1)}, {mass:.4g} kg move, "
-        f"reach {compute_reach(robot.model):.4g} m, gravity "
-        f"{np.array2string(np.array(robot.model.gravity.linear), precision=4)} m/s^2",
-        f"tip: {_chain_links(robot)[-1]}",
+        f"{robot.name}: {robot.dof} joint{'s' * (robot.dof > 1)}, {about['mass']:.4g} kg move, "
+        f"reach {about['reach']:.4g} m, gravity "
+        f"{np.array2string(np.array(about['gravity']), precision=4)} m/s^2",
+        f"tip: {about['tip']}",
         *(capitalize_first(note) for note in robot.notes),
-        _joints_table(robot),
+        _joints_table(about["joints"]),
         Heading("Bodies, by link"),
         "Distance of the centre from the joint; largest radius of gyration about it.",
-        _bodies_table(robot, bodies),
+        _bodies_table(about["bodies"]),
         Heading("Tree"),
         *_tree(robot),
     ]
 
 
-def _joints_table(robot: Robot) -> ReportTable:
+def _joints_table(joints: Sequence[Mapping]) -> ReportTable:
     rows = []
-    for j, name in enumerate(robot.joints):
-        unit, effort = ("m", "N") if robot.prismatic[j] else ("rad", "N m")
-        low, high = robot.lower[j], robot.upper[j]
-        span = f"{low:.4g} to {high:.4g} {unit}" if np.isfinite(high) else "endless"
-        speed = _limit(robot.velocity_limit[j], f"{unit}/s")
-        effort = _limit(robot.torque_limit[j], effort)
-        rows.append((str(j + 1), name, span, speed, effort))
+    for number, joint in enumerate(joints, 1):
+        unit, effort = ("m", "N") if joint["type"] == "prismatic" else ("rad", "N m")
+        ends = joint["lower"], joint["upper"]
+        span = "endless" if None in ends else "{:.4g} to {:.4g} {}".format(*ends, unit)
+        limits = (joint["velocity"], f"{unit}/s"), (joint["torque"], effort)
+        words = ("not given" if v is None else f"{v:.4g} {u}" for v, u in limits)
+        rows.append((str(number), joint["name"], span, *words))
     heads = ("Joint", "Name", "Range", "Speed", "Torque")
     return ReportTable(heads, rows, text_columns=(1,))
 
 
-def _bodies_table(robot: Robot, bodies: tuple[LinkBody, ...]) -> ReportTable:
-    kinds = {flaw.link: flaw.kind for flaw in robot.flaws}
+def _bodies_table(bodies: Sequence[Mapping]) -> ReportTable:
     rows = [
         (
-            body.link,
-            str(body.joint),
-            f"{body.mass:.4g}",
-            f"{np.linalg.norm(body.centre):.3g}",
-            f"{body.radius:.3g}",
-            kinds.get(body.link, ""),
+            body["link"],
+            str(body["joint"]),
+            f"{body['mass']:.4g}",
+            f"{np.linalg.norm(body['centre']):.3g}",
+            f"{body['radius_of_gyration']:.3g}",
+            body["flaw"] or "",
         )
         for body in bodies
     ]
@@ -369,16 +368,6 @@ def _tree(robot: Robot) -> Iterator[str]:
         if link not in children:
             yield link
             yield from walk(link, 1)
-
-
-def _chain_links(robot: Robot) -> list[str]:
-    """The link that each joint of the arm moves."""
-    joints = {j.get("name"): j for j in ET.fromstring(robot.urdf).findall("joint")}
-    return [read_joint_link(joints[name], "child") for name in robot.joints]
-
-
-def _limit(value: float, unit: str) -> str:
-    return f"{value:.4g} {unit}" if np.isfinite(value) else "not given"
 
 
 def _finite(value: float) -> float | None:

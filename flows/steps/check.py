@@ -63,7 +63,6 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     logs of the other.
     """
     faults: list[Fault] = []
-    # One thread: the products are small, two threads only wait for each other.
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
     faults = _once(faults)
@@ -88,8 +87,8 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     return LogCheck(tuple(out))
 
 
-def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> LogCheck:
-    """Check logs before they are used, and refuse those with a certain fault.
+def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> tuple[LogSets, LogCheck]:
+    """Check logs before they are used; return those of the arm as mounted, and the check.
 
     Raises:
         InputError: With the first certain fault and the line that fixes it; in any
@@ -101,16 +100,10 @@ def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> LogCheck:
         raise InputError(fatal[0])
     if report.certain and not trust_log:
         raise InputError(_refusal(report))
-    return report
-
-
-def correct_mounting(logs: LogSets, report: LogCheck) -> LogSets:
-    """Return logs of the arm as it is mounted, where that is certain."""
     turned = (r.gravity for f in report.certain for r in f.repairs if r.gravity)
-    gravity = next(turned, None)
-    if gravity is None:
-        return logs
-    return replace(logs, robot=replace_gravity(logs.robot, gravity))
+    if (gravity := next(turned, None)) is not None:
+        logs = replace(logs, robot=replace_gravity(logs.robot, gravity))
+    return logs, report
 
 
 def _refusal(report: LogCheck) -> str:

@@ -21,7 +21,7 @@ from flows.inputs import (
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
-from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.check import refuse_faulty_logs
 from flows.steps.model_choice import choose_request_model
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
@@ -71,9 +71,7 @@ def diagnose(
         declared = records.read_adoptable_model(store, request.model)
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
-    report = refuse_faulty_logs(logs, request.trust_log)
-    logs = correct_mounting(logs, report)
-    # One thread: the products are small, two threads only wait for each other.
+    logs, report = refuse_faulty_logs(logs, request.trust_log)
     result = method.diagnose(
         logs.robot,
         logs.fit,

@@ -15,7 +15,7 @@ from flows.inputs import LogSets, is_run_id, read_logs
 from flows.outputs import Progress
 from flows.requests import Calibrate, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.check import refuse_faulty_logs
 from flows.steps.model_choice import read_model
 from flows.storage import CORRECTED, read_adoptable_model
 from residual import one_blas_thread
@@ -133,8 +133,7 @@ def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification,
     known, begun = request.declared, perf_counter()
     if request.model:
         known = read_adoptable_model(resolve_store_folder(request.store), request.model)
-    report = refuse_faulty_logs(logs, request.trust_log)
-    logs = correct_mounting(logs, report)
+    logs, report = refuse_faulty_logs(logs, request.trust_log)
     options = Options(request.method, request.prior)
     result = identify_and_validate(
         logs.robot, logs.fit, logs.held_out, known, options, request.consistent
@@ -384,8 +383,7 @@ def calibrate(
     """Fit and validate every model; store what was found if all logs are runs."""
     store, ids = resolve_store_folder(request.store), tuple((logs.runs or {}).values())
     begun = perf_counter()
-    report = refuse_faulty_logs(logs, request.trust_log)
-    robot = correct_mounting(logs, report).robot
+    mounted, report = refuse_faulty_logs(logs, request.trust_log)
     settings = CalibrationSettings(
         paper=request.paper,
         declared=request.declared,
@@ -399,8 +397,7 @@ def calibrate(
     if request.levels is not None:
         one, *more = request.levels
         form = replace(form, levels=request.levels if more else one)
-    # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(robot, runs, replace(settings, form=form), progress)
+    made = fit_tables(mounted.robot, runs, replace(settings, form=form), progress)
     asked = request.to_record() | {"logs": list(ids), "robot_hash": logs.robot.content_hash}
     stored = len(ids) == len(runs)
     seconds = {"calibrate": perf_counter() - begun}

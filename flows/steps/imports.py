@@ -93,7 +93,7 @@ def check_logs(
         columns=columns,
         doubts=tuple((log.summary.id, d) for log in read for d in log.summary.doubts),
     )
-    report = refuse_faulty_logs(sets, request.trust_log)
+    _, report = refuse_faulty_logs(sets, request.trust_log)
     check_record = {"log_check": report.to_json()}
     with_check = (replace(log, manifest={**log.manifest, **check_record}) for log in read)
     return tuple(with_check), report

@@ -239,8 +239,6 @@ def find_diagnosis(runs: Sequence[str], store: Path) -> str | None:
 
 def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
     """Return the id of the latest diagnosis of the arm of some runs, None if none."""
-    if not runs:
-        raise InputError("No run given, expected one or more ids.")
     robot = find_run(store, runs[0]).folder.parent.name.removeprefix("robot=")
     query = (
         "SELECT diagnosis_id FROM diagnoses WHERE robot = $robot AND "
