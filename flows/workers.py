@@ -5,7 +5,6 @@ in compiled code). Each thread of `ProcessExecutor` therefore has a pool of one
 process, so that only the job of the dead process fails.
 """
 
-import fcntl
 import multiprocessing
 import multiprocessing.connection
 import os
@@ -126,6 +125,8 @@ def _begin() -> None:
 @contextmanager
 def lock_file(path: Path, wait: bool = False) -> Iterator[bool]:
     """Lock a file against other processes; yields whether this one has the lock."""
+    import fcntl  # which Windows has not
+
     with path.open("a") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))

@@ -19,7 +19,6 @@ from flows.report import (
     Note,
     Pairs,
     Part,
-    ReportTable,
     Section,
     SideBySide,
     build_text_table,
@@ -298,13 +297,12 @@ def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
 
 
 def _detectable(verdict: Verdict) -> Section:
-    heads, rows = sentences.build_detectable_rows(verdict)
+    table = tables.build_detectable_table(verdict)
     heading = "Smallest detectable size of each effect"
-    if not rows:
+    if not table.rows:
         return Section("sizes", heading, ())
-    hidden = any(sentences.NEVER in row for row in rows)
-    never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
-    table = ReportTable(heads, rows, look="tight sizes")
+    hidden = any(tables.NEVER in row for row in table.rows)
+    never = f"{tables.NEVER}: not detectable in these logs at any plausible size."
     parts = [table, Note(never, "soft spaced") if hidden else None]
     none = not verdict.effects
     return Section("sizes", heading, parts, _TEXT["sizes"], open=none, printed=none)

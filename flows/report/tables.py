@@ -15,7 +15,7 @@ from flows.report.phrases import (
     format_equivalent_phrases,
     join_with_and,
 )
-from flows.report.sentences import build_value_rows, is_wrong_value
+from flows.report.sentences import compute_change_share, is_wrong_value, name_value
 from residual.quantity import (
     MISSING,
     format_fraction,
@@ -29,6 +29,9 @@ from residual.quantity import (
 from residual.verdict.result import PLAIN, STAGES, Change, Diagnosis, Finding, Number, Verdict
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
+_HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
+NEVER = "n.d."  # not detectable here: it would take more than an arm can have
+_WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
 _OVERALL = {"moving": "overall_moving", "filtered": "overall_filtered", "held_out": "overall"}
 
@@ -142,8 +145,36 @@ def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
 
 def build_value_table(changes: Sequence[Change], verdict: Verdict) -> ReportTable:
     """Return nominal values beside identified ones."""
-    heads = ("Value", "Nominal", "Identified", "Difference")
-    return build_text_table(heads, build_value_rows(changes, verdict))
+    rows = [
+        (
+            name_value(change, verdict),
+            f"{format_number(change.nominal)} {format_unit(change.unit)}".strip(),
+            format_uncertain_value(change.identified, change.std, change.unit),
+            f"{100 * share:+.0f} %" if abs(share) < _HUGE else "",
+        )
+        for change in changes
+        for share in [compute_change_share(change)]
+    ]
+    return build_text_table(("Value", "Nominal", "Identified", "Difference"), rows)
+
+
+def build_detectable_table(verdict: Verdict) -> ReportTable:
+    """Return the smallest detectable size of each effect, per joint.
+
+    Effects on pairs of joints or on the whole arm get rows and a column of their own.
+    """
+    sizes: dict[str, dict[int, str]] = {}
+    for item in verdict.minimum_detectable:
+        local, unit = len(item.joints) == 1, format_unit(item.unit)
+        name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
+        row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
+        size = "" if item.value is None else f"{item.value:.2g}"
+        size = format_number(item.value) if is_number(item.value) and item.value >= 100 else size
+        row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
+    columns = sorted({column for row in sizes.values() for column in row})
+    heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
+    rows = [[n, *(row.get(c, MISSING) for c in columns)] for n, row in sizes.items()]
+    return ReportTable(["Effect", *heads], rows, look="tight sizes")
 
 
 def format_split_count(effect: Finding) -> str:
