@@ -34,7 +34,7 @@ from warehouse.logs import (
 from warehouse.logs.log_window import split_log_spec
 from warehouse.logs.ros_bags import list_joint_topics
 from warehouse.robots import find_robot_by_hash
-from warehouse.runs import read_manifest, read_run
+from warehouse.store_catalogue import read_manifest, read_run
 
 R = TypeVar("R", bound=Request)
 
@@ -175,7 +175,8 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
     robot = robot or load_request_robot(request)
     if hasattr(request, "known"):
         robot = apply_known_values(robot, parse_known_values(request.known), baseline)
-    check_declared(getattr(request, "declared", None))
+    for name in getattr(request, "declared", None) or ():
+        check_name(name, load_effects(), "effect in --declared")
     require_logs(request.logs, purpose, request.command)
     sets = (request.logs, baseline, held_out)
     columns, store = request.columns, request.store
@@ -192,10 +193,6 @@ def select_request_runs(
     request: R, words: Sequence[str], where: str | None = None, held_out_where: str | None = None
 ) -> R:
     """Return a request with its logs: words of the line, and runs chosen by query.
-
-    Args:
-        where: A condition over the view runs; the ids of what fulfils it follow.
-        held_out_where: The same for what is held out.
 
     Raises:
         InputError: If one is no condition, or no run fulfils it.
@@ -376,14 +373,7 @@ def parse_known_values(words: Sequence[str]) -> dict[str, float]:
             equals = ""
         if not equals:
             raise InputError(
-                f"--known '{shorten_value(word)}': expected NAME.PARAMETER=NUMBER, "
-                f"such as "
+                f"--known '{shorten_value(word)}': expected NAME.PARAMETER=NUMBER, such as "
                 "payload.mass=2.8 or coulomb.2.level=8."
             )
     return out
-
-
-def check_declared(names: Sequence[str] | None) -> None:
-    """Refuse names in --declared that no effect has."""
-    for name in names or ():
-        check_name(name, load_effects(), "effect in --declared")

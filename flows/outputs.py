@@ -53,17 +53,15 @@ def check_writable(files: Mapping[str, Path], inputs: Iterable[Path]) -> None:
         seen[place] = option
 
 
-def check_outside(option: str, file: str | None, store: Path) -> None:
-    """Raise InputError for a file among the records of a store."""
+def check_outside(file: str | None, store: Path) -> None:
+    """Raise InputError for an --out among the records of a store."""
     from warehouse.view_schema import FOLDERS
 
     place, store = Path(file or store).resolve(), store.resolve()
     # The folder of a store may hold other files too.
     inside = place.relative_to(store).parts[:1] if place.is_relative_to(store) else ()
     if set(inside) & FOLDERS:
-        raise InputError(
-            f"{option} {file} is among the records of the store. Choose another folder."
-        )
+        raise InputError(f"--out {file} is among the records of the store. Choose another folder.")
 
 
 def check_new_folder(option: str, place: Path) -> None:
@@ -101,11 +99,7 @@ def _can_write(place: Path) -> bool:
 
 
 def write_files(contents: Mapping[Path, str | bytes]) -> None:
-    """Write files, each whole or not at all.
-
-    Args:
-        contents: Text or bytes by path; an existing file is replaced.
-    """
+    """Write files, text or bytes by path, each whole or not at all."""
     for path, content in contents.items():
         data = content.encode() if isinstance(content, str) else content
         _write(path.resolve(), data)
@@ -151,11 +145,7 @@ PAUSE = 15.0  # s between two lines of progress in a log file
 
 
 def print_progress_lines(say: Callable[[str], None], clock: Clock = monotonic) -> Progress:
-    """Return a function that prints progress as lines, at most one per PAUSE.
-
-    Args:
-        clock: Returns the time [s].
-    """
+    """Return a function that prints progress as lines, at most one per PAUSE."""
     last = [clock()]
 
     def tell(stage: str, done: float) -> None:

@@ -27,7 +27,7 @@ from residual.robot.robot import (
     set_serial_number,
 )
 from warehouse.bucket import is_bucket_address
-from warehouse.logs import ColumnMap, read_column_map
+from warehouse.logs import read_column_map
 from warehouse.toml_records import build_toml_record, read_toml
 
 _TABLE = ConfigDict(extra="forbid")
@@ -208,10 +208,6 @@ class Project:
             "campaign = 'examples/nightly.toml'."
         )
 
-    def columns(self, inbox: InboxTable) -> ColumnMap:
-        """Return the column map of an inbox."""
-        return read_column_map(self.path(inbox.map)) if inbox.map else ColumnMap()
-
 
 def read_project(folder: str | Path) -> Project:
     """Read and check a project, with its robots, campaigns and maps."""
@@ -224,7 +220,8 @@ def read_project(folder: str | Path) -> Project:
         if robot.simulated:
             project.campaign(robot)
     for inbox in project.table.inbox:
-        project.columns(inbox)
+        if inbox.map:
+            read_column_map(project.path(inbox.map))
     return project
 
 
@@ -261,37 +258,27 @@ def create_project(
     word = robot or "irb140"
     name = load_command_robot(word).name
     folder.mkdir(parents=True, exist_ok=True)
-    text = _filled(name, _path_from(folder, word), simulated or robot is None)
-    write_files({file: text})
-    project = read_project(folder)
-    for inbox in project.table.inbox:
-        project.path(inbox.folder).mkdir(parents=True, exist_ok=True)
-    return project
-
-
-def _path_from(folder: Path, word: str) -> str:
-    """Return a robot word for the file: a path from its folder where it is inside."""
-    if word in list_built_in_robots():
-        return word
+    simulated = simulated or robot is None
     place, _ = parse_robot_reference(word)
     path, options = Path(place).resolve(), word.removeprefix(place)
-    inside = path.is_relative_to(folder)
-    return f"{path.relative_to(folder).as_posix() if inside else path}{options}"
-
-
-def _filled(name: str, urdf: str, simulated: bool) -> str:
-    text = _TEMPLATE.read_text(encoding="utf-8")
+    if path.is_relative_to(folder):  # a path from there
+        path = path.relative_to(folder).as_posix()
     values = {
         # The first port that is free now.
         "PORT": str(next(filter(partial(port_is_free, "127.0.0.1"), _PORTS), 4200)),
         "NAME": name,
-        "URDF": urdf,
+        "URDF": word if word in list_built_in_robots() else f"{path}{options}",
         "FOLDER": INBOX,
         "SIMULATED": "" if simulated else "# ",
         "YES": "true" if simulated else "false",
         "INBOX": "# " if simulated else "",
     }
-    return re.sub(r"@([A-Z]+)@", lambda found: values[found[1]], text)
+    text = _TEMPLATE.read_text(encoding="utf-8")
+    write_files({file: re.sub(r"@([A-Z]+)@", lambda word: values[word[1]], text)})
+    project = read_project(folder)
+    for inbox in project.table.inbox:
+        project.path(inbox.folder).mkdir(parents=True, exist_ok=True)
+    return project
 
 
 COMMITTED = "modelgap.run.committed"

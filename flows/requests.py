@@ -129,8 +129,7 @@ Where = Annotated[
     Parameter(
         metavar="CONDITION",
         help="Also the stored runs that meet a SQL condition on the view runs, such as "
-        "\"campaign = 'night' AND trajectory = 'fourier'\"; without those in "
-        "quarantine.",
+        "\"campaign = 'night' AND trajectory = 'fourier'\"; without those in quarantine.",
     ),
 ]
 HeldOutWhere = Annotated[
@@ -164,8 +163,7 @@ class Request:
         """Return the request as JSON values, its name as `step`, without places."""
         left_out = (*_PLACES, *_OF_ROBOT)
         names = [f.name for f in fields(self) if f.name not in left_out]
-        step = type(self).__name__.lower()
-        return {"step": step} | {name: getattr(self, name) for name in names}
+        return {"step": self.command} | {name: getattr(self, name) for name in names}
 
     @property
     def command(self) -> str:

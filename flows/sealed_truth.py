@@ -14,8 +14,7 @@ from residual.errors import InputError
 from warehouse.queries import Store
 from warehouse.record_ids import build_record_path, build_seal_path
 from warehouse.remote_store import record_exists
-from warehouse.runs import mark_run, read_sealed_spec
-from warehouse.store_catalogue import StoredRecord
+from warehouse.store_catalogue import StoredRecord, mark_run, read_sealed_spec
 from warehouse.view_schema import OPENED, TRUTH, build_arrow_schema
 
 _RUNS = """

@@ -4,6 +4,7 @@ import errno
 import os
 import socket
 import tomllib
+from contextlib import suppress
 from getpass import getuser
 from pathlib import Path
 
@@ -25,11 +26,13 @@ ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THRE
 def resolve_store_folder(option: str | None = None) -> Path:
     """Return the store: --store, $MODELGAP_STORE, that of modelgap.toml, or ./store.
 
-    Args:
-        option: A folder, or s3://BUCKET/PREFIX, for which the local folder is returned
-            (`warehouse.remote_store`).
+    Of s3://BUCKET/PREFIX it is the local folder (`warehouse.remote_store`).
     """
-    word = str(option or os.environ.get(STORE) or _of_project())
+    word = option or os.environ.get(STORE)
+    if not word:  # `flows.project` checks the rest of the file
+        with suppress(OSError, ValueError, RecursionError):
+            word = tomllib.loads(Path(PROJECT).read_text(encoding="utf-8")).get("store")
+    word = str(word) if word and isinstance(word, str | Path) else "store"
     if is_bucket_address(word):
         from warehouse.remote_store import find_local_copy
 
@@ -47,15 +50,6 @@ def build_page_address(address: str, otherwise: Path) -> str:
     """Return the address of a page of the store, such as "index.html"."""
     first = os.environ.get(PAGES)
     return f"{first}/{address}" if first else otherwise.as_uri()
-
-
-def _of_project() -> str:
-    # `flows.project` checks the rest of the file.
-    try:
-        named = tomllib.loads(Path(PROJECT).read_text(encoding="utf-8")).get("store")
-    except (OSError, ValueError, RecursionError):
-        named = None
-    return named if isinstance(named, str) and named else "store"
 
 
 def read_user_name() -> str:

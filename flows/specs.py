@@ -3,6 +3,7 @@
 import hashlib
 import re
 from collections.abc import Iterator, Mapping
+from contextlib import suppress
 from copy import deepcopy
 from itertools import product
 from math import exp, log, prod
@@ -204,10 +205,6 @@ class ExperimentSpec(SpecTable):
             )
         return self
 
-    def log_drive(self) -> Drive | None:
-        """What the log says of the drives; None where it has the torque."""
-        return None if self.drive is None else Drive(**self.drive.model_dump())
-
     def reference(self) -> TrajectorySpec:
         """The reference motion."""
         table = self.trajectory
@@ -261,16 +258,10 @@ def parse_spec(content: dict, path: str | Path) -> ExperimentSpec:
             )
     spec = build_toml_record(ExperimentSpec, content, Path(path).name, _CHANGES)
     beside = Path(path).parent / spec.robot
-    if not Path(spec.robot).is_absolute() and _exists(beside):
-        return spec.model_copy(update={"robot": str(beside)})
+    with suppress(OSError):  # a name that no file can have, such as a very long one
+        if not Path(spec.robot).is_absolute() and beside.exists():
+            return spec.model_copy(update={"robot": str(beside)})
     return spec
-
-
-def _exists(path: Path) -> bool:
-    try:
-        return path.exists()
-    except OSError:  # a name that no file can have, such as a very long one
-        return False
 
 
 MOST = 10_000  # runs
@@ -371,8 +362,7 @@ def _draw(values: Any, keys: tuple[str, ...], rng: np.random.Generator) -> Any:
     numbers = all(type(v) in (int, float) and abs(v) < _LARGEST for v in (low, high))
     if not numbers or not low < high or (values.get("log") and low <= 0):
         raise InputError(
-            f"{where} is low {quote_value(low)} to high {quote_value(high)}, "
-            f"expected low < high"
+            f"{where} is low {quote_value(low)} to high {quote_value(high)}, expected low < high"
             f"{' and low > 0 for log' if values.get('log') else ''}."
         )
     if values.get("log"):

@@ -28,11 +28,7 @@ CORRECTED = "corrected.json"  # file of a calibrated model
 
 
 def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
-    """Return a diagnosis as JSON and tables: what it says, and its curves.
-
-    Args:
-        diagnosis: The diagnosis; its verdict and models are kept elsewhere.
-    """
+    """Return a diagnosis as JSON and tables: what it says, and its curves."""
     # A cloud without a name is what a joint keeps.
     clouds = (*diagnosis.clouds, *diagnosis.residual_clouds)
     record = {

@@ -1,4 +1,4 @@
-"""Jobs in processes of this machine, as an executor of ``concurrent.futures``.
+"""Jobs in processes of this machine, an executor of ``concurrent.futures``; locks of files.
 
 A ProcessPoolExecutor is broken as a whole by a worker that dies (out of memory, a fault
 in compiled code). Each thread of `ProcessExecutor` therefore has a pool of one
@@ -20,9 +20,10 @@ from concurrent.futures import (
     as_completed,
 )
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from itertools import chain
+from pathlib import Path
 from typing import Any
 
 from threadpoolctl import threadpool_limits
@@ -119,6 +120,20 @@ def _begin() -> None:
         os._exit(1)
 
     threading.Thread(target=end_with_parent, daemon=True).start()
+
+
+@contextmanager
+def lock_file(path: Path, wait: bool = False) -> Iterator[bool]:
+    """Lock a file against other processes; yields whether this one has the lock."""
+    import fcntl  # which Windows has not
+
+    with path.open("a") as lock:
+        try:
+            fcntl.flock(lock, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
+        except OSError:
+            yield False
+        else:
+            yield True
 
 
 class InlineExecutor(Executor):

@@ -223,6 +223,16 @@ def test_nothing_is_loaded_that_is_not_used(what):
     assert done.stderr == "set()\n"
 
 
+def test_a_diagnosis_is_shown_by_few_modules():
+    code = (
+        "import sys; import flows.cli.store, flows.report.diagnosis, warehouse.queries; "
+        "import residual.verdict.document; from residual.effects import find_effect; "
+        f"find_effect('payload'); print(sum(n.split('.')[0] in {ROOMS!r} for n in sys.modules))"
+    )
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert int(done.stdout) <= 40
+
+
 def _strings(path: Path) -> set[str]:
     """Return the string constants of a file, docstrings left out."""
     docs = {

@@ -21,7 +21,6 @@ from warehouse.remote_store import (
     find_store_bucket,
     format_store_name,
 )
-from warehouse.runs import list_marked_runs
 from warehouse.sql_guard import (
     build_catalogue_views,
     build_signal_table,
@@ -32,7 +31,7 @@ from warehouse.sql_guard import (
     limit_query_time,
     open_read_only_connection,
 )
-from warehouse.store_catalogue import StoreCatalogue, find_record, read_catalogue
+from warehouse.store_catalogue import StoreCatalogue, find_record, list_marked_runs, read_catalogue
 from warehouse.store_files import replace_file, verify_file
 from warehouse.view_schema import (
     COMPUTED,
@@ -94,12 +93,9 @@ def query_store_rows(path: Path, query: str, **values: object) -> list[dict]:
 
 
 def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
-    """Return the ids of the runs that a WHERE clause chooses, in order of recording.
+    """Return the ids of the runs that a SQL condition over `runs` chooses, by time of recording.
 
-    Args:
-        path: The store.
-        clause: One condition over the view `runs`, in the SQL of DuckDB. Runs in
-            quarantine are left out unless it speaks of them.
+    Runs in quarantine are left out unless the condition speaks of them.
 
     Raises:
         InputError: If it is no condition, or no run fulfils it.

@@ -1,18 +1,16 @@
 """Commit records to the store: each becomes visible whole or not at all.
 
-Adoptions are numbered records of which model a robot has. A number is taken once,
-because its folder is renamed into place; the second writer gets an error. The last
-adoption of a robot holds. A rollback is one more adoption, of the model before.
+The number of an adoption is taken once, because its folder is renamed into place; the
+second writer gets an error.
 """
 
 import hashlib
 import json
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import asdict, dataclass, field, fields
+from dataclasses import asdict
 from datetime import UTC, datetime
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 import pyarrow as pa
@@ -23,7 +21,17 @@ from warehouse import record_ids
 from warehouse.code_provenance import build_origin_columns, read_code_provenance, store_package_list
 from warehouse.record_ids import build_record_path
 from warehouse.remote_store import find_store_bucket, is_record_local
-from warehouse.store_catalogue import find_run, list_record_folders
+from warehouse.store_catalogue import (
+    ADOPTIONS,
+    SPEC,
+    TRUTH,
+    ModelAdoption,
+    SealedTruth,
+    find_last_adoption,
+    find_run,
+    hash_sealed_spec,
+    list_record_folders,
+)
 from warehouse.store_files import (
     arrays_to_table,
     create_staging_folder,
@@ -38,26 +46,6 @@ from warehouse.view_schema import KINDS, LOGGED, NOT_HASHED, SAMPLES_FILE, SIGNA
 
 Array = np.ndarray
 Parents = Sequence[str | tuple[str, str]] | Mapping[str, Sequence[str]]
-
-SPEC, TRUTH = "spec.json", "truth.parquet"
-
-
-@dataclass(frozen=True, eq=False, slots=True)
-class SealedTruth:
-    """The hidden half of a simulated run: hashed before, opened only afterwards.
-
-    A diagnosis must not be able to look at what was planted. The hash in the run's
-    manifest shows later that the truth was not changed to fit the verdict.
-    """
-
-    spec: Mapping  # the hidden half of the spec: effects, scatter, noise, salt
-    # Channels that no robot logs. Shapes (n,) or (n, k).
-    truth: Mapping[str, Array] = field(default_factory=dict)
-
-
-def hash_sealed_spec(spec: object) -> str:
-    """Return the hash of a hidden half; its salt keeps it from being guessed."""
-    return record_ids.hash_values(spec)
 
 
 def commit_run(
@@ -187,11 +175,7 @@ def commit_catalogue_row(
     lists: Mapping[str, Sequence[Mapping]],
     files: Mapping[str, pa.Table | bytes] | None = None,
 ) -> bool:
-    """Put a record of a known id into the store, with its one catalogue row.
-
-    Returns:
-        Whether it is this one; False if the id was taken.
-    """
+    """Put a record of a known id into the store; return False if the id was taken."""
     kinds, origin = KINDS[kind], asdict(read_code_provenance())
     row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(kind, id)
     texts = {"record": record, "provenance": origin}
@@ -208,16 +192,12 @@ def commit_catalogue_row(
         return publish_folder(folder, build_record_path(store, kind, id))
 
 
-def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
-    """Return parents as rows of the view ``lineage``, without the child.
-
-    Args:
-        parents: Ids, pairs of id and role, or lists of ids by role.
-    """
+def build_lineage_rows(parents: Parents) -> list[dict]:
+    """Return ids, pairs of id and role, or ids by role as rows of `lineage`, without the child."""
     if isinstance(parents, Mapping):
         pairs = [(id, name) for name, ids in parents.items() for id in ids]
     else:
-        pairs = [(p, role) if isinstance(p, str) else tuple(p) for p in parents]
+        pairs = [(p, "input") if isinstance(p, str) else tuple(p) for p in parents]
     rows = [{"parent": record_ids.check_record_id(id), "role": str(name)} for id, name in pairs]
     if len({tuple(row.values()) for row in rows}) < len(rows):
         raise InputError("A parent is given twice in one role, expected it once.")
@@ -398,8 +378,6 @@ def commit_diagnosis(
     return commit_record(store, "diagnoses", record, tables, parents, None, seconds)
 
 
-ADOPTIONS = "adoptions"
-ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
 _DIGITS = 6
 
 
@@ -407,29 +385,8 @@ class AdoptionConflictError(InputError):
     """Another user has given the robot a model in the meantime."""
 
 
-@dataclass(frozen=True, slots=True)
-class ModelAdoption:
-    """A robot gets a model."""
-
-    robot: str
-    serial: str | None  # its serial number, None where it has none
-    action: str  # "adopted", "forced" or "rolled back"
-    model_id: str | None  # id of the model, None for the nominal one
-    diagnosis_id: str | None  # id of the diagnosis that found it
-    parent: str | None  # id of the adoption before it, None for the first
-    who: str  # name of the user
-    note: str = ""  # what he wrote about it
-    # Held-out error of the model before and of this one [%].
-    before: float | None = None
-    after: float | None = None
-    evidence: Mapping | None = None  # everything that the gate saw
-
-
 def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
     """Put an adoption into the store under the next number.
-
-    Args:
-        adoption: Its parent is what the robot had when it was judged.
 
     Raises:
         AdoptionConflictError: If the robot has got another model since.
@@ -448,24 +405,6 @@ def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
             return id
 
 
-def read_adoption(store: Path, id: str) -> ModelAdoption:
-    """Return an adoption; what else is in its record is left out."""
-    row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
-    record = json.loads(read_row_text(row, "record"))
-    return ModelAdoption(**{f.name: record[f.name] for f in fields(ModelAdoption)})
-
-
-def find_last_adoption(
-    store: Path, robot: str, serial: str | None = None
-) -> tuple[str, ModelAdoption] | None:
-    """Return the last adoption of a robot with its number, None where there is none."""
-    for id in sorted(list_record_folders(store, ADOPTIONS), reverse=True):
-        adoption = read_adoption(store, id)
-        if (adoption.robot, adoption.serial) == (robot, serial):
-            return id, adoption
-    return None
-
-
 def _check_parent(store: Path, adoption: ModelAdoption) -> None:
     last = find_last_adoption(store, adoption.robot, adoption.serial)
     if (last[0] if last else None) == adoption.parent:
@@ -476,34 +415,3 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
         "was changed. Look at it with modelgap models, and try again if it still holds."
     )
-
-
-class AdoptionEntry(NamedTuple):
-    """An adoption of a store, with its number and when it was made, in words."""
-
-    number: str
-    adoption: ModelAdoption
-    since: str
-
-
-def read_adoptions(store: Path) -> list[AdoptionEntry]:
-    """Return all adoptions, the first one first."""
-    out = []
-    for id in list_record_folders(store, ADOPTIONS):
-        path = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
-        created = read_parquet(path, ["created"]).column("created")[0].as_py()
-        since = f"{created:%Y-%m-%d %H:%M}"
-        out.append(AdoptionEntry(id, read_adoption(store, id), since))
-    return out
-
-
-def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
-    """Return whether the model of a diagnosis is adopted, in one line."""
-    entries = read_adoptions(store)
-    last = {(record.robot, record.serial): id for id, record, _ in entries}
-    for id, record, since in reversed(entries):
-        if record.diagnosis_id == diagnosis:
-            current = last[record.robot, record.serial] == id
-            now = "the current model" if current else "replaced since"
-            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
-    return f"not adopted: modelgap adopt {diagnosis[:8]}"

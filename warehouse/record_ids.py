@@ -21,11 +21,7 @@ _SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 
 
 def encode_canonical_json(value: object) -> bytes:
-    """Return the one JSON text of a value: keys sorted, no blanks, UTF-8.
-
-    Raises:
-        InputError: If something else is in it, or a number is not finite.
-    """
+    """Return the one JSON text of a value, keys sorted, no blanks, UTF-8; InputError for NaN."""
     try:
         text = json.dumps(
             convert_to_json_types(value),
@@ -76,12 +72,9 @@ def compute_measured_run_id(data_sha256: str, robot_sha256: str) -> str:
 
 
 def hash_arrays(arrays: Mapping[str, Array]) -> str:
-    """Return the SHA-256 of named arrays: names, shapes and values, 64 hex digits.
+    """Return the SHA-256 of named arrays as float64: names, shapes, values, 64 hex digits.
 
     A file's bytes would not do: they change with the version of its writer.
-
-    Args:
-        arrays: Numbers by name; taken as float64.
     """
     total = hashlib.sha256()
     for name in sorted(arrays):

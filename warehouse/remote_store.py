@@ -110,11 +110,7 @@ def format_store_name(store: Path) -> str:
 
 
 def check_store_folder(folder: Path) -> None:
-    """Check that a folder is a store; an empty folder is an empty store.
-
-    Raises:
-        InputError: If there is no such folder, or it holds other files only.
-    """
+    """Check that a folder is a store; an empty folder is an empty store."""
     if not folder.is_dir():
         raise InputError(
             f"There is no store at {format_store_name(folder)}. Make one with modelgap "

@@ -30,10 +30,8 @@ ROBOTS, TOML = "robots", "robot.toml"
 def store_robot_description(store: Path, reference: str, robot: Robot) -> None:
     """Put the description of a robot into the store, unless it is built in."""
     target = build_robot_path(store, robot.content_hash)
-    built_in, place = (
-        reference in list_built_in_robots(),
-        Path(parse_robot_reference(reference)[0]),
-    )
+    built_in = reference in list_built_in_robots()
+    place = Path(parse_robot_reference(reference)[0])
     if record_exists(target) or (
         built_in and load_robot(reference).content_hash == robot.content_hash
     ):
@@ -85,18 +83,13 @@ def find_robot_by_hash(store: Path, content_hash: str) -> str:
     if fetch_record(folder):
         return str(folder)
     raise InputError(
-        f"No description of the robot {content_hash[:8]} is in "
-        f"{format_store_name(store)}. "
+        f"No description of the robot {content_hash[:8]} is in {format_store_name(store)}. "
         "Import a log of it again with --robot, which keeps it."
     )
 
 
 def find_used_robot(store: Path, reference: str, content_hash: str | None) -> str:
-    """Return what to load a robot from, such that it is the one that was used.
-
-    Args:
-        content_hash: Its hash then; None where that is not known.
-    """
+    """Return what to load a robot from, such that it is the one that was used."""
     try:
         if content_hash in (None, load_robot(reference).content_hash):
             return reference

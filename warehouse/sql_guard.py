@@ -138,7 +138,8 @@ def open_read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
     connection.execute("CALL enable_logging('FileSystem')")
-    allowed = ", ".join(quote_sql_text(f"{path}/{folder}") for folder in READABLE)
+    folders = (f"{path}/{folder}".replace("'", "''") for folder in READABLE)
+    allowed = ", ".join(f"'{folder}'" for folder in folders)
     for setting in (
         "autoinstall_known_extensions = false",
         "autoload_known_extensions = false",
@@ -201,8 +202,7 @@ def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
             if size > most:
                 raise InputError(
                     f"The answer is larger than {most / 2**30:.2g} GB, a quarter of "
-                    "this machine's memory. Ask for less: aggregate, or add LIMIT or "
-                    "a WHERE."
+                    "this machine's memory. Ask for less: aggregate, or add LIMIT or a WHERE."
                 )
     return pa.Table.from_batches(batches, reader.schema)
 
@@ -296,15 +296,9 @@ def _rows(kind: RecordKind) -> str:
     if any(column.name == "serial" for column in VIEWS[kind.name]):
         shown += " REPLACE (coalesce(own.serial, arm.serial) AS serial)"
     return (
-        f"SELECT {shown}, {more} "
-        f"FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
+        f"SELECT {shown}, {more} FROM (SELECT {columns} FROM catalogue.{kind.name}) own "
         f"LEFT JOIN catalogue.arms arm ON arm.id = own.{kind.key}"
     )
-
-
-def quote_sql_text(value: str) -> str:
-    """Return a text as SQL writes it."""
-    return "'" + value.replace("'", "''") + "'"
 
 
 def _listed(columns: Iterable[ViewColumn]) -> str:

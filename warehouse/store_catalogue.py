@@ -1,4 +1,4 @@
-"""The layout of a store, how an id is found without an index, and the index.
+"""What a store holds: find a record by its id, read runs, seals and adoptions; the index.
 
 The index (``_index``) is one Parquet file per kind with a copy of every catalogue row.
 It may be deleted at any time: the next reader writes it again. The folders decide which
@@ -12,14 +12,27 @@ import os
 from collections.abc import Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, field, fields
+from datetime import UTC, datetime
 from pathlib import Path
+from typing import NamedTuple
 
+import numpy as np
 import pyarrow as pa
 
+from residual.drive import Drive
 from residual.errors import InputError
-from warehouse.record_ids import ID_DIGITS, check_record_id
+from residual.recording import Recording
+from warehouse.record_ids import (
+    ID_DIGITS,
+    build_record_path,
+    build_seal_path,
+    check_record_id,
+    hash_arrays,
+    hash_values,
+)
 from warehouse.remote_store import (
+    fetch_file,
     fetch_index,
     find_store_bucket,
     format_store_name,
@@ -34,8 +47,10 @@ from warehouse.store_files import (
     read_unverified_parquet,
     replace_file,
     sweep_staging,
+    table_to_arrays,
+    verify_file,
 )
-from warehouse.view_schema import INDEX, KINDS, RecordKind
+from warehouse.view_schema import INDEX, KINDS, LOGGED, QUARANTINE, SAMPLES_FILE, RecordKind
 
 RERUN_OF = "rerun of"  # what a record is to the one it was made again from
 
@@ -262,3 +277,216 @@ def _read_index(store: Path, kind: RecordKind) -> pa.Table:
         if table.schema.equals(kind.fields):
             return table
     return kind.fields.empty_table()
+
+
+# Runs, their seals, and the marks on those not to be used.
+
+SPEC, TRUTH = "spec.json", "truth.parquet"
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class SealedTruth:
+    """The hidden half of a simulated run: hashed before, opened only afterwards.
+
+    A diagnosis must not be able to look at what was planted. The hash in the run's
+    manifest shows later that the truth was not changed to fit the verdict.
+    """
+
+    spec: Mapping  # the hidden half of the spec: effects, scatter, noise, salt
+    # Channels that no robot logs. Shapes (n,) or (n, k).
+    truth: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+
+def hash_sealed_spec(spec: object) -> str:
+    """Return the hash of a hidden half; its salt keeps it from being guessed."""
+    return hash_values(spec)
+
+
+def read_manifest(store: Path, run_id: str) -> dict:
+    """Return the manifest of a run (`record_commit.commit_run` says what is in it)."""
+    return _manifest(find_run(store, run_id).folder)
+
+
+def _manifest(folder: Path) -> dict:
+    return json.loads(read_row_text(folder / KINDS["runs"].row, "manifest"))
+
+
+def read_run(store: Path, run_id: str) -> Recording:
+    """Return what was logged in a run, bit for bit as it was committed."""
+    run = find_run(store, run_id)
+    channels = read_verified_channels(run.folder)
+    robot = run.folder.parent.name.removeprefix("robot=")
+    logged = {name: channels[name] for name in LOGGED if name in channels}
+    if (drive := _manifest(run.folder).get("drive")) is not None:
+        lists = {k: tuple(v) if isinstance(v, list) else v for k, v in drive.items()}
+        logged["drive"] = Drive(**lists)
+    return Recording(id=run.id, robot=robot, **logged)
+
+
+def read_channels(store: Path, run_id: str) -> dict:
+    """Return all channels of a run by name, the errors of the twin among them."""
+    return read_verified_channels(find_run(store, run_id).folder)
+
+
+def read_verified_channels(folder: Path) -> dict:
+    """Return the channels in a folder of a run, held against its record's hash."""
+    path = folder / SAMPLES_FILE
+    arrays = table_to_arrays(read_parquet(path))
+    if hash_arrays(arrays) != _manifest(folder)["data_hash"]:
+        raise InputError(
+            f"{path} is damaged: its values are not those that were committed. "
+            "Take its folder out of the store."
+        )
+    return arrays
+
+
+def open_seal(store: Path, run_id: str) -> SealedTruth:
+    """Open the hidden half of a run: for reruns and for judging verdicts, only.
+
+    Raises:
+        InputError: If the run has no seal, or the seal is not the one that was hashed.
+    """
+    run = find_run(store, run_id)
+    spec, path = read_sealed_spec(store, run), build_seal_path(store, run.id) / TRUTH
+    truth = table_to_arrays(read_parquet(path))
+    if hash_arrays(truth) != _manifest(run.folder)["truth_hash"]:
+        raise _broken(run, path)
+    return SealedTruth(spec, truth)
+
+
+def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
+    """Open the hidden spec of a run, without what no robot logs."""
+    path = build_seal_path(store, run.id) / SPEC
+    if not record_exists(path.parent):
+        raise InputError(f"Run {run.id} has no sealed half in {format_store_name(store)}.")
+    verify_file(path)
+    try:
+        spec = json.loads(path.read_bytes())
+    except ValueError as error:
+        raise InputError(f"{path} is damaged: it is no JSON.") from error
+    if hash_sealed_spec(spec) != read_row_text(run.row, "sealed_sha256"):
+        raise _broken(run, path)
+    return spec
+
+
+def _broken(run: StoredRecord, path: Path) -> InputError:
+    return InputError(
+        f"The seal of run {run.id} is broken: {path.parent} is not the seal that was "
+        "hashed when the run was made."
+    )
+
+
+def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
+    """Mark a run as not to be used, which it does not change; return the tombstone."""
+    if not reason.strip():
+        raise InputError("A quarantine needs a reason, for those who find it later.")
+    id = find_run(store, run_id).id
+    return mark_run(store, QUARANTINE, id, {"reason": reason})
+
+
+def mark_run(store: Path, mark: str, run_id: str, about: Mapping) -> Path:
+    """Put a mark on a run, such as QUARANTINE; one that is there already stays."""
+    target = _mark(store, mark, run_id)
+    fetch_file(target)
+    if not target.exists():
+        content = {"run_id": run_id, **about, "at": datetime.now(UTC).isoformat()}
+        replace_file(store, target, (json.dumps(content) + "\n").encode())
+    return target
+
+
+def list_marked_runs(store: Path, mark: str) -> frozenset[str]:
+    """Return the ids of all runs with a mark, such as QUARANTINE."""
+    names = list_folder_names(store, mark)
+    names = (n[:-5] for n in names if n.startswith("run_id=") and n.endswith(".json"))
+    ids = (name.removeprefix("run_id=") for name in names)
+    return frozenset(check_record_id(id) for id in ids if len(id) == ID_DIGITS)
+
+
+def read_quarantine_reason(store: Path, run_id: str) -> str | None:
+    """Return why a run should not be used, None where it may be."""
+    path = _mark(store, QUARANTINE, run_id)
+    fetch_file(path)
+    try:
+        return str(json.loads(path.read_bytes()).get("reason"))
+    except FileNotFoundError:
+        return None
+    except (ValueError, AttributeError):
+        return "its tombstone cannot be read"
+
+
+def _mark(store: Path, mark: str, run_id: str) -> Path:
+    return store / mark / f"run_id={check_record_id(run_id)}.json"
+
+
+# Adoptions: numbered records of which model a robot has. The last one of a robot holds; a
+# rollback is one more adoption, of the model before.
+
+ADOPTIONS = "adoptions"
+ADOPTED, FORCED, ROLLED_BACK = "adopted", "forced", "rolled back"
+
+
+@dataclass(frozen=True, slots=True)
+class ModelAdoption:
+    """A robot gets a model."""
+
+    robot: str
+    serial: str | None  # its serial number, None where it has none
+    action: str  # "adopted", "forced" or "rolled back"
+    model_id: str | None  # id of the model, None for the nominal one
+    diagnosis_id: str | None  # id of the diagnosis that found it
+    parent: str | None  # id of the adoption before it, None for the first
+    who: str  # name of the user
+    note: str = ""  # what he wrote about it
+    # Held-out error of the model before and of this one [%].
+    before: float | None = None
+    after: float | None = None
+    evidence: Mapping | None = None  # everything that the gate saw
+
+
+def read_adoption(store: Path, id: str) -> ModelAdoption:
+    """Return an adoption; what else is in its record is left out."""
+    row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+    record = json.loads(read_row_text(row, "record"))
+    return ModelAdoption(**{f.name: record[f.name] for f in fields(ModelAdoption)})
+
+
+def find_last_adoption(
+    store: Path, robot: str, serial: str | None = None
+) -> tuple[str, ModelAdoption] | None:
+    """Return the last adoption of a robot with its number, None where there is none."""
+    for id in sorted(list_record_folders(store, ADOPTIONS), reverse=True):
+        adoption = read_adoption(store, id)
+        if (adoption.robot, adoption.serial) == (robot, serial):
+            return id, adoption
+    return None
+
+
+class AdoptionEntry(NamedTuple):
+    """An adoption of a store, with its number and when it was made, in words."""
+
+    number: str
+    adoption: ModelAdoption
+    since: str
+
+
+def read_adoptions(store: Path) -> list[AdoptionEntry]:
+    """Return all adoptions, the first one first."""
+    out = []
+    for id in list_record_folders(store, ADOPTIONS):
+        path = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
+        created = read_parquet(path, ["created"]).column("created")[0].as_py()
+        since = f"{created:%Y-%m-%d %H:%M}"
+        out.append(AdoptionEntry(id, read_adoption(store, id), since))
+    return out
+
+
+def describe_diagnosis_adoption(store: Path, diagnosis: str) -> str:
+    """Return whether the model of a diagnosis is adopted, in one line."""
+    entries = read_adoptions(store)
+    last = {(record.robot, record.serial): id for id, record, _ in entries}
+    for id, record, since in reversed(entries):
+        if record.diagnosis_id == diagnosis:
+            current = last[record.robot, record.serial] == id
+            now = "the current model" if current else "replaced since"
+            return f"adopted: adoption {int(id)} of {record.robot}, {since}; {now}"
+    return f"not adopted: modelgap adopt {diagnosis[:8]}"

@@ -68,11 +68,7 @@ def read_check_sums(folder: Path) -> Mapping[str, Mapping]:
 
 
 def verify_file(path: Path) -> None:
-    """Check a file against the sums beside it.
-
-    Raises:
-        InputError: If it is missing, unlisted or damaged.
-    """
+    """Check a file against the sums beside it; InputError if it is not as it was written."""
     sums = read_check_sums(path.parent)
     fetch_file(path)
     if fault := _fault(path, sums):
@@ -152,11 +148,7 @@ def read_row_text(row: Path, column: str) -> str | None:
 
 
 def arrays_to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa.Table:
-    """Return arrays as a table: name, or name1, name2, ... for several columns.
-
-    Args:
-        arrays: Values by name. Shapes (n,) or (n, k).
-    """
+    """Return arrays (n,) or (n, k) as a table: name, or name1, name2, ... for several columns."""
     fields, columns, widths = [], [], {}
     rows = {name: np.shape(array)[:1] for name, array in arrays.items()}
     if len(set(rows.values())) > 1:
@@ -210,9 +202,6 @@ class ReadOnlyStoreError(InputError, PermissionError):
 @contextmanager
 def create_staging_folder(store: Path, label: str) -> Iterator[Path]:
     """Yield a new folder in ``_staging``, which is removed afterwards.
-
-    Args:
-        store: The store; made where there is none, for its owner alone.
 
     Raises:
         InputError: If the folder has other files and is no store.

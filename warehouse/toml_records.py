@@ -45,12 +45,7 @@ def read_toml(path: str | Path) -> dict[str, Any]:
 def build_toml_record(
     record: type[Record], content: dict[str, Any], where: str, more_tables: Sequence[str] = ()
 ) -> Record:
-    """Check the content of a file.
-
-    Args:
-        where: Name of the file.
-        more_tables: Valid tables of such a file that are not in this content.
-    """
+    """Check the content of a file; `more_tables` are valid ones that are not in it."""
     try:
         return TypeAdapter(record).validate_python(content)
     except ValidationError as error:

@@ -18,12 +18,11 @@ from residual.errors import InputError, ModelgapError
 from residual.robot.robot import load_robot
 from warehouse import record_ids
 from warehouse.code_provenance import MADE_WITH, check_package_list
-from warehouse.record_commit import ADOPTIONS, compute_manifest_id
+from warehouse.record_commit import compute_manifest_id
 from warehouse.record_ids import SUMS
 from warehouse.remote_store import fetch_file, fetch_record, list_folder_names, open_fresh_copy
 from warehouse.robots import ROBOTS
-from warehouse.runs import open_seal
-from warehouse.store_catalogue import StoredRecord, list_record_folders
+from warehouse.store_catalogue import ADOPTIONS, StoredRecord, list_record_folders, open_seal
 from warehouse.store_files import (
     find_damaged_record_files,
     hash_table,
@@ -78,11 +77,7 @@ class ChannelDifference:
 def compare_channels(
     before: Mapping[str, Array], after: Mapping[str, Array]
 ) -> tuple[ChannelDifference, ...]:
-    """Compare the channels of two runs.
-
-    Args:
-        before: Signals by name, as `read_channels` returns them; times are its.
-    """
+    """Compare the channels of two runs, by the times of the first."""
     time = np.asarray(before["t"], dtype=float) if "t" in before else None
     names = [n for n in SIGNALS if n in before or n in after]
     channels = []

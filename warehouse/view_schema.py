@@ -83,9 +83,9 @@ def list_sample_columns(dof: int) -> tuple[ViewColumn, ...]:
     return tuple(columns)
 
 
-def list_views(dof: int = DEFAULT_DOF) -> dict[str, tuple[ViewColumn, ...]]:
+def list_views() -> dict[str, tuple[ViewColumn, ...]]:
     """Return every view with its columns, ``samples`` second as the most used."""
-    first = {"runs": VIEWS["runs"], "samples": list_sample_columns(dof)}
+    first = {"runs": VIEWS["runs"], "samples": list_sample_columns(DEFAULT_DOF)}
     views = {**first, **VIEWS}
     return {name: (*columns, *COMPUTED.get(name, ())) for name, columns in views.items()}
 
@@ -103,20 +103,11 @@ def build_arrow_schema(columns: tuple[ViewColumn, ...]) -> pa.Schema:
 
 
 def build_view_table(view: str, rows: Iterable[Mapping]) -> pa.Table:
-    """Return a record's own rows of a view as a table: without its own id.
-
-    Raises:
-        InputError: If a row does not have the types of the view.
-    """
+    """Return a record's own rows of a view as a table: without its own id."""
     try:
         return pa.Table.from_pylist(list(rows), schema=build_arrow_schema(VIEWS[view][1:]))
     except (pa.ArrowException, TypeError, ValueError) as error:
         raise InputError(f"The rows do not fit the view {view}: {error}") from error
-
-
-def build_nested_type(view: str) -> pa.DataType:
-    """Return the type of a record's own rows of a view: without its own id."""
-    return pa.list_(pa.struct([column.to_arrow_field for column in VIEWS[view][1:]]))
 
 
 _NESTED = ("errors", "lineage", "timings")
@@ -140,7 +131,9 @@ class RecordKind:
         fields = [c.to_arrow_field for c in VIEWS[self.name] if c.name not in marks]
         if self.name == "runs":
             fields.append(pa.field("signals", pa.list_(TEXT)))
-        rows = (pa.field(view, build_nested_type(view)) for view in self.nested_views)
+        # A record's own rows of a view, without its own id.
+        structs = {v: [c.to_arrow_field for c in VIEWS[v][1:]] for v in self.nested_views}
+        rows = (pa.field(v, pa.list_(pa.struct(columns))) for v, columns in structs.items())
         folder = "samples" if self.name == "runs" else self.name
         row = f"_{self.key.removesuffix('_id')}.parquet"
         object.__setattr__(self, "fields", pa.schema([*fields, *rows]))

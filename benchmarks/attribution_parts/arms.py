@@ -14,10 +14,9 @@ from benchmarks.harness import logs
 from benchmarks.harness.logs import PAUSE, RATE
 from residual.recording import Recording
 from residual.robot.robot import Robot, build_robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, ReferenceMotion, create_random_stream
 from sim.plant.sensors import WHITE_TORQUE
-from sim.plant.typical_sizes import estimate_typical_sizes
+from sim.plant.typical_sizes import draw_plant_effect, estimate_typical_sizes
 from tests.synthetic.amounts import scale_effect
 from tests.synthetic.light_arm import draw_light_arm
 from tests.synthetic.motions import make_motion

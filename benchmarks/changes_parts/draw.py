@@ -8,8 +8,8 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, real
 from benchmarks.harness.cases import named, seed_range
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.synthetic.amounts import scale_effect
 from tests.synthetic.sized import solve_size
 from tests.synthetic.visible import Stage

@@ -16,9 +16,9 @@ from flows.inputs import LogSets
 from flows.steps.check import check_log_sets
 from residual.recording import Recording
 from residual.robot.robot import Robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import create_random_stream
 from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.synthetic.amounts import scale_effect
 from tests.synthetic.draws import vocabulary
 from tests.synthetic.laws import supports_synthetic_arm

@@ -25,7 +25,6 @@ from residual.effects import number_reported_joints
 from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -36,7 +35,7 @@ from sim.engine.plant_records import (
 )
 from sim.plant.effect_catalogue import list_plant_effects
 from sim.plant.plant_arm import build_plant_arm
-from sim.plant.typical_sizes import estimate_typical_sizes, read_nominal_drives
+from sim.plant.typical_sizes import draw_plant_effect, estimate_typical_sizes, read_nominal_drives
 from sim.trajectories import plan_reference_motion
 from tests.synthetic.amounts import list_unnamed_effects
 from tests.synthetic.draws import draw_detectable, true_parameters, vocabulary

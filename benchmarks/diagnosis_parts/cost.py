@@ -8,8 +8,8 @@ import numpy as np
 from benchmarks.harness.figures import FULL, Figures, all_missing, figure, missing
 from benchmarks.harness.shell import run_command
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import draw_effect
 from tests.synthetic.logs import LogPlan, make, write_csv
 from tests.synthetic.quasi_static import Plant
 

@@ -36,9 +36,9 @@ from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
 from residual.signals.track import build_tracks
 from residual.verdict.result import Diagnosis, Place
-from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.geometry import MARGIN, build_arm_capsules, compute_clearances
 from sim.engine.plant_records import PlantEffect, PlantSpec, TrajectorySpec, create_random_stream
+from sim.plant.typical_sizes import draw_plant_effect, list_drawable_effects
 from sim.trajectories import plan_reference_motion
 from sim.trajectories.excitation import (
     draw_feasible_series,

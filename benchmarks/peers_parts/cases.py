@@ -21,7 +21,6 @@ from benchmarks.peers_parts.linear_model import Answer, Case
 from flows.specs import derive_seed
 from residual.effects import load_effects
 from residual.robot.robot import Robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -29,6 +28,7 @@ from sim.engine.plant_records import (
     TrajectorySpec,
     create_random_stream,
 )
+from sim.plant.typical_sizes import draw_plant_effect
 from sim.trajectories import plan_reference_motion
 from tests.synthetic.draws import vocabulary
 from tests.synthetic.light_arm import draw_light_arm

@@ -17,7 +17,6 @@ from residual.diagnosis.diagnose import diagnose
 from residual.drive import Drive
 from residual.recording import Recording, apply_drive
 from residual.robot.robot import build_robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
@@ -34,6 +33,7 @@ from sim.plant.closed_loop import (
     build_servo_law,
     follow_goal,
 )
+from sim.plant.typical_sizes import draw_plant_effect
 from sim.trajectories import plan_reference_motion
 
 _IRB140 = load_robot("irb140")

@@ -11,7 +11,6 @@ import duckdb
 import numpy as np
 import pyarrow.parquet as pq
 
-import warehouse
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
@@ -19,8 +18,9 @@ from benchmarks.store_parts.records import folder, small
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise, TrajectorySpec
 from sim.experiment import run_experiment
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
-from warehouse.runs import read_run
+from warehouse.store_catalogue import read_run
 from warehouse.store_files import arrays_to_table, write_parquet
 
 ROWS = 10_000
@@ -79,16 +79,16 @@ def many_figures(quick: bool) -> Figures:
         start = perf_counter()
         _fill(place, count)
         filled = perf_counter() - start
-        first = wall(lambda: warehouse.open(place).close())
+        first = wall(lambda: open_store(place).close())
         figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)
     return figures
 
 
 def _figures(place: Path, rounds: int) -> Figures:
-    opening = [wall(lambda: warehouse.open(place).close()) for _ in range(rounds)]
+    opening = [wall(lambda: open_store(place).close()) for _ in range(rounds)]
     figures = {"open_s": _median(opening, 1.0)}
-    with warehouse.open(place) as store:
+    with open_store(place) as store:
         ids = store.sql("SELECT run_id FROM runs")["run_id"].to_pylist()
         some = np.random.default_rng(0).choice(ids, rounds)
         one, samples = "WHERE run_id = '{}'", "SELECT avg(tau1) FROM samples"

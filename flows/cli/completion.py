@@ -5,7 +5,7 @@ that its help does not list. These ask one function of the POSIX shell for all t
 """
 
 import re
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -13,7 +13,7 @@ from cyclopts import App
 from cyclopts.completion.detect import detect_shell
 from cyclopts.completion.install import create_install_completion_command
 
-from flows.cli.app import app
+from flows.cli import app
 
 # Which ids of a store stand for an argument: of commands, then of options.
 _ALL = "run model diagnosis validation report"
@@ -45,8 +45,11 @@ def format_completion(app: App, shell: str) -> str:
                 options += names[:1]  # the others are those of older versions
             if names and argument.token_count()[0]:
                 valued |= dict.fromkeys(names)
-                offered = words.get(names[0], argument.get_choices() or ())
-                choices += _choices(f"{command} {names[0]}", names[0], offered)
+                offered = " ".join(words.get(names[0], argument.get_choices() or ()))
+                if offered or names[0] in _OPTION_IDS:
+                    ids = _OPTION_IDS.get(names[0], "")
+                    case = f"'{command} {names[0]}'"
+                    choices.append(f"  {case}) names='{offered}' ids='{ids}' ;;")
         ids = "" if inner else _IDS.get(path[-1], "")
         commands.append(
             f"  '{command}') flags='{' '.join(dict.fromkeys(options))}' "
@@ -70,12 +73,6 @@ def _walk(app: App, path: tuple[str, ...]) -> Iterator[tuple[tuple[str, ...], Ap
     for name in app:
         if not name.startswith("-"):
             yield from _walk(app[name], (*path, name))
-
-
-def _choices(case: str, option: str, words: Iterable[str]) -> list[str]:
-    offered, ids = " ".join(words), _OPTION_IDS.get(option, "")
-    line = f"  '{case}') names='{offered}' ids='{ids}' ;;"
-    return [line] if offered or ids else []
 
 
 def _install(*, shell: str | None = None, **places: Any) -> Path:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated, Literal
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.app import FASTEST, LONGEST, MOST_PERIODS, SEEDS, Outputs, check_option_range
+from flows.cli import FASTEST, LONGEST, MOST_PERIODS, SEEDS, Outputs, check_option_range
 from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.requests import (
     File,
@@ -164,8 +164,7 @@ def validate(
         report: HTML page to write.
     """
     from flows.inputs import query_run_ids
-    from flows.report import experiments
-    from flows.report.document import print_parts
+    from flows.report import experiments, print_parts
     from flows.steps import validate as trial
     from warehouse.remote_store import format_store_name
 
@@ -225,7 +224,7 @@ def trajectory(
             with air moves) or move_stop_move (pick and place with dwells).
     """
     from flows.inputs import load_command_robot
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.experiments import build_motion_parts
     from flows.steps.experiment import format_reference_csv
     from sim.engine.plant_records import TrajectorySpec
@@ -278,9 +277,8 @@ def demo(
         background: What all joints have beside it: nothing, that of an arm in use, or
             twice as much.
     """
+    from flows.report import print_parts
     from flows.report.diagnosis import build_truth_parts, print_diagnosis
-    from flows.report.document import print_parts
-    from flows.report.phrases import Demonstration
     from flows.report.store_index import parse_hidden_effects, store_demo_page
     from flows.steps import demo as demonstration
     from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
@@ -300,8 +298,8 @@ def demo(
         page = store_demo_page(ids, hidden, place)
     outcome = read_outcome(place, ids[1])
     print_diagnosis(outcome, console)
-    shown = Demonstration(parse_hidden_effects(hidden), outcome.verdict)
-    print_parts(console, *build_truth_parts(shown), wrapped=True)
+    truth = build_truth_parts(parse_hidden_effects(hidden), outcome.verdict)
+    print_parts(console, *truth, wrapped=True)
     print_plain(console, f"\nreport: {page}")
 
 
@@ -330,7 +328,7 @@ def monitor(
         runs: Ids of the runs, or their beginnings.
         nominal: Use the nominal model of the robot, also where one is adopted.
     """
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.experiments import build_alarm_table, describe_alarms
     from flows.steps import monitor as monitoring
     from flows.steps.model_choice import choose_monitor_model

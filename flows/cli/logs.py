@@ -6,7 +6,7 @@ from time import perf_counter
 
 from rich.console import Console
 
-from flows.cli.app import FASTEST, SEEDS, Outputs, check_option_range
+from flows.cli import FASTEST, SEEDS, Outputs, check_option_range
 from flows.outputs import list_input_files, print_plain, show_progress_bar
 from flows.requests import (
     Calibrate,
@@ -53,7 +53,7 @@ def check(*logs: Log, request: Check, json: Json = None) -> None:
             FILE@60%:) or ids of stored runs; none to check the robot file alone.
     """
     from flows.inputs import read_logs
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.models import build_robot_document, describe_robot_check
     from flows.report.sentences import describe_faults, summarize_check
     from flows.steps import check as checking
@@ -129,7 +129,7 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
         logs: Log files; FILE@0:16.5 is a window in seconds from the first sample.
         dry_run: Show the columns and the id, store nothing.
     """
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.models import build_channel_table, describe_imported_log
     from flows.steps import imports
     from warehouse.remote_store import format_store_name
@@ -266,7 +266,7 @@ def next_(
         json: File for the verdict with its next_experiment; "-" prints it alone.
     """
     from flows.inputs import is_run_id
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.experiments import (
         build_ranking_table,
         describe_best_motion,
@@ -336,7 +336,7 @@ def identify(
         out: New folder for the identified URDF and robot.toml, for --robot.
     """
     from flows.inputs import load_request_robot, select_request_runs
-    from flows.report.document import print_parts, widen_piped_console
+    from flows.report import print_parts, widen_piped_console
     from flows.report.models import build_identification_parts as identified
     from flows.steps import fit
     from flows.steps.model_choice import choose_request_model
@@ -386,12 +386,12 @@ def calibrate(
         out: New folder for the tables, their model, and evaluators in NumPy and C.
     """
     from flows.inputs import select_request_runs
+    from flows.report import print_parts, widen_piped_console
     from flows.report.calibration import (
         build_terminal_parts,
         describe_calibration,
         render_calibration_page,
     )
-    from flows.report.document import print_parts, widen_piped_console
     from flows.steps import fit
 
     request = select_request_runs(request, logs, where)

@@ -5,7 +5,7 @@ from typing import Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.app import Outputs
+from flows.cli import Outputs
 from flows.outputs import check_outside, list_input_files, print_plain
 from flows.requests import Columns, File, Flag, Log, ModelWord, RobotName, Store, Text, Which, Words
 from flows.settings import resolve_store_folder
@@ -26,9 +26,9 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
     Args:
         robot: List one robot only: its name, file or folder.
     """
-    from flows.report.document import print_parts, widen_piped_console
+    from flows.report import print_parts, widen_piped_console
     from flows.report.models import ADOPTED_KEY, build_adoption_table
-    from flows.steps import adopt as steps
+    from flows.steps import model_choice as steps
     from warehouse.remote_store import format_store_name
 
     console, listed = widen_piped_console(Console()), steps.list_adoptions(store, robot)
@@ -61,7 +61,7 @@ def adopt(id: str, /, *, note: Text = "", force: Flag = False, store: Store = No
     """
     from flows.cli.service import settle_proposals
     from flows.report.models import describe_adoption
-    from flows.steps import adopt as steps
+    from flows.steps import model_choice as steps
 
     number, judgment = steps.adopt(id, note, force, store)
     print_plain(Console(), *describe_adoption(number, judgment))
@@ -81,7 +81,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
         note: Reason, which is stored.
     """
     from flows.cli.service import settle_proposals
-    from flows.steps import adopt as steps
+    from flows.steps import model_choice as steps
 
     number, restored = steps.roll_back(robot, note, store)
     now = "its nominal model"
@@ -131,7 +131,7 @@ def export(
     """
     from flows.steps import export as exporting
 
-    check_outside("--out", out, resolve_store_folder(store))
+    check_outside(out, resolve_store_folder(store))
     outputs = Outputs({"--json": json}, list_input_files((model, log or ""), columns), out)
     exported = exporting.export(model, to, which, log, columns, store)
     outputs.write(
@@ -170,11 +170,11 @@ def predict(
             and tau_edited1... with --without.
         json: File for the errors as JSON; "-" prints it alone.
     """
-    from flows.report.document import print_parts
+    from flows.report import print_parts
     from flows.report.models import build_prediction_table
     from flows.steps import export as predicting
 
-    check_outside("--out", out, resolve_store_folder(store))
+    check_outside(out, resolve_store_folder(store))
     inputs = list_input_files((*logs, model), columns)
     outputs = Outputs({"--out": out, "--json": json}, inputs)
     if out is not None and not out.endswith((".csv", ".parquet")):

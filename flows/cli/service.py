@@ -9,6 +9,7 @@ from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from shlex import quote
+from threading import Timer
 from typing import TYPE_CHECKING
 
 from rich.console import Console
@@ -39,7 +40,7 @@ if TYPE_CHECKING:
     from flows.project import Project
     from flows.steps.inbox import Inbox
 
-_PAUSE = 5.0  # s between two looks
+_PAUSE = 5.0  # s between two looks, or until a line says what is waited for
 
 
 def init(folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = False) -> None:
@@ -233,9 +234,15 @@ def status(*, json: Flag = False, store: Store = None) -> None:
         print('{"schema": 1, "healthy": false, "stopped": true}' if json else NOTHING)
         raise RunError(f"{format_store_name(place)} is stopped. Start it: modelgap up")
     _prepare(home)
-    from flows.service.api import read_status
+    waits = Timer(_PAUSE, _say, ("waiting for the answer of the server",))
+    waits.daemon = True
+    waits.start()
+    try:
+        from flows.service.api import read_status
 
-    found = read_status(home)
+        found = read_status(home)
+    finally:
+        waits.cancel()
     if json:
         print(json_text(found), end="")
     else:
@@ -281,7 +288,7 @@ def settle_proposals(store: Path) -> None:
     if running is None or not is_process_running(home, "server"):
         return
     _prepare(home)
-    from flows.pipelines.proposals import cancel_settled_proposals
+    from flows.pipelines import cancel_settled_proposals
     from flows.service.api import Api
 
     try:
@@ -300,12 +307,7 @@ def _say(text: str) -> None:
 
 
 def _print_status(status: Mapping, store: Path) -> None:
-    from flows.report.document import (
-        ReportTable,
-        build_text_table,
-        print_parts,
-        widen_piped_console,
-    )
+    from flows.report import ReportTable, build_text_table, print_parts, widen_piped_console
     from warehouse.remote_store import format_store_name
 
     console = widen_piped_console(Console())
@@ -322,7 +324,10 @@ def _print_status(status: Mapping, store: Path) -> None:
         rows = [(d["name"], _due(d)) for d in status["deployments"]]
         print_parts(console, build_text_table(("deployment", "due next (UTC)"), rows))
     if status["runs"]:
-        rows = [_run(run) for run in status["runs"]]
+        rows = [
+            (r["name"], r["state"], _second(r["start_time"]), f"{r['total_run_time']:.1f}")
+            for r in status["runs"]
+        ]
         heads = ("flow run", "state", "begun (UTC)", "time [s]")
         print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 
@@ -337,8 +342,3 @@ def _due(deployment: Mapping) -> str:
 
 def _second(time: str | None) -> str:
     return (time or "–")[:19].replace("T", " ")
-
-
-def _run(run: Mapping) -> tuple[str, str, str, str]:
-    begun = _second(run["start_time"])
-    return run["name"], run["state"], begun, f"{run['total_run_time']:.1f}"

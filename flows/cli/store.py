@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Parameter
 from rich.console import Console
 
-from flows.cli.app import STDOUT
+from flows.cli import STDOUT
 from flows.outputs import (
     check_outside,
     check_writable,
@@ -57,7 +57,7 @@ def runs(*, limit: Number = 50, format: Format = "table", store: Store = None) -
     """
     from flows.report.records import print_query_result, refuse_binary_on_terminal
     from warehouse.queries import open_store
-    from warehouse.runs import read_manifest
+    from warehouse.store_catalogue import read_manifest
 
     if limit < 1:
         raise InputError(f"--limit {limit}: expected 1 or more.")
@@ -108,9 +108,8 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         reason: Reason, which is stored; the first one is kept.
     """
     from warehouse.queries import open_store
-    from warehouse.runs import quarantine_run as set_aside
-    from warehouse.runs import read_quarantine_reason
-    from warehouse.store_catalogue import find_record
+    from warehouse.store_catalogue import find_record, read_quarantine_reason
+    from warehouse.store_catalogue import quarantine_run as set_aside
 
     with open_store(resolve_store_folder(store)) as opened:
         run_id = find_record(opened.path, id).id
@@ -142,8 +141,7 @@ def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -
     adopted; json has the whole record.
     """
     from warehouse.queries import open_store
-    from warehouse.runs import read_quarantine_reason
-    from warehouse.store_catalogue import find_record, read_record
+    from warehouse.store_catalogue import find_record, read_quarantine_reason, read_record
 
     with open_store(resolve_store_folder(store)) as opened:
         place = find_record(opened.path, id)
@@ -170,11 +168,11 @@ def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -
 
 
 def _summarize_diagnosis(record: Mapping, store: Path) -> None:
+    from flows.report import print_parts, widen_piped_console
     from flows.report.diagnosis import describe_parents, print_diagnosis
-    from flows.report.document import print_parts, widen_piped_console
     from residual.verdict.document import parse_verdict
     from residual.verdict.result import Diagnosis
-    from warehouse.record_commit import describe_diagnosis_adoption
+    from warehouse.store_catalogue import describe_diagnosis_adoption
 
     id, content = record["id"], record["content"]
     try:
@@ -260,7 +258,7 @@ def sql(
         raise InputError("--with sets a value of a ready query: --named NAME.")
     refuse_binary_on_terminal(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
-    check_outside("--out", out, place)
+    check_outside(out, place)
     if not timeout > 0:
         raise InputError(f"--timeout {timeout}: expected seconds above 0, or inf.")
     limit = timeout if timeout <= threading.TIMEOUT_MAX else None
@@ -328,7 +326,7 @@ def diff(one: str, two: str, /, *, format: TableFormat = "table", store: Store =
         one: Id of a record, or its beginning.
         two: Id of a second record of the same kind.
     """
-    from flows.report.document import print_parts, widen_piped_console
+    from flows.report import print_parts, widen_piped_console
     from flows.report.records import build_diff_record, build_diff_tables
     from flows.steps import rerun as steps
 
@@ -359,7 +357,7 @@ def lineage(
         up: Only the sources.
         down: Only the records made from it.
     """
-    from flows.report.document import widen_piped_console
+    from flows.report import widen_piped_console
     from flows.report.records import print_tree
     from warehouse.queries import build_lineage_tree, open_store
 

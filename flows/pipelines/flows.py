@@ -17,12 +17,11 @@ from prefect.flow_runs import suspend_flow_run
 from prefect.input import RunInput
 from prefect.runtime import flow_run
 
-from flows.pipelines import tasks
-from flows.pipelines.proposals import cancel_settled_proposals
+from flows.pipelines import cancel_settled_proposals, tasks
 from flows.pipelines.tasks import task
 from flows.project import PROPOSED, build_robot_resource, read_project
 from flows.project import STORED as ARRIVED
-from flows.report.document import build_text_table
+from flows.report import build_text_table
 from flows.report.models import describe_adoption, render_proposal_markdown, render_proposal_page
 from flows.report.page import read_record_origin
 from flows.report.store_index import write_index
@@ -30,8 +29,6 @@ from flows.settings import HEALTHY, count_cores, resolve_store_folder
 from flows.steps import experiment as campaigns
 from flows.steps import monitor as monitoring
 from flows.steps import rerun as verification
-from flows.steps.adopt import Proposal, find_same_proposal, judge_adoption, store_proposal
-from flows.steps.adopt import adopt as give
 from flows.steps.inbox import (
     KNOWN,
     REFUSED,
@@ -44,9 +41,10 @@ from flows.steps.inbox import (
     wait_for_unchanged_logs,
 )
 from flows.steps.inbox import diagnose_new_runs as diagnose_runs
-from flows.steps.model_choice import resolve_adopted_model
+from flows.steps.model_choice import adopt as give
+from flows.steps.model_choice import find_same_proposal, judge_adoption, resolve_adopted_model
 from flows.steps.monitor import find_diagnosis, find_healthy_runs
-from flows.storage import read_verdict
+from flows.storage import store_report
 from flows.workers import ProcessExecutor, read_runner_setting
 from residual import one_blas_thread
 from residual.errors import InputError, RunError
@@ -66,35 +64,28 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
     place, log = Path(store), get_run_logger()
     judgment = judge_adoption(place, diagnosis)
     if judgment.doubts:
-        say = log.warning if read_verdict(place, diagnosis).effects else log.info
+        say = log.warning if judgment.verdict.effects else log.info
         say(f"nothing to propose: {'; '.join(judgment.doubts)}")
         return None
     if auto:
         return _adopt(diagnosis, place, "found by a night, adopted by itself")
-    proposal = Proposal(judgment, read_verdict(place, judgment.diagnosis))
-    before = find_same_proposal(place, proposal)
-    if before:
+    if before := find_same_proposal(place, judgment):
         log.info(f"proposed already: modelgap show {before}")
         return None
     sources = read_record_origin(place, diagnosis)
-    page = store_proposal(place, proposal, render_proposal_page(proposal, sources).encode())
+    files = {"proposal.html": render_proposal_page(judgment, sources).encode()}
+    folder = store_report(place, judgment.proposal, judgment.diagnosis, files)
+    page = folder / "proposal.html"
     write_index(place)
     about = f"a new model waits for a decision: diagnosis {diagnosis}"
-    text = render_proposal_markdown(proposal)
-    robot, link = proposal.verdict.robot, tasks.build_page_link(page)
+    text = render_proposal_markdown(judgment)
+    robot, link = judgment.verdict.robot, tasks.build_page_link(page)
     text += f"\n\n[Side by side]({link})"
     create_markdown_artifact(text, "proposal", about)
     tasks.send_event(PROPOSED, {"diagnosis": diagnosis})
     title = f"{robot}: {about}"
     tasks.send_notice("proposal", robot, title, ids=[diagnosis], page=link)
     return str(page)
-
-
-def render_proposal(diagnosis: str, store: str) -> str:
-    """Return a proposal as Markdown, with the current judgment of the gate."""
-    place = Path(store)
-    judgment = judge_adoption(place, diagnosis)
-    return render_proposal_markdown(Proposal(judgment, read_verdict(place, judgment.diagnosis)))
 
 
 @task(name="adopt", task_run_name="adopt {diagnosis}", tags=["analysis"])
@@ -140,15 +131,14 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
     Returns:
         The number of the adoption, None where the answer was no.
     """
-    place = str(resolve_store_folder(store))
-    question_form = ProposalAnswer.with_initial_data(
-        description=render_proposal(diagnosis, place), adopt=False, note=""
-    )
+    place = resolve_store_folder(store)
+    description = render_proposal_markdown(judge_adoption(place, diagnosis))
+    question_form = ProposalAnswer.with_initial_data(description=description, adopt=False, note="")
     answer = suspend_flow_run(wait_for_input=question_form, timeout=None, key="adopt")
     if not answer.adopt:
         get_run_logger().info("not adopted: that was the answer")
         return None
-    return adopt(diagnosis, place, answer.note)
+    return adopt(diagnosis, str(place), answer.note)
 
 
 _LIMIT = 12 * tasks.HOUR

@@ -24,9 +24,8 @@ from prefect.task_runners import TaskRunner, ThreadPoolTaskRunner
 from flows import requests
 from flows.inputs import read_run_robot
 from flows.project import ALARM, COMMITTED, NOTICE, STORE
-from flows.report import experiments, store_index
+from flows.report import ReportTable, experiments, format_markdown_table, store_index
 from flows.report.calibration import build_terminal_parts as calibrated_parts
-from flows.report.document import ReportTable
 from flows.report.experiments import build_alarm_table, describe_alarms
 from flows.report.models import build_identification_parts as identified_parts
 from flows.report.sentences import format_brief_claim, format_headline
@@ -48,35 +47,12 @@ _LONGEST = 200  # characters of the name of a flow run
 
 
 def publish_text(key: str, ids: Sequence[str], parts: Sequence[str | ReportTable]) -> None:
-    """Show the outcome of a stage as one text, the same as its command prints.
-
-    Args:
-        key: Name of the stage: lower case, digits and dashes.
-        ids: Ids of the records that were stored.
-        parts: Sentences and tables.
-    """
+    """Show the outcome of a stage as one text, the same as its command prints."""
     stored = [f"Stored: {', '.join(f'`modelgap show {id}`' for id in ids)}"]
-    lines = [*map(_markdown, parts), *(stored if ids else [])]
+    texts = (p if isinstance(p, str) else format_markdown_table(p, _MOST) for p in parts)
+    lines = [*texts, *(stored if ids else [])]
     about = next((part for part in parts if isinstance(part, str)), key)
     create_markdown_artifact("\n\n".join(lines), key, about)
-
-
-def _markdown(part: str | ReportTable) -> str:
-    if isinstance(part, str):
-        return part
-    rows = [part.heads, ["---"] * len(part.heads), *part.rows[:_MOST]]
-    lines = ["| " + " | ".join(" ".join(c.split()) for c in row) + " |" for row in rows]
-    return "\n".join(lines)
-
-
-def publish_verdict(name: str, page: Path, words: str) -> None:
-    """Show a verdict, its page, and where all others are."""
-    at = build_page_link(page)
-    create_link_artifact(at, "report", key="report", description=name)
-    lines = [f"**{name}**", words, f"[Report]({at})"]
-    if os.environ.get(PAGES):
-        lines[-1] += f" · [All reports]({build_page_address(INDEX, page)})"
-    create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
 
 
 def build_page_link(page: Path) -> str:
@@ -198,11 +174,7 @@ def calibrate(runs: list[str], store: str | None = None) -> list[str]:
 
 
 def validate(runs: list[str], window: float = 0.25, store: str | None = None) -> list[str]:
-    """Validate the nominal model on runs; return the ids of the validations.
-
-    Args:
-        window: Length of a window of the open loop [s].
-    """
+    """Validate the nominal model on runs, in windows of some seconds; return the ids."""
     place = resolve_store_folder(store)
     queue = (requests.Validate(id, window, place) for id in runs)
     results = [(request.run, *validation.validate(request)) for request in queue]
@@ -255,12 +227,15 @@ def report(ids: list[str], store: str) -> str:
     It and the sentences of the verdict become artifacts.
     """
     page = store_index.store_diagnosis_page(ids, Path(store), "nightly")
-    name = format_run_name(ids[0], Path(store))
-    verdict = read_verdict(Path(store), ids[0])
-    publish_verdict(name, page, store_index.read_verdict_headline(ids[1], Path(store)))
+    name, verdict = format_run_name(ids[0], Path(store)), read_verdict(Path(store), ids[0])
+    link = build_page_link(page)
+    create_link_artifact(link, "report", key="report", description=name)
+    lines = [f"**{name}**", format_headline(verdict), f"[Report]({link})"]
+    if os.environ.get(PAGES):
+        lines[-1] += f" · [All reports]({build_page_address(INDEX, page)})"
+    create_markdown_artifact("\n\n".join(lines), "verdict", description=name)
     rename_flow_run(name)
     if verdict.effects:
         title = f"{verdict.robot}: {format_headline(verdict)}"
-        link = build_page_link(page)
         send_notice("finding", verdict.robot, title, ids=ids[:1], page=link)
     return str(page)

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from flows.report import charts
-from flows.report.document import BoldText, Chart, Document, Note, ReportTable, Section
+from flows.report import BoldText, Chart, Document, Note, ReportTable, Section, charts
 from flows.report.page import render_html as render_page
 from flows.report.phrases import capitalize_first, count_noun, read_page_texts
 from flows.steps.fit import StoredCalibration

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
+from flows.report import Chart, Pairs
 from flows.report.diagnosis import DiagnosisFigures, build_diagnosis_document
-from flows.report.document import Chart, Pairs
 from flows.report.page import render_html
-from flows.report.phrases import Demonstration, find_effect, format_effect_noun, join_with_and
+from flows.report.phrases import HiddenEffect, find_effect, format_effect_noun, join_with_and
 from flows.report.tables import METRICS, list_errors, list_metrics
 from residual.model.compare import FindingScatter, LogPrediction
 from residual.quantity import format_fraction, format_percent, format_percent_number, is_number
@@ -254,11 +254,7 @@ def chart_findings(diagnosis: Diagnosis) -> list[list[Chart]]:
 
 
 def _cloud_chart(cloud: FindingScatter, count: int, diagnosis: Diagnosis) -> Chart:
-    """Return the residual over its variable with the effect through it.
-
-    Args:
-        count: Such figures on the page, which share its points.
-    """
+    """Return the residual over its variable with the effect; `count` figures share the points."""
     unit = diagnosis.torque_unit(cloud.joint)
     low, high = cloud.residual.min(), cloud.residual.max()
     over = f"joint {cloud.joint} over {cloud.variable}, {low:.3g} to {high:.3g} {unit}"
@@ -390,7 +386,7 @@ def _curve_chart(
 def render_diagnosis_page(
     result: Diagnosis,
     robot: str,
-    demonstration: Demonstration | None = None,
+    hidden: Sequence[HiddenEffect] | None = None,
     origin: Pairs = (),
     records: Sequence[str] = (),
 ) -> str:
@@ -401,5 +397,5 @@ def render_diagnosis_page(
         *chart_held_out_motions(result),
         chart_clouds(result.residual_clouds, result),
     )
-    document = build_diagnosis_document(result, robot, demonstration, origin, records, figures)
+    document = build_diagnosis_document(result, robot, hidden, origin, records, figures)
     return render_html(document)

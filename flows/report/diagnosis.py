@@ -9,8 +9,7 @@ from typing import NamedTuple
 from markupsafe import Markup
 from rich.console import Console
 
-from flows.report import sentences, tables
-from flows.report.document import (
+from flows.report import (
     Chart,
     Document,
     Facts,
@@ -20,17 +19,18 @@ from flows.report.document import (
     Note,
     Pairs,
     Part,
-    ReportTable,
     Section,
     SideBySide,
     build_text_table,
     html_tag,
     print_document,
     print_line,
+    sentences,
+    tables,
 )
 from flows.report.phrases import (
     WEIGH_LOAD,
-    Demonstration,
+    HiddenEffect,
     build_truth_rows,
     capitalize_first,
     compare_with_truth,
@@ -63,21 +63,13 @@ class DiagnosisFigures(NamedTuple):
 
 
 def print_diagnosis(result: Diagnosis, console: Console) -> None:
-    """Print a diagnosis: verdict, findings, errors, remainder, next experiment.
-
-    Args:
-        console: Where to print; 80 columns and no color are enough.
-    """
+    """Print a diagnosis: verdict, findings, errors, remainder, next experiment."""
     print_document(console, build_diagnosis_document(result))
     print_line(console, "")
 
 
 def describe_parents(parents: Sequence[Mapping]) -> list[str]:
-    """Return a line for each role of the records that a diagnosis is made from.
-
-    Args:
-        parents: Each with `parent`, an id, and `role`.
-    """
+    """Return a line for each role of the records that a diagnosis is made from."""
     by_role: dict[str, list[str]] = {}
     for parent in parents:
         by_role.setdefault(parent["role"], []).append(parent["parent"][:8])
@@ -92,7 +84,7 @@ def describe_parents(parents: Sequence[Mapping]) -> list[str]:
 def build_diagnosis_document(
     result: Diagnosis,
     robot: str = "",
-    demonstration: Demonstration | None = None,
+    hidden: Sequence[HiddenEffect] | None = None,
     origin: Pairs = (),
     records: Sequence[str] = (),
     figures: DiagnosisFigures | None = None,
@@ -100,12 +92,13 @@ def build_diagnosis_document(
     """Return a diagnosis as a document.
 
     Args:
+        hidden: What was under the seal of a demonstration; None for any other diagnosis.
         origin: Where it comes from, and the command that makes it again.
         records: How often the arm's stored diagnoses had each finding, a sentence each.
         figures: Those of a page; None for a terminal.
     """
     verdict = result.verdict
-    truth = build_truth_parts(demonstration) if demonstration else ()
+    truth = () if hidden is None else build_truth_parts(hidden, verdict)
     first, *lead = sentences.list_headline_sentences(verdict)
     weak = [_TEXT["weak"]] if verdict.error.same_run and figures else []
     sections = (
@@ -169,14 +162,14 @@ def _fold(parts: Sequence[Chart], title: str, grid: bool = True) -> FoldedParts 
     return FoldedParts(shown, [parts] if grid else parts) if parts else None
 
 
-def build_truth_parts(demonstration: Demonstration) -> list[Part]:
+def build_truth_parts(hidden: Sequence[HiddenEffect], verdict: Verdict) -> list[Part]:
     """Return the hidden effect beside the named one."""
     title = "The seal, opened after the verdict was stored"
-    text, hidden = read_page_texts()["judged"], demonstration.hidden
+    text = read_page_texts()["judged"]
     return [
-        build_text_table(("", "hidden", "named"), build_truth_rows(demonstration), title),
-        Note(text[compare_with_truth(hidden, demonstration.verdict)], "callout"),
-        *([Note(text["forms"])] if hidden and demonstration.verdict.effects else []),
+        build_text_table(("", "hidden", "named"), build_truth_rows(hidden, verdict), title),
+        Note(text[compare_with_truth(hidden, verdict)], "callout"),
+        *([Note(text["forms"])] if hidden and verdict.effects else []),
     ]
 
 
@@ -304,13 +297,12 @@ def _unexplained(verdict: Verdict, figures: Sequence[Chart]) -> Section:
 
 
 def _detectable(verdict: Verdict) -> Section:
-    heads, rows = sentences.build_detectable_rows(verdict)
+    table = tables.build_detectable_table(verdict)
     heading = "Smallest detectable size of each effect"
-    if not rows:
+    if not table.rows:
         return Section("sizes", heading, ())
-    hidden = any(sentences.NEVER in row for row in rows)
-    never = f"{sentences.NEVER}: not detectable in these logs at any plausible size."
-    table = ReportTable(heads, rows, look="tight sizes")
+    hidden = any(tables.NEVER in row for row in table.rows)
+    never = f"{tables.NEVER}: not detectable in these logs at any plausible size."
     parts = [table, Note(never, "soft spaced") if hidden else None]
     none = not verdict.effects
     return Section("sizes", heading, parts, _TEXT["sizes"], open=none, printed=none)

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from flows.report.document import BoldText, Document, ReportTable, Section
+from flows.report import BoldText, Document, ReportTable, Section
 from flows.report.page import render_html
 from flows.report.phrases import capitalize_first, count_noun, format_joints, read_page_texts
 from flows.report.sentences import describe_place, describe_separation
@@ -196,22 +196,22 @@ def build_alarm_table(result: MonitoringResult, watched: Mapping[str, Recording]
 
 def _inseparable(ranking: Ranking) -> list[str]:
     """Return which rivals are the same torque, and which no motion rules out."""
-    lines = {}
+    lines = []
     for c, a, b in sorted(ranking.twins):
         rivals = ranking.question.contests[c].rivals
         one, other = describe_place(rivals[a].place), describe_place(rivals[b].place)
         start = capitalize_first(one)
         if (c, b, a) not in ranking.twins:
-            lines[
+            lines.append(
                 f"{start} is a special case of {other}: a motion can rule out the "
                 "first, never the second."
-            ] = None
+            )
         elif a < b:
-            lines[
+            lines.append(
                 f"{start} and {other} are the same torque on every motion, at the "
                 "identified size: no experiment separates them."
-            ] = None
-    return [*lines]
+            )
+    return [*dict.fromkeys(lines)]
 
 
 def describe_best_motion(ranking: Ranking) -> list[str]:
@@ -246,11 +246,7 @@ def build_ranking_table(ranking: Ranking) -> ReportTable:
 
 
 def explain_no_experiment(opened: ReopenedDiagnosis, ranking: Ranking | None) -> list[str]:
-    """Return why there is no experiment to propose.
-
-    Args:
-        ranking: Its best motion decides nothing; None where there is no question.
-    """
+    """Return why there is no experiment to propose; no ranking where there is no question."""
     flagged = opened.diagnosis.verdict.unexplained.joints
     if ranking is None and flagged:
         return [

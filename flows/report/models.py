@@ -5,12 +5,20 @@ from collections.abc import Iterator, Mapping, Sequence
 
 import numpy as np
 
-from flows.report.document import Document, Heading, Pairs, ReportTable, Section, build_text_table
+from flows.report import (
+    Document,
+    Heading,
+    Pairs,
+    ReportTable,
+    Section,
+    build_text_table,
+    format_markdown_table,
+)
 from flows.report.page import render_html
 from flows.report.phrases import capitalize_first, read_page_texts
 from flows.report.sentences import describe_faults, list_headline_sentences
-from flows.steps.adopt import Judgment, Proposal
 from flows.steps.imports import ImportedLog
+from flows.steps.model_choice import Judgment
 from residual.check.result import LogCheck
 from residual.errors import format_joint_numbers
 from residual.identification.identify import ValidatedIdentification
@@ -23,12 +31,12 @@ from residual.quantity import (
     format_unit,
 )
 from residual.robot.dynamics import compute_reach
-from residual.robot.plausibility import LinkBody, read_link_bodies
+from residual.robot.plausibility import read_link_bodies
 from residual.robot.robot import Robot
 from residual.robot.urdf import read_joint_link
 from residual.verdict.result import ErrorTables
 from warehouse.logs.column_map import abbreviate_column_names
-from warehouse.record_commit import AdoptionEntry
+from warehouse.store_catalogue import AdoptionEntry
 
 _TEXT = read_page_texts()["proposal"]
 
@@ -109,8 +117,7 @@ def _consistency(outcome: ValidatedIdentification) -> list[str]:
         least = outcome.consistent.least_eigenvalue.min()
         lines.append(
             "consistent: every pseudo-inertia is positive definite (least eigenvalue "
-            f"{least:.2g} of its scale); error {constrained:.3g} %, unconstrained "
-            f"{free:.3g} %"
+            f"{least:.2g} of its scale); error {constrained:.3g} %, unconstrained {free:.3g} %"
         )
     return lines + [
         f"least eigenvalue of M(q), 10 000 random poses, {name}: {value:.3g} kg m²"
@@ -196,18 +203,18 @@ def _fall(before: float | None, after: float | None) -> str:
     return f"{format_percent_number(before)} → {format_percent(after)}"
 
 
-def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
+def _compared(judgment: Judgment) -> list[tuple[str, str, str]]:
     """Rows (quantity, present model, proposed model)."""
-    check, rows = proposal.judgment.check, []
+    check, rows = judgment.check, []
     if check:
         errors = format_percent_number(check.before), format_percent_number(check.after)
         rows.append(("error on unseen motion, %", *errors))
     rows += [
         (f"{finding.where}: {key}", "–", str(value))
-        for finding in proposal.verdict.effects
+        for finding in judgment.verdict.effects
         for key, value in finding.parameters.items()
     ]
-    table = proposal.verdict.error.filtered
+    table = judgment.verdict.error.filtered
     before, after = (table.get(k) or () for k in ("nominal", "augmented"))
     return rows + [
         (f"error of joint {joint}, filtered, %", format_percent_number(a), format_percent_number(b))
@@ -215,13 +222,13 @@ def _compared(proposal: Proposal) -> list[tuple[str, str, str]]:
     ]
 
 
-def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
+def render_proposal_page(judgment: Judgment, origin: Pairs = ()) -> str:
     """Return the page of a proposal."""
-    diagnosis, robot = proposal.judgment.diagnosis, proposal.verdict.robot
-    heads = ("", proposal.current_model, f"proposed: diagnosis {diagnosis[:8]}")
+    diagnosis, robot = judgment.diagnosis, judgment.verdict.robot
+    heads = ("", judgment.current_model, f"proposed: diagnosis {diagnosis[:8]}")
     sections = (
-        Section("two", "Comparison", [build_text_table(heads, _compared(proposal))]),
-        Section("gate", "Result of the gate", [describe_gate_result(proposal.judgment)]),
+        Section("two", "Comparison", [build_text_table(heads, _compared(judgment))]),
+        Section("gate", "Result of the gate", [describe_gate_result(judgment)]),
         Section("answer", "How to answer", [_TEXT["answer"], f"modelgap adopt {diagnosis}"]),
     )
     return render_html(
@@ -229,25 +236,26 @@ def render_proposal_page(proposal: Proposal, origin: Pairs = ()) -> str:
             title=f"modelgap proposal: {robot}",
             about=f"modelgap proposal for {robot}",
             headline="A new model is proposed",
-            lead=list_headline_sentences(proposal.verdict)[:1],
+            lead=list_headline_sentences(judgment.verdict)[:1],
             sections=sections,
             foot=origin,
         )
     )
 
 
-def render_proposal_markdown(proposal: Proposal) -> str:
+def render_proposal_markdown(judgment: Judgment) -> str:
     """Return the same as Markdown, for the pages of Prefect."""
-    rows = [("", proposal.current_model, "proposed"), ("---",) * 3, *_compared(proposal)]
-    table = "\n".join(f"| {' | '.join(row)} |" for row in rows)
-    gate = "\n".join(f"- {line}" for line in describe_gate_result(proposal.judgment))
-    return "\n\n".join([*list_headline_sentences(proposal.verdict)[:1], table, gate])
+    table = build_text_table(("", judgment.current_model, "proposed"), _compared(judgment))
+    gate = "\n".join(f"- {line}" for line in describe_gate_result(judgment))
+    headline = list_headline_sentences(judgment.verdict)[:1]
+    return "\n\n".join([*headline, format_markdown_table(table), gate])
 
 
 def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
     """Return the check of a robot file as JSON: that of a check, and the robot."""
     kinds = {flaw.link: flaw.kind for flaw in robot.flaws}
-    links = _chain_links(robot)
+    moved = {j.get("name"): j for j in ET.fromstring(robot.urdf).findall("joint")}
+    links = [read_joint_link(moved[name], "child") for name in robot.joints]
     joints = [
         {
             "name": name,
@@ -288,8 +296,7 @@ def build_robot_document(robot: Robot, report: LogCheck) -> Mapping:
 
 def describe_robot_check(robot: Robot, report: LogCheck) -> list[str | ReportTable | Heading]:
     """Return the answer, the faults, and the tables of joints and bodies."""
-    bodies = read_link_bodies(robot.model, robot.urdf)
-    mass, count = sum(body.mass for body in bodies), len(report.faults)
+    about, count = build_robot_document(robot, report)["robot"], len(report.faults)
     answer = "Nothing in the robot file is implausible."
     if count:
         answer = f"The robot file is implausible in {count} point{'s' * (count > 1)}."
@@ -297,43 +304,42 @@ def describe_robot_check(robot: Robot, report: LogCheck) -> list[str | ReportTab
         answer,
         *describe_faults(report),
         Heading("Arm"),
-        f"{robot.name}: {robot.dof} joint{'s' * (robot.dof > 1)}, {mass:.4g} kg move, "
-        f"reach {compute_reach(robot.model):.4g} m, gravity "
-        f"{np.array2string(np.array(robot.model.gravity.linear), precision=4)} m/s^2",
-        f"tip: {_chain_links(robot)[-1]}",
+        f"{robot.name}: {robot.dof} joint{'s' * (robot.dof > 1)}, {about['mass']:.4g} kg move, "
+        f"reach {about['reach']:.4g} m, gravity "
+        f"{np.array2string(np.array(about['gravity']), precision=4)} m/s^2",
+        f"tip: {about['tip']}",
         *(capitalize_first(note) for note in robot.notes),
-        _joints_table(robot),
+        _joints_table(about["joints"]),
         Heading("Bodies, by link"),
         "Distance of the centre from the joint; largest radius of gyration about it.",
-        _bodies_table(robot, bodies),
+        _bodies_table(about["bodies"]),
         Heading("Tree"),
         *_tree(robot),
     ]
 
 
-def _joints_table(robot: Robot) -> ReportTable:
+def _joints_table(joints: Sequence[Mapping]) -> ReportTable:
     rows = []
-    for j, name in enumerate(robot.joints):
-        unit, effort = ("m", "N") if robot.prismatic[j] else ("rad", "N m")
-        low, high = robot.lower[j], robot.upper[j]
-        span = f"{low:.4g} to {high:.4g} {unit}" if np.isfinite(high) else "endless"
-        speed = _limit(robot.velocity_limit[j], f"{unit}/s")
-        effort = _limit(robot.torque_limit[j], effort)
-        rows.append((str(j + 1), name, span, speed, effort))
+    for number, joint in enumerate(joints, 1):
+        unit, effort = ("m", "N") if joint["type"] == "prismatic" else ("rad", "N m")
+        ends = joint["lower"], joint["upper"]
+        span = "endless" if None in ends else "{:.4g} to {:.4g} {}".format(*ends, unit)
+        limits = (joint["velocity"], f"{unit}/s"), (joint["torque"], effort)
+        words = ("not given" if v is None else f"{v:.4g} {u}" for v, u in limits)
+        rows.append((str(number), joint["name"], span, *words))
     heads = ("Joint", "Name", "Range", "Speed", "Torque")
     return ReportTable(heads, rows, text_columns=(1,))
 
 
-def _bodies_table(robot: Robot, bodies: tuple[LinkBody, ...]) -> ReportTable:
-    kinds = {flaw.link: flaw.kind for flaw in robot.flaws}
+def _bodies_table(bodies: Sequence[Mapping]) -> ReportTable:
     rows = [
         (
-            body.link,
-            str(body.joint),
-            f"{body.mass:.4g}",
-            f"{np.linalg.norm(body.centre):.3g}",
-            f"{body.radius:.3g}",
-            kinds.get(body.link, ""),
+            body["link"],
+            str(body["joint"]),
+            f"{body['mass']:.4g}",
+            f"{np.linalg.norm(body['centre']):.3g}",
+            f"{body['radius_of_gyration']:.3g}",
+            body["flaw"] or "",
         )
         for body in bodies
     ]
@@ -362,16 +368,6 @@ def _tree(robot: Robot) -> Iterator[str]:
         if link not in children:
             yield link
             yield from walk(link, 1)
-
-
-def _chain_links(robot: Robot) -> list[str]:
-    """The link that each joint of the arm moves."""
-    joints = {j.get("name"): j for j in ET.fromstring(robot.urdf).findall("joint")}
-    return [read_joint_link(joints[name], "child") for name in robot.joints]
-
-
-def _limit(value: float, unit: str) -> str:
-    return f"{value:.4g} {unit}" if np.isfinite(value) else "not given"
 
 
 def _finite(value: float) -> float | None:

@@ -12,7 +12,7 @@ from pathlib import Path
 from jinja2 import Environment, FileSystemLoader, StrictUndefined
 from markupsafe import Markup
 
-from flows.report.document import BoldText, Document, Pairs, html_tag
+from flows.report import BoldText, Document, Pairs, html_tag
 from flows.report.phrases import capitalize_first
 from flows.requests import Diagnose, format_command
 from warehouse.code_provenance import format_version
@@ -35,9 +35,6 @@ def read_record_origin(store: Path, id: str) -> Pairs:
 
     Its kind and id, time and program, the ids of its inputs by role, and the command
     that makes it again.
-
-    Raises:
-        InputError: If there is no such record, or it is damaged.
     """
     record = find_record(store, id)
     is_run = record.kind == "runs"
@@ -125,11 +122,6 @@ def embed_json(value: object) -> Markup:
     return Markup(text)
 
 
-def list_page_headings(body: str) -> list[tuple[str, Markup]]:
-    """Return id and text of each section of a page, in order."""
-    return [(id, Markup(text).striptags()) for id, text in _HEADING.findall(str(body))]
-
-
 @cache
 def _environment() -> Environment:
     # Everything is escaped: names of logs and columns come from other people's files.
@@ -142,7 +134,9 @@ def _environment() -> Environment:
     )
     templates.filters |= {
         "as_data": embed_json,
-        "headings": list_page_headings,
+        "headings": lambda body: [
+            (id, Markup(t).striptags()) for id, t in _HEADING.findall(str(body))
+        ],
         "kind": lambda part: type(part).__name__,
         "script_hash": hash_script,
         "scripts": list_page_scripts,

@@ -12,7 +12,7 @@ from markupsafe import Markup
 from residual import effects
 from residual.effects.base import Effect
 from residual.quantity import MISSING, format_percent, format_uncertain_value, is_number
-from residual.verdict.result import Detectable, Edit, Finding, Place, Verdict
+from residual.verdict.result import Detectable, Finding, Place, Verdict
 
 # Effects, joints and lists in words, for sentences and tables.
 
@@ -48,14 +48,7 @@ def join_with_and(items: Sequence[str]) -> str:
 
 
 def format_joints(joints: Iterable[int], dof: int | None = None) -> str:
-    """Return joints in words: 'joint 2', 'joints 4 to 6', 'all six joints'.
-
-    Args:
-        joints: Joint numbers from 1.
-
-    Returns:
-        Words without a preposition; empty without joints.
-    """
+    """Return joint numbers in words: 'joint 2', 'joints 4 to 6', 'all six joints', '' for none."""
     numbers = sorted(set(joints))
     if not numbers:
         return ""
@@ -89,20 +82,15 @@ def capitalize_first(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
-def format_place(effect: At, dof: int | None = None) -> str:
-    """Return where an effect sits, with its preposition: 'on joint 2'."""
-    joints, own = effect.joints, find_effect(effect.name)
-    if own.scope == "flange":
-        return own.place
-    if not joints:
-        return ""
-    words = format_joints(joints, None if own.scope == "pair" else dof)
-    return own.place.format(joints=words, links=words.replace("joint", "link"))
-
-
 def format_effect_place(effect: At, dof: int | None = None) -> str:
     """Return an effect with its place: 'a balancer on joint 2'."""
-    return f"{format_effect_noun(effect.name)} {format_place(effect, dof)}".strip()
+    own, place = find_effect(effect.name), ""
+    if own.scope == "flange":
+        place = own.place
+    elif effect.joints:
+        words = format_joints(effect.joints, None if own.scope == "pair" else dof)
+        place = own.place.format(joints=words, links=words.replace("joint", "link"))
+    return f"{format_effect_noun(effect.name)} {place}".strip()
 
 
 def format_equivalent_phrases(effect: Finding, dof: int | None = None) -> list[str]:
@@ -159,27 +147,10 @@ class HiddenEffect:
     name: str
     joints: tuple[int, ...]
     parameters: Mapping[str, float]
-    edit: Edit | None = None
-
-
-@dataclass(frozen=True, slots=True)
-class Demonstration:
-    """What the report of a simulated experiment has beyond any other.
-
-    Attributes:
-        hidden: What was under the seal.
-        verdict: The verdict that was stored before the seal was opened.
-    """
-
-    hidden: tuple[HiddenEffect, ...]
-    verdict: Verdict
 
 
 def compare_with_truth(hidden: Sequence[HiddenEffect], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
-
-    Args:
-        hidden: What was under the seal; one effect, or none.
 
     Returns:
         "right": the first name is it. "class": it is an equivalent of the first name.
@@ -195,10 +166,10 @@ def compare_with_truth(hidden: Sequence[HiddenEffect], verdict: Verdict) -> str:
     return "class" if truth & {*map(effect_joints_key, first.equivalent)} else "wrong"
 
 
-def build_truth_rows(demonstration: Demonstration) -> list[tuple[str, str, str]]:
+def build_truth_rows(truth: Sequence[HiddenEffect], verdict: Verdict) -> list[tuple[str, str, str]]:
     """Return rows (quantity, hidden, named): the effect, then its parameters."""
-    named, rows = demonstration.verdict.effects, []
-    for hidden in demonstration.hidden or (None,):
+    named, rows = verdict.effects, []
+    for hidden in truth or (None,):
         same = [e for e in named if hidden and effect_joints_key(e) == effect_joints_key(hidden)]
         finding = next(iter([*same, *named]), None)
         pair = [format_effect_place(e) if e else "nothing" for e in (hidden, finding)]

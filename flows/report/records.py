@@ -18,7 +18,7 @@ from rich.console import Console
 from rich.markup import escape
 from rich.tree import Tree
 
-from flows.report.document import ReportTable, build_text_table, print_parts, widen_piped_console
+from flows.report import ReportTable, build_text_table, print_parts, widen_piped_console
 from residual.errors import InputError, strip_control_characters
 from warehouse.sql_guard import NAMED, TAKES
 from warehouse.view_schema import list_views
@@ -35,7 +35,8 @@ def build_diff_tables(difference) -> list[str | ReportTable]:
         if not rows:
             parts.append(f"{heading}: the same")
             continue
-        shown = [[_word(part) for part in row] for row in rows[:_SHOWN]]
+        texts = (["–" if v is None else str(v) for v in row] for row in rows[:_SHOWN])
+        shown = [[t if len(t) <= 64 else f"{t[:61]}..." for t in row] for row in texts]
         heads = (heading, *(id[:8] for id in difference.ids))
         parts.append(build_text_table(heads, shown))
         parts += _more(len(rows))
@@ -88,11 +89,6 @@ def print_tree(root, words: str, console: Console) -> None:
 def _more(count: int) -> list[str]:
     remaining = count - _SHOWN
     return [f"and {remaining} more; --format json has all"] if remaining > 0 else []
-
-
-def _word(value: object) -> str:
-    text = "–" if value is None else str(value)
-    return text if len(text) <= 64 else f"{text[:61]}..."
 
 
 _LONG = 200  # characters of a text beyond which a line shows its start
@@ -162,10 +158,7 @@ MOST = 1000
 
 
 def print_query_result(rows: pa.Table, format: str) -> None:
-    """Print an answer on standard output.
-
-    Args:
-        format: "table", "csv", "json" or "parquet".
+    """Print an answer on standard output, as table, csv, json or parquet.
 
     Raises:
         InputError: If JSON or Parquet would lose a column, two having one name.
@@ -199,14 +192,7 @@ def print_query_result(rows: pa.Table, format: str) -> None:
 
 
 def encode_query_result(rows: pa.Table, format: str) -> bytes:
-    """Return an answer as the content of a file.
-
-    Args:
-        format: "table", "csv", "json" or "parquet".
-
-    Raises:
-        InputError: If JSON or Parquet would lose a column, two having one name.
-    """
+    """Return an answer as the content of a file, as `print_query_result` prints it."""
     if format == "parquet":
         _check_names(rows, format)
         sink = pa.BufferOutputStream()
@@ -225,11 +211,7 @@ def encode_query_result(rows: pa.Table, format: str) -> bytes:
 
 
 def refuse_binary_on_terminal(format: str, out: str | None) -> None:
-    """Refuse Parquet on a terminal.
-
-    Raises:
-        InputError: If it is Parquet, without a file, on a terminal.
-    """
+    """Raise InputError for Parquet, without a file, on a terminal."""
     if format == "parquet" and out is None and sys.stdout.isatty():
         raise InputError(
             "Parquet is not text. Name a file with --out FILE, or redirect with > FILE."

@@ -23,13 +23,11 @@ from residual.check.result import Fault, LogCheck
 from residual.effects.base import EffectTrait
 from residual.errors import format_joint_numbers
 from residual.quantity import (
-    MISSING,
     format_fraction,
     format_number,
     format_percent,
     format_percent_number,
     format_probability,
-    format_uncertain_value,
     format_unit,
     is_number,
 )
@@ -47,28 +45,6 @@ from residual.verdict.result import (
     Verdict,
     describe_settling_time,
 )
-
-NEVER = "n.d."  # not detectable here: it would take more than an arm can have
-_WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
-
-
-def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
-    """Return (heading, rows): the smallest detectable size of each effect, per joint.
-
-    Effects on pairs of joints or on the whole arm get rows and a column of their own.
-    """
-    sizes: dict[str, dict[int, str]] = {}
-    for item in verdict.minimum_detectable:
-        local, unit = len(item.joints) == 1, format_unit(item.unit)
-        name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
-        row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
-        size = "" if item.value is None else f"{item.value:.2g}"
-        size = format_number(item.value) if is_number(item.value) and item.value >= 100 else size
-        row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
-    columns = sorted({column for row in sizes.values() for column in row})
-    heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
-    rows = [[n, *(row.get(c, MISSING) for c in columns)] for n, row in sizes.items()]
-    return ["Effect", *heads], rows
 
 
 def describe_unexplained(verdict: Verdict) -> list[str]:
@@ -155,7 +131,6 @@ def describe_alternative_sets(verdict: Verdict) -> list[str]:
 
 
 MOST_VALUES = 12
-_HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
 _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
 
 
@@ -163,7 +138,7 @@ def list_wrong_values(verdict: Verdict) -> list[Change]:
     """Return the nominal values that are off and in no finding, worst first."""
     changes = [c for c in verdict.changes if c.beyond and not c.explained]
     given = verdict.declared
-    return sorted(changes, key=lambda c: (c.name not in given, -abs(_share(c))))
+    return sorted(changes, key=lambda c: (c.name not in given, -abs(compute_change_share(c))))
 
 
 def describe_wrong_values(verdict: Verdict) -> str:
@@ -177,7 +152,7 @@ def describe_wrong_values(verdict: Verdict) -> str:
     parts = []
     for c in shown:
         values = f"{format_number(c.nominal)} → {format_number(c.identified)} {format_unit(c.unit)}"
-        parts.append(f"{_value_name(c, verdict)} ({values.strip()})")
+        parts.append(f"{name_value(c, verdict)} ({values.strip()})")
     if len(drives) > len(shown):
         parts.append(f"{spell_number(len(drives) - len(shown))} more")
     if sums:
@@ -188,20 +163,8 @@ def describe_wrong_values(verdict: Verdict) -> str:
     return f"{number_of} nominal {verb} with the logs: {join_with_and(parts)}."
 
 
-def build_value_rows(changes: Sequence[Change], verdict: Verdict) -> list[tuple[str, ...]]:
-    """Return rows of values: name, nominal, identified, difference."""
-    return [
-        (
-            _value_name(change, verdict),
-            f"{format_number(change.nominal)} {format_unit(change.unit)}".strip(),
-            format_uncertain_value(change.identified, change.std, change.unit),
-            f"{100 * _share(change):+.0f} %" if abs(_share(change)) < _HUGE else "",
-        )
-        for change in changes
-    ]
-
-
-def _value_name(change: Change, verdict: Verdict) -> str:
+def name_value(change: Change, verdict: Verdict) -> str:
+    """Return a nominal value in words: its parameter, or the first parts of a sum."""
     if change.name not in verdict.declared:
         parts = change.parameter.split(" + ")
         more = " + ..." if len(parts) > _LONGEST else ""
@@ -213,7 +176,7 @@ def _value_name(change: Change, verdict: Verdict) -> str:
     return f"{words} of {joints}" if joints else words
 
 
-def _share(change: Change) -> float:
+def compute_change_share(change: Change) -> float:
     """By how much a value is off, as a share of the nominal."""
     if not is_number(change.identified) or not is_number(change.nominal):
         return 0.0
@@ -486,7 +449,13 @@ def describe_errors(verdict: Verdict) -> str:
     weak = " (end of the fitted run, a weak test)" if verdict.error.same_run else ""
     steps = " → ".join(f"{format_percent(v)} ({words[k]})" for k, v in levels.items())
     out = f"Error on unseen motion{weak}: {steps}."
-    worse = describe_worse_joints(verdict)
+    moving = verdict.error.moving
+    pairs = [*zip(moving["identified"] or (), moving["augmented"] or (), strict=False)]
+    worse = [  # beyond chance
+        f"joint {j} ({format_percent(pairs[j - 1][0])} → {format_percent(pairs[j - 1][1])})"
+        for j in verdict.error.worse
+        if j <= len(pairs)
+    ]
     return f"{out} The findings raise it on {join_with_and(worse)}." if worse else out
 
 
@@ -502,17 +471,6 @@ def _first_fitted(verdict: Verdict) -> str:
     if nominal < _DIFFERS * refit:
         return ""
     return f"The refit also fitted {join_with_and(nouns)}, for which the robot file has no values."
-
-
-def describe_worse_joints(verdict: Verdict) -> list[str]:
-    """Return the joints that the findings make worse beyond chance, in words."""
-    stages = verdict.error.moving
-    before, after = stages["identified"] or (), stages["augmented"] or ()
-    return [
-        f"joint {j} ({format_percent(before[j - 1])} → {format_percent(after[j - 1])})"
-        for j in verdict.error.worse
-        if j <= min(len(before), len(after))
-    ]
 
 
 def _more_motion(report: LogCheck | None) -> list[str]:

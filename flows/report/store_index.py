@@ -16,17 +16,12 @@ from markupsafe import Markup
 from pydantic import TypeAdapter
 
 from flows.outputs import json_text, write_files
+from flows.report import Document, Facts, HeadlineFigure, ReportTable, Section, html_tag
 from flows.report.charts import render_diagnosis_page
-from flows.report.document import Document, Facts, HeadlineFigure, ReportTable, Section, html_tag
 from flows.report.page import read_diagnosis_origin, read_record_origin, render_html
-from flows.report.phrases import Demonstration, HiddenEffect, capitalize_first, count_noun
+from flows.report.phrases import HiddenEffect, capitalize_first, count_noun
 from flows.report.records import format_record_lines
-from flows.report.sentences import (
-    format_claim,
-    format_error_change,
-    list_headline_sentences,
-    list_wrong_values,
-)
+from flows.report.sentences import format_claim, format_error_change, list_wrong_values
 from flows.storage import read_outcome, read_verdict, store_report
 from residual.errors import InputError
 from residual.quantity import MISSING
@@ -231,11 +226,7 @@ def _verdict(store: Path, diagnosis: str) -> tuple[str, str, str]:
 
 
 def render_record_page(store: Path, id: str) -> str:
-    """Return the page of a record of any kind.
-
-    Raises:
-        InputError: If there is no such record, or it is damaged.
-    """
+    """Return the page of a record of any kind."""
     record, held = find_record(store, id), read_record(store, id)
     with open_store(store) as opened:
         tables = {
@@ -284,20 +275,15 @@ def store_diagnosis_page(
     ids: Sequence[str],
     store: Path,
     kind: str,
-    demonstration: Demonstration | None = None,
+    hidden: Sequence[HiddenEffect] | None = None,
     files: Mapping[str, bytes] | None = None,
 ) -> Path:
-    """Write the page and the verdict of a diagnosis into the store.
-
-    Args:
-        kind: What it reports, such as "nightly".
-        demonstration: What only a demonstration can show.
-    """
+    """Write the page and the verdict of a diagnosis into the store; `kind` is "nightly", "demo"."""
     result = read_outcome(store, ids[1])
     robot = result.verdict.robot
     origin = read_diagnosis_origin(store, ids[0])
     records = describe_name_records(store, ids[0], result.effects)
-    page = render_diagnosis_page(result, robot, demonstration, origin, records)
+    page = render_diagnosis_page(result, robot, hidden, origin, records)
     verdict = json_text(to_json(result.verdict)).encode()
     contents = {"report.html": page.encode(), "verdict.json": verdict, **(files or {})}
     folder = store_report(store, {"robot": robot, "kind": kind}, ids[0], contents)
@@ -307,15 +293,8 @@ def store_diagnosis_page(
 
 def store_demo_page(ids: Sequence[str], hidden: Sequence[Mapping], store: Path) -> Path:
     """Write the page of a demonstration, with the truth at its end."""
-    verdict = read_outcome(store, ids[1]).verdict
-    demonstration = Demonstration(parse_hidden_effects(hidden), verdict)
     files = {"truth.json": (json.dumps(list(hidden), indent=2) + "\n").encode()}
-    return store_diagnosis_page(ids, store, "demo", demonstration, files)
-
-
-def read_verdict_headline(proof: str, store: Path) -> str:
-    """Return the headline of a stored verdict."""
-    return " ".join(list_headline_sentences(read_outcome(store, proof).verdict))
+    return store_diagnosis_page(ids, store, "demo", parse_hidden_effects(hidden), files)
 
 
 def parse_hidden_effects(records: Sequence[Mapping]) -> tuple[HiddenEffect, ...]:

@@ -1,13 +1,13 @@
 """The rows of every table of a diagnosis, and the sizes of a finding."""
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from math import floor, log10
 
 import numpy as np
 
-from flows.report.document import BoldText, ReportTable, build_text_table, html_tag
+from flows.report import BoldText, ReportTable, build_text_table, html_tag
 from flows.report.phrases import (
     capitalize_first,
     find_effect,
@@ -15,7 +15,7 @@ from flows.report.phrases import (
     format_equivalent_phrases,
     join_with_and,
 )
-from flows.report.sentences import build_value_rows, is_wrong_value
+from flows.report.sentences import compute_change_share, is_wrong_value, name_value
 from residual.quantity import (
     MISSING,
     format_fraction,
@@ -26,18 +26,12 @@ from residual.quantity import (
     format_unit,
     is_number,
 )
-from residual.verdict.result import (
-    PLAIN,
-    STAGES,
-    Change,
-    Diagnosis,
-    Finding,
-    Frames,
-    Number,
-    Verdict,
-)
+from residual.verdict.result import PLAIN, STAGES, Change, Diagnosis, Finding, Number, Verdict
 
 _WIDEST = 11  # columns of joints and their sum that a terminal shows
+_HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
+NEVER = "n.d."  # not detectable here: it would take more than an arm can have
+_WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
 METRICS = {"moving": "moving", "filtered": "filtered", "held_out": "as logged"}
 _OVERALL = {"moving": "overall_moving", "filtered": "overall_filtered", "held_out": "overall"}
 
@@ -125,17 +119,12 @@ def describe_error_columns(diagnosis: Diagnosis) -> list[str]:
 
 def title_finding(effect: Finding, verdict: Verdict) -> str:
     """Return a finding with its place and the names of its joints in the URDF."""
-    names = format_urdf_joint_names(effect.joints, verdict.frames)
-    return format_effect_place(effect, verdict.dof) + (f" ({names})" if names else "")
-
-
-def format_urdf_joint_names(joints: Iterable[int], frames: Frames) -> str:
-    """Return the names of joints in the URDF, where a name is more than a number."""
-    names = [(j, frames.joints[j - 1]) for j in joints if j <= len(frames.joints)]
-    plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"
-    return join_with_and(
-        [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
-    )
+    known = verdict.frames.joints
+    names = [(j, known[j - 1]) for j in effect.joints if j <= len(known)]
+    plain = r"(?:.*[_-])?(?:joint|axis|j|a|q)?[_-]?0*{}"  # no more than the number
+    telling = [n for j, n in names if not re.fullmatch(plain.format(j), n, re.IGNORECASE)]
+    about = f" ({join_with_and(telling)})" if telling else ""
+    return format_effect_place(effect, verdict.dof) + about
 
 
 def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
@@ -156,8 +145,36 @@ def build_parameter_table(effect: Finding, verdict: Verdict) -> ReportTable:
 
 def build_value_table(changes: Sequence[Change], verdict: Verdict) -> ReportTable:
     """Return nominal values beside identified ones."""
-    heads = ("Value", "Nominal", "Identified", "Difference")
-    return build_text_table(heads, build_value_rows(changes, verdict))
+    rows = [
+        (
+            name_value(change, verdict),
+            f"{format_number(change.nominal)} {format_unit(change.unit)}".strip(),
+            format_uncertain_value(change.identified, change.std, change.unit),
+            f"{100 * share:+.0f} %" if abs(share) < _HUGE else "",
+        )
+        for change in changes
+        for share in [compute_change_share(change)]
+    ]
+    return build_text_table(("Value", "Nominal", "Identified", "Difference"), rows)
+
+
+def build_detectable_table(verdict: Verdict) -> ReportTable:
+    """Return the smallest detectable size of each effect, per joint.
+
+    Effects on pairs of joints or on the whole arm get rows and a column of their own.
+    """
+    sizes: dict[str, dict[int, str]] = {}
+    for item in verdict.minimum_detectable:
+        local, unit = len(item.joints) == 1, format_unit(item.unit)
+        name = " ".join([*item.name.split("_"), *map(str, item.joints[local:])])
+        row = sizes.setdefault(f"{name} [{unit}]" if unit else name, {})
+        size = "" if item.value is None else f"{item.value:.2g}"
+        size = format_number(item.value) if is_number(item.value) and item.value >= 100 else size
+        row[item.joints[0] if local else _WHOLE_ARM] = size or NEVER
+    columns = sorted({column for row in sizes.values() for column in row})
+    heads = ["arm" if c == _WHOLE_ARM else f"J{c}" for c in columns]
+    rows = [[n, *(row.get(c, MISSING) for c in columns)] for n, row in sizes.items()]
+    return ReportTable(["Effect", *heads], rows, look="tight sizes")
 
 
 def format_split_count(effect: Finding) -> str:

@@ -265,9 +265,6 @@ def app() -> ASGIApp:
     """Return Prefect's application with the pages of the store, behind the guard.
 
     Address and key are in Prefect's settings.
-
-    Raises:
-        RunError: If there is no key.
     """
     # Prefect's server, which takes its settings when it is imported.
     from prefect.server.api.server import create_app

@@ -24,6 +24,7 @@ from residual.errors import RunError
 
 INBOX = "inbox"  # name of the flow of the inboxes
 _AT_ONCE = 200  # rows of one answer of the server
+_LISTED = 10  # flow runs of the status
 _LATELY = timedelta(days=1)
 _WAIT = 60.0  # s for an answer
 
@@ -52,10 +53,10 @@ class Api:
             raise RunError(f"The server at {self.url} does not answer: {error}") from error
 
 
-def is_server_up(url: str, timeout: float = 10.0) -> bool:
+def is_server_up(url: str) -> bool:
     """Return whether a Prefect server answers at the address of its API."""
     try:
-        return httpx.get(f"{url}/health", timeout=timeout, trust_env=False).is_success
+        return httpx.get(f"{url}/health", timeout=10.0, trust_env=False).is_success
     except httpx.HTTPError:
         return False
 
@@ -99,7 +100,7 @@ def _list_deployments(client: SyncPrefectClient) -> list[dict]:
     return sorted(rows, key=lambda row: row["name"])
 
 
-def _list_last_runs(client: SyncPrefectClient, most: int) -> list[dict]:
+def _list_last_runs(client: SyncPrefectClient) -> list[dict]:
     """Return the latest flow runs that have begun, latest first.
 
     Runs of the flow that looks into the inboxes are left out: there are too many.
@@ -109,7 +110,7 @@ def _list_last_runs(client: SyncPrefectClient, most: int) -> list[dict]:
         flow_filter=FlowFilter(name={"any_": sorted(names - {INBOX})}),
         flow_run_filter=FlowRunFilter(state={"type": {"not_any_": ["SCHEDULED", "CANCELLED"]}}),
         sort=FlowRunSort.START_TIME_DESC,
-        limit=most,
+        limit=_LISTED,
     )
     return [
         {
@@ -129,7 +130,7 @@ def _iso(time: datetime | None) -> str | None:
     return time.astimezone(UTC).isoformat() if time else None
 
 
-def read_status(home: Path, most: int = 10) -> Mapping:
+def read_status(home: Path) -> Mapping:
     """Return the status of a store as its JSON document; waits for a busy server.
 
     It is healthy where the next scheduled run will start. Times are UTC in ISO 8601.
@@ -165,7 +166,7 @@ def read_status(home: Path, most: int = 10) -> Mapping:
             elif "worker" not in ended:
                 wrong.append("the worker has not reported yet")
             status["deployments"] = _list_deployments(client)
-            status["runs"] = _list_last_runs(client, most)
+            status["runs"] = _list_last_runs(client)
     except RunError as error:
         wrong.append(str(error))
         return status

@@ -26,6 +26,7 @@ from pydantic import TypeAdapter
 from flows.outputs import json_text, write_files
 from flows.requests import Count, Flag, Request, Store
 from flows.settings import API, ONE_THREAD, PAGES, ROOT, STORE, build_prefect_environment
+from flows.workers import lock_file
 from residual.errors import InputError, RunError, build_missing_package_error
 from warehouse.bucket import is_loopback_host
 
@@ -39,11 +40,7 @@ _GRACE = 15.0  # s between SIGTERM and SIGKILL
 
 
 def start_process(home: Path, name: str, command: Sequence[str], env: Mapping[str, str]) -> None:
-    """Start a process in its own session, with its output in a log file.
-
-    Raises:
-        RunError: If one of that name runs.
-    """
+    """Start a process in its own session, its output in a log file; RunError if it runs."""
     with (home / f"{name}.pid").open("a+") as lock:
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -133,13 +130,9 @@ def write_running(home: Path, running: RunningService) -> None:
 @contextmanager
 def lock_service(home: Path) -> Iterator[None]:
     """Lock out a second `up` or `down` of the same store."""
-    with (home / _LOCK).open("a") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            raise RunError(
-                f"Another modelgap up or down is running on {home.parent}. Wait for it."
-            ) from None
+    with lock_file(home / _LOCK) as ours:
+        if not ours:
+            raise RunError(f"Another modelgap up or down is running on {home.parent}. Wait for it.")
         yield
 
 

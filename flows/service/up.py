@@ -30,7 +30,7 @@ from prefect.flows import load_flow_from_entrypoint
 from prefect.settings import PREFECT_API_AUTH_STRING, PREFECT_API_URL, temporary_settings
 from prefect.utilities.callables import parameter_schema
 
-from flows.pipelines.proposals import cancel_settled_proposals
+from flows.pipelines import cancel_settled_proposals
 from flows.project import (
     NOTICE,
     POOL,

@@ -40,12 +40,7 @@ _REMEDY = re.compile(r"[.?!] (Check|Cut|Give|Leave|Log|Record) ")
 
 
 def draft_map(log: str, word: str, format: str | None) -> str:
-    """Return the text of a map for a log, drafted from its header and numbers.
-
-    Args:
-        word: The robot.
-        format: Format of the log; None where it is to be recognized.
-    """
+    """Return the text of a map for a log, drafted from its header and numbers."""
     robot = load_command_robot(word, logs=[log])
     draft = draft_column_map(split_log_spec(log)[0], robot, format)
     return format_drafted_map(draft, log, robot)
@@ -68,7 +63,6 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     logs of the other.
     """
     faults: list[Fault] = []
-    # One thread: the products are small, two threads only wait for each other.
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
     faults = _once(faults)
@@ -93,8 +87,8 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     return LogCheck(tuple(out))
 
 
-def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> LogCheck:
-    """Check logs before they are used, and refuse those with a certain fault.
+def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> tuple[LogSets, LogCheck]:
+    """Check logs before they are used; return those of the arm as mounted, and the check.
 
     Raises:
         InputError: With the first certain fault and the line that fixes it; in any
@@ -106,16 +100,10 @@ def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> LogCheck:
         raise InputError(fatal[0])
     if report.certain and not trust_log:
         raise InputError(_refusal(report))
-    return report
-
-
-def correct_mounting(logs: LogSets, report: LogCheck) -> LogSets:
-    """Return logs of the arm as it is mounted, where that is certain."""
     turned = (r.gravity for f in report.certain for r in f.repairs if r.gravity)
-    gravity = next(turned, None)
-    if gravity is None:
-        return logs
-    return replace(logs, robot=replace_gravity(logs.robot, gravity))
+    if (gravity := next(turned, None)) is not None:
+        logs = replace(logs, robot=replace_gravity(logs.robot, gravity))
+    return logs, report
 
 
 def _refusal(report: LogCheck) -> str:
@@ -204,21 +192,15 @@ def _once(faults: Sequence[Fault]) -> list[Fault]:
     return out
 
 
-_MISSING = {
-    "time": '{column = "...", unit = "s"}',
-    "signal": '{columns = ["...", "..."], unit = "..."}  # joint 1 first',
-}
+_NO_TIME = '{column = "...", unit = "s"}'
+_NO_SIGNAL = '{columns = ["...", "..."], unit = "..."}  # joint 1 first'
 _LONGEST = 4000  # letters of a comment
 _EARTH = 9.81  # m/s^2
 _SAME = 1e-6  # relative: a factor so near to a unit is that unit
 
 
 def format_repair_lines(repairs: Iterable[Repair], robot: Robot, columns: ColumnMap) -> str | None:
-    """Return the lines that do some repairs, one for each signal.
-
-    Returns:
-        TOML for the map, or for robot.toml; None where no line can do it.
-    """
+    """Return the TOML lines of some repairs, one per signal; None where no line can do it."""
     by_signal: dict[str, list[Repair]] = {}
     for repair in repairs:
         by_signal.setdefault(repair.signal, []).append(repair)
@@ -259,33 +241,38 @@ def _line(name: str, repairs: Sequence[Repair], robot: Robot, columns: ColumnMap
     return format_signal_line(name, signal)
 
 
+def _format_line(name: str, digits: int = 9, **values: object) -> str:
+    """Return an inline table of TOML; what is empty is left out."""
+    words = [f"{key} = {_toml(value, digits)}" for key, value in values.items() if value]
+    return f"{name} = {{{', '.join(words)}}}"
+
+
+def _toml(value: object, digits: int) -> str:
+    """Return a value as TOML has it, numbers without digits that are only rounding."""
+    if isinstance(value, str):
+        return escape_unprintable(json.dumps(value, ensure_ascii=False))
+    if isinstance(value, Sequence):
+        return f"[{', '.join(_toml(each, digits) for each in value)}]"
+    return "true" if value is True else f"{value:.{digits}g}"
+
+
 def format_drive_line(drive: Drive) -> str:
     """Return the line of a map that says how torque follows from the goal."""
-    words = [
-        f"{name} = [{', '.join(f'{value:.4g}' for value in values)}]"
-        for name in IDEAL
-        if (values := getattr(drive, name))
-    ]
-    words += [f"enabled = {_quoted(drive.enabled)}"] if drive.enabled else []
-    return f"drive = {{{', '.join(words)}}}"
+    parts = {name: getattr(drive, name) for name in (*IDEAL, "enabled")}
+    return _format_line("drive", 4, **parts)
 
 
 def format_time_line(scale: float, columns: ColumnMap) -> str:
-    """Return the line of a map that says what time is.
-
-    Args:
-        scale: What the time of that map is to be multiplied with.
-    """
+    """Return the line of a map that says what time is, that of the map times a scale."""
     whole = scale * TIME_UNITS[columns.time_unit] * columns.time_scale
-    words = [f"column = {_quoted(columns.time)}"]
-    if columns.nanoseconds:
-        words.append(f"nanoseconds = {_quoted(columns.nanoseconds)}")
     unit = next((u for u, f in TIME_UNITS.items() if math.isclose(whole, f, rel_tol=_SAME)), None)
-    if unit is None:
-        words.append(f"scale = {_number(whole)}")
-    elif unit != "s":
-        words.append(f'unit = "{unit}"')
-    return f"time = {{{', '.join(words)}}}"
+    return _format_line(
+        "time",
+        column=columns.time,
+        nanoseconds=columns.nanoseconds,
+        scale=whole if unit is None else None,
+        unit=unit if unit != "s" else None,
+    )
 
 
 def _mended(name: str, signal: SignalMap, repair: Repair, robot: Robot) -> SignalMap | None:
@@ -335,10 +322,8 @@ def _order(repair: Repair, dof: int) -> Sequence[int]:
 def _each(given: Sequence | float | None, repair: Repair, dof: int) -> list[float]:
     """Return a factor for every joint: one for all, or that of the repair's joints."""
     joints = repair.joints or tuple(range(1, dof + 1))
-    if given is None:
-        given = 1.0
     if not isinstance(given, Sequence):
-        given = (given,) * len(joints)
+        given = (1.0 if given is None else given,) * len(joints)
     if len(given) == dof:
         return [float(x) for x in given]
     out = [1.0] * dof
@@ -374,17 +359,16 @@ def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ..
 
 def format_signal_line(name: str, signal: SignalMap) -> str:
     """Return the line of a map that says what a signal is."""
-    words = [f"columns = [{', '.join(map(_quoted, signal.columns))}]"]
-    if signal.unit != next(iter(UNITS[name])):
-        words.append(f"unit = {_quoted(signal.unit)}")
-    if signal.side != "link":
-        words.append(f'side = "{signal.side}"')
-    for key in ("sign", "zero", "scale"):
-        values = getattr(signal, key)
-        if values:
-            words.append(f"{key} = [{', '.join(map(_number, values))}]")
-    words += ["unwrap = true"] if signal.unwrap else []
-    return f"{name} = {{{', '.join(words)}}}"
+    return _format_line(
+        name,
+        columns=signal.columns,
+        unit=signal.unit if signal.unit != next(iter(UNITS[name])) else None,
+        side=signal.side if signal.side != "link" else None,
+        sign=signal.sign,
+        zero=signal.zero,
+        scale=signal.scale,
+        unwrap=signal.unwrap,
+    )
 
 
 def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
@@ -403,9 +387,10 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
         lines.append(text)
 
     if columns.csv.decimal != ".":
-        line("csv", f"csv = {{decimal = {_quoted(columns.csv.decimal)}}}")
+        line("csv", _format_line("csv", decimal=columns.csv.decimal))
     if format == "ros" and not columns.signals:
-        line("bag", _bag_line(columns))
+        bag = _format_line("bag", topic=columns.bag.topic, joints=columns.bag.joints)
+        line("bag", "# This bag needs no map." if bag == "bag = {}" else bag)
         return "\n".join([*lines, ""])
     if "time" not in draft.missing:
         line("time", format_time_line(1.0, columns))
@@ -414,29 +399,12 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
     if columns.drive is not None:
         line("drive", format_drive_line(columns.drive))
     for name in draft.missing:
-        line(name, f"# {name} = {_MISSING['time' if name == 'time' else 'signal']}")
+        line(name, f"# {name} = {_NO_TIME if name == 'time' else _NO_SIGNAL}")
     for name, signal in draft.optional.items():
         line(name, f"# {format_signal_line(name, signal)}  # not needed")
     rest = escape_unprintable(abbreviate_column_names(draft.unread))[:_LONGEST]
     lines += [f"# not read: {rest}"] if draft.unread else []
     return "\n".join([*lines, ""])
-
-
-def _bag_line(columns: ColumnMap) -> str:
-    bag = columns.bag
-    words = [f"topic = {_quoted(bag.topic)}"] if bag.topic else []
-    if bag.joints:
-        words.append(f"joints = [{', '.join(map(_quoted, bag.joints))}]")
-    return f"bag = {{{', '.join(words)}}}" if words else "# This bag needs no map."
-
-
-def _number(value: float) -> str:
-    """A number as TOML has it, without digits that are only rounding."""
-    return f"{float(value):.9g}"
-
-
-def _quoted(text: str) -> str:
-    return escape_unprintable(json.dumps(text, ensure_ascii=False))
 
 
 def escape_unprintable(text: str) -> str:

@@ -7,21 +7,25 @@ are stored, diagnosed from the store, and reported; only then is the seal opened
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from concurrent.futures import Executor
 from functools import cache
 from pathlib import Path
 
 from flows.inputs import load_command_robot
 from flows.outputs import Progress
 from flows.specs import ExperimentSpec, derive_seed
-from flows.steps.experiment import parse_sealed_plant, plan_experiments, run_campaign_experiments
+from flows.steps.experiment import (
+    Runs,
+    parse_sealed_plant,
+    plan_experiments,
+    run_campaign_experiments,
+)
 from residual.effects import number_reported_joints
 from residual.errors import InputError, RunError, check_name
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import BACKGROUNDS, CLEAN, HIDDEN, create_random_stream
 from sim.plant.effect_catalogue import check_effect_name
+from sim.plant.typical_sizes import draw_plant_effect
 from sim.trajectories.excitation import draw_slow_coefficients
-from warehouse import runs as stored
+from warehouse import store_catalogue as stored
 
 ROBOT = "irb140"
 NOTHING = "none"  # as --effect: hide nothing
@@ -30,8 +34,6 @@ FIT = (*2 * ("fourier",), "cyclic", SLOW, *2 * ("move_stop_move",))
 HELD_OUT = ("welding", "fourier")  # of another family, and of one that was fitted
 DURATION, PAUSE = 20.0, 10.0  # s
 CREEP = 0.2  # rad/s that no joint of the slow motion exceeds
-
-Runs = dict[str, list[str]]
 
 
 def build_demo_specs(
@@ -68,14 +70,11 @@ def build_demo_specs(
 
 
 def run_experiments(
-    specs: Sequence[tuple[str, ExperimentSpec]],
-    store: Path,
-    progress: Progress | None = None,
-    executor: Executor | None = None,
+    specs: Sequence[tuple[str, ExperimentSpec]], store: Path, progress: Progress | None = None
 ) -> Runs:
     """Run the experiments that are not in the store."""
     planned = plan_experiments(specs, store)
-    summary = run_campaign_experiments(planned, store, progress, executor)
+    summary = run_campaign_experiments(planned, store, progress)
     for why in summary.failed.values():
         raise RunError(f"An experiment failed: {why}")
     ids = [p.run_id for p in summary.planned]

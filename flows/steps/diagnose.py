@@ -21,7 +21,7 @@ from flows.inputs import (
 from flows.outputs import Progress
 from flows.requests import Diagnose
 from flows.settings import resolve_store_folder
-from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.check import refuse_faulty_logs
 from flows.steps.model_choice import choose_request_model
 from residual import one_blas_thread
 from residual.diagnosis import diagnose as method
@@ -30,7 +30,7 @@ from residual.errors import InputError
 from residual.recording import Recording
 from residual.robot.robot import Robot
 from residual.verdict.result import Diagnosis
-from warehouse.runs import read_run
+from warehouse.store_catalogue import read_run
 
 ROLES = {"fit": "logs", "held_out": "held_out", "baseline": "baseline"}
 
@@ -71,9 +71,7 @@ def diagnose(
         declared = records.read_adoptable_model(store, request.model)
         before = logs.baseline or _behind(request.model, logs, store)
         logs = replace(logs, baseline=before)
-    report = refuse_faulty_logs(logs, request.trust_log)
-    logs = correct_mounting(logs, report)
-    # One thread: the products are small, two threads only wait for each other.
+    logs, report = refuse_faulty_logs(logs, request.trust_log)
     result = method.diagnose(
         logs.robot,
         logs.fit,
@@ -98,8 +96,7 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     if not ids:
         raise InputError(
             f"To say {subject}, runs behind it are needed that are not diagnosed now: "
-            "expected one at least, got none. Diagnose later runs, or give --model "
-            "nominal."
+            "expected one at least, got none. Diagnose later runs, or give --model nominal."
         )
     try:
         return tuple(read_run(store, id) for id in ids)
@@ -178,9 +175,6 @@ def store_diagnosis(
     Args:
         logs: The runs, called by their whole ids (`resolve_whole_runs`).
         seconds: Time that the diagnosis took [s].
-
-    Returns:
-        The ids of the diagnosis, and of the validation that has its curves.
     """
     ids = {role: [log.id for log in getattr(logs, role)] for role in ROLES}
     words = {name: tuple(ids[role]) for role, name in ROLES.items()}
@@ -214,11 +208,7 @@ def resolve_whole_runs(logs: LogSets) -> LogSets | None:
 def build_diagnose_request(
     runs: Mapping[str, Sequence[str]], store: Path, model: str | None = None
 ) -> Diagnose:
-    """Return the request to diagnose runs of one robot.
-
-    Args:
-        runs: Ids by role: fit, and held_out and baseline where there are such.
-    """
+    """Return the request to diagnose runs of one robot, given by role: fit, held_out, baseline."""
     return add_stored_runs(Diagnose(robot="", store=store, model=model), runs)
 
 

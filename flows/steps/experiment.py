@@ -34,6 +34,7 @@ from flows.steps.model_choice import choose_model
 from flows.workers import ProcessExecutor, run_jobs
 from residual import one_blas_thread
 from residual.calibration.calibration_rows import CalibrationRun
+from residual.drive import Drive
 from residual.errors import InputError, RunError, build_missing_package_error
 from residual.model.dynamics import (
     FrictionReversal,
@@ -50,11 +51,11 @@ from sim.plant.effect_catalogue import check_effect
 from sim.trajectories import plan_reference_motion
 from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import SealedTruth, commit_record, commit_run, hash_sealed_spec
+from warehouse.record_commit import commit_record, commit_run
 from warehouse.record_ids import build_record_path, convert_to_json_types
 from warehouse.remote_store import format_store_name, record_exists
 from warehouse.robots import store_robot_description
-from warehouse.store_catalogue import find_record
+from warehouse.store_catalogue import SealedTruth, find_record, hash_sealed_spec
 from warehouse.view_schema import build_view_table
 
 _LATER = ("background", "worked_before", "drive")
@@ -90,12 +91,7 @@ def plan_experiments(
     store: Path,
     campaign: str | None = None,
 ) -> list[PlannedExperiment]:
-    """Return what would run and what is there; the same experiment only once.
-
-    Args:
-        specs: By the changes of a campaign, or by the path of their file.
-        campaign: Name of the campaign that they are of.
-    """
+    """Return what would run and what is there; the same experiment only once."""
     planned: dict[str, PlannedExperiment] = {}
     for label, requested, *points in specs:
         try:
@@ -275,26 +271,15 @@ def build_sealed_record(plant: PlantSpec) -> dict:
 
 
 def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
-    """Return the plant of a sealed half: `build_sealed_record` undone.
-
-    Raises:
-        InputError: If it is not a sealed half as this version writes it.
-    """
+    """Return the plant of a sealed half: `build_sealed_record` undone."""
     try:
         plant = _PLANT.validate_python(sealed)
     except ValueError:
         plant = None
     # A key too many or too few would be another arm, and nobody would see it. What is
     # hidden stays hidden: the message has no values, and no error that has some.
-    whole = (
-        []
-        if plant is None
-        else [
-            convert_to_json_types(build_sealed_record(plant)),
-            convert_to_json_types(asdict(plant)),
-        ]
-    )
-    if convert_to_json_types(sealed) not in whole:
+    whole = [] if plant is None else [build_sealed_record(plant), asdict(plant)]
+    if convert_to_json_types(sealed) not in map(convert_to_json_types, whole):
         raise InputError(
             "The sealed half of the run has another form than expected: effects, "
             "scatter, noise, seed, salt and background. Run its experiment again."
@@ -334,7 +319,8 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
     clock.append(perf_counter())
     plant = spec.plant_spec()
     simulated = run_experiment(robot, reference, plant, rates, spec.start, given)
-    if (drive := spec.log_drive()) is not None:
+    if spec.drive is not None:
+        drive = Drive(**spec.drive.model_dump())
         simulated = replace(simulated, log=apply_drive(simulated.log, drive))
     clock.append(perf_counter())
     seconds = (round(b - a, 3) for a, b in pairwise(clock))
@@ -388,11 +374,7 @@ def add_twin_errors(robot: Robot, runs: Sequence[CalibrationRun]) -> tuple[Calib
 
 
 def resolve_controller_model(spec: ExperimentSpec, store: Path) -> ExperimentSpec:
-    """Return a spec whose controller names its model by a whole id.
-
-    Args:
-        spec: The spec; its model may be "adopted", or the beginning of an id.
-    """
+    """Return a spec whose controller names its model by a whole id, not "adopted"."""
     word = spec.controller.model
     if word == NOMINAL:
         return spec
@@ -505,14 +487,7 @@ def build_campaign_document(summary: CampaignSummary, done: bool = True) -> dict
 
 
 def plan_campaign(path: str, store: Path, seed: int | None) -> list[PlannedExperiment]:
-    """Return the experiments of a campaign, and which of them are stored.
-
-    Args:
-        seed: Seed instead of that of the file; None for none.
-
-    Raises:
-        InputError: If the campaign is not usable, or of several robots.
-    """
+    """Return the experiments of a campaign, of one robot, and which of them are stored."""
     entries = load_campaign(path, seed)
     robots = {entry.spec.robot for entry in entries}
     if len(robots) > 1:
@@ -521,15 +496,7 @@ def plan_campaign(path: str, store: Path, seed: int | None) -> list[PlannedExper
 
 
 def group_runs_by_role(path: str, proof: str, summary: CampaignSummary) -> Runs:
-    """Return the stored runs of a campaign by role: fit and held_out.
-
-    Args:
-        path: The campaign file.
-        proof: Kind of motion of the held-out runs; "" for none.
-
-    Raises:
-        RunError: If none is left to fit.
-    """
+    """Return the stored runs of a campaign: fit, and held_out those of one kind of motion."""
     runs: Runs = {"fit": [], "held_out": []}
     for each in summary.planned:
         if each.run_id in summary.stored:
@@ -563,8 +530,7 @@ def explain_missing_run(planned: PlannedExperiment, run_id: str, store: Path) ->
         return f"stored as {run_id}: the code was changed since the start"
     if not is_stored(store, planned.spec, run_id):
         return (
-            f"stored elsewhere than in {format_store_name(store)}: a cluster needs "
-            f"a store on "
+            f"stored elsewhere than in {format_store_name(store)}: a cluster needs a store on "
             "object storage (--store s3://BUCKET/PREFIX), or a file system that all "
             "its machines share"
         )

@@ -266,14 +266,7 @@ def export(
 
 
 def export_model(model: AnyModel, to: str, log: Recording | None = None) -> ModelExport:
-    """Write a model in the form of another program.
-
-    Args:
-        log: A log of the robot, for a target that shows it.
-
-    Raises:
-        InputError: As `export`.
-    """
+    """Write a model in the form of another program."""
     write = list_export_targets()[_check_target(to)]
     if log is not None and write is not build_rerun_recording:
         raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")

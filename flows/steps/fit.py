@@ -11,19 +11,11 @@ from time import perf_counter
 
 import numpy as np
 
-from flows.inputs import (
-    LogSets,
-    check_declared,
-    is_run_id,
-    load_run_robot,
-    read_log_sets,
-    read_logs,
-    require_logs,
-)
+from flows.inputs import LogSets, is_run_id, read_logs
 from flows.outputs import Progress
 from flows.requests import Calibrate, Identify
 from flows.settings import resolve_store_folder
-from flows.steps.check import correct_mounting, refuse_faulty_logs
+from flows.steps.check import refuse_faulty_logs
 from flows.steps.model_choice import read_model
 from flows.storage import CORRECTED, read_adoptable_model
 from residual import one_blas_thread
@@ -46,9 +38,8 @@ from residual.model.model import Model
 from residual.quantity import convert_to_plain_values
 from residual.robot.robot import Robot
 from warehouse.record_commit import commit_record
-from warehouse.runs import read_channels
-from warehouse.store_catalogue import find_record, find_run, read_record
-from warehouse.store_files import read_parquet
+from warehouse.store_catalogue import find_record, find_run, read_channels, read_record
+from warehouse.store_files import read_row_text
 from warehouse.view_schema import build_view_table
 
 SCHEMA, IDENTIFIED = 1, "identified"
@@ -126,44 +117,6 @@ def build_parameter_rows(outcome: ValidatedIdentification) -> list[dict]:
     return rows
 
 
-def store_identification(
-    store: Path,
-    outcome: ValidatedIdentification,
-    request: Mapping,
-    runs: Mapping[str, Sequence[str]],
-    seconds: Mapping[str, float],
-) -> str:
-    """Put an identified model into the store.
-
-    Returns:
-        The id of the model; the same model of the same runs has the same.
-    """
-    figures = build_identification_document(outcome)
-    record = {
-        "robot": outcome.robot.name,
-        "stage": IDENTIFIED,
-        "request": request,
-        "document": figures,
-        "model": outcome.free.model.to_record(),
-    }
-    held_out = runs.get("held_out") or runs.get("fit") or ()
-    one = held_out[0] if len(held_out) == 1 and not outcome.same_run else None
-    common = {"run_id": one, "trajectory": None}
-    errors = [
-        {**common, "stage": stage, "metric": metric, "joint": joint, "value": value}
-        for kind, metric in zip(KINDS, ("held_out", *KINDS[1:]), strict=True)
-        for stage, error in figures["error"][kind].items()
-        for joint, value in (*enumerate(error["joints"], 1), (None, error["overall"]))
-        if value is not None
-    ]
-    parameters = [{**row, "std": row["sd"]} for row in figures["parameters"]]
-    tables = {
-        "parameters": build_view_table("parameters", parameters),
-        "errors": build_view_table("errors", errors),
-    }
-    return commit_record(store, "models", record, tables, runs, seconds=seconds)
-
-
 def read_identification_logs(request: Identify, robot: Robot | None = None) -> LogSets:
     """Read every log once, and the robot where it is not loaded yet."""
     Options(request.method, request.prior)  # wrong ones are refused first
@@ -180,8 +133,7 @@ def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification,
     known, begun = request.declared, perf_counter()
     if request.model:
         known = read_adoptable_model(resolve_store_folder(request.store), request.model)
-    report = refuse_faulty_logs(logs, request.trust_log)
-    logs = correct_mounting(logs, report)
+    logs, report = refuse_faulty_logs(logs, request.trust_log)
     options = Options(request.method, request.prior)
     result = identify_and_validate(
         logs.robot, logs.fit, logs.held_out, known, options, request.consistent
@@ -191,28 +143,50 @@ def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification,
     if request.store is None and len(runs) < len(logs.fit) + len(logs.held_out):
         return result, None
     seconds = {"identify": perf_counter() - begun}
-    return result, _keep(result, request, runs, seconds)
+    return result, _store_identification(result, request, runs, seconds)
 
 
-def _keep(
+def _store_identification(
     result: ValidatedIdentification,
     request: Identify,
     runs: Mapping[str, str],
     seconds: Mapping[str, float],
 ) -> str:
+    """Put an identified model into the store; the same of the same runs has the same id."""
     # A held-out part of a fitted run is no run of its own.
     roles = {"fit": result.fit, "held_out": () if result.same_run else result.held_out}
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
     if request.model:
         by_role["nominal"] = [request.model]
-    record = request.to_record() | {
-        "logs": [_whole(word, runs) for word in request.logs],
-        "held_out": [_whole(word, runs) for word in request.held_out],
-        "robot_hash": result.robot.content_hash,
+    figures = build_identification_document(result)
+    record = {
+        "robot": result.robot.name,
+        "stage": IDENTIFIED,
+        "request": request.to_record()
+        | {
+            "logs": [_whole(word, runs) for word in request.logs],
+            "held_out": [_whole(word, runs) for word in request.held_out],
+            "robot_hash": result.robot.content_hash,
+        },
+        "document": figures,
+        "model": result.free.model.to_record(),
     }
-    return store_identification(
-        resolve_store_folder(request.store), result, record, by_role, seconds
-    )
+    held_out = by_role["held_out"] or by_role["fit"]
+    one = held_out[0] if len(held_out) == 1 and not result.same_run else None
+    errors = [
+        {"run_id": one, "stage": stage, "metric": metric, "joint": joint, "value": value}
+        for kind, metric in zip(KINDS, ("held_out", *KINDS[1:]), strict=True)
+        for stage, error in figures["error"][kind].items()
+        for joint, value in (*enumerate(error["joints"], 1), (None, error["overall"]))
+        if value is not None
+    ]
+    parameters = [{**row, "std": row["sd"]} for row in figures["parameters"]]
+    tables = {
+        "parameters": build_view_table("parameters", parameters),
+        "errors": build_view_table("errors", errors),
+    }
+    store = resolve_store_folder(request.store)
+    return commit_record(store, "models", record, tables, by_role, seconds=seconds)
 
 
 def _whole(word: str, runs: Mapping[str, str]) -> str:
@@ -382,24 +356,19 @@ class StoredCalibration:
 
 
 def read_calibration_runs(request: Calibrate) -> tuple[LogSets, tuple[CalibrationRun, ...]]:
-    """Read every log once: runs with their twin and family, files as they are.
-
-    Returns:
-        The logs, and the same as runs of a calibration.
-
-    Raises:
-        InputError: If the request or a log is not usable.
-    """
-    robot = load_run_robot(request.robot, request.logs, request.store)
-    check_declared(request.declared)
-    require_logs(request.logs, "to calibrate on", "calibrate")
-    sets = (request.logs, (), ())
-    logs = read_log_sets(sets, robot, request.columns, request.store, True, called=request.robot)
+    """Read every log once: runs with their twin and family, files as they are."""
+    logs = read_logs(request, "to calibrate on")
     store, runs, lines = resolve_store_folder(request.store), [], []
     for log, line in zip(logs.fit, logs.each, strict=True):
-        id = logs.runs.get(log.id)
-        runs.append(CalibrationRun(log, *_beside(store, id)) if id else CalibrationRun(log))
-        lines.append(_about(runs[-1]) if id else line)
+        family, twin = None, {}
+        if id := logs.runs.get(log.id):
+            family = read_row_text(find_run(store, id).row, "trajectory")
+            channels = read_channels(store, id)
+            twin = {name: c for name, c in channels.items() if name.startswith("e_")}
+            size = f"{len(log.t)} samples, {log.duration:.2f} s"
+            line = f"{log.id}: run of {log.robot}, {family or 'unknown motion'}, {size}"
+        runs.append(CalibrationRun(log, family, twin))
+        lines.append(line)
     return replace(logs, each=tuple(lines)), tuple(runs)
 
 
@@ -411,19 +380,10 @@ def calibrate(
     progress: Progress | None = None,
     with_figures: bool = True,
 ) -> StoredCalibration:
-    """Fit and validate every model; store what was found if all logs are runs.
-
-    Args:
-        runs: The same as runs of a calibration.
-        with_figures: Whether to compute what only figures need.
-
-    Raises:
-        InputError: If the logs are not usable together, or a fault of them is certain.
-    """
+    """Fit and validate every model; store what was found if all logs are runs."""
     store, ids = resolve_store_folder(request.store), tuple((logs.runs or {}).values())
     begun = perf_counter()
-    report = refuse_faulty_logs(logs, request.trust_log)
-    robot = correct_mounting(logs, report).robot
+    mounted, report = refuse_faulty_logs(logs, request.trust_log)
     settings = CalibrationSettings(
         paper=request.paper,
         declared=request.declared,
@@ -437,25 +397,12 @@ def calibrate(
     if request.levels is not None:
         one, *more = request.levels
         form = replace(form, levels=request.levels if more else one)
-    # One thread: the products are small, two threads only wait for each other.
-    made = fit_tables(robot, runs, replace(settings, form=form), progress)
+    made = fit_tables(mounted.robot, runs, replace(settings, form=form), progress)
     asked = request.to_record() | {"logs": list(ids), "robot_hash": logs.robot.content_hash}
     stored = len(ids) == len(runs)
     seconds = {"calibrate": perf_counter() - begun}
     kept = store_calibration(store, made, asked, seconds) if stored else {}
     return StoredCalibration(made, (*logs.warnings, *report.sentences), kept)
-
-
-def _beside(store: Path, id: str) -> tuple[str | None, dict]:
-    row = read_parquet(find_run(store, id).row, ["trajectory"])
-    channels = read_channels(store, id)
-    twin = {name: c for name, c in channels.items() if name.startswith("e_")}
-    return row.column("trajectory")[0].as_py(), twin
-
-
-def _about(run: CalibrationRun) -> str:
-    log, family = run.log, run.family or "unknown motion"
-    return f"{log.id}: run of {log.robot}, {family}, {len(log.t)} samples, {log.duration:.2f} s"
 
 
 def read_controller_model(

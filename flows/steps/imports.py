@@ -21,7 +21,7 @@ from warehouse.record_ids import build_record_path
 from warehouse.record_ids import convert_to_json_types as plain_json
 from warehouse.remote_store import record_exists
 from warehouse.robots import store_robot_description
-from warehouse.runs import read_manifest
+from warehouse.store_catalogue import read_manifest
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -49,31 +49,43 @@ def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
             f"--recorded-at is the time of one log, {len(request.logs)} are given. "
             "Import them one by one."
         )
-    columns = choose_column_map(robot, request.columns)
-    labels = create_unique_labels(request.logs)
-    logs = [
-        _read_one(spec, label, request, robot, columns)
-        for spec, label in zip(request.logs, labels, strict=True)
-    ]
-    first: dict[str, str] = {}
-    for log in logs:
-        twin = first.setdefault(log.run_id, log.summary.id)
-        if twin != log.summary.id:
+    columns, store = choose_column_map(robot, request.columns), resolve_store_folder(request.store)
+    logs: dict[str, ImportedLog] = {}
+    for spec, label in zip(request.logs, create_unique_labels(request.logs), strict=True):
+        with suggest_column_map(spec, request.robot):
+            recording, summary = read_log(spec, robot, columns, label, despite_doubts=True)
+        run_id = compute_imported_run_id(recording, robot.content_hash)
+        if run_id in logs:
             raise InputError(
-                f"'{twin}' and '{log.summary.id}' hold the same samples: they are one "
+                f"'{logs[run_id].summary.id}' and '{label}' hold the same samples: they are one "
                 "run. Name it once."
             )
-    return robot, tuple(logs)
+        recorded_at = summary.recorded_at
+        if request.recorded_at is not None:
+            recorded_at = parse_timestamp(request.recorded_at)
+        logs[run_id] = ImportedLog(
+            recording=recording,
+            summary=summary,
+            run_id=run_id,
+            stored=record_exists(build_record_path(store, "runs", run_id, robot.name)),
+            manifest={
+                "source": "imported",
+                "kind": request.kind,
+                "trajectory": request.trajectory,
+                "robot_hash": robot.content_hash,
+                "serial": robot.serial,
+                "recorded_at": format_timestamp(recorded_at),
+                "tags": check_tags(request.tags),
+                "log": _printable(plain_json(_about(summary, columns))),
+            },
+        )
+    return robot, tuple(logs.values())
 
 
 def check_logs(
     request: Import, robot: Robot, read: Sequence[ImportedLog]
 ) -> tuple[tuple[ImportedLog, ...], LogCheck]:
-    """Check logs before they are stored.
-
-    Returns:
-        The logs, their records with what was found; and what was found.
-    """
+    """Check logs before they are stored; return them with the report in their records, and it."""
     columns = choose_column_map(robot, request.columns) or ColumnMap()
     sets = LogSets(
         robot,
@@ -81,7 +93,7 @@ def check_logs(
         columns=columns,
         doubts=tuple((log.summary.id, d) for log in read for d in log.summary.doubts),
     )
-    report = refuse_faulty_logs(sets, request.trust_log)
+    _, report = refuse_faulty_logs(sets, request.trust_log)
     check_record = {"log_check": report.to_json()}
     with_check = (replace(log, manifest={**log.manifest, **check_record}) for log in read)
     return tuple(with_check), report
@@ -98,34 +110,6 @@ def store_log(log: ImportedLog, request: Import, robot: Robot) -> str:
         return log.run_id
     store_robot_description(store, request.robot, robot)
     return commit_run(store, log.recording, log.manifest)
-
-
-def _read_one(
-    spec: str, label: str, request: Import, robot: Robot, columns: ColumnMap
-) -> ImportedLog:
-    store = resolve_store_folder(request.store)
-    with suggest_column_map(spec, request.robot):
-        recording, summary = read_log(spec, robot, columns, label, despite_doubts=True)
-    run_id = compute_imported_run_id(recording, robot.content_hash)
-    recorded_at = summary.recorded_at
-    if request.recorded_at is not None:
-        recorded_at = parse_timestamp(request.recorded_at, "--recorded-at")
-    return ImportedLog(
-        recording=recording,
-        summary=summary,
-        run_id=run_id,
-        stored=record_exists(build_record_path(store, "runs", run_id, robot.name)),
-        manifest={
-            "source": "imported",
-            "kind": request.kind,
-            "trajectory": request.trajectory,
-            "robot_hash": robot.content_hash,
-            "serial": robot.serial,
-            "recorded_at": format_timestamp(recorded_at),
-            "tags": check_tags(request.tags),
-            "log": _printable(plain_json(_about(summary, columns))),
-        },
-    )
 
 
 def _printable(value: object) -> object:

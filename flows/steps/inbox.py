@@ -6,13 +6,11 @@ the runs of a diagnosis as parents: after a kill before that record, the same ru
 diagnosed again, with the same id.
 """
 
-import fcntl
 import filecmp
 import os
 import re
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from itertools import islice
 from pathlib import Path
@@ -27,7 +25,7 @@ from flows.steps import imports
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs
 from flows.steps.model_choice import resolve_adopted_model
 from flows.storage import read_verdict
-from flows.workers import InlineExecutor, JobResult, ProcessExecutor, run_jobs
+from flows.workers import InlineExecutor, JobResult, ProcessExecutor, lock_file, run_jobs
 from residual.errors import InputError, shorten_value, strip_control_characters
 from residual.robot.robot import Robot
 from residual.verdict.result import Verdict
@@ -36,7 +34,7 @@ from warehouse.record_commit import commit_record
 
 STORED, KNOWN, REFUSED, WAITING = "stored", "known", "refused", "waiting"
 DONE, REJECTED = "done", "rejected"
-_LOCK = ".modelgap.lock"
+LOCK = ".modelgap.lock"
 # Endings of files that are not complete.
 _UNFINISHED = (".part", ".partial", ".tmp", ".temp", ".crdownload", ".filepart", "~")
 _BAG = "metadata.yaml"  # file in the folder of a ROS 2 bag
@@ -93,18 +91,6 @@ def select_unchanged(
         for name, state in now.items()
         if before.get(name) == state and sum(size for size, _, _ in state)
     }
-
-
-@contextmanager
-def lock_inbox(folder: Path) -> Iterator[bool]:
-    """Lock an inbox; yields whether this process has the lock."""
-    with (folder / _LOCK).open("a") as lock:
-        try:
-            fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            yield False
-            return
-        yield True
 
 
 @dataclass(frozen=True, slots=True)
@@ -174,11 +160,7 @@ def strip_option_hints(reason: str) -> str:
 
 
 def move_imported_log(outcome: ImportOutcome) -> Path | None:
-    """Move a log to done/, or to rejected/ with a text file with the reason.
-
-    Returns:
-        The new path; None for a log that waits.
-    """
+    """Move a log to done/, or to rejected/ with the reason in a text file; one that waits stays."""
     if outcome.status == WAITING:
         return None
     folder = outcome.path.parent / (REJECTED if outcome.status == REFUSED else DONE)
@@ -287,7 +269,7 @@ def import_inbox_logs(
     ]
     if not jobs:
         return
-    with lock_inbox(folder) as ours:
+    with lock_file(folder / LOCK) as ours:
         if not ours:
             why = "another modelgap uses this inbox"
             yield from (ImportOutcome(job.path, WAITING, why=why) for job in jobs)
@@ -388,7 +370,9 @@ def find_new_runs(store: Path, robot: Robot, table: RobotTable) -> Batch | None:
     runs = [row["run_id"] for row in new]
     if not runs:
         return None
-    chosen = pick_evenly_spread(runs, table.most)
+    # Evenly spread, with the first and the last.
+    places = np.linspace(0, len(runs) - 1, min(len(runs), table.most)).round().astype(int)
+    chosen = [runs[place] for place in places]
     proof = chosen[-1:] if len(chosen) >= _PROOF else []
     model = resolve_adopted_model(chosen, store).diagnosis
     roles = {
@@ -400,25 +384,15 @@ def find_new_runs(store: Path, robot: Robot, table: RobotTable) -> Batch | None:
     return Batch(tuple(runs), build_diagnose_request(roles, store, model), unwatched)
 
 
-def pick_evenly_spread(runs: Sequence[str], max_count: int) -> list[str]:
-    """Return at most a number of runs, evenly spread, with the first and the last."""
-    if len(runs) <= max_count:
-        return list(runs)
-    places = np.linspace(0, len(runs) - 1, max_count).round().astype(int)
-    return [runs[place] for place in places]
-
-
 def diagnose_new_runs(
     project: Project, name: str, progress: Callable[[str, float], None] | None = None
 ) -> BatchDiagnosis | None:
-    """Diagnose the new runs of a robot; None if there are none.
-
-    Raises:
-        InputError: If the runs are not usable together, or their robot is not.
-    """
+    """Diagnose the new runs of a robot; None if there are none."""
     table, store = project.robot(name), project.store
     arm = project.arm(table)
-    with _locked(store, name):
+    # Schedule, import and alarm may start one at the same time: the first takes all new
+    # runs, the others find none.
+    with lock_file(prefect_home(store) / f"diagnose-{name}.lock", wait=True):
         batch = find_new_runs(store, arm, table)
         if batch is None:
             return None
@@ -427,18 +401,6 @@ def diagnose_new_runs(
         parents = {"diagnosis": [ids[0]], ROLE: list(batch.runs)}
         commit_record(store, "validations", record | {"project": name}, parents=parents)
     return BatchDiagnosis(batch, ids, read_verdict(store, ids[0]))
-
-
-@contextmanager
-def _locked(store: Path, name: str) -> Iterator[None]:
-    """Wait for other diagnoses of the robot.
-
-    Schedule, import and alarm may start one at the same time: the first takes all new
-    runs, the others find none.
-    """
-    with (prefect_home(store) / f"diagnose-{name}.lock").open("a") as lock:
-        fcntl.flock(lock, fcntl.LOCK_EX)
-        yield
 
 
 def find_project_robot(project: Project, runs: Sequence[str]) -> RobotTable | None:

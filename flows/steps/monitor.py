@@ -19,8 +19,15 @@ from residual.recording import Recording
 from warehouse.queries import query_store_rows
 from warehouse.record_commit import commit_record
 from warehouse.remote_store import format_store_name
-from warehouse.runs import read_manifest, read_quarantine_reason, read_run
-from warehouse.store_catalogue import find_record, find_run, list_record_folders, read_record
+from warehouse.store_catalogue import (
+    find_record,
+    find_run,
+    list_record_folders,
+    read_manifest,
+    read_quarantine_reason,
+    read_record,
+    read_run,
+)
 from warehouse.view_schema import build_view_table
 
 MOST_HEALTHY = 12  # of them are read
@@ -232,8 +239,6 @@ def find_diagnosis(runs: Sequence[str], store: Path) -> str | None:
 
 def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
     """Return the id of the latest diagnosis of the arm of some runs, None if none."""
-    if not runs:
-        raise InputError("No run given, expected one or more ids.")
     robot = find_run(store, runs[0]).folder.parent.name.removeprefix("robot=")
     query = (
         "SELECT diagnosis_id FROM diagnoses WHERE robot = $robot AND "
@@ -245,11 +250,7 @@ def find_latest_diagnosis(runs: Sequence[str], store: Path) -> str | None:
 
 
 def read_usable_runs(store: Path, ids: Sequence[str]) -> dict[str, Recording]:
-    """Return runs by id, in their order.
-
-    Raises:
-        InputError: If one is in quarantine, or given twice.
-    """
+    """Return runs by id, in their order; InputError for one in quarantine, or given twice."""
     out = {}
     for word in ids:
         run = read_run(store, word)
@@ -267,8 +268,7 @@ def _diagnosis_in(word: str, store: Path) -> str | None:
         return None
     if not any(id.startswith(word) for id in list_record_folders(store, "diagnoses")):
         raise InputError(
-            f"'{word}' is no diagnosis in {format_store_name(store)}. Name a robot "
-            f"such as "
+            f"'{word}' is no diagnosis in {format_store_name(store)}. Name a robot such as "
             "irb140, or a diagnosis: modelgap sql 'SELECT diagnosis_id FROM diagnoses'."
         )
     return find_record(store, word).id

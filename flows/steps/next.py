@@ -63,19 +63,13 @@ class ReopenedDiagnosis:
     @property
     def reproduced(self) -> bool:
         """Whether the logs gave the verdict again."""
-        one, other = (
-            {(f.name, f.joints) for f in v.effects} | {v.verdict}
-            for v in (self.verdict, self.diagnosis.verdict)
-        )
+        both = (self.verdict, self.diagnosis.verdict)
+        one, other = ({(f.name, f.joints) for f in v.effects} | {v.verdict} for v in both)
         return one == other
 
 
 def reopen_diagnosis(request: Next, progress: Progress | None = None) -> ReopenedDiagnosis:
-    """Diagnose the logs of a verdict again, and return the question that they leave.
-
-    Raises:
-        InputError: If the request, the verdict or a log is not usable.
-    """
+    """Diagnose the logs of a verdict again, and return the question that they leave."""
     check_duration(request.seconds)
     stored = is_run_id(request.verdict)
     verdict, again, logs = (_of_store if stored else _of_file)(request)
@@ -148,11 +142,7 @@ def _of_file(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
 
 
 def read_verdict_file(path: Path) -> Verdict:
-    """Return the verdict of a JSON file.
-
-    Raises:
-        InputError: If it is not there, or no verdict.
-    """
+    """Return the verdict of a JSON file."""
     try:
         document = json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:

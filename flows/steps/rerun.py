@@ -43,13 +43,15 @@ from warehouse.remote_store import (
     record_exists,
 )
 from warehouse.robots import find_used_robot
-from warehouse.runs import open_seal, read_channels, read_manifest
 from warehouse.store_catalogue import (
     RERUN_OF,
     StoredRecord,
     find_record,
     list_record_ancestry,
     list_record_folders,
+    open_seal,
+    read_channels,
+    read_manifest,
     read_record,
 )
 from warehouse.store_files import hash_table, read_parquet, table_to_arrays
@@ -447,11 +449,7 @@ _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
 
 @contextmanager
 def remake_record(store: Path, record: StoredRecord) -> Iterator[tuple[Path, StoredRecord]]:
-    """Make a record once more.
-
-    Yields:
-        A store for the time being, and the new record in it.
-    """
+    """Make a record once more; yields a store for the time being, and the new record in it."""
     content = read_record(store, record.id)
     request = content.get("request") or {}
     if request.get("step") not in _STEPS:
@@ -501,11 +499,7 @@ def _link(folder: Path, target: Path) -> None:
 
 
 def commit_rerun(temporary: Path, store: Path, old: StoredRecord, new: StoredRecord) -> str:
-    """Put a record that was made again, and what was made with it, into the store.
-
-    Returns:
-        The id that the new one has in the store; the first one is its parent.
-    """
+    """Store a record that was made again, with what was made with it; return its id."""
     renamed: dict[str, str] = {}
     for each in list_record_ancestry(temporary, new.id):
         if record_exists(store / each.folder.relative_to(temporary)):

@@ -52,9 +52,16 @@ from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError, build_and_simulate
 from sim.trajectories import plan_reference_motion
 from warehouse.code_provenance import hash_plant_code
-from warehouse.record_commit import build_run_columns, commit_record, find_last_adoption
-from warehouse.runs import has_seal, open_seal, read_manifest, read_run
-from warehouse.store_catalogue import find_record
+from warehouse.record_commit import build_run_columns, commit_record
+from warehouse.record_ids import build_seal_path
+from warehouse.remote_store import record_exists
+from warehouse.store_catalogue import (
+    find_last_adoption,
+    find_record,
+    open_seal,
+    read_manifest,
+    read_run,
+)
 from warehouse.view_schema import build_view_table
 
 Array = np.ndarray
@@ -145,7 +152,7 @@ def validate(request: Request) -> tuple[str, Validation]:
     tracked = {}
     notes = ["No feed-forward: no simulated arm is sealed with the run."]
     # A seal that was taken out is no error, one that is broken is.
-    if manifest["sealed_sha256"] and has_seal(store, log.id):
+    if manifest["sealed_sha256"] and record_exists(build_seal_path(store, log.id)):
         notes = _notes(manifest)
         # The arm's own torque is what the closed loop of the paper gave it on this
         # motion: about the best that a model could compute. It is no bound, since it

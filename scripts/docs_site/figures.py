@@ -14,8 +14,7 @@ from tempfile import TemporaryDirectory
 import numpy as np
 
 from flows.cli import main
-from flows.report import charts
-from flows.report.document import Chart, Document, Section
+from flows.report import Chart, Document, Section, charts
 from flows.report.page import render_html
 from flows.requests import Diagnose
 from flows.steps.diagnose import diagnose, diagnose_stored_runs, read_logs

@@ -12,7 +12,7 @@ from pathlib import Path
 from cyclopts import Argument
 
 import modelgap as mg
-from flows.cli.app import GROUPS, app
+from flows.cli import GROUPS, app
 from flows.report.phrases import capitalize_first
 from residual.effects import load_effects
 from residual.effects.base import EffectTrait

@@ -14,10 +14,10 @@ from benchmarks.peers_parts.linear_model import Answer, Arm, Case
 from flows.steps import demo
 from residual.errors import UnknownNameError
 from residual.recording import Recording
-from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.engine.plant_records import HIDDEN, SyntheticEffect, TrajectorySpec
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import check_effect
+from sim.plant.typical_sizes import draw_plant_effect, list_drawable_effects
 from sim.trajectories import plan_reference_motion as plan_motion
 from sim.trajectories.excitation import draw_slow_coefficients
 from tests.residual.arms import arm

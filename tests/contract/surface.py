@@ -16,7 +16,7 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from cyclopts import App, Argument
 
 import modelgap as mg
-from flows.cli.app import app
+from flows.cli import app
 from flows.report.records import describe_query_values
 from flows.steps.export import TARGETS
 from residual.check.result import Fault, LogCheck

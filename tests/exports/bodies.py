@@ -13,8 +13,8 @@ from residual.errors import InputError
 from residual.model.bodies import build_body_sums
 from residual.model.model import Model
 from residual.verdict.result import Diagnosis
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect, create_random_stream
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.exports.back import BACK
 
 HIDDEN = (("payload",), ("link_inertia",), ("payload", "link_inertia"))

@@ -10,16 +10,25 @@ from flows import storage as keep
 from flows.cli import main
 from flows.inputs import load_run_robot
 from flows.steps import rerun as reruns
-from flows.steps.adopt import adopt, list_adoptions, roll_back
-from flows.steps.model_choice import choose_model, choose_monitor_model
+from flows.steps.model_choice import (
+    adopt,
+    choose_model,
+    choose_monitor_model,
+    list_adoptions,
+    roll_back,
+)
 from flows.storage import read_adoptable_model, read_models, read_verdict
 from residual.diagnosis.adoption import check_adoption
 from residual.errors import InputError
 from tests.flows.adopted_arm import ROBOT, SERIAL, diagnosed, unchecked
 from warehouse.queries import open_store
-from warehouse.record_commit import describe_diagnosis_adoption, find_last_adoption
-from warehouse.runs import read_run
-from warehouse.store_catalogue import find_record, read_record
+from warehouse.store_catalogue import (
+    describe_diagnosis_adoption,
+    find_last_adoption,
+    find_record,
+    read_record,
+    read_run,
+)
 
 pytestmark = pytest.mark.slow
 

@@ -10,8 +10,7 @@ from dataclasses import fields, replace
 
 import pytest
 
-from flows.cli import main
-from flows.cli.app import app
+from flows.cli import app, main
 from flows.requests import Diagnose, format_command
 from residual.diagnosis import diagnose as loop
 from tests.checkout import ROOT

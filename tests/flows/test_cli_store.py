@@ -18,8 +18,8 @@ from tests.checkout import ROOT
 from tests.warehouse import store_samples as samples
 from warehouse.queries import open_store
 from warehouse.record_commit import SealedTruth, commit_record, commit_run
-from warehouse.runs import quarantine_run
 from warehouse.sql_guard import limit_process_memory
+from warehouse.store_catalogue import quarantine_run
 from warehouse.view_schema import build_view_table, list_views
 
 

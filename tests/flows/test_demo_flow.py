@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 import yaml
 
-from flows.report import store_index
-from flows.report.document import ReportTable
+from flows.report import ReportTable, store_index
 from flows.settings import PAGES
 from flows.steps import diagnose, fit, validate
 from flows.steps import experiment as campaign
@@ -21,7 +20,7 @@ from tests.checkout import ROOT
 from tests.verdict_documents import typed
 from tests.waiting import until
 from warehouse.record_ids import build_record_path
-from warehouse.runs import read_channels
+from warehouse.store_catalogue import read_channels
 
 # The flows without their steps: what is taken, and in which order.
 
@@ -56,19 +55,17 @@ def faked(monkeypatch, tmp_path):
     monkeypatch.setattr(nightly, "flow_run", clock)
     runs = {"fit": ["aa", "bb"], "held_out": ["cc"]}
     take(store_index, "store_diagnosis_page", page)
-    take(store_index, "read_verdict_headline", "Nothing is missing.")
     take(nightly, "run_campaign", SimpleNamespace(new=("aa",), failed={}))
     monkeypatch.setattr(campaign, "group_runs_by_role", lambda *_: runs)
     monkeypatch.setattr(tasks, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(diagnose, "build_diagnose_request", lambda *asked: asked)
     for module, name, answer in (
         (nightly, "resolve_adopted_model", ModelChoice("11" * 10, "model: adoption 3")),
-        (nightly, "judge_adoption", SimpleNamespace(doubts=("nothing new",))),
+        (nightly, "judge_adoption", SimpleNamespace(doubts=("nothing new",), verdict=typed({}))),
     ):
         take(module, name, answer)
     take(diagnose, "diagnose_stored_runs", ("dd", "ee"))
     monkeypatch.setattr(tasks, "read_run_robot", lambda runs, store: "irb140")
-    monkeypatch.setattr(nightly, "read_verdict", lambda *_: typed({}))
     monkeypatch.setattr(tasks, "format_run_name", lambda *_: NAME)
     for name in ("read_identification_logs", "read_calibration_runs"):
         monkeypatch.setattr(fit, name, lambda request: ((), ()))
@@ -161,7 +158,7 @@ def test_a_night_has_a_seed_of_its_own_and_its_steps_in_order(night):
     beside = ["identify", "calibrate", "validate"]
     assert sorted(n for n, _ in rest if n in beside) == sorted(beside)
     needed = ["resolve_adopted_model", "diagnose_stored_runs", "store_diagnosis_page"]
-    needed += ["read_verdict_headline", "judge_adoption"]
+    needed += ["judge_adoption"]
     assert [name for name, _ in rest if name not in beside] == needed
     # The diagnosis goes by the model that the robot has.
     assert dict(rest)["diagnose_stored_runs"][0][2] == "11" * 10
@@ -192,7 +189,7 @@ def test_a_night_is_called_by_its_verdict_and_leaves_few_artifacts(night):
     address = "http://127.0.0.1:4200/pages/"
     assert address in Artifact.get("report").data
     text = Artifact.get("verdict").data
-    assert "Nothing is missing." in text
+    assert "a spring on joint 2" in text
     assert f"{address}index.html" in text
     table = "All of it.\n\n| model | J1 |\n| --- | --- |\n| ls | 1.0 |"
     stored = "Stored: `modelgap show ab`"

@@ -29,8 +29,7 @@ from residual.robot.robot import load_robot
 from sim.plant.typical_sizes import read_nominal_drives
 from warehouse.queries import open_store
 from warehouse.record_commit import commit_record
-from warehouse.runs import read_manifest
-from warehouse.store_catalogue import find_record
+from warehouse.store_catalogue import find_record, read_manifest
 
 ROBOT = load_robot("irb140")
 

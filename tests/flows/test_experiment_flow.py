@@ -19,8 +19,7 @@ from residual.verdict.result import Diagnosis
 from sim.plant.closed_loop import SimulationDivergedError
 from tests.verdict_documents import typed
 from warehouse.queries import query_store_rows
-from warehouse.runs import open_seal, read_channels, read_manifest, read_run
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import open_seal, read_channels, read_manifest, read_record, read_run
 from warehouse.verification import verify_store
 
 # One experiment: from a spec to a run in the store, with its hidden half sealed.

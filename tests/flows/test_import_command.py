@@ -14,8 +14,7 @@ from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, workplace
 from tests.warehouse import log_files as files
 from tests.warehouse import store_samples as samples
-from warehouse.runs import read_run
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import read_record, read_run
 
 JOINTS = [(j, f"j{j}") for j in (1, 2, 3)]
 

@@ -207,7 +207,7 @@ def test_a_sound_log_that_alone_fits_a_wrong_reading_is_not_refused(hidden_logs,
         return LogCheck((mounted, wrong) if len(recordings) == 1 else ())
 
     monkeypatch.setattr(steps, "check_logs", check_logs)
-    assert not steps.refuse_faulty_logs(hidden_logs, False).certain
+    assert not steps.refuse_faulty_logs(hidden_logs, False)[1].certain
 
 
 def test_a_log_with_nan_is_to_be_cut_and_not_to_be_recorded_again(place, capsys):

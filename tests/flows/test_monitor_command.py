@@ -20,8 +20,7 @@ from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
 from tests.verdict_documents import typed
 from warehouse.queries import open_store
-from warehouse.runs import read_run
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import read_record, read_run
 
 ROBOT = "irb140"
 

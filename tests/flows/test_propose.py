@@ -8,10 +8,10 @@ import pytest
 
 from flows.service.state import KEY, RunningService, start_process, stop_process, write_running
 from flows.settings import prefect_home
-from flows.steps.adopt import judge_adoption, list_adoptions, roll_back
+from flows.steps.model_choice import judge_adoption, list_adoptions, roll_back
 from tests.flows.adopted_arm import ROBOT, SERIAL
-from warehouse.record_commit import ADOPTED, ModelAdoption, commit_adoption, find_last_adoption
-from warehouse.store_catalogue import read_record
+from warehouse.record_commit import commit_adoption
+from warehouse.store_catalogue import ADOPTED, ModelAdoption, find_last_adoption, read_record
 
 SLEEP = [sys.executable, "-c", "import time; time.sleep(600)"]
 
@@ -104,7 +104,7 @@ def test_a_proposal_that_was_settled_by_the_command_waits_no_longer(
 ):
     from prefect import get_client
 
-    from flows.pipelines.proposals import cancel_settled_proposals
+    from flows.pipelines import cancel_settled_proposals
 
     monkeypatch.setattr("flows.cli.service._prepare", lambda home: None)
     _, (store, _, id), _ = nights

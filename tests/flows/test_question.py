@@ -15,7 +15,8 @@ def flow_run(server, monkeypatch, tmp_path):
     from flows.pipelines import flows as pipelines
 
     given = []
-    monkeypatch.setattr(pipelines, "render_proposal", lambda *_: "| now | then |")
+    monkeypatch.setattr(pipelines, "judge_adoption", lambda *_: None)
+    monkeypatch.setattr(pipelines, "render_proposal_markdown", lambda _: "| now | then |")
     monkeypatch.setattr(pipelines, "adopt", lambda *it: given.append(it) or "7")
     words = {"diagnosis": "ab" * 10, "store": str(tmp_path)}
     with get_client(sync_client=True) as client:

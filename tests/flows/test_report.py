@@ -12,14 +12,14 @@ import pytest
 from plotly import graph_objects
 from rich.console import Console
 
-from flows.cli.app import app
+from flows.cli import app
 from flows.report import charts
 from flows.report import page as base
 from flows.report.charts import render_diagnosis_page
 from flows.report.diagnosis import describe_next_step, print_diagnosis
 from flows.report.sentences import format_headline as headline
 from flows.report.store_index import describe_name_records
-from flows.steps.adopt import _of_verdict
+from flows.steps.model_choice import _of_verdict
 from residual import quantity
 from residual.check.result import Fault, LogCheck
 from residual.verdict.document import from_json, to_json

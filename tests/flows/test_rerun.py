@@ -19,8 +19,7 @@ from tests.warehouse import store_samples
 from warehouse import code_provenance
 from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
-from warehouse.runs import open_seal, read_manifest
-from warehouse.store_catalogue import RERUN_OF, find_record, read_record
+from warehouse.store_catalogue import RERUN_OF, find_record, open_seal, read_manifest, read_record
 from warehouse.store_catalogue import list_record_folders as record_folders
 from warehouse.store_files import write_check_sums, write_parquet
 

@@ -12,9 +12,8 @@ from flows.requests import Monitor
 from flows.sealed_truth import show_truth
 from flows.specs import load_campaign, parse_spec
 from flows.steps import experiment, monitor
-from flows.steps.adopt import adopt, judge_adoption
 from flows.steps.diagnose import build_diagnose_request, diagnose_stored_runs, read_logs
-from flows.steps.model_choice import choose_model, resolve_adopted_model
+from flows.steps.model_choice import adopt, choose_model, judge_adoption, resolve_adopted_model
 from flows.steps.monitor import find_latest_diagnosis, group_runs_by_arm
 from flows.steps.rerun import rerun_experiment
 from flows.storage import read_verdict
@@ -28,9 +27,8 @@ from tests.once import once
 from warehouse import store_files
 from warehouse.queries import open_store, query_store_rows, select_run_ids
 from warehouse.record_commit import find_last_adoption
-from warehouse.runs import read_manifest
 from warehouse.sql_guard import NAMED
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import read_manifest, read_record
 from warehouse.store_files import ReadOnlyStoreError
 from warehouse.verification import verify_store
 from warehouse.view_schema import TRUTH

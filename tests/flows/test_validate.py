@@ -20,8 +20,7 @@ from sim.plant.closed_loop import build_servo_law, follow_goal
 from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
 from warehouse.record_ids import encode_canonical_json
-from warehouse.runs import open_seal, read_channels, read_run
-from warehouse.store_catalogue import read_record
+from warehouse.store_catalogue import open_seal, read_channels, read_record, read_run
 
 # The nominal model by itself on a run: open loop, feed-forward, and their record.
 

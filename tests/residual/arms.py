@@ -17,8 +17,8 @@ from residual.robot.robot import Robot, load_robot
 from residual.signals.splitting import find_session_start
 from residual.signals.track import FilterSettings
 from residual.verdict.result import Diagnosis
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.typical_sizes import draw_effect
 from tests.synthetic.logs import CHANGES, Case, LogPlan, make_case
 from tests.synthetic.quasi_static import Plant
 

@@ -9,12 +9,12 @@ from residual.effects import load_effects as sought
 from residual.effects.base import EffectTrait
 from residual.errors import InputError
 from sim import effects
-from sim.effect_draws import draw_plant_effect, list_drawable_effects
 from sim.effects import load_effects
 from sim.engine.plant_records import PlantSpec, SensorNoise, create_random_stream
 from sim.experiment import run_experiment
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
 from sim.plant.effect_catalogue import list_named_effects as named_effects
+from sim.plant.typical_sizes import draw_plant_effect, list_drawable_effects
 from tests.sim.plant_cases import ROBOT, effect, motion
 
 FOLDER = Path(effects.__file__).parent

@@ -8,7 +8,6 @@ import pytest
 
 from residual.robot.dynamics import find_flange_placement
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
-from sim.effect_draws import draw_plant_effect as draw_effect
 from sim.engine import friction_laws
 from sim.engine.plant_records import PlantSpec, create_random_stream
 from sim.engine.pybullet_world import BulletWorld
@@ -17,6 +16,7 @@ from sim.plant.closed_loop import SimulationTrace
 from sim.plant.effect_catalogue import apply_body_effects as with_bodies
 from sim.plant.effect_catalogue import list_plant_effects, resolve_effects
 from sim.plant.plant_arm import build_plant_arm
+from sim.plant.typical_sizes import draw_plant_effect as draw_effect
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 # Where the work of the motors goes: the books of a trace must balance.

@@ -10,7 +10,6 @@ import pytest
 from numpy.testing import assert_allclose
 
 from residual.errors import InputError, UnknownNameError
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise
 from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import create_random_stream as make_rng
@@ -21,6 +20,7 @@ from sim.plant import step_tables as at
 from sim.plant.closed_loop import SimulationDivergedError
 from sim.plant.effect_catalogue import check_effect, list_plant_effects, resolve_effects
 from sim.plant.sensors import simulate_torque_report
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.sim.plant_cases import ROBOT, drive, effect, motion
 
 pytestmark = pytest.mark.usefixtures("compiled_plant")

@@ -10,9 +10,13 @@ import pytest
 
 from residual.errors import InputError
 from residual.robot.dynamics import read_inertial_parameters as read_inertias
-from sim.effect_draws import draw_effect, list_drawable_effects
 from sim.engine.plant_records import create_random_stream
-from sim.plant.typical_sizes import compute_usual_motion_range, scatter_inertias
+from sim.plant.typical_sizes import (
+    compute_usual_motion_range,
+    draw_effect,
+    list_drawable_effects,
+    scatter_inertias,
+)
 from tests.sim import plant_cases
 from tests.sim.plant_cases import ROBOT
 from tests.synthetic import other_forms as forms

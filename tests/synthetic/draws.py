@@ -8,10 +8,10 @@ from residual.effects import load_effects
 from residual.effects import number_reported_joints as number_joints
 from residual.robot.robot import Robot
 from residual.verdict.result import Detectable
-from sim.effect_draws import draw_plant_effect
 from sim.effects.base import Rng
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.synthetic.amounts import (
     compute_effect_amount,
     convert_stated_size,

@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import SyntheticEffect, create_random_stream
+from sim.plant.typical_sizes import draw_effect
 from tests.synthetic.logs import LogPlan, make, write_csv
 from tests.synthetic.quasi_static import Plant
 

@@ -14,9 +14,9 @@ import numpy as np
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
-from sim.effect_draws import draw_plant_effect
 from sim.engine.plant_records import PlantEffect
 from sim.plant.effect_catalogue import check_effect, list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 from tests.synthetic.amounts import scale_effect
 from tests.synthetic.draws import MOST
 from tests.synthetic.visible import Stage, share

@@ -26,7 +26,6 @@ from flows.steps import demo
 from residual.recording import Array
 from residual.robot.dynamics import compute_inverse_dynamics
 from residual.robot.robot import Robot, load_robot
-from sim.effect_draws import draw_plant_effect
 from sim.effects.base import Rng
 from sim.engine.friction_laws import BRISTLE
 from sim.engine.plant_records import HIDDEN, PlantEffect, TrajectorySpec
@@ -34,6 +33,7 @@ from sim.engine.plant_records import ReferenceMotion as Motion
 from sim.engine.plant_records import SyntheticEffect as Effect
 from sim.engine.plant_records import create_random_stream as make_rng
 from sim.plant.effect_catalogue import list_drive_effects, list_plant_effects
+from sim.plant.typical_sizes import draw_plant_effect
 from sim.trajectories import plan_reference_motion
 from tests.synthetic.amounts import compute_effect_amount, scale_effect
 from tests.synthetic.draws import MOST

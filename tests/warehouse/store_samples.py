@@ -2,12 +2,13 @@
 
 import numpy as np
 
-import warehouse
 from flows.storage import build_effect_rows, build_error_view_rows
 from residual.recording import Recording
 from residual.verdict.document import from_json
 from tests.verdict_documents import whole_document
-from warehouse.record_commit import SealedTruth, commit_diagnosis, commit_run
+from warehouse.queries import open_store
+from warehouse.record_commit import commit_diagnosis, commit_run
+from warehouse.store_catalogue import SealedTruth
 
 DOF = 2
 
@@ -39,7 +40,7 @@ def commit(store, seed=0, kind="fourier", rows=50, **more):
 
 
 def ask(store, query, values=None):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         return opened.sql(query, values).to_pylist()
 
 

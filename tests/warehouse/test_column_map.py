@@ -232,7 +232,7 @@ def test_a_bag_says_when_its_first_message_was_recorded(samples, robot, tmp_path
 @pytest.mark.parametrize("text", ["", "2025", "2025-11-20T14:03:00", "1970-01-01T00:00Z"])
 def test_a_time_that_is_given_has_a_zone_and_is_possible(text):
     with pytest.raises(InputError, match="expected a date with time and zone"):
-        parse_timestamp(text, "--recorded-at")
+        parse_timestamp(text)
 
 
 @pytest.mark.parametrize(

@@ -17,9 +17,8 @@ from warehouse import code_provenance
 from warehouse.code_provenance import ROOT, hash_plant_code, list_plant_files
 from warehouse.code_provenance import format_uncommitted_change as uncommitted_change
 from warehouse.queries import open_store
-from warehouse.runs import read_manifest
 from warehouse.sql_guard import NAMED, TAKES
-from warehouse.store_catalogue import list_record_folders, read_record
+from warehouse.store_catalogue import list_record_folders, read_manifest, read_record
 
 # Which code made a record: its hash, its uncommitted changes, its commit.
 

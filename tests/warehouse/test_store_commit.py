@@ -17,8 +17,6 @@ from warehouse import record_ids
 from warehouse.code_provenance import hash_plant_code
 from warehouse.queries import open_store
 from warehouse.record_commit import (
-    ADOPTED,
-    ROLLED_BACK,
     AdoptionConflictError,
     ModelAdoption,
     commit_adoption,
@@ -26,16 +24,21 @@ from warehouse.record_commit import (
     commit_run,
     find_last_adoption,
     hash_sealed_spec,
-    read_adoption,
 )
-from warehouse.runs import open_seal, read_channels, read_manifest, read_run
 from warehouse.sql_guard import NAMED
 from warehouse.store_catalogue import (
+    ADOPTED,
+    ROLLED_BACK,
     StoredRecord,
     find_record,
     find_run,
     list_record_folders,
+    open_seal,
+    read_adoption,
+    read_channels,
+    read_manifest,
     read_record,
+    read_run,
 )
 from warehouse.store_files import write_check_sums
 from warehouse.verification import find_record_faults

@@ -9,14 +9,19 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.waiting import PATIENCE
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_campaign import RUNS, campaign
 from tests.warehouse.store_samples import flip
-from warehouse.runs import open_seal, quarantine_run, read_run
-from warehouse.store_catalogue import find_run, list_record_folders
+from warehouse.queries import open_store
+from warehouse.store_catalogue import (
+    find_run,
+    list_record_folders,
+    open_seal,
+    quarantine_run,
+    read_run,
+)
 from warehouse.store_files import SUMS, write_check_sums, write_parquet
 from warehouse.store_files import read_unverified_parquet as unverified_parquet
 from warehouse.verification import verify_store
@@ -36,7 +41,7 @@ def processes():
 
 
 def check(store):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         rows = opened.sql(
             "SELECT run_id, count(t) AS n FROM runs LEFT JOIN samples USING (run_id) "
             "GROUP BY run_id"
@@ -54,7 +59,7 @@ def check(store):
 
 def content(store):
     """Every value in the store, but for times of commits and the state of git."""
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         views = ("samples", "errors")
         tables = {view: opened.sql(f"FROM {view} ORDER BY ALL") for view in views}
         known = "SELECT * EXCLUDE (created, commit, dirty) FROM runs ORDER BY ALL"
@@ -162,11 +167,11 @@ def test_verify_names_a_file_that_is_gone(store, name):
 
 def test_damage_elsewhere_does_not_stop_a_query_over_one_run(store):
     folder, runs = store
-    with warehouse.open(folder) as opened:
+    with open_store(folder) as opened:
         before = opened.sql(SUM, {"id": runs[1]})
     # Not the first: every query reads in that one which columns all of them have.
     flip(find_run(folder, runs[2]).folder / "part-0.parquet")
-    with warehouse.open(folder) as opened:
+    with open_store(folder) as opened:
         assert opened.sql(SUM, {"id": runs[1]}) == before
 
 
@@ -175,14 +180,14 @@ def test_no_flipped_bit_changes_an_answer_silently(store):
     path = find_run(folder, runs[1]).folder / "part-0.parquet"
     every = "FROM samples ORDER BY run_id, t"  # a sum hangs on its order
     good, rng = path.read_bytes(), np.random.default_rng(5)
-    with warehouse.open(folder) as opened:
+    with open_store(folder) as opened:
         right = opened.sql(every)
     footer = 8 + int.from_bytes(good[-8:-4], "little")
     places = [*rng.integers(0, len(good), 6), *rng.integers(-footer, 0, 5)]
     noticed = 0
     for at in places:
         flip(path, int(at) % len(good), int(rng.integers(8)))
-        with warehouse.open(folder) as opened:
+        with open_store(folder) as opened:
             try:
                 answer = opened.sql(every)
             except InputError as error:
@@ -197,7 +202,7 @@ def test_a_file_that_a_query_names_is_checked_before_it_is_read(store):
     folder, runs = store
     row = find_run(folder, runs[1]).row
     query = f"SELECT dof FROM read_parquet('{row}')"
-    with warehouse.open(folder) as opened:
+    with open_store(folder) as opened:
         assert opened.sql(query).to_pylist() == [{"dof": 2}]
         flip(row)
         with pytest.raises(InputError, match=rf"{runs[1]}.* is damaged"):
@@ -212,7 +217,7 @@ def test_a_row_of_another_version_is_refused_in_one_sentence(store):
     write_parquet(run.row, unverified_parquet(run.row).drop_columns(["commit"]))
     write_check_sums(run.folder)
     with (
-        warehouse.open(folder) as opened,
+        open_store(folder) as opened,
         pytest.raises(InputError, match="lacks commit, which every record of runs has"),
     ):
         opened.sql("SELECT run_id FROM runs")

@@ -3,9 +3,9 @@
 import pyarrow as pa
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_record, commit_run
 from warehouse.sql_guard import NAMED
 from warehouse.store_catalogue import read_record
@@ -119,7 +119,7 @@ def fleet(tmp_path_factory):
         roles = {"fit": [run]}
         id = samples.store_verdict(store, document, {**MODEL, "of": run}, roles)
         diagnosed[arm, day] = id
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         yield lambda query, **each: opened.sql(query, each).to_pylist(), diagnosed
 
 

@@ -10,7 +10,6 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-import warehouse
 from flows.cli import main
 from residual.errors import InputError
 from residual.recording import Recording
@@ -19,9 +18,8 @@ from tests.warehouse.store_samples import ask
 from warehouse import record_ids
 from warehouse.queries import build_lineage_tree, open_store
 from warehouse.record_commit import commit_record, commit_run
-from warehouse.runs import read_run
 from warehouse.sql_guard import NAMED
-from warehouse.store_catalogue import find_record, find_run, list_record_ancestry
+from warehouse.store_catalogue import find_record, find_run, list_record_ancestry, read_run
 from warehouse.verification import compare_channels, compare_values
 from warehouse.verification import select_differing_channels as differing_channels
 
@@ -129,7 +127,7 @@ def test_a_full_disk_does_not_stop_questions(tmp_path):
 
 def test_an_answer_that_no_memory_holds_is_refused(tmp_path, monkeypatch):
     monkeypatch.setattr("warehouse.sql_guard.read_machine_memory", lambda: 400_000_000)
-    with warehouse.open(tmp_path) as store:
+    with open_store(tmp_path) as store:
         with pytest.raises(InputError, match=r"larger than 0\.093 GB, a quarter of .* Ask"):
             store.sql("FROM range(1000000000000)")
         with pytest.raises(InputError, match="Out of Memory"):
@@ -235,7 +233,7 @@ def test_what_a_record_or_an_alarm_refers_to_stays(store):
         {"alarms": table},
         parents={"watched": [alarmed]},
     )
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         rows = opened.sql(NAMED["old_runs"][1], {"days": "30"}).to_pylist()
         assert {row["run_id"] for row in rows} == {free, listed, tagged}
         assert opened.sql(NAMED["old_runs"][1], {"days": "90000"}).num_rows == 0
@@ -252,7 +250,7 @@ def test_a_run_that_is_moved_by_list_is_whole_in_other_folder(store, tmp_path, c
     (tmp_path / "old" / place).parent.mkdir(parents=True)
     (store / place).rename(tmp_path / "old" / place)
     np.testing.assert_array_equal(read_run(tmp_path / "old", id).q, before.q)
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         assert opened.sql("SELECT run_id FROM runs").to_pylist() == [{"run_id": kept}]
     with pytest.raises(InputError, match="Nothing in"):
         read_run(store, id)

@@ -7,15 +7,14 @@ import duckdb
 import pyarrow.parquet as pq
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.store_samples import ask
 from warehouse import view_schema
+from warehouse.queries import open_store
 from warehouse.record_commit import commit_run
-from warehouse.runs import quarantine_run, read_quarantine_reason, read_run
 from warehouse.sql_guard import NAMED, TAKES
-from warehouse.store_catalogue import find_run
+from warehouse.store_catalogue import find_run, quarantine_run, read_quarantine_reason, read_run
 from warehouse.store_files import write_check_sums
 
 
@@ -40,7 +39,7 @@ def store(template, tmp_path):
 
 @pytest.fixture(scope="module")
 def opened(template):
-    with warehouse.open(template) as store:
+    with open_store(template) as store:
         yield store
 
 
@@ -48,7 +47,7 @@ def opened(template):
 def test_every_view_has_the_columns_and_types_of_the_schema(tmp_path, store, full):
     folder = store if full else tmp_path / "empty"
     folder.mkdir(exist_ok=True)
-    with warehouse.open(folder) as opened:
+    with open_store(folder) as opened:
         for view, columns in view_schema.list_views().items():
             rows = opened.sql(f"FROM {view}")
             assert rows.column_names == [c.name for c in columns]
@@ -60,7 +59,7 @@ HELD = {"runs", "samples", "channels", "errors"}
 
 
 def test_every_named_query_runs_in_an_empty_store(tmp_path):
-    with warehouse.open(tmp_path) as opened:
+    with open_store(tmp_path) as opened:
         for name, (_, query) in NAMED.items():
             given = dict.fromkeys(TAKES.get(name, {}), "a")
             assert opened.sql(query, given).num_rows == 0, name
@@ -110,7 +109,7 @@ def test_the_errors_of_the_twin_are_those_of_the_samples(store):
 
 
 def test_an_opened_store_sees_what_is_committed_and_quarantined_since(store):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         count = "SELECT count(*) n FROM runs WHERE NOT quarantined"
         assert opened.sql(count).to_pylist() == [{"n": 3}]
         id = samples.commit(store, 8)
@@ -281,7 +280,7 @@ def test_a_damaged_file_is_named_and_the_others_are_read(store, how, which):
         read_run(store, id)
     total = "sum(COLUMNS(* EXCLUDE (robot, run_id)))"
     query = f"SELECT run_id, {total} FROM samples GROUP BY run_id"
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         for _ in range(2):
             with pytest.raises(InputError, match=f"{id}.* is damaged"):
                 opened.sql(query)
@@ -298,7 +297,7 @@ def test_a_damaged_row_is_named_and_the_others_are_listed(store):
     shutil.rmtree(store / "_index")
     path = find_run(store, ids[1]).row
     damage(path, "torn")
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         for view in ("runs", "samples", "lineage"):
             with pytest.raises(InputError, match=rf"{ids[1]}.* is damaged"):
                 opened.sql(f"FROM {view}")
@@ -313,7 +312,7 @@ def test_a_path_in_a_text_blames_no_file(store):
     run = find_run(store, ask(store, "FROM runs")[0]["run_id"])
     path = run.folder / "part-0.parquet"
     told = str(path).replace("'", "''")
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         with pytest.raises(InputError, match="Conversion Error"):
             opened.sql(f"SELECT '{told}'::INTEGER")
         assert opened.damaged == ()
@@ -337,17 +336,17 @@ def test_the_index_is_written_again(store, how):
 
 def test_a_path_that_is_no_store_is_told(tmp_path):
     with pytest.raises(InputError, match="There is no store at"):
-        warehouse.open(tmp_path / "nothing")
+        open_store(tmp_path / "nothing")
     other = tmp_path / "other"
     other.mkdir()
     (other / ".gitkeep").touch()
-    warehouse.open(other).close()
+    open_store(other).close()
     (other / "notes.txt").touch()
     with pytest.raises(InputError, match=r"is no store: expected .* got 'notes.txt'"):
-        warehouse.open(other)
+        open_store(other)
     (tmp_path / "a*b").mkdir()
     with pytest.raises(InputError, match="must not contain"):
-        warehouse.open(tmp_path / "a*b")
+        open_store(tmp_path / "a*b")
 
 
 def test_a_limit_of_time_leaves_no_thread_behind(opened, monkeypatch):

@@ -341,8 +341,7 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
         if len(listing) > MOST_FOUND:
             listing = f"{listing[:MOST_FOUND]}... ({len(columns)} columns in all)"
         raise MissingColumnsError(
-            f"{where}: missing column {abbreviate_column_names(missing)}{hint}; "
-            f"found {listing}.\n"
+            f"{where}: missing column {abbreviate_column_names(missing)}{hint}; found {listing}.\n"
             "Rename the columns, or say which is which with --map COLUMNS.toml."
         )
     for column in used:

@@ -265,8 +265,7 @@ class MemoryLog(LogFile):
                 self._columns[str(key)] = values
             else:
                 raise InputError(
-                    f"{name}: column '{shorten_value(str(key))}' has shape "
-                    f"{values.shape}, "
+                    f"{name}: column '{shorten_value(str(key))}' has shape {values.shape}, "
                     "expected one value per sample, or one per sample and joint."
                 )
         self.columns = tuple(self._columns)
@@ -314,11 +313,7 @@ def read_opened_log(
     file: str,
     window: LogWindow | None = None,
 ) -> tuple[Recording, LogSummary]:
-    """Read a log that is open, as `read_log`.
-
-    Args:
-        file: As the user wrote it, without the window.
-    """
+    """Read a log that is open, as `read_log`."""
     chosen = select_columns(log.columns, columns, robot, log.name)
     check_column_units(chosen, columns.time_unit, log.units, log.name)
     table = log.read(chosen.used)
@@ -389,11 +384,7 @@ def _samples(
     name: str,
     window: LogWindow | None,
 ) -> tuple[Recording, tuple[LogDoubt, ...]]:
-    """Return the samples that are numbers, and what is wrong with the log.
-
-    Args:
-        table: Columns of the file by name; used up.
-    """
+    """Return the samples that are numbers, and what is wrong with the log."""
     with np.errstate(over="ignore", invalid="ignore"):
         t = table[chosen.time] * columns.time_unit_seconds
     q = np.column_stack([table[c] for c in chosen.signals["q"].columns])

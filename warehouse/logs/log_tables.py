@@ -33,11 +33,7 @@ FIELD = "recorded_at"  # what the metadata of a Parquet file may say
 
 
 def convert_epoch_seconds(seconds: float) -> datetime | None:
-    """Return the moment that a clock of seconds since 1970 shows, UTC.
-
-    Returns:
-        The moment; None where the clock counts from elsewhere, as from being turned on.
-    """
+    """Return the moment of a clock of seconds since 1970, UTC; None where it counts otherwise."""
     if not _EARLIEST.timestamp() <= seconds < _LATEST.timestamp():
         return None
     return datetime.fromtimestamp(seconds, UTC)
@@ -52,12 +48,12 @@ def find_header_timestamp(lines: Iterable[str]) -> tuple[datetime | None, str | 
     return None, None
 
 
-def parse_timestamp(text: str, label: str) -> datetime:
+def parse_timestamp(text: str) -> datetime:
     """Return a moment that a user gave, in ISO 8601 with a zone."""
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
         raise InputError(
-            f"{label} '{text[:40]}': expected a date with time and zone, such as "
+            f"--recorded-at '{text[:40]}': expected a date with time and zone, such as "
             "2026-11-20T14:03:00+01:00, or with Z for UTC."
         )
     return moment
@@ -339,11 +335,7 @@ def _layout(
     samples: list[list[str]],
     numeric: list[int],
 ) -> TextTableLayout | None:
-    """Return the table whose samples begin in the last of some rows; None for none.
-
-    Args:
-        samples: Fields of its first rows.
-    """
+    """Return the table whose samples begin in the last of some rows; None for none."""
     stated: list[str] = []
     fields = samples[0]
     least = len(_clean(fields))

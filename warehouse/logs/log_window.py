@@ -102,11 +102,7 @@ def split_log_spec(spec: str) -> tuple[Path, LogWindow | None]:
 
 
 def create_unique_labels(specs: Sequence[str]) -> list[str]:
-    """Return a short label for each log, no two alike.
-
-    Returns:
-        File stems with their windows; with folders, then with numbers, where alike.
-    """
+    """Return a short label for each log, no two alike."""
     parts = [split_log_spec(spec) for spec in specs]
     tails = ["" if window is None else f"@{window.text}" for _, window in parts]
     ids = [f"{path.stem}{tail}" for (path, _), tail in zip(parts, tails, strict=True)]
@@ -135,8 +131,7 @@ def _existing(path: Path) -> Path:
     if not os.path.exists(path):
         raise InputError(
             f"No log file '{shorten_value(path)}'. Give a CSV, Parquet, MCAP or ROS "
-            "bag file, or, where a command reads the store, the id of a run "
-            "(modelgap runs)."
+            "bag file, or, where a command reads the store, the id of a run (modelgap runs)."
         )
     if not os.path.isfile(path):
         raise InputError(
@@ -257,12 +252,7 @@ def find_time_fault(t: Array, source: str) -> str | None:
 
 
 def find_implausible_samples(log: Recording, robot: Robot) -> tuple[LogDoubt, ...]:
-    """Check what a log says against what an arm can do.
-
-    Returns:
-        What no log of this arm can be: too short or too slow, without motion, or at
-        positions and speeds that the arm does not have; empty for a usable log.
-    """
+    """Return what no log of this arm can be: too short, too slow, without motion, out of range."""
     robot = drop_placeholder_limits(robot, [log])
     # Of what is out of range the speed says no more.
     checks = (_short(log), _constant(log))
@@ -434,8 +424,7 @@ def _out_of_range(recording: Recording, robot: Robot) -> LogDoubt | None:
     )
     words = (
         f"{recording.id}: q{joint + 1} runs from {low:.3g} to {high:.3g} rad, the "
-        f"joint's range is {robot.lower[joint]:.3g} to {robot.upper[joint]:.3g} rad.\n"
-        f"{hint}"
+        f"joint's range is {robot.lower[joint]:.3g} to {robot.upper[joint]:.3g} rad.\n{hint}"
     )
     kind, joints = ("angle_unit", ()) if degrees else ("out_of_range", (joint + 1,))
     return LogDoubt(kind, joints, words)

@@ -460,8 +460,7 @@ class _Drafter:
             self._doubt(
                 name,
                 f"no unit is stated; up to {np.nanmax(np.abs(q)):.4g} is beyond the "
-                f"joints' limits in rad, {'inside' if sure else 'still beyond'} them "
-                "in degrees",
+                f"joints' limits in rad, {'inside' if sure else 'still beyond'} them in degrees",
             )
             return "deg"
         elif self.preset.angle == "deg":

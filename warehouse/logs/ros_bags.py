@@ -183,8 +183,7 @@ def _complete(
             missing = next(n for n in required if n not in names)
             raise InputError(
                 f"{where} has messages without joint '{missing}', they have: "
-                f"{_some(message.names)}.\nGive a topic whose messages have all joints "
-                "of the arm."
+                f"{_some(message.names)}.\nGive a topic whose messages have all joints of the arm."
             )
     if kept:
         return kept

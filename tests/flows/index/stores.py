@@ -7,9 +7,9 @@ from pathlib import Path
 from flows.storage import store_report
 from tests.flows.report_outcomes import given_value
 from tests.warehouse import store_samples as samples
-from warehouse.record_commit import ADOPTED, ModelAdoption, commit_record
 from warehouse.record_commit import commit_adoption as adopt_model
-from warehouse.store_catalogue import read_record
+from warehouse.record_commit import commit_record
+from warehouse.store_catalogue import ADOPTED, ModelAdoption, read_record
 from warehouse.view_schema import build_view_table
 
 EVIL = '"><img src=x onerror=alert(1)>&'

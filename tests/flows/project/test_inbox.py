@@ -14,6 +14,7 @@ from flows.project import read_project
 from flows.steps import inbox as run
 from flows.steps.inbox import (
     KNOWN,
+    LOCK,
     STORED,
     WAITING,
     LogImport,
@@ -22,16 +23,16 @@ from flows.steps.inbox import (
     import_log,
     list_inboxes,
     list_logs,
-    lock_inbox,
     select_unchanged,
 )
+from flows.workers import lock_file
 from tests.checkout import ROOT
 from tests.residual.arms import urdf_text
 from tests.residual.identified import AXES, logs
 from tests.synthetic.logs import write_csv
 from tests.warehouse import store_samples as samples
 from warehouse.record_commit import commit_record
-from warehouse.runs import read_manifest
+from warehouse.store_catalogue import read_manifest
 
 TEXT = """schema = 1
 [[robot]]
@@ -117,7 +118,7 @@ def test_another_log_of_a_name_that_is_taken_loses_nothing(place, csv):
 def test_two_do_not_take_from_one_inbox_at_once(place, csv):
     (place / "in/a.csv").write_text(csv[0])
     (inbox,) = list_inboxes(read_project(place))
-    with lock_inbox(place / "in") as ours:
+    with lock_file(place / "in" / LOCK) as ours:
         assert ours
         (taken,) = import_inbox_logs(inbox, list_logs(place / "in"), lambda runs: None)
     assert (taken.status, (place / "in/a.csv").exists()) == (WAITING, True)

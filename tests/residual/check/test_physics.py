@@ -9,8 +9,8 @@ from benchmarks.check_parts.arms import SIX, host, other_arms
 from residual.check.check import check_logs, list_odd_logs
 from residual.check.result import Repair
 from residual.robot.robot import replace_gravity
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import draw_effect
 from tests.residual.check.damaged import clean_logs, edited, kinds, swapped, times, turned
 
 DAMAGES = {

@@ -6,8 +6,8 @@ from unittest.mock import patch
 from residual.diagnosis.diagnose import diagnose
 from residual.diagnosis.open_question import build_open_question
 from residual.robot.robot import load_robot
-from sim.effect_draws import draw_effect
 from sim.engine.plant_records import create_random_stream
+from sim.plant.typical_sizes import draw_effect
 from tests.synthetic.logs import LogPlan, make
 from tests.synthetic.quasi_static import Plant
 

@@ -4,11 +4,11 @@ import os
 
 import pytest
 
-import warehouse
 from flows.settings import resolve_store_folder
 from residual.errors import InputError
 from warehouse import bucket
 from warehouse.bucket import is_bucket_address, parse_bucket_address
+from warehouse.queries import open_store
 
 
 @pytest.fixture(autouse=True)
@@ -56,7 +56,7 @@ def test_any_other_scheme_is_refused_and_no_folder_is_made(word, tmp_path, monke
     with pytest.raises(InputError, match=r"xpected|may have"):
         resolve_store_folder(word)
     with pytest.raises(InputError):
-        warehouse.open(word)
+        open_store(word)
     assert list(tmp_path.iterdir()) == []
 
 

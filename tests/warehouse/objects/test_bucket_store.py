@@ -8,22 +8,28 @@ import numpy as np
 import pyarrow.parquet as pq
 import pytest
 
-import warehouse
 from residual.errors import InputError
 from tests.warehouse import store_samples as samples
 from tests.warehouse.objects.conftest import Breaking, Careless, KilledError, folder_for
 from warehouse import remote_store, store_catalogue
 from warehouse.bucket import open_bucket
+from warehouse.queries import open_store
 from warehouse.record_commit import (
-    ADOPTED,
     AdoptionConflictError,
     ModelAdoption,
     commit_adoption,
     commit_run,
 )
-from warehouse.remote_store import IDENTITY
-from warehouse.runs import has_seal, open_seal, quarantine_run, read_run
-from warehouse.store_catalogue import find_record, list_record_folders
+from warehouse.record_ids import build_seal_path
+from warehouse.remote_store import IDENTITY, record_exists
+from warehouse.store_catalogue import (
+    ADOPTED,
+    find_record,
+    list_record_folders,
+    open_seal,
+    quarantine_run,
+    read_run,
+)
 from warehouse.verification import verify_store
 from warehouse.view_schema import KINDS
 
@@ -71,7 +77,7 @@ def test_sql_answers_as_from_a_folder_and_reaches_nothing_else(store, memory, tm
         "FROM lineage ORDER BY ALL",
     )
     other = forget_copies(store, memory, tmp_path)
-    with warehouse.open(tmp_path / "folder") as one, warehouse.open(other) as two:
+    with open_store(tmp_path / "folder") as one, open_store(other) as two:
         for query in queries:
             assert one.sql(query).equals(two.sql(query)), query
         seal = f"sealed/run_id={run}/truth.parquet"
@@ -119,12 +125,12 @@ def check(store):
     if not store.is_dir():
         return 0, 0, 0
     assert faults(store) == []
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         runs = opened.sql("SELECT run_id FROM runs").column(0).to_pylist()
         count = opened.sql("SELECT count(*) AS n FROM samples").to_pylist()[0]["n"]
         assert opened.damaged == ()
     for id in runs:
-        assert has_seal(store, id)
+        assert record_exists(build_seal_path(store, id))
         assert read_run(store, id).dof == samples.DOF
     assert count == 50 * len(runs)
     return len(runs), *(len(list_record_folders(store, k)) for k in ALL[1:])
@@ -165,7 +171,7 @@ def test_a_flipped_bit_in_the_bucket_is_no_result(store, memory, tmp_path):
     other = forget_copies(store, memory, tmp_path)
     with pytest.raises(InputError, match="is damaged in the bucket"):
         read_run(other, run)
-    with warehouse.open(other) as opened:
+    with open_store(other) as opened:
         with pytest.raises(InputError, match="damaged in the bucket"):
             opened.sql("SELECT sum(COLUMNS('[a-z]+[0-9]')), sum(t) FROM samples")
         kept = opened.sql("SELECT DISTINCT run_id FROM samples", without_damaged=True)
@@ -223,7 +229,7 @@ def row_count(bucket, tmp_path):
 
 
 def run_ids(store):
-    with warehouse.open(store) as opened:
+    with open_store(store) as opened:
         return set(opened.sql("SELECT run_id FROM runs").column(0).to_pylist())
 
 
@@ -284,7 +290,7 @@ def test_rows_of_another_version_are_read_from_records(store, memory, began, tmp
     pq.write_table(pq.read_table(path).drop_columns(["seed"]), path)
     memory.put("_index/runs.parquet", path.read_bytes())
     other = folder_for(memory, tmp_path / "cache" / "other")
-    with warehouse.open(other) as opened:
+    with open_store(other) as opened:
         seeds = opened.sql("SELECT seed FROM runs").column(0).to_pylist()
     assert np.array_equal(sorted(seeds), [0, 1, 2])
     assert "seed" in KINDS["runs"].fields.names
@@ -328,11 +334,11 @@ def test_a_store_is_there_for_who_comes_with_nothing_but_its_address(
     bucket_store, tmp_path, monkeypatch
 ):
     with pytest.raises(InputError, match=f"There is no store at {bucket_store}"):
-        warehouse.open(bucket_store)
+        open_store(bucket_store)
     run = samples.commit(remote_store.find_local_copy(bucket_store), 1)
     monkeypatch.setenv(remote_store.CACHE, str(tmp_path / "another machine"))
     remote_store.close_buckets()
-    with warehouse.open(bucket_store) as opened:
+    with open_store(bucket_store) as opened:
         rows = opened.sql("SELECT run_id, avg(q1) AS q FROM samples GROUP BY run_id")
         assert [v.faults for v in verify_store(opened.path) if v.faults] == []
     assert rows.to_pylist() == [
