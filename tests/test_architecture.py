@@ -317,3 +317,9 @@ def test_no_parameter_is_a_bag_of_unlike_things():
                     if arg.annotation and _is_bag(arg.annotation, aliases)
                 ]
     assert wrong == []
+
+
+def test_each_fault_of_the_mutation_check_has_one_place():
+    faults = tomllib.loads((ROOT / "tests" / "mutations.toml").read_text("utf-8"))["faults"]
+    counts = {text: (ROOT / file).read_text("utf-8").count(text) for file, text, _ in faults}
+    assert {text: count for text, count in counts.items() if count != 1} == {}
