@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 import modelgap as mg
+from flows import cli as commands
 from flows.cli import app
-from flows.cli import app as commands
 from residual.effects import load_effects
 from residual.model.nominal import DEFAULT_DECLARED
 from scripts.docs_site import pages
