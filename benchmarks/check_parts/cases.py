@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
@@ -52,11 +52,6 @@ class Task:
     host: str  # which arm; of "effects" what it hides
     seed: int  # of motions, arm, noise, and of where the fault is
     quick: bool = False  # whether to do a part only
-
-    @property
-    def name(self) -> str:
-        """Key of the result."""
-        return " ".join(map(str, asdict(self).values()))
 
 
 def jobs(args: argparse.Namespace) -> dict[str, Task]:

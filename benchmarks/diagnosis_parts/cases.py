@@ -178,12 +178,6 @@ class Task:
     # Size, as a share of the torque of the joint; None where the group has no sizes.
     share: float | None = None
 
-    @property
-    def name(self) -> str:
-        """Key of the result."""
-        parts = asdict(self).values()
-        return " ".join(str(part) for part in parts if part not in ("", None))
-
 
 def jobs(args: argparse.Namespace) -> dict[str, Task]:
     seeds = seed_range(args.seeds)

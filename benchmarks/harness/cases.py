@@ -7,6 +7,7 @@ so that an interrupted run continues where it stopped.
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import astuple
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -51,7 +52,8 @@ def run_cases(
 
 
 def named(tasks: Iterable[Any]) -> dict[str, Any]:
-    return {task.name: task for task in tasks}
+    """Return cases, which are records, by their fields in words."""
+    return {" ".join(str(x) for x in astuple(t) if x not in ("", None)): t for t in tasks}
 
 
 def by_group(rows: Iterable[Mapping]) -> dict[str, list[Mapping]]:
