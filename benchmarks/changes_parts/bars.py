@@ -5,6 +5,7 @@ A row is one case by one method (`answers.run`). A refused case has no name.
 
 import argparse
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 from statistics import median
 
 from scipy.stats import binomtest
@@ -53,16 +54,7 @@ def token(size: float) -> str:
     return f"{100 * size:g}".replace(".", "_")
 
 
-def _names(row: Mapping) -> bool:
-    return bool(row["names"])
-
-
-def _right(row: Mapping) -> bool:
-    return row["right_first"]
-
-
-def _flagged(row: Mapping) -> bool:
-    return row["flagged_right"]
+_names, _right = itemgetter("names"), itemgetter("right_first")
 
 
 def _same_direction(row: Mapping) -> bool:
@@ -77,7 +69,7 @@ def _near(row: Mapping) -> bool:
 _TABLES: Mapping[str, tuple[Line, ...]] = {
     draw.UNCHANGED: (
         Line("unchanged_named", _names, 0.02, most=True),
-        Line("unchanged_flagged", lambda r: bool(r["flagged"])),
+        Line("unchanged_flagged", itemgetter("flagged")),
     ),
     draw.DRIFT: (
         Line("drift_named", _names, 0.02, most=True),
@@ -85,13 +77,13 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("drift_within_two_deviations", _near, of=lambda r: r["factor"]),
     ),
     draw.UNNAMED: (
-        Line("unnamed_flagged", _flagged, 0.90),
+        Line("unnamed_flagged", itemgetter("flagged_right"), 0.90),
         Line("unnamed_named", _names, 0.02, most=True),
     ),
     draw.REAL_UNCHANGED: (
         Line("measured_ur10e_named", _names, of=lambda r: r["arm"] == UR10E),
         Line("measured_others_named", _names, of=lambda r: r["arm"] != UR10E),
-        Line("measured_refused", lambda r: bool(r["refused"])),
+        Line("measured_refused", itemgetter("refused")),
     ),
 }
 

@@ -3,6 +3,7 @@
 import argparse
 from collections import defaultdict
 from collections.abc import Mapping
+from operator import itemgetter
 
 import numpy as np
 
@@ -79,12 +80,7 @@ def _blames_log(row: Mapping) -> bool:
     return any(sure and kind != "robot_file" for kind, _, sure in row["said"])
 
 
-def _hit(row: Mapping) -> bool:
-    return row["hit"]
-
-
-def _is_exact(mended: Mapping) -> bool:
-    return mended["exact"]
+_hit, _is_exact = itemgetter("hit"), itemgetter("exact")
 
 
 def _is_ambiguous(row: Mapping) -> bool:
@@ -119,7 +115,7 @@ _OF_EXPLAINED = (
     Line("zeros_named", _hit, 0.95, of=lambda r: r["kind"] == "zero"),
     Line("gains_named", _hit, 0.80, of=lambda r: r["kind"] == "gain"),
     Line("pairs_named", _hit, 0.90, of=lambda r: r["kind"] == "pair"),
-    Line("explained_certain", lambda r: r["certain"], 0.0, of=_is_ambiguous, most=True),
+    Line("explained_certain", itemgetter("certain"), 0.0, of=_is_ambiguous, most=True),
 )
 _FLAWS = Line("file_flaws_named", _hit, 0.90)
 _MASSES = Line("masses_named", _hit, 0.90, of=_is_far)

@@ -152,11 +152,11 @@ def _files(task: Task) -> list[dict]:
         arm = host(task.host, SETS * task.seed + part)
         rng = create_random_stream(task.seed, f"files/{task.host}/{part}")
         for _ in range(FILES):
-            drawn = file_flaws.draw_flawed(arm, rng)
-            named = {flaw.link for flaw in drawn.robot.flaws}
-            row = _sound(drawn.robot, arm.logs, task, file_flaws.FLAWED)
-            hit = {"kind": "robot_file", "hit": set(drawn.links) <= named}
-            rows.append(row | hit | {"joints": list(drawn.links)})
+            robot, links = file_flaws.draw_flawed(arm, rng)
+            named = {flaw.link for flaw in robot.flaws}
+            row = _sound(robot, arm.logs, task, file_flaws.FLAWED)
+            hit = {"kind": "robot_file", "hit": set(links) <= named}
+            rows.append(row | hit | {"joints": links})
             robot, factor = file_flaws.draw_scaled(arm, rng)
             row = _sound(robot, arm.logs, task, file_flaws.SCALED)
             hit = any(kind in ("torque_unit", "gear_ratio") for kind, *_ in row["said"])
