@@ -12,7 +12,7 @@ from scipy.stats import binomtest
 
 from benchmarks.changes_parts import draw
 from benchmarks.changes_parts.answers import PEER, PROGRAM
-from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, between, lines, per, within_two_deviations
 from benchmarks.measured_parts.arms import UR10E
@@ -28,17 +28,12 @@ _DRIFTED = 0.03  # a smaller change of friction need not be found
 def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
     good = [row for row in rows if "error" not in row]
     ours, peers = (
-        {
-            group: [r for r in good if r["method"] == method and r["group"] == group]
-            for group in draw.GROUPS
-        }
-        for method in (PROGRAM, PEER)
+        by_group(row for row in good if row["method"] == method) for method in (PROGRAM, PEER)
     )
     figures: Figures = {}
     for group, of_group in ours.items():
-        if of_group:
-            figures |= lines(_TABLES.get(group, ()), of_group)
-            figures |= _MORE[group](of_group) if group in _MORE else {}
+        figures |= lines(_TABLES.get(group, ()), of_group)
+        figures |= _MORE[group](of_group) if group in _MORE else {}
     figures |= _load_error(ours[draw.CHANGE])
     figures |= _seconds([*ours[draw.UNCHANGED], *ours[draw.CHANGE]])
     for group in (draw.UNCHANGED, draw.DRIFT, draw.UNNAMED, draw.REAL_UNCHANGED):

@@ -82,9 +82,8 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
 
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error."""
-    do = {"faults": _faults, "clean": _clean, "explained": _explained, "files": _files}
-    do |= {"effects": _effects, "large_effects": _effects}
-    do = do[task.group]
+    do = {"faults": _compared, "explained": _compared, "clean": _clean, "files": _files}
+    do = do.get(task.group, _effects)
     if "effects" not in task.group and host(task.host, task.seed) is None:
         return {"rows": []}
     return {"rows": do(task)}
@@ -102,21 +101,13 @@ def summary(result: Mapping) -> str:
     return f"{len(rows)} cases, missed: {', '.join(missed)}; told of sound logs: {told}"
 
 
-def _faults(task: Task) -> list[dict]:
-    return _compared(task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)})
-
-
-def _explained(task: Task) -> list[dict]:
-    return _compared(task, EXPLAINED)
-
-
-def _compared(task: Task, faults: Mapping[str, Fault]) -> list[dict]:
-    rows = []
-    for kind, make_faulty in faults.items():
+def _compared(task: Task) -> list[dict]:
+    rows, faults = [], EXPLAINED if task.group == "explained" else FAULTS
+    for kind in _QUICK_KINDS if task.quick else faults:
         for size in range(1 if task.quick else SIZES):
             arm = host(task.host, task.seed)
             rng = create_random_stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
-            faulty = make_faulty(arm, size, rng)
+            faulty = faults[kind](arm, size, rng)
             if faulty is not None:
                 about = {"group": task.group, "host": arm.name, "seed": task.seed}
                 about |= {"size": size, "kind": kind, "joints": list(faulty.joints)}

@@ -118,14 +118,13 @@ def paired(truths: Sequence, claims: Sequence, fits: Callable) -> set[int]:
 
 
 def _outcome(
-    drawn: str, named: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
+    drawn: str, named: bool, right_first: bool, complete: bool, by_class: bool, flagged: bool
 ) -> str:
     if not named:
         quiet = RIGHT if drawn == NOTHING else SILENT
         return FLAGGED if flagged else quiet
     if drawn in (NOTHING, UNKNOWN) or not right_first:
         return WRONG
-    complete, by_class = state
     if not complete:
         return PART
     return CLASS if by_class else RIGHT
@@ -174,7 +173,7 @@ def case_row(
     said = [s for s in claims if s.finding == 0]
     right = [s for s in said if all(s is not f for f in free)]
     count = sum(h is not None for h in (*hits, *classes))
-    state = (count == len(hits), any(c is not None for c in classes))
+    complete, by_class = count == len(hits), any(c is not None for c in classes)
     first, second, *_ = *([n.effect, list(n.joints), x] for n, x in hidden), None, None
     each = zip(names, hits, truths, strict=False)
     found = [(name.effect, deviation(claim, true)) for name, claim, true in each]
@@ -185,7 +184,7 @@ def case_row(
         "verdict": verdict.verdict,
         "named_first": (right or said)[0].name.effect if said else None,
         "named": len(claims),
-        "outcome": _outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
+        "outcome": _outcome(drawn, bool(claims), bool(right), complete, by_class, bool(flagged)),
         "found": count,
         "extra": sum(s.name not in _parts(names, hits) for s in free),
         "joint_right": _right(names, [s.name for s in said], flagged),
