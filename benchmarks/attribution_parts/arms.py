@@ -10,16 +10,13 @@ from functools import lru_cache
 
 import numpy as np
 
-from benchmarks.harness import logs
-from benchmarks.harness.logs import PAUSE, RATE
-from residual.recording import Recording
+from benchmarks.harness.logs import Logs, list_motions, record
 from residual.robot.robot import Robot, build_robot, load_robot
-from sim.engine.plant_records import PlantEffect, ReferenceMotion, create_random_stream
+from sim.engine.plant_records import PlantEffect, ReferenceMotion
 from sim.plant.sensors import WHITE_TORQUE
 from sim.plant.typical_sizes import draw_plant_effect, estimate_typical_sizes
 from tests.synthetic.amounts import scale_effect
 from tests.synthetic.light_arm import draw_light_arm
-from tests.synthetic.motions import make_motion
 from tests.synthetic.quasi_static import Plant, true_torque
 
 Array = np.ndarray
@@ -54,15 +51,6 @@ class Arm:
         return Plant(self.robot, tuple(effects), self.seed, scatter=self.off)
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Logs:
-    """The logs of one case."""
-
-    robot: Robot
-    fit: tuple[Recording, ...]
-    held_out: tuple[Recording, ...]
-
-
 @lru_cache(maxsize=1)
 def six() -> Robot:
     """Return the built-in arm; what its file assumes of the drives is given here."""
@@ -77,22 +65,12 @@ def six() -> Robot:
 def make(arm: Arm, effects: Sequence[PlantEffect]) -> Logs:
     plant, seconds = arm.plant(effects), 12.0 if arm.quick else 20.0
     fit, held_out = (_QUICK_FIT, _QUICK_HELD_OUT) if arm.quick else (FIT, HELD_OUT)
-    made = []
-    for place, family in enumerate((*fit, *held_out)):
-        name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
-        start = place * (seconds + PAUSE)
-        made.append(record(arm, plant, name, motion(arm, name, family, seconds), start))
-    return Logs(arm.robot, tuple(made[: len(fit)]), tuple(made[len(fit) :]))
-
-
-def motion(arm: Arm, name: str, family: str, seconds: float) -> ReferenceMotion:
-    rng = create_random_stream(arm.seed, f"motion/{name}")
-    return make_motion(family, arm.robot, seconds, RATE, rng)
-
-
-def record(arm: Arm, plant: Plant, name: str, path: ReferenceMotion, start: float) -> Recording:
     span = estimate_typical_sizes(arm.robot).torque * _NOISE / WHITE_TORQUE
-    return logs.record(plant, path, name, arm.noise, start, span=span, step=_STEP)
+    made = [
+        record(plant, path, name, arm.noise, start, span=span, step=_STEP)
+        for name, path, start in list_motions(arm.robot, fit, held_out, seconds, arm.seed)
+    ]
+    return Logs(arm.robot, tuple(made[: len(fit)]), tuple(made[len(fit) :]))
 
 
 Rng = np.random.Generator
@@ -126,7 +104,7 @@ def draw_set(arm: Arm, rng: Rng) -> list[PlantEffect]:
         kind = str(rng.choice(list(DRIVES)))
         size = float(rng.uniform(*_DRIVE) * getattr(given, kind)[joint - 1])
         made.append(PlantEffect(kind, (int(joint),), ((DRIVES[kind], size),)))
-    first = motion(arm, f"fit_0_{FIT[0]}", FIT[0], 20.0)
+    ((_, first, _),) = list_motions(arm.robot, FIT[:1], (), 20.0, arm.seed)
     return [effect for effect in made if _share_of(arm, first, effect) >= _LEAST]
 
 

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Mapping
+from operator import itemgetter
 
 from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import Figures, figure, undecided
@@ -17,12 +18,11 @@ def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
 
 def _unchanged(rows: Rows) -> Figures:
     entry = figure(sum(bool(r["said"]) for r in rows), 0, len(rows))
-    flagged = Line("unchanged_flagged", lambda r: bool(r["unexplained"]))
+    flagged = Line("unchanged_flagged", itemgetter("unexplained"))
     return {"unchanged_named": entry} | lines([flagged], rows)
 
 
-def _exact(row: Mapping) -> bool:
-    return row["exact"]
+_exact = itemgetter("exact")
 
 
 def _exact_or_listed(row: Mapping) -> bool:

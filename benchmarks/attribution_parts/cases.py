@@ -23,13 +23,13 @@ def compare(verdict: Verdict, planted: Sequence[Name]) -> dict:
     """
     said = members(verdict)
     classes = [[s.name, *s.alike] for s in said]
-    owners = paired(planted, classes, lambda truth, own: truth in own)
+    true = len(paired(planted, classes, lambda truth, own: truth in own))
     listed = [[n for place in one.set for n in _apart(place)] for one in verdict.alternatives]
     exact, wanted = len(said) == len(planted), sorted(map(str, planted))
     return {
         "said": [[_plain(n) for n in names] for names in classes],
-        "true": len(owners),
-        "exact": exact and len(owners) == len(planted),
+        "true": true,
+        "exact": exact and true == len(planted),
         "listed": any(sorted(map(str, one)) == wanted for one in listed),
         "unexplained": list(verdict.unexplained.joints),
     }
@@ -62,7 +62,7 @@ class Task:
 
     @property
     def name(self) -> str:
-        """Key of the result."""
+        """What its draws are called by."""
         return " ".join(str(part) for part in asdict(self).values())
 
     @property

@@ -12,7 +12,7 @@ import numpy as np
 
 from benchmarks.changes_parts import arms, draw, peer, real
 from benchmarks.harness.cases import guarded
-from benchmarks.hidden.score import Claim, Name, matched, members
+from benchmarks.hidden.score import Claim, Name, deviation, matched, members
 from benchmarks.measured_parts import arms as measured
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
@@ -130,9 +130,8 @@ def ask_program(logs: Logs) -> Answer:
 def ask_peer(logs: Logs) -> Answer:
     """Ask the peer, which names one effect at most."""
     start = process_time()
-    changes = peer.changes(logs.robot.model, logs.first, logs.second)
+    best = peer.find_change(logs.robot.model, logs.first, logs.second)
     seconds = process_time() - start
-    best = next((change for change in changes if change.is_named), None)
     if best is None:
         return Answer(seconds=seconds)
     joints = (best.joint,) if best.joint else ()
@@ -165,9 +164,8 @@ def _estimate(truth: tuple[Name, Mapping], claim: Claim | None) -> dict:
     key = find_main_parameter(truth[0].effect, truth[1])
     value, std = claim.values.get(str(key), (None, None)) if claim else (None, None)
     true = float(truth[1][key]) if key else None
-    z = None
-    if value is not None and std and np.isfinite(std):
-        z = None if truth[0].effect in _NO_SIZE else (value - true) / std
+    sized = std and np.isfinite(std) and truth[0].effect not in _NO_SIZE
+    z = deviation(claim, truth[1]) if sized else None
     return {"key": key, "value": value, "true": true, "z": z}
 
 

@@ -5,13 +5,14 @@ A row is one case by one method (`answers.run`). A refused case has no name.
 
 import argparse
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 from statistics import median
 
 from scipy.stats import binomtest
 
 from benchmarks.changes_parts import draw
 from benchmarks.changes_parts.answers import PEER, PROGRAM
-from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, between, lines, per, within_two_deviations
 from benchmarks.measured_parts.arms import UR10E
@@ -27,17 +28,12 @@ _DRIFTED = 0.03  # a smaller change of friction need not be found
 def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
     good = [row for row in rows if "error" not in row]
     ours, peers = (
-        {
-            group: [r for r in good if r["method"] == method and r["group"] == group]
-            for group in draw.GROUPS
-        }
-        for method in (PROGRAM, PEER)
+        by_group(row for row in good if row["method"] == method) for method in (PROGRAM, PEER)
     )
     figures: Figures = {}
     for group, of_group in ours.items():
-        if of_group:
-            figures |= lines(_TABLES.get(group, ()), of_group)
-            figures |= _MORE[group](of_group) if group in _MORE else {}
+        figures |= lines(_TABLES.get(group, ()), of_group)
+        figures |= _MORE[group](of_group) if group in _MORE else {}
     figures |= _load_error(ours[draw.CHANGE])
     figures |= _seconds([*ours[draw.UNCHANGED], *ours[draw.CHANGE]])
     for group in (draw.UNCHANGED, draw.DRIFT, draw.UNNAMED, draw.REAL_UNCHANGED):
@@ -53,16 +49,7 @@ def token(size: float) -> str:
     return f"{100 * size:g}".replace(".", "_")
 
 
-def _names(row: Mapping) -> bool:
-    return bool(row["names"])
-
-
-def _right(row: Mapping) -> bool:
-    return row["right_first"]
-
-
-def _flagged(row: Mapping) -> bool:
-    return row["flagged_right"]
+_names, _right = itemgetter("names"), itemgetter("right_first")
 
 
 def _same_direction(row: Mapping) -> bool:
@@ -77,7 +64,7 @@ def _near(row: Mapping) -> bool:
 _TABLES: Mapping[str, tuple[Line, ...]] = {
     draw.UNCHANGED: (
         Line("unchanged_named", _names, 0.02, most=True),
-        Line("unchanged_flagged", lambda r: bool(r["flagged"])),
+        Line("unchanged_flagged", itemgetter("flagged")),
     ),
     draw.DRIFT: (
         Line("drift_named", _names, 0.02, most=True),
@@ -85,13 +72,13 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
         Line("drift_within_two_deviations", _near, of=lambda r: r["factor"]),
     ),
     draw.UNNAMED: (
-        Line("unnamed_flagged", _flagged, 0.90),
+        Line("unnamed_flagged", itemgetter("flagged_right"), 0.90),
         Line("unnamed_named", _names, 0.02, most=True),
     ),
     draw.REAL_UNCHANGED: (
         Line("measured_ur10e_named", _names, of=lambda r: r["arm"] == UR10E),
         Line("measured_others_named", _names, of=lambda r: r["arm"] != UR10E),
-        Line("measured_refused", lambda r: bool(r["refused"])),
+        Line("measured_refused", itemgetter("refused")),
     ),
 }
 

@@ -56,7 +56,7 @@ class Slot:
 
     @property
     def name(self) -> str:
-        """Key of its result."""
+        """What its draws are called by."""
         return f"{self.group} {self.seed}/{self.index} {self.target:g}"
 
 

@@ -41,19 +41,14 @@ class Change:
     estimate: Array  # its coefficients. Shape (k,).
     share: float  # RMS of its torque over that of the joint, where it is largest
 
-    @property
-    def is_named(self) -> bool:
-        """Whether it is large and sure enough to be named."""
-        return self.evidence >= THRESHOLD and self.share >= LEAST_SHARE
-
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Log:
     """One log, filtered, at few rows a second; m rows."""
 
-    common: list[Array]  # what each joint has in both epochs. dof of shape (m, p).
+    common: Array  # what each joint has in both epochs. Shape (m, dof, p).
     tau: Array  # torque. Shape (m, dof).
-    local: list[Array]  # candidates of each joint. dof of shape (m, c).
+    local: Array  # candidates of each joint. Shape (m, dof, c).
     shared: dict[str, Array]  # candidates of the whole arm. Each of shape (m, dof, k).
     moves: Array  # rows that count. Shape (m, dof).
     t: Array  # time since the first row [s]. Shape (m,).
@@ -65,7 +60,8 @@ class _Joint:
 
     common: Array  # what it has in both epochs, of one size. Shape (m, p).
     inverse: Array  # of the Gram matrix of these. Shape (p, p).
-    residual: Array  # torque less what these explain. Shape (m,).
+    noise: float  # RMS of what these leave of the torque
+    residual: Array  # what they leave, over the noise. Shape (m,).
     local: Array  # candidates of its own. Shape (m, c).
     shared: dict[str, Array]  # its part of those of the arm. Each of shape (m, k).
     second: Array  # whether a row is of the second epoch. Shape (m,).
@@ -74,23 +70,14 @@ class _Joint:
     rms: float
 
     def without_common(self, columns: Array) -> Array:
-        """Return columns less what the common ones explain of them."""
-        return _project(self.common, self.inverse, columns)
-
-    @cached_property
-    def variance(self) -> float:
-        """Of what is left of the torque."""
-        return max(float(self.residual @ self.residual) / len(self.residual), 1e-12)
+        """Return columns less what the common ones explain of them, over the noise."""
+        explained = self.common @ (self.inverse @ (self.common.T @ columns))
+        return (columns - explained) / self.noise
 
     @cached_property
     def in_second(self) -> Array:
         """Own candidates in the second epoch alone, less the common columns. (m, c)."""
         return self.without_common(self.local * self.second[:, None])
-
-    @cached_property
-    def in_both(self) -> Array:
-        """Own candidates less the common columns. Shape (m, c)."""
-        return self.without_common(self.local)
 
     def share(self, columns: Array, theta: Array) -> float:
         """Return RMS of a change in the second epoch over RMS of the torque."""
@@ -98,10 +85,10 @@ class _Joint:
         return float(np.sqrt(((columns @ theta) ** 2).mean() / there)) / self.rms
 
 
-def changes(
+def find_change(
     model: pin.Model, first: Sequence[Recording], second: Sequence[Recording]
-) -> list[Change]:
-    """Return all candidates, best first."""
+) -> Change | None:
+    """Return the likeliest candidate that is large and sure enough to be named."""
     logs = [_log(model, log) for log in (*first, *second)]
     later = np.arange(len(logs)) >= len(first)
     joints = [_joint(logs, later, j) for j in range(model.nv)]
@@ -114,7 +101,8 @@ def changes(
     ]
     typical = float(np.median(restless))
     found += [_shared_change(name, joints, typical, blocks) for name in _SHARED]
-    return sorted(found, key=lambda c: -c.evidence)
+    named = [c for c in found if c.evidence >= THRESHOLD and c.share >= LEAST_SHARE]
+    return max(named, key=lambda c: c.evidence, default=None)
 
 
 def _own_changes(joint: _Joint, number: int, restless: float, blocks: float) -> list[Change]:
@@ -127,9 +115,9 @@ def _own_changes(joint: _Joint, number: int, restless: float, blocks: float) -> 
         columns = joint.in_second[:, place]
         if name == "ripple":
             # A wave that both epochs have is not among the common columns.
-            both = joint.in_both[:, place]
+            both = joint.without_common(joint.local[:, place])
             columns = columns - both @ np.linalg.lstsq(both, columns, rcond=1e-8)[0]
-        wald, theta, _ = _tested([(joint, columns)])
+        wald, theta, _ = _tested([joint], [columns])
         size = len(place)
         evidence = wald / restless / 2 - size / 2 * np.log(blocks)
         evidence -= np.log(len(_ORDERS)) if name == "ripple" else 0.0
@@ -145,7 +133,7 @@ def _shared_change(name: str, joints: Sequence[_Joint], restless: float, blocks:
         basis = _identifiable(joints, columns)
         columns = [each @ basis for each in columns]
     each = zip(joints, columns, strict=True)
-    wald, theta, _ = _tested([(joint, joint.without_common(c)) for joint, c in each])
+    wald, theta, _ = _tested(joints, [joint.without_common(c) for joint, c in each])
     size = columns[0].shape[1]
     evidence = wald / restless / 2 - size / 2 * np.log(blocks)
     share = max(joint.share(c, theta) for joint, c in zip(joints, columns, strict=True))
@@ -154,38 +142,32 @@ def _shared_change(name: str, joints: Sequence[_Joint], restless: float, blocks:
 
 def _identifiable(joints: Sequence[_Joint], columns: Sequence[Array]) -> Array:
     """Return a basis of what the logs can tell of the ten parameters. Shape (10, k)."""
-    gram = np.zeros((dynamics.PER_LINK, dynamics.PER_LINK))
-    for joint, each in zip(joints, columns, strict=True):
-        residual = joint.without_common(each)
-        gram += residual.T @ residual / joint.variance
+    pairs = zip(joints, columns, strict=True)
+    own = np.concatenate([joint.without_common(each) for joint, each in pairs])
+    gram = own.T @ own
     size = np.sqrt(np.diag(gram)) + 1e-9
     values, vectors = np.linalg.eigh(gram / np.outer(size, size))
     return vectors[:, values > 1e-4 * values[-1]] / size[:, None]
 
 
-def _tested(parts: Sequence[tuple[_Joint, Array]]) -> tuple[float, Array, Array]:
+def _tested(joints: Sequence[_Joint], parts: Sequence[Array]) -> tuple[float, Array, Array]:
     """Return Wald statistic, coefficients and covariance of some columns.
 
     The covariance sums the scores of a block before it squares them (clustered errors).
 
     Args:
-        parts: Joints, and columns less the common ones. Shapes (m, k).
+        parts: Of each joint the columns less the common ones. Shapes (m, k).
     """
-    size = parts[0][1].shape[1]
-    gram, score = np.zeros((size, size)), np.zeros(size)
-    for joint, columns in parts:
-        gram += columns.T @ columns / joint.variance
-        score += columns.T @ joint.residual / joint.variance
+    columns = np.concatenate(parts)
+    residual = np.concatenate([joint.residual for joint in joints])
+    size = columns.shape[1]
+    gram = columns.T @ columns
     gram += 1e-9 * np.trace(gram) / size * np.eye(size)
-    theta = np.linalg.solve(gram, score)
-    names = np.concatenate([joint.block for joint, _ in parts])
-    each = [
-        columns * (joint.residual - columns @ theta)[:, None] / joint.variance
-        for joint, columns in parts
-    ]
+    theta = np.linalg.solve(gram, columns.T @ residual)
+    names = np.concatenate([joint.block for joint in joints])
     block, place = np.unique(names, return_inverse=True)
     sums = np.zeros((len(block), size))
-    np.add.at(sums, place, np.concatenate(each))
+    np.add.at(sums, place, columns * (residual - columns @ theta)[:, None])
     inverse = np.linalg.inv(gram)
     few = len(block) / max(1, len(block) - size)
     covariance = inverse @ (sums.T @ sums) @ inverse * few
@@ -213,7 +195,7 @@ def _restless(joint: _Joint) -> float:
         alone = joint.without_common(joint.local[:, : len(_LOCAL)] * there[:, None])
         for c in range(len(_LOCAL)):
             columns = np.column_stack([alone[:, c], joint.in_second[:, c]])
-            _, theta, covariance = _tested([(joint, columns)])
+            _, theta, covariance = _tested([joint], [columns])
             found.append(theta[0] ** 2 / covariance[0, 0])
     if not found:
         return _UNTESTED
@@ -227,18 +209,20 @@ def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
     def all_of(each) -> Array:
         return np.concatenate([x[k] for x, k in zip(each, kept, strict=True)])
 
-    x = all_of(log.common[j] for log in logs)
+    x = all_of(log.common[:, j] for log in logs)
     tau = all_of(log.tau[:, j] for log in logs)
-    local = all_of(log.local[j] for log in logs)
+    local = all_of(log.local[:, j] for log in logs)
     x = x / (np.sqrt((x**2).mean(axis=0)) + 1e-12)
     inverse = np.linalg.inv(x.T @ x + 1e-5 * len(tau) * np.eye(x.shape[1]))
-    residual = _project(x, inverse, tau)
+    residual = tau - x @ (inverse @ (x.T @ tau))
+    noise = max(float(np.sqrt(np.mean(residual**2))), 1e-6)
     # A gain acts on what the arm does, not on what nobody can explain.
     local[:, _GAIN] = tau - residual
     return _Joint(
         common=x,
         inverse=inverse,
-        residual=residual,
+        noise=noise,
+        residual=residual / noise,
         local=local,
         shared={n: all_of(log.shared[n][:, j] for log in logs) for n in _SHARED},
         second=np.repeat(later, [k.sum() for k in kept]),
@@ -246,10 +230,6 @@ def _joint(logs: Sequence[_Log], later: Array, j: int) -> _Joint:
         block=all_of(1000 * i + (log.t // _BLOCK).astype(int) for i, log in enumerate(logs)),
         rms=float(np.sqrt((tau**2).mean())),
     )
-
-
-def _project(x: Array, inverse: Array, columns: Array) -> Array:
-    return columns - x @ (inverse @ (x.T @ columns))
 
 
 def _log(model: pin.Model, log: Recording) -> _Log:
@@ -265,12 +245,11 @@ def _log(model: pin.Model, log: Recording) -> _Log:
     qdd = np.gradient(qd, step, axis=0)
     inertial = dynamics.compute_inertial_regressor(model, q, qd, qdd)
     load = np.abs(filtered(inertial @ dynamics.read_inertial_parameters(model)))
-    common, local, moves = [], [], []
-    for j in range(model.nv):
-        own = _friction(q[:, j], qd[:, j], load[:, j])
-        common.append(filtered(np.column_stack([inertial[:, j], own]))[::every])
-        local.append(filtered(_candidates(q[:, j], qd[:, j], load[:, j]))[::every])
-        moves.append(_moves(qd[:, j], filtered, every))
+    common = np.concatenate([inertial, _friction(q, qd, load)], axis=2)
+    speed, edge = np.abs(qd), round(_EDGE * _RATE)
+    moving = speed > 0.03 * np.quantile(speed, 0.95, axis=0)
+    moves = filtered(moving.astype(float))[::every] > 0.98
+    moves[:edge] = moves[-edge:] = False
     ways = [_G * np.eye(3)[axis] for axis in (0, 1)]
     tilt = [dynamics.compute_gravity_torque(model, q, way) for way in ways]
     shared = {
@@ -279,41 +258,30 @@ def _log(model: pin.Model, log: Recording) -> _Log:
         "delay": np.gradient(log.tau, step, axis=0)[:, :, None],
     }
     return _Log(
-        common=common,
+        common=filtered(common)[::every],
         tau=filtered(log.tau)[::every],
-        local=local,
+        local=filtered(_candidates(q, qd, load))[::every],
         shared={name: filtered(x)[::every] for name, x in shared.items()},
-        moves=np.column_stack(moves),
+        moves=moves,
         t=log.t[::every] - log.t[0],
     )
 
 
 def _friction(q: Array, qd: Array, load: Array) -> Array:
-    """Return what a joint has beside inertia: friction, waves, a constant. (n, p)."""
+    """Return what a joint has beside inertia: friction, waves, a constant. (n, dof, p)."""
     sign, speed = np.tanh(qd / 0.02), np.abs(qd)
-    hinges = np.quantile(speed, np.linspace(0, 1, 8))[1:-1]
+    hinges = np.quantile(speed, np.linspace(0, 1, 8), axis=0)[1:-1]
     columns = [sign, qd, sign * load]
     columns += [sign * np.maximum(0, speed - hinge) for hinge in hinges]
     columns += [sign / (1 + (speed / width) ** 2) for width in (0.03, 0.06, 0.1)]
     columns += [wave(k * q) for k in (1, 2, 3) for wave in (np.sin, np.cos)]
     columns += [sign * np.sin(q), sign * np.cos(q), np.ones_like(q)]
-    return np.column_stack(columns)
+    return np.stack(columns, axis=2)
 
 
 def _candidates(q: Array, qd: Array, load: Array) -> Array:
-    """Return own candidates of a joint; that of a gain is filled in later. (n, c)."""
+    """Return own candidates of a joint; that of a gain is filled in later. (n, dof, c)."""
     sign, none = np.tanh(qd / 0.02), np.zeros_like(q)
     columns = [np.ones_like(q), sign, qd, q, sign * load, none]
     columns += [wave(order * q) for order in _ORDERS for wave in (np.sin, np.cos)]
-    return np.column_stack(columns)
-
-
-def _moves(qd: Array, filtered, every: int) -> Array:
-    """Return rows on which a joint moves, the ends of the log apart. Shape (m,)."""
-    speed = np.abs(qd)
-    moving = speed > 0.03 * np.quantile(speed, 0.95)
-    kept = filtered(moving.astype(float))[::every] > 0.98
-    edge = round(_EDGE * _RATE)
-    kept[:edge] = False
-    kept[-edge:] = False
-    return kept
+    return np.stack(columns, axis=2)

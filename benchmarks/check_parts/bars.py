@@ -1,14 +1,14 @@
 """Figures and bars of the rows of all groups."""
 
 import argparse
-from collections import defaultdict
 from collections.abc import Mapping
+from operator import itemgetter
 
 import numpy as np
 
 from benchmarks.check_parts.arms import MEASURED
 from benchmarks.check_parts.file_flaws import FLAWED, SCALED
-from benchmarks.harness.cases import crash_figures
+from benchmarks.harness.cases import by_group, crash_figures
 from benchmarks.harness.figures import NO_BAR, NO_LOGS, Figures, figure, missing, undecided
 from benchmarks.harness.rates import Line, Rows, counted, lines, per
 
@@ -26,20 +26,15 @@ SHOWS_AS = {"saturation": ("saturated",)}
 
 
 def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
-    by_group = defaultdict(list)
-    for row in rows:
-        if "error" not in row:
-            by_group[row["group"]].append(row)
-    faults, sound = by_group["faults"], by_group["clean"] + by_group["effects"]
+    of = by_group(row for row in rows if "error" not in row)
+    faults, sound = of["faults"], of["clean"] + of["effects"]
     mended = [{"kind": r["kind"], "exact": e} for r in faults for e in r["exact"]]
     own = [row["seconds"] for row in faults]
     value = float(np.median(own)) if own else None
-    every = sound + by_group["large_effects"]
+    every = sound + of["large_effects"]
     certain = [r for r in every if any(said[2] for said in r["said"])]
-    explained = by_group["explained"]
     which = [[r["host"], r["seed"], r["said"]] for r in certain]
-    files = by_group["files"]
-    flawed = [row for row in files if row["effect"] == FLAWED]
+    files = of["files"]
     blamed = {
         name: [r for r in files if r["effect"] == name and _blames_log(r)]
         for name in (FLAWED, SCALED)
@@ -49,9 +44,8 @@ def all_figures(rows: Rows, args: argparse.Namespace) -> Figures:
         **lines([_EXACT], mended),
         **lines([_FALSE], sound),
         "false_certain": figure(len(certain), 0, len(every), which=which),
-        **lines(_OF_EXPLAINED, explained),
-        **lines([_FLAWS], flawed),
-        **lines([_MASSES], [row for row in files if row["effect"] == SCALED]),
+        **lines(_OF_EXPLAINED, of["explained"]),
+        **lines(_OF_FILES, files),
         **{
             f"log_blamed_for_{name.replace(' ', '_')}": figure(
                 len(rows),
@@ -79,12 +73,7 @@ def _blames_log(row: Mapping) -> bool:
     return any(sure and kind != "robot_file" for kind, _, sure in row["said"])
 
 
-def _hit(row: Mapping) -> bool:
-    return row["hit"]
-
-
-def _is_exact(mended: Mapping) -> bool:
-    return mended["exact"]
+_hit, _is_exact = itemgetter("hit"), itemgetter("exact")
 
 
 def _is_ambiguous(row: Mapping) -> bool:
@@ -119,9 +108,11 @@ _OF_EXPLAINED = (
     Line("zeros_named", _hit, 0.95, of=lambda r: r["kind"] == "zero"),
     Line("gains_named", _hit, 0.80, of=lambda r: r["kind"] == "gain"),
     Line("pairs_named", _hit, 0.90, of=lambda r: r["kind"] == "pair"),
-    Line("explained_certain", lambda r: r["certain"], 0.0, of=_is_ambiguous, most=True),
+    Line("explained_certain", itemgetter("certain"), 0.0, of=_is_ambiguous, most=True),
 )
-_FLAWS = Line("file_flaws_named", _hit, 0.90)
-_MASSES = Line("masses_named", _hit, 0.90, of=_is_far)
+_OF_FILES = (
+    Line("file_flaws_named", _hit, 0.90, of=lambda r: r["effect"] == FLAWED),
+    Line("masses_named", _hit, 0.90, of=lambda r: r["effect"] == SCALED and _is_far(r)),
+)
 _EXACT = Line("repairs_exact", _is_exact, 0.90, beside=per(_is_exact, "kind"))
 _FALSE = Line("false_faults", lambda r: bool(false_of(r)), 0.02, most=True, beside=_list_faults)

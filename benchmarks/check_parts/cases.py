@@ -2,7 +2,7 @@
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from time import perf_counter
 
@@ -53,11 +53,6 @@ class Task:
     seed: int  # of motions, arm, noise, and of where the fault is
     quick: bool = False  # whether to do a part only
 
-    @property
-    def name(self) -> str:
-        """Key of the result."""
-        return " ".join(map(str, asdict(self).values()))
-
 
 def jobs(args: argparse.Namespace) -> dict[str, Task]:
     every = tasks(seed_range(args.seeds), args.quick)
@@ -87,9 +82,8 @@ def tasks(seeds: Sequence[int], quick: bool) -> list[Task]:
 
 def run(task: Task) -> dict:
     """Do one job; a crash of one case is a row with its error."""
-    do = {"faults": _faults, "clean": _clean, "explained": _explained, "files": _files}
-    do |= {"effects": _effects, "large_effects": _effects}
-    do = do[task.group]
+    do = {"faults": _compared, "explained": _compared, "clean": _clean, "files": _files}
+    do = do.get(task.group, _effects)
     if "effects" not in task.group and host(task.host, task.seed) is None:
         return {"rows": []}
     return {"rows": do(task)}
@@ -107,21 +101,13 @@ def summary(result: Mapping) -> str:
     return f"{len(rows)} cases, missed: {', '.join(missed)}; told of sound logs: {told}"
 
 
-def _faults(task: Task) -> list[dict]:
-    return _compared(task, {k: FAULTS[k] for k in (_QUICK_KINDS if task.quick else FAULTS)})
-
-
-def _explained(task: Task) -> list[dict]:
-    return _compared(task, EXPLAINED)
-
-
-def _compared(task: Task, faults: Mapping[str, Fault]) -> list[dict]:
-    rows = []
-    for kind, make_faulty in faults.items():
+def _compared(task: Task) -> list[dict]:
+    rows, faults = [], EXPLAINED if task.group == "explained" else FAULTS
+    for kind in _QUICK_KINDS if task.quick else faults:
         for size in range(1 if task.quick else SIZES):
             arm = host(task.host, task.seed)
             rng = create_random_stream(task.seed, f"fault/{arm.name}/{kind}/{size}")
-            faulty = make_faulty(arm, size, rng)
+            faulty = faults[kind](arm, size, rng)
             if faulty is not None:
                 about = {"group": task.group, "host": arm.name, "seed": task.seed}
                 about |= {"size": size, "kind": kind, "joints": list(faulty.joints)}
@@ -157,11 +143,11 @@ def _files(task: Task) -> list[dict]:
         arm = host(task.host, SETS * task.seed + part)
         rng = create_random_stream(task.seed, f"files/{task.host}/{part}")
         for _ in range(FILES):
-            drawn = file_flaws.draw_flawed(arm, rng)
-            named = {flaw.link for flaw in drawn.robot.flaws}
-            row = _sound(drawn.robot, arm.logs, task, file_flaws.FLAWED)
-            hit = {"kind": "robot_file", "hit": set(drawn.links) <= named}
-            rows.append(row | hit | {"joints": list(drawn.links)})
+            robot, links = file_flaws.draw_flawed(arm, rng)
+            named = {flaw.link for flaw in robot.flaws}
+            row = _sound(robot, arm.logs, task, file_flaws.FLAWED)
+            hit = {"kind": "robot_file", "hit": set(links) <= named}
+            rows.append(row | hit | {"joints": links})
             robot, factor = file_flaws.draw_scaled(arm, rng)
             row = _sound(robot, arm.logs, task, file_flaws.SCALED)
             hit = any(kind in ("torque_unit", "gear_ratio") for kind, *_ in row["said"])

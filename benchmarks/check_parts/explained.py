@@ -6,7 +6,6 @@ import numpy as np
 
 from benchmarks.check_parts import reports
 from benchmarks.check_parts.arms import FaultyLogs, Host, changed, some, tables_of
-from residual.robot.dynamics import compute_gravity_torque
 
 Rng = np.random.Generator
 _CARRIES = 0.1  # of the largest weight of a joint: below, a rough file is any factor off
@@ -16,17 +15,11 @@ _TRIES = 60
 
 def balanced(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """Counterweights or springs carry 60 to 100 % of one joint, two, or all of them."""
-    model, dof = host.robot.model, host.robot.dof
+    dof = host.robot.dof
     share = np.zeros(dof)
     joints = some(rng, dof, (1, 2, dof)[size])
     share[[j - 1 for j in joints]] = rng.uniform(0.6, 1.0, len(joints))
-
-    def carry(table: dict) -> dict:
-        weight = compute_gravity_torque(model, table["q"], model.gravity.linear)
-        return table | {"tau": table["tau"] - share * weight}
-
-    tables = [carry(table) for table in tables_of(host)]
-    return FaultyLogs("gravity_removed", (), tables)
+    return reports.without_weight(host, share)
 
 
 def zero(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
@@ -42,12 +35,9 @@ def zero(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 
 
 def _turns(host: Host, off: np.ndarray) -> bool:
-    log = host.logs[0]
-    q, model = log.q[::5], host.robot.model
-    down = model.gravity.linear
-    was, now = (compute_gravity_torque(model, x, down) for x in (q, q + off))
-    rms = np.sqrt(np.mean((was - now) ** 2, axis=0))
-    return bool(np.any(rms > 0.25 * np.std(log.tau[::5], axis=0)))
+    q, tau = host.logs[0].q[::5], host.logs[0].tau[::5]
+    moved = reports.weight_of(host, q) - reports.weight_of(host, q + off)
+    return bool(np.any(np.sqrt(np.mean(moved**2, axis=0)) > 0.25 * np.std(tau, axis=0)))
 
 
 def gain(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
@@ -72,8 +62,8 @@ def gain(host: Host, size: int, rng: Rng) -> FaultyLogs | None:
 
 def _weight_shows(host: Host) -> np.ndarray:
     """Which joints carry the arm, in motion that changes what they carry. (dof,)."""
-    log, model = host.logs[0], host.robot.model
-    weight = compute_gravity_torque(model, log.q[::5], model.gravity.linear).std(axis=0)
+    log = host.logs[0]
+    weight = reports.weight_of(host, log.q[::5]).std(axis=0)
     heavy = weight > _CARRIES * weight.max()
     return heavy & (weight > _SHOWS * log.tau[::5].std(axis=0))
 

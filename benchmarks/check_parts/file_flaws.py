@@ -1,7 +1,6 @@
 """Robot files with bodies that no link has, or with masses of another scale."""
 
 import xml.etree.ElementTree as ET
-from dataclasses import dataclass
 
 import numpy as np
 
@@ -20,16 +19,12 @@ _MOMENTS = ("ixx", "iyy", "izz")
 _PRODUCTS = ("ixy", "ixz", "iyz")
 
 
-@dataclass(frozen=True, slots=True)
-class FlawedFile:
-    """A robot as a file with flaws has it."""
+def draw_flawed(arm: Host, rng: Rng) -> tuple[Robot, list[str]]:
+    """Draw one to three placeholders or impossible tensors that move the torque.
 
-    robot: Robot
-    links: tuple[str, ...]  # with a flaw that moves the torque
-
-
-def draw_flawed(arm: Host, rng: Rng) -> FlawedFile:
-    """Draw one to three placeholders or impossible tensors that move the torque."""
+    Returns:
+        The robot as a file with these has it, and the links whose flaw moves it.
+    """
     while True:
         root = ET.fromstring(arm.robot.urdf)
         links = _moving(arm.robot, root)
@@ -47,8 +42,7 @@ def draw_flawed(arm: Host, rng: Rng) -> FlawedFile:
         if moved < MOVED:
             continue
         told = [n for n in names if _moved(arm, _only(arm.robot, text, n)) > PART]
-        robot = build_robot(arm.robot.name, text, arm.robot.toml)
-        return FlawedFile(robot, tuple(told))
+        return build_robot(arm.robot.name, text, arm.robot.toml), told
 
 
 def draw_scaled(arm: Host, rng: Rng) -> tuple[Robot, float]:

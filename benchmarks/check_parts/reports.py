@@ -37,13 +37,20 @@ _KGF_CM = 10.1972
 
 def gravity_removed(host: Host, size: int, rng: Rng) -> FaultyLogs:
     """The driver subtracts the weight: by the robot file, or 5 or 10 % off."""
-    model, share = host.robot.model, (1.0, 1.05, 0.9)[size]
+    return without_weight(host, (1.0, 1.05, 0.9)[size])
 
-    def change(table: Table) -> Table:
-        weight = compute_gravity_torque(model, table["q"], model.gravity.linear)
-        return table | {"tau": table["tau"] - share * weight}
 
-    return FaultyLogs("gravity_removed", (), [change(t) for t in tables_of(host)])
+def without_weight(host: Host, share: float | Array) -> FaultyLogs:
+    """Return logs without a share of the weight that each joint carries."""
+    tables = tables_of(host)
+    light = [t | {"tau": t["tau"] - share * weight_of(host, t["q"])} for t in tables]
+    return FaultyLogs("gravity_removed", (), light)
+
+
+def weight_of(host: Host, q: Array) -> Array:
+    """Return the torque of the weight at some angles. Shapes (n, dof)."""
+    model = host.robot.model
+    return compute_gravity_torque(model, q, model.gravity.linear)
 
 
 def mounting(host: Host, size: int, rng: Rng) -> FaultyLogs:

@@ -2,6 +2,7 @@
 
 import argparse
 from collections.abc import Callable, Mapping
+from operator import itemgetter
 
 import numpy as np
 
@@ -46,12 +47,7 @@ def _case_figures(rows: Mapping[str, Rows], deciding: bool) -> Figures:
     return figures if deciding else undecided(figures)
 
 
-def _named(row: Mapping) -> bool:
-    return row["named"] > 0
-
-
-def _flagged(row: Mapping) -> bool:
-    return bool(row["unexplained"])
+_named, _flagged = itemgetter("named"), itemgetter("unexplained")
 
 
 def _both(row: Mapping) -> bool:
@@ -76,11 +72,7 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
             for share in reversed(SHARES)
         ),
         Line("singles_of_usual_size_right", is_right, 0.95, _of_share(None), beside=per(is_right)),
-        Line(
-            "singles_joint_right",
-            lambda r: bool(r["joint_right"]),
-            of=lambda r: r["share"] in CLEAR,
-        ),
+        Line("singles_joint_right", itemgetter("joint_right"), of=lambda r: r["share"] in CLEAR),
     ),
     "nulls": (
         Line("false_alarms", _named, 0.02, most=True),  # four in two hundred
@@ -98,7 +90,7 @@ _TABLES: Mapping[str, tuple[Line, ...]] = {
     ),
     "pairs": (
         Line("pairs_both_named", _both, 0.85),
-        Line("pairs_false_third", lambda r: r["extra"] > 0, 0.03, most=True),
+        Line("pairs_false_third", itemgetter("extra"), 0.03, most=True),
     ),
     "forms": (Line("forms_right", is_right, 0.90),),
 }

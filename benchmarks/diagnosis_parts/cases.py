@@ -15,20 +15,18 @@ from time import perf_counter
 import numpy as np
 
 from benchmarks.harness.cases import guarded, named, seed_range
-from benchmarks.harness.logs import PAUSE, RATE, in_engine
+from benchmarks.harness.logs import PAUSE, RATE, Logs, in_engine, list_motions
 from benchmarks.harness.logs import record as record_log
 from benchmarks.hidden.oracle import oracle
 from benchmarks.hidden.score import NOTHING, PAIR, SINGLE, UNKNOWN, Name, case_row
 from flows.specs import derive_seed
 from residual.diagnosis.diagnose import diagnose
 from residual.effects import number_reported_joints
-from residual.recording import Recording
 from residual.robot.robot import Robot, load_robot
 from residual.verdict.result import Detectable, Verdict
 from sim.engine.plant_records import (
     PlantEffect,
     PlantSpec,
-    ReferenceMotion,
     SensorNoise,
     TrajectorySpec,
     create_random_stream,
@@ -40,7 +38,6 @@ from sim.trajectories import plan_reference_motion
 from tests.synthetic.amounts import list_unnamed_effects
 from tests.synthetic.draws import draw_detectable, true_parameters, vocabulary
 from tests.synthetic.laws import supports_synthetic_arm
-from tests.synthetic.motions import make_motion
 from tests.synthetic.other_forms import FORMS
 from tests.synthetic.quasi_static import Plant, true_friction
 from tests.synthetic.sized import CLEAR, SHARES, draw_of_share, has_sizes
@@ -72,17 +69,6 @@ PLANS = {
 }
 
 
-@dataclass(frozen=True, eq=False, slots=True)
-class Logs:
-    """One case with the truth beside it."""
-
-    robot: Robot  # the arm as the diagnosis may know it
-    fit: tuple[Recording, ...]  # logs to diagnose
-    held_out: tuple[Recording, ...]  # logs for the proof
-    # True parameters of each hidden effect, as a verdict states them
-    truths: tuple[dict, ...]
-
-
 @lru_cache(maxsize=1)
 def the_arm() -> Robot:
     """Return the built-in arm with the friction that its file declares."""
@@ -101,21 +87,10 @@ def make(data: str, effects: Sequence[PlantEffect], motion: int, arm: int) -> Lo
 def _synthetic(plan: Plan, effects: tuple[PlantEffect, ...], motion: int, arm: int):
     robot = the_arm()
     plant = Plant(robot, effects, arm)
-    logs = []
-    for place in range(len(plan.fit) + len(plan.held_out)):
-        name, made, start = _motion(plan, motion, place)
-        logs.append(record_log(plant, made, name, arm, start))
+    motions = list_motions(robot, plan.fit, plan.held_out, plan.duration, motion)
+    logs = [record_log(plant, made, name, arm, start) for name, made, start in motions]
     drives = true_friction(plant), estimate_typical_sizes(robot)
     return logs, [true_parameters(e, *drives) for e in effects]
-
-
-def _motion(plan: Plan, seed: int, place: int) -> tuple[str, ReferenceMotion, float]:
-    """Return name, motion and start [s] of one log of a synthetic arm."""
-    family = (*plan.fit, *plan.held_out)[place]
-    name = f"{'fit' if place < len(plan.fit) else 'held_out'}_{place}_{family}"
-    rng = create_random_stream(seed, f"motion/{name}")
-    made = make_motion(family, the_arm(), plan.duration, RATE, rng)
-    return name, made, place * (plan.duration + PAUSE)
 
 
 @lru_cache(maxsize=2)
@@ -123,8 +98,8 @@ def _stages(data: str, seed: int) -> list[Stage]:
     """Return the motions to fit, on which sizes are shares of a joint's torque."""
     plan = PLANS[data]
     if data != PYBULLET:
-        own = [_motion(plan, seed, place) for place in range(len(plan.fit))]
-        return [Stage.of(the_arm(), made, start) for _, made, start in own]
+        motions = list_motions(the_arm(), plan.fit, (), plan.duration, seed)
+        return [Stage.of(the_arm(), made, start) for _, made, start in motions]
     return [
         Stage.of(the_arm(), plan_reference_motion(the_arm(), spec, RATE), start)
         for spec, start in _specs(plan, seed)[: len(plan.fit)]
@@ -176,12 +151,6 @@ class Task:
     arm: int  # seed of the arm, of what it hides, and of the noise
     # Size, as a share of the torque of the joint; None where the group has no sizes.
     share: float | None = None
-
-    @property
-    def name(self) -> str:
-        """Key of the result."""
-        parts = asdict(self).values()
-        return " ".join(str(part) for part in parts if part not in ("", None))
 
 
 def jobs(args: argparse.Namespace) -> dict[str, Task]:

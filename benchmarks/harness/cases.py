@@ -5,8 +5,10 @@ so that an interrupted run continues where it stopped.
 """
 
 import json
+from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures import Executor
+from dataclasses import astuple
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -51,13 +53,15 @@ def run_cases(
 
 
 def named(tasks: Iterable[Any]) -> dict[str, Any]:
-    return {task.name: task for task in tasks}
+    """Return cases, which are records, by their fields in words."""
+    return {" ".join(str(x) for x in astuple(t) if x not in ("", None)): t for t in tasks}
 
 
-def by_group(rows: Iterable[Mapping]) -> dict[str, list[Mapping]]:
-    out: dict[str, list[Mapping]] = {}
+def by_group(rows: Iterable[Mapping]) -> defaultdict[str, list[Mapping]]:
+    """Return rows by their group, none for a group without rows."""
+    out: defaultdict[str, list[Mapping]] = defaultdict(list)
     for row in rows:
-        out.setdefault(row.get("group", ""), []).append(row)
+        out[row.get("group", "")].append(row)
     return out
 
 

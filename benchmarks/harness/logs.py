@@ -1,6 +1,7 @@
 """Logs for several benchmarks: of synthetic arms, of the physics engine, as CSV."""
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -14,10 +15,35 @@ from sim.experiment import run_experiment
 from sim.plant.sensors import ENCODER_STEP, draw_torque_noise, simulate_encoder
 from sim.plant.typical_sizes import estimate_typical_sizes
 from sim.trajectories import plan_reference_motion
+from tests.synthetic.motions import make_motion
 from tests.synthetic.quasi_static import Plant, Torque, true_torque
 
 Array = np.ndarray
 RATE, CONTROL, PAUSE = 250.0, 1000.0, 10.0  # Hz, Hz, s between two logs
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Logs:
+    """One case: an arm as its diagnosis may know it, and its logs."""
+
+    robot: Robot
+    fit: tuple[Recording, ...]  # logs to diagnose
+    held_out: tuple[Recording, ...]  # logs for the proof
+    # True parameters of each hidden effect, as a verdict states them
+    truths: tuple[dict, ...] = ()
+
+
+def list_motions(
+    robot: Robot, fit: Sequence[str], held_out: Sequence[str], duration: float, seed: int
+) -> list[tuple[str, Motion, float]]:
+    """Return name, motion and start [s] of each log of a case, by its motion families."""
+    out = []
+    for place, family in enumerate((*fit, *held_out)):
+        name = f"{'fit' if place < len(fit) else 'held_out'}_{place}_{family}"
+        rng = make_rng(seed, f"motion/{name}")
+        motion = make_motion(family, robot, duration, RATE, rng)
+        out.append((name, motion, place * (duration + PAUSE)))
+    return out
 
 
 def sensed(

@@ -3,6 +3,9 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
+import numpy as np
+from scipy.optimize import linear_sum_assignment
+
 from residual.effects import number_reported_joints
 from residual.verdict.result import Finding, Place, Verdict
 from sim.engine.plant_records import PlantEffect
@@ -50,46 +53,6 @@ class Claim:
     # Value and standard deviation by parameter; None where not stated
     values: Mapping[str, tuple[float | None, float | None]] = field(default_factory=dict)
     finding: int = 0  # number of the finding that it is from
-
-
-@dataclass(frozen=True, slots=True)
-class Score:
-    """What a verdict is worth."""
-
-    outcome: str  # ``RIGHT`` to ``FLAGGED``
-    first: Name | None  # what was named first, None for nothing
-    count: int  # how many of the drawn effects are named, by name or by class
-    extra: int  # how many names are none of them and no part of them, in all
-    # Whether the first name, or where there is none the flag, is on a joint of what was
-    # drawn; None where nothing was drawn or nothing said.
-    joint_right: bool | None
-    # What was said of each drawn effect by its very name; None otherwise.
-    hits: tuple[Claim | None, ...]
-
-
-def score(drawn: str, truths: Sequence[Name], verdict: Verdict) -> Score:
-    """Judge a verdict.
-
-    Args:
-        truths: What is there: one effect, two of a pair, none. Out of the vocabulary
-            ("x_...") no name can be right.
-    """
-    claims = members(verdict)
-    flagged = set(verdict.unexplained.joints)
-    hits, classes, free = matched(truths if drawn != UNKNOWN else (), claims)
-    # One finding may be on several joints, and their order says nothing.
-    first = [s for s in claims if s.finding == 0]
-    right = [s for s in first if all(s is not f for f in free)]
-    count = sum(h is not None for h in (*hits, *classes))
-    state = (count == len(hits), any(c is not None for c in classes))
-    return Score(
-        outcome=_outcome(drawn, bool(claims), bool(right), state, bool(flagged)),
-        first=(right or first)[0].name if first else None,
-        count=count,
-        extra=sum(s.name not in _parts(truths, hits) for s in free),
-        joint_right=_right(truths, [s.name for s in first], flagged),
-        hits=hits,
-    )
 
 
 def _parts(truths: Sequence[Name], hits: Sequence[Claim | None]) -> set[Name]:
@@ -145,36 +108,23 @@ def matched(truths: Sequence[Name], claims: Sequence[Claim]) -> tuple:
     return tuple(hits), tuple(classes), free
 
 
-def paired(truths: Sequence, claims: Sequence, fits: Callable) -> dict[int, int]:
-    """Return the number of a name for as many truths as can have one, by theirs.
-
-    Augmenting paths (Kuhn 1955): a name gives way to another if it has a second choice.
-    """
-    owner: dict[int, int] = {}
-
-    def place(name: int, tried: set[int]) -> bool:
-        for i, truth in enumerate(truths):
-            if i not in tried and fits(truth, claims[name]):
-                tried.add(i)
-                if i not in owner or place(owner[i], tried):
-                    owner[i] = name
-                    return True
-        return False
-
-    for name in range(len(claims)):
-        place(name, set())
-    return owner
+def paired(truths: Sequence, claims: Sequence, fits: Callable) -> set[int]:
+    """Return the numbers of as many truths as can have a name of their own."""
+    fit = np.zeros((len(truths), len(claims)), bool)
+    for i, truth in enumerate(truths):
+        fit[i] = [fits(truth, claim) for claim in claims]
+    each, theirs = linear_sum_assignment(fit, maximize=True)
+    return set(each[fit[each, theirs]].tolist())
 
 
 def _outcome(
-    drawn: str, named: bool, right_first: bool, state: tuple[bool, bool], flagged: bool
+    drawn: str, named: bool, right_first: bool, complete: bool, by_class: bool, flagged: bool
 ) -> str:
     if not named:
         quiet = RIGHT if drawn == NOTHING else SILENT
         return FLAGGED if flagged else quiet
     if drawn in (NOTHING, UNKNOWN) or not right_first:
         return WRONG
-    complete, by_class = state
     if not complete:
         return PART
     return CLASS if by_class else RIGHT
@@ -204,27 +154,40 @@ def case_row(
 ) -> dict:
     """Return a case as one row: what was hidden, what was said, what that is worth.
 
+    `found` is how many of the hidden effects are named, by name or by class, `extra`
+    how many names are none of them and no part of them. `joint_right` is whether the
+    first name, or where there is none the flag, is on a joint of what was hidden; None
+    where nothing was hidden or nothing said.
+
     Args:
         hidden: Names with their shares of the torque of their joint, where drawn so.
+            Out of the vocabulary ("x_...") no name can be right.
         truths: True parameters of each, as a verdict would state them.
         oracle: Held-out error of the true effects fitted [%], None where they have no
             name.
     """
-    judged = score(drawn, [name for name, _ in hidden], verdict)
+    names, claims = [name for name, _ in hidden], members(verdict)
+    flagged = set(verdict.unexplained.joints)
+    hits, classes, free = matched(names if drawn != UNKNOWN else (), claims)
+    # One finding may be on several joints, and their order says nothing.
+    said = [s for s in claims if s.finding == 0]
+    right = [s for s in said if all(s is not f for f in free)]
+    count = sum(h is not None for h in (*hits, *classes))
+    complete, by_class = count == len(hits), any(c is not None for c in classes)
     first, second, *_ = *([n.effect, list(n.joints), x] for n, x in hidden), None, None
-    each = zip(hidden, judged.hits, truths, strict=False)
-    found = [(name.effect, deviation(claim, true)) for (name, _), claim, true in each]
+    each = zip(names, hits, truths, strict=False)
+    found = [(name.effect, deviation(claim, true)) for name, claim, true in each]
     return {
         "drawn": drawn,
         **dict(zip(("effect", "joints", "share"), first or 3 * (None,), strict=True)),
         "second": second,
         "verdict": verdict.verdict,
-        "named_first": judged.first and judged.first.effect,
-        "named": len(members(verdict)),
-        "outcome": judged.outcome,
-        "found": judged.count,
-        "extra": judged.extra,
-        "joint_right": judged.joint_right,
+        "named_first": (right or said)[0].name.effect if said else None,
+        "named": len(claims),
+        "outcome": _outcome(drawn, bool(claims), bool(right), complete, by_class, bool(flagged)),
+        "found": count,
+        "extra": sum(s.name not in _parts(names, hits) for s in free),
+        "joint_right": _right(names, [s.name for s in said], flagged),
         "unexplained": list(verdict.unexplained.joints),
         "error_after": verdict.error.overall_filtered["augmented"],
         "error_oracle": oracle,

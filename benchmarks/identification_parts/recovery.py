@@ -1,7 +1,5 @@
 """Identify arms of the simulation whose parameters are 10 % off the robot file."""
 
-from functools import cache
-
 import numpy as np
 
 from benchmarks.harness.figures import Figures, figure
@@ -26,29 +24,28 @@ FIT, HELD_OUT = ("fourier", "cyclic", "fourier"), ("slow_cyclic",)
 _DURATION, _SCATTER = 15.0, 0.1
 
 
-@cache
-def plant_logs(seed: int, noise: float = 0.015) -> tuple[list, list]:
+def plant_logs(seed: int) -> tuple[list, list]:
     """Drive the plant of a seed along motions: logs to fit, and another family."""
-    logs = [_log(f, k, seed, noise) for k, f in enumerate((*FIT, *HELD_OUT))]
+    logs = [_log(f, k, seed) for k, f in enumerate((*FIT, *HELD_OUT))]
     return logs[: len(FIT)], logs[len(FIT) :]
 
 
 def true_coefficients(model: Model, seed: int) -> np.ndarray:
-    arm = build_plant_arm(ROBOT, _plant(seed, 0.015))
+    arm = build_plant_arm(ROBOT, _plant(seed))
     of = {"viscous": arm.base.viscous, "coulomb": arm.base.coulomb, "rotor_inertia": arm.base.rotor}
     effects = [of[t.effect.name][t.joints[0]] for t in model.terms]
     return np.concatenate([read_inertial_parameters(arm.model), effects])
 
 
-def _plant(seed: int, noise: float) -> PlantSpec:
-    return PlantSpec((), _SCATTER, SensorNoise(torque=noise), seed)
+def _plant(seed: int) -> PlantSpec:
+    return PlantSpec((), _SCATTER, SensorNoise(torque=0.015), seed)
 
 
-def _log(family: str, number: int, seed: int, noise: float) -> Recording:
+def _log(family: str, number: int, seed: int) -> Recording:
     rng = make_rng(1000 * seed + number, f"motion/{family}")
     motion = make_motion(family, ROBOT, _DURATION, 1000.0, rng)
     start = 2 * _DURATION * number
-    log = run_experiment(ROBOT, motion, _plant(seed, noise), SampleRates(), start).log
+    log = run_experiment(ROBOT, motion, _plant(seed), SampleRates(), start).log
     return Recording(f"{family}{number}", log.robot, log.t, log.q, log.tau)
 
 

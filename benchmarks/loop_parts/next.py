@@ -114,21 +114,14 @@ _FINE = 2000.0  # Hz, finer than the checks that a motion is planned with
 
 
 @dataclass(frozen=True, eq=False, slots=True)
-class Search:
-    """A question, and the pairs of it that no motion tells apart."""
-
-    question: OpenQuestion
-    twins: frozenset[Pair]
-
-
-@dataclass(frozen=True, eq=False, slots=True)
 class Case:
     """An arm whose first verdict is open."""
 
     plant: PlantSpec
     effect: PlantEffect
     logs: tuple[Recording, Recording]  # first and held out
-    search: Search
+    question: OpenQuestion
+    twins: frozenset[Pair]  # of it, which no motion tells apart
 
 
 def summary(row: Mapping) -> str:
@@ -152,20 +145,20 @@ def _row(seed: int) -> dict:
         case.effect.name,
         tuple(number_reported_joints(case.effect.name, case.effect.joints, _robot().dof)),
     )
-    ranking = rank_motions(case.search.question, _robot(), SECONDS, seed)
+    ranking = rank_motions(case.question, _robot(), SECONDS, seed)
     assert ranking is not None
     logs = {k: _log(case.plant, m, _LATER) for k, m in _motions(ranking, seed).items()}
     after = diagnose(_robot(), (case.logs[0], logs[DESIGNED]), held_out=case.logs[1:])
-    leads = {name: _leads(case.search, truth, log) for name, log in logs.items()}
+    leads = {name: _leads(case, truth, log) for name, log in logs.items()}
     seconds = {name: _seconds(lead) for name, lead in leads.items()}
     ours, best = leads[DESIGNED], ranking.best
-    edge = case.search.question.signals.edge
+    edge = case.question.signals.edge
     return {
         "seed": seed,
         "open": True,
         "effect": truth.name,
         "joints": list(truth.joints),
-        "settled": _settled(after, truth, case.search),
+        "settled": _settled(after, truth, case),
         "expected_nats": best.prospect.nats,
         "reached": None if ours is None else ours[-1],
         "chance": best.prospect.chance,
@@ -213,38 +206,28 @@ def _drawn(seed: int) -> Case | None:
         first = diagnose(robot, logs[:1], held_out=logs[1:])
         question = first.question
         if first.effects and question.contests and predict_best_motion(question):
-            search = Search(question, find_inseparable_pairs(question))
-            return Case(plant, effect, logs, search)
+            return Case(plant, effect, logs, question, find_inseparable_pairs(question))
     return None
 
 
-def _settled(after: Diagnosis, truth: Place, search: Search) -> bool:
+def _settled(after: Diagnosis, truth: Place, case: Case) -> bool:
     """Whether the truth is named, beside nothing that some motion can tell from it."""
-    known = {truth, *_twins(search, truth)}
-    classes = [
-        {Place(f.name, f.joints), *f.equivalent}
-        for f in after.effects
-        if {Place(f.name, f.joints), *f.equivalent} & known
-    ]
-    return any(one <= known for one in classes)
+    known = _alike(case, truth)
+    return any({Place(f.name, f.joints), *f.equivalent} <= known for f in after.effects)
 
 
-def _twins(search: Search, truth: Place) -> set[Place]:
-    """Rivals that no motion tells from the truth."""
-    contests, out = search.question.contests, set()
-    for c, a, b in search.twins:
-        if contests[c].rivals[a].place == truth:
-            out.add(contests[c].rivals[b].place)
-    return out
+def _alike(case: Case, truth: Place) -> set[Place]:
+    """The truth and the rivals that no motion tells from it."""
+    rivals = [[r.place for r in contest.rivals] for contest in case.question.contests]
+    return {truth, *(rivals[c][b] for c, a, b in case.twins if rivals[c][a] == truth)}
 
 
-def _leads(search: Search, truth: Place, log: Recording) -> list[float] | None:
+def _leads(case: Case, truth: Place, log: Recording) -> list[float] | None:
     """By how much the truth leads the nearest, every `_STEP` [nats].
 
     None where the truth is no rival.
     """
-    question = search.question
-    pairs = _pairs(search, truth)
+    question, pairs = case.question, _pairs(case, truth)
     if not pairs:
         return None
     until = np.arange(_STEP, SECONDS + _STEP / 2, _STEP)
@@ -293,19 +276,19 @@ def _seconds(leads: list[float] | None) -> float | None:
     return float(_STEP * (1 + enough[0])) if len(enough) else SECONDS
 
 
-def _pairs(search: Search, truth: Place) -> list[Pair]:
+def _pairs(case: Case, truth: Place) -> list[Pair]:
     """Pairs of the truth, or of its twin, and a rival that can be told from it.
 
     Those that the first log has told apart already are left out.
     """
-    names = {truth, *_twins(search, truth)}
+    names = _alike(case, truth)
     return [
         (c, a, b)
-        for c, contest in enumerate(search.question.contests)
+        for c, contest in enumerate(case.question.contests)
         for a, b in contest.pairs
         if contest.rivals[a].place in names
         and contest.rivals[b].place not in names
-        and (c, a, b) not in search.twins
+        and (c, a, b) not in case.twins
         and contest.rivals[a].nats - contest.rivals[b].nats < ENOUGH
     ]
 

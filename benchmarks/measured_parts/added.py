@@ -98,12 +98,6 @@ class Case:
     effect: str = ""
     target: float = 0.0  # size
 
-    @property
-    def name(self) -> str:
-        """Key of its result."""
-        own = f" {self.effect} {self.target:g} seed {self.seed}" if self.effect else ""
-        return f"added {self.split}{own}"
-
 
 def cases(seed: int) -> list[Case]:
     """Return the cases of a seed: each split as it is, and with all at each size."""

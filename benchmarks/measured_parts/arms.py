@@ -46,7 +46,11 @@ def peer_errors(
     proof, _ = build_tracks(held_out, FilterSettings(), speed_floor, full_rate=True)
     x, tau = _rows(robot, tracks)
     x_proof, tau_proof = _rows(robot, proof)
-    miss = tau_proof - x_proof @ _solve(x.reshape(-1, x.shape[2]), tau.ravel())
+    x = x.reshape(-1, x.shape[2])
+    scale = np.linalg.norm(x, axis=0)
+    scale[scale == 0] = 1.0
+    theta = np.linalg.lstsq(x / scale, tau.ravel(), rcond=_RANK)[0] / scale
+    miss = tau_proof - x_proof @ theta
     states, torque = _states(robot, tracks)
     tables = fit_nominal_pls(states, torque)
     states_proof, torque_proof = _states(robot, proof)
@@ -70,12 +74,6 @@ def _rows(robot: Robot, tracks: tuple[Track, ...]) -> tuple[Array, Array]:
     """Return filtered columns (n, dof, p) and torque (n, dof) outside the edges."""
     columns = [greedy.base_columns(robot, track, 0.0)[track.valid] for track in tracks]
     return np.concatenate(columns), np.concatenate([t.tau[t.valid] for t in tracks])
-
-
-def _solve(x: Array, tau: Array) -> Array:
-    size = np.linalg.norm(x, axis=0)
-    size[size == 0] = 1.0
-    return np.linalg.lstsq(x / size, tau, rcond=_RANK)[0] / size
 
 
 KR300, UR10, UR10E, LWR4, GEN3 = "kr300", "ur10", "ur10e", "lwr4", "gen3"

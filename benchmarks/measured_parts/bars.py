@@ -1,8 +1,9 @@
 """Figures of measured arms: held-out errors, names that repeat, and added effects."""
 
 import argparse
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from itertools import permutations
+from operator import itemgetter
 
 import numpy as np
 
@@ -195,19 +196,15 @@ def _is_truth(name: Sequence, truth: Sequence) -> bool:
     return tuple(truth[:2]) in _class_of(name)
 
 
-def _is(key: str) -> Callable[[Mapping], bool]:
-    return lambda row: row[key]
-
-
 _SUSPECTED = "added_suspected"  # the peer suspects nothing
 _LINES = (
-    Line("added_first", _is("first"), FIRST, _is("heard")),
-    Line("added_named", _is("named"), of=_is("heard")),
-    Line(_SUSPECTED, _is("suspected"), of=_is("heard")),
-    Line("added_another", _is("another"), ANOTHER, _is("heard"), most=True),
-    Line("added_another_of_all", _is("another"), ANOTHER, most=True),
-    Line("added_constant_first", _is("first"), of=_is("constant")),
-    Line("added_known_named", _is("named"), of=_is("known")),
+    Line("added_first", itemgetter("first"), FIRST, itemgetter("heard")),
+    Line("added_named", itemgetter("named"), of=itemgetter("heard")),
+    Line(_SUSPECTED, itemgetter("suspected"), of=itemgetter("heard")),
+    Line("added_another", itemgetter("another"), ANOTHER, itemgetter("heard"), most=True),
+    Line("added_another_of_all", itemgetter("another"), ANOTHER, most=True),
+    Line("added_constant_first", itemgetter("first"), of=itemgetter("constant")),
+    Line("added_known_named", itemgetter("named"), of=itemgetter("known")),
 )
 
 

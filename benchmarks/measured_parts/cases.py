@@ -3,7 +3,7 @@
 import argparse
 from collections.abc import Mapping
 
-from benchmarks.harness.cases import seed_range
+from benchmarks.harness.cases import named, seed_range
 from benchmarks.measured_parts import added, arms
 
 GROUPS = ("splits", "added", "files")
@@ -17,8 +17,7 @@ def jobs(args: argparse.Namespace) -> dict[str, Job]:
     if "splits" in args.groups:
         out |= {name: name for name in (QUICK if args.quick else arms.SPLITS)}
     if "added" in args.groups and not args.quick:
-        cases = [case for seed in seed_range(args.seeds) for case in added.cases(seed)]
-        out |= {case.name: case for case in cases}
+        out |= named(case for seed in seed_range(args.seeds) for case in added.cases(seed))
     return {name: job for name, job in out.items() if not _is_absent(job)}
 
 

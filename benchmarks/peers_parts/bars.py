@@ -1,6 +1,7 @@
 """Figures of each program."""
 
 import argparse
+from operator import itemgetter
 
 import numpy as np
 
@@ -10,11 +11,11 @@ from benchmarks.harness.rates import Line, Rows, lines
 from benchmarks.hidden.score import NOTHING, UNKNOWN
 
 _LINES = (
-    Line("exact_name", lambda r: r["exact_name"]),
-    Line("exact_class", lambda r: r["exact_class"]),
-    Line("named_on_nothing", lambda r: r["named"], of=lambda r: r["kind"] == NOTHING),
-    Line("unknown_flagged", lambda r: r["flagged"], of=lambda r: r["kind"] == UNKNOWN),
-    Line("joint", lambda r: r["joint"], of=lambda r: r["joint"] is not None),
+    Line("exact_name", itemgetter("exact_name")),
+    Line("exact_class", itemgetter("exact_class")),
+    Line("named_on_nothing", itemgetter("named"), of=lambda r: r["kind"] == NOTHING),
+    Line("unknown_flagged", itemgetter("flagged"), of=lambda r: r["kind"] == UNKNOWN),
+    Line("joint", itemgetter("joint"), of=lambda r: r["joint"] is not None),
 )
 
 

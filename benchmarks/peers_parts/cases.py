@@ -63,12 +63,6 @@ class Task:
     seconds: float  # length of a log
     programs: tuple[str, ...]
 
-    @property
-    def name(self) -> str:
-        """Key of the result."""
-        parts = (self.seed, self.seconds, self.number, *self.programs)
-        return " ".join(map(str, parts))
-
 
 def jobs(args: argparse.Namespace) -> dict[str, Task]:
     """Return ten cases a seed; two with short logs in a quick run."""

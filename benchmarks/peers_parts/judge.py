@@ -15,7 +15,6 @@ from residual.effects import load_effects
 from residual.effects.base import EffectTrait
 
 BODY, JOINT, OTHER = "body", "joint", "other"
-LEVELS = ("name", "class")
 
 
 def class_of(name: str) -> str:

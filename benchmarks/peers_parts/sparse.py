@@ -120,11 +120,6 @@ def _finding(arm: Arm, fit: _Fit, group: Group, change: Array) -> tuple[Name, ..
     if kind == "body":
         return body(arm, joint)
     # It does not tell friction from a rotor: what makes most torque is named.
-    whole = sum(fit.gram)
-    torque = {k: _torque(whole, change, arm.places(k, joint)) for k in DRIVES}
-    most = max(torque, key=lambda name: torque[name])
+    power = np.diag(sum(fit.gram)) * change**2
+    most = max(DRIVES, key=lambda name: power[arm.places(name, joint)[0]])
     return tuple(Name(k, (joint,)) for k in (most, *(k for k in DRIVES if k != most)))
-
-
-def _torque(gram: Array, change: Array, own: Sequence[int]) -> float:
-    return float(change[own] @ gram[np.ix_(own, own)] @ change[own])

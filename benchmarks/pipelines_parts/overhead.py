@@ -8,14 +8,14 @@ import json
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from time import perf_counter, sleep
+from time import sleep
 from unittest.mock import patch
 
 from benchmarks.harness.figures import FULL, Figures, figure, missing
 from benchmarks.harness.origin import ROOT
+from benchmarks.harness.rates import wall
 from flows.settings import build_prefect_environment, prefect_home
 from flows.steps import experiment as steps
 from flows.steps.experiment import PlannedExperiment
@@ -53,8 +53,8 @@ def main(folder: Path) -> None:
     with patch.object(steps, "run_planned_experiment", nap):
         flow(str(first), store=store)  # starts Prefect's server
         times = {
-            "bare": _time(lambda: steps.run_campaign_experiments(planned, bare)),
-            "flow": _time(lambda: flow(str(campaign), store=store)),
+            "bare": wall(lambda: steps.run_campaign_experiments(planned, bare)),
+            "flow": wall(lambda: flow(str(campaign), store=store)),
         }
     print(json.dumps(times))
 
@@ -64,12 +64,6 @@ def nap(planned: PlannedExperiment, store: str) -> str:
     sleep(1.0)
     build_record_path(Path(store), "runs", planned.run_id, "irb140").mkdir(parents=True)
     return planned.run_id
-
-
-def _time(job: Callable[[], object]) -> float:
-    start = perf_counter()
-    job()
-    return perf_counter() - start
 
 
 if __name__ == "__main__":

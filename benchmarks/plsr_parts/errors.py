@@ -10,7 +10,7 @@ from functools import cache
 
 import numpy as np
 
-from benchmarks.harness.figures import FULL, NO_LOGS, Figures, figure, missing
+from benchmarks.harness.figures import FULL, NO_LOGS, Figures, all_missing, figure, missing
 from benchmarks.harness.rates import rounded
 from benchmarks.measured_parts.arms import data_folder
 from residual.calibration.calibrate import Calibration, CalibrationSettings, calibrate
@@ -34,12 +34,12 @@ from sim.trajectories import plan_reference_motion
 from warehouse.logs import read_log
 
 HALF, NOT_WORSE = 0.5, 1.03
-BARS = (
-    ("paper_form_over_ls_random", HALF),
-    ("paper_form_over_ls_unseen", 1.0),
-    ("default_over_ls_unseen", HALF),
-    ("paper_declared_default_over_none", NOT_WORSE),
-)
+BARS = {
+    "paper_form_over_ls_random": HALF,
+    "paper_form_over_ls_unseen": 1.0,
+    "default_over_ls_unseen": HALF,
+    "paper_declared_default_over_none": NOT_WORSE,
+}
 _SEED = 2017
 _FAMILIES = (*2 * ("fourier",), *2 * ("move_stop_move",), *2 * ("cyclic",))
 
@@ -47,23 +47,13 @@ _FAMILIES = (*2 * ("fourier",), *2 * ("move_stop_move",), *2 * ("cyclic",))
 def paper_set_figures(quick: bool) -> Figures:
     """Return the figures of the frozen set; a quick run measures none."""
     if quick:
-        return {name: missing(bar, FULL) for name, bar in BARS}
-    out = _frozen_figures(_calibrated_set(frozen_runs(0)))
-    out["paper_declared_default_over_none"] = over_none(_calibrated_set(frozen_runs(1)))
-    return out
-
-
-def frozen_runs(side: int) -> list[CalibrationRun]:
-    """Return the six runs, against a twin without friction (0) or with it (1)."""
-    return [_simulated(number)[side] for number in range(len(_FAMILIES))]
-
-
-def _calibrated_set(runs: list[CalibrationRun]) -> Calibration:
+        return all_missing(BARS, FULL)
     settings = CalibrationSettings(paper=True, with_figures=False)
-    return calibrate(_irb140(), runs, settings)
+    runs = zip(*map(_simulated, range(len(_FAMILIES))), strict=True)
+    bare, declared = (calibrate(_irb140(), of, settings) for of in runs)
+    return _frozen_figures(bare) | {"paper_declared_default_over_none": over_none(declared)}
 
 
-@cache
 def _simulated(number: int) -> tuple[CalibrationRun, CalibrationRun]:
     """One run, against a twin without friction and against one with it."""
     robot, family = _irb140(), _FAMILIES[number]

@@ -6,7 +6,7 @@ mass of 535 g gives each gain its drive, as `check` writes it.
 """
 
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from functools import cache
 from itertools import combinations, permutations
@@ -36,12 +36,8 @@ SPEED, DELAYS = 4.8, (0.055, 0.045, 0.035, 0.03)
 # Motions of an epoch: 30 s, three times 18 s; of halves, what is before and after.
 ALL, TRIPLES = (0, 1, 2, 3, 4), ((0, 1, 2), (0, 1, 3), (1, 2, 4))
 SPLITS = (((0, 1, 2), (3, 4)), ((1, 2, 4), (0, 3)))
-BARS = {
-    "goal_speed_first": 0.9,
-    "delay_next": 0.75,
-    "mass_own_gain": 0.95,
-    "mass_across_gains": 0.85,
-}
+CHAINS = {"goal_speed_first": 0.9, "delay_next": 0.75}
+WEIGHED = {"mass_own_gain": 0.95, "mass_across_gains": 0.85}
 CHANGES = {
     "load_named_18s": 0.8,
     "load_named_30s": 0.8,
@@ -112,13 +108,10 @@ def _driven(logs: Sequence[Recording], drive: Drive) -> list[Recording]:
 
 def chain_figures(quick: bool) -> Figures:
     """Whether the check finds what was left out of a map, in its order and size."""
-    bars = {k: BARS[k] for k in ("goal_speed_first", "delay_next")}
-    if absent("servo"):
-        return all_missing(bars, NO_LOGS)
-    return _score_chains(LENGTH, quick, bars)
+    return all_missing(CHAINS, NO_LOGS) if absent("servo") else _score_chains(LENGTH, quick)
 
 
-def _score_chains(length: int, quick: bool, bars: Mapping) -> Figures:
+def _score_chains(length: int, quick: bool) -> Figures:
     first, second, data = [], [], {}
     for gain, expected in zip(GAINS, DELAYS, strict=True):
         for mass in MASSES[: 1 if quick else 4]:
@@ -135,16 +128,15 @@ def _score_chains(length: int, quick: bool, bars: Mapping) -> Figures:
                 ],
             )
     return {
-        name: at_least(rate(own, data=data), bars[name])
-        for name, own in (("goal_speed_first", first), ("delay_next", second))
+        name: at_least(rate(own, data=data), bar)
+        for (name, bar), own in zip(CHAINS.items(), (first, second), strict=True)
     }
 
 
 def mass_figures(quick: bool) -> Figures:
     """Masses by plain least squares with the drive of the known mass."""
-    bars = {k: BARS[k] for k in ("mass_own_gain", "mass_across_gains")}
     if absent("servo"):
-        return all_missing(bars, NO_LOGS)
+        return all_missing(WEIGHED, NO_LOGS)
     robot, errors, across = pendulum(LENGTH), {}, {}
     gains = GAINS[1:2] if quick else GAINS
     first, _ = find_chain(8, KNOWN, LENGTH)
@@ -160,10 +152,8 @@ def mass_figures(quick: bool) -> Figures:
                 value = own * ratio / base * KNOWN / mass - 1
                 across[f"gain {gain}, {mass} g"] = round(value, 4)
     return {
-        f"mass_{name}": at_least(
-            rate((abs(e) <= 0.1 for e in of.values()), data=of), bars[f"mass_{name}"]
-        )
-        for name, of in (("own_gain", errors), ("across_gains", across))
+        name: at_least(rate((abs(e) <= 0.1 for e in of.values()), data=of), bar)
+        for (name, bar), of in zip(WEIGHED.items(), (errors, across), strict=True)
     }
 
 
@@ -174,9 +164,7 @@ def _mass(robot: Robot, logs: Sequence[Recording]) -> float:
 
 def change_figures(quick: bool) -> Figures:
     """What has changed between two settings."""
-    if absent("servo"):
-        return all_missing(CHANGES, NO_LOGS)
-    return _score_changes(LENGTH, quick)
+    return all_missing(CHANGES, NO_LOGS) if absent("servo") else _score_changes(LENGTH, quick)
 
 
 def developed_figures(quick: bool) -> Figures:
@@ -186,7 +174,7 @@ def developed_figures(quick: bool) -> Figures:
     """
     if absent("servo"):
         return all_missing({"developed_gain_named_load": 0.0}, NO_LOGS)
-    out = _score_chains(SHORTER, quick, BARS) | _score_changes(SHORTER, quick)
+    out = _score_chains(SHORTER, quick) | _score_changes(SHORTER, quick)
     return {f"developed_{name}": figure for name, figure in out.items()}
 
 

@@ -5,7 +5,7 @@ model is the bare robot file, and its drives are those of the maker but where th
 itself is hidden. Half of the hidden things are effects of the arm, half of its drives.
 """
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 
@@ -49,19 +49,11 @@ CHAIN = ("goal_speed", "delay")
 HIDDEN = ("payload", "spring", *CHAIN)
 
 
-@dataclass(frozen=True, slots=True)
-class Case:
-    """One arm with what it hides."""
-
-    seed: int
-    hidden: str
-
-
 def six_joint_figures(quick: bool) -> Figures:
     """Share of arms whose first name is what they hide, and of nulls that are named."""
     seeds = range(9500, 9501) if quick else range(9500, 9510)
-    told = [name_first(Case(s, hidden)) for s in seeds for hidden in HIDDEN]
-    nulls = [name_first(Case(s, NOTHING)) for s in (*seeds, *(s + 50 for s in seeds))]
+    told = [name_first(s, hidden) for s in seeds for hidden in HIDDEN]
+    nulls = [name_first(s, NOTHING) for s in (*seeds, *(s + 50 for s in seeds))]
     # An arm that runs away under what was drawn for it has no logs: it is no case.
     told, nulls = ([x for x in of if x is not None] for of in (told, nulls))
     return {
@@ -70,53 +62,53 @@ def six_joint_figures(quick: bool) -> Figures:
     }
 
 
-def name_first(case: Case) -> bool | None:
+def name_first(seed: int, hidden: str) -> bool | None:
     """Whether the first name is what an arm hides, and none where that is nothing.
 
     Returns:
         None where the arm runs away from its goals.
     """
     try:
-        fit, held_out = simulate(case)
+        fit, held_out = simulate(seed, hidden)
     except SimulationDivergedError as trip:
-        print(f"[{case.seed}] {case.hidden}: {trip}", flush=True)
+        print(f"[{seed}] {hidden}: {trip}", flush=True)
         return None
     check = check_logs(ROBOT, fit)
     found = [fault.evidence for fault in check.faults if fault.kind == "drive"]
     part = "".join(rank_chain_parts(found[0])[:1]) if found else ""
-    if case.hidden in CHAIN:
-        print(f"[{case.seed}] {case.hidden}: {part or 'nothing'}", flush=True)
-        return part == case.hidden
+    if hidden in CHAIN:
+        print(f"[{seed}] {hidden}: {part or 'nothing'}", flush=True)
+        return part == hidden
     verdict = diagnose(ROBOT, fit, held_out=[held_out], check=check).verdict
     classes = [[e.name, *(x.name for x in e.equivalent)] for e in verdict.effects]
     certain = [fault.kind for fault in check.certain]
-    line = f"[{case.seed}] {case.hidden}: {classes}, {part or 'no chain'}, {certain}"
+    line = f"[{seed}] {hidden}: {classes}, {part or 'no chain'}, {certain}"
     print(line, flush=True)
-    if case.hidden == NOTHING:
+    if hidden == NOTHING:
         return not classes and not certain
-    return bool(classes) and case.hidden in classes[0]
+    return bool(classes) and hidden in classes[0]
 
 
-def simulate(case: Case) -> tuple[list[Recording], Recording]:
+def simulate(seed: int, hidden: str) -> tuple[list[Recording], Recording]:
     """Return the logs of one arm: two to be fitted, one held out."""
-    rng = create_random_stream(case.seed, f"servo/{case.hidden}")
+    rng = create_random_stream(seed, f"servo/{hidden}")
     specs = [TrajectorySpec("fourier", SECONDS, 2, int(s)) for s in rng.integers(2**31, size=3)]
     motions = [plan_reference_motion(ROBOT, spec, RATES.control, False) for spec in specs]
     chain = {"delay": np.full(6, DELAY)}
     # A goal stands until the next one: in the mean it is late by half a sample more.
     known = {"delay": tuple(chain["delay"] + 0.5 / RATES.log)}
-    if case.hidden == "delay":
+    if hidden == "delay":
         chain["delay"] += rng.uniform(0.03, 0.06)
-    if case.hidden == "goal_speed":
+    if hidden == "goal_speed":
         fastest = np.max([np.abs(m.qd).max(axis=0) for m in motions], axis=0)
         chain["goal_speed"] = rng.uniform(0.4, 0.7) * fastest
     effects: tuple[PlantEffect, ...] = ()
-    if case.hidden not in (*CHAIN, NOTHING):
-        effects = (draw_plant_effect(ROBOT, rng, case.hidden),)
+    if hidden not in (*CHAIN, NOTHING):
+        effects = (draw_plant_effect(ROBOT, rng, hidden),)
     parts = {name: tuple(values) for name, values in chain.items()}
     servo = ServoDrive(tuple(GAIN), tuple(LIMIT), damping=tuple(DAMPING), **parts)
     noise = SensorNoise(encoder=ENCODER)
-    plant = PlantSpec(effects, noise=noise, seed=case.seed, drive=servo)
+    plant = PlantSpec(effects, noise=noise, seed=seed, drive=servo)
     drive = Drive(tuple(GAIN), tuple(LIMIT), **known)
     logs = []
     for number, motion in enumerate(motions):

@@ -1,10 +1,6 @@
 """Small runs, for stores."""
 
-import shutil
-import tempfile
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
-from pathlib import Path
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -14,16 +10,6 @@ Array = np.ndarray
 
 DOF = 6
 FAMILIES = ("fourier", "cyclic", "move_stop_move", "welding")
-
-
-@contextmanager
-def folder() -> Iterator[Path]:
-    """Give a folder of one's own; nothing of it stays."""
-    place = Path(tempfile.mkdtemp(prefix="modelgap-store-"))
-    try:
-        yield place
-    finally:
-        shutil.rmtree(place, ignore_errors=True)
 
 
 def small(seed: int, rows: int = 50) -> tuple[Recording, Mapping, dict[str, Array]]:

@@ -5,7 +5,7 @@ import os
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
 from pathlib import Path
-from time import perf_counter
+from tempfile import TemporaryDirectory
 
 import duckdb
 import numpy as np
@@ -14,7 +14,7 @@ import pyarrow.parquet as pq
 from benchmarks.harness.figures import Figures, figure
 from benchmarks.harness.logs import reference
 from benchmarks.harness.rates import wall
-from benchmarks.store_parts.records import folder, small
+from benchmarks.store_parts.records import small
 from residual.robot.robot import load_robot
 from sim.engine.plant_records import PlantSpec, SampleRates, SensorNoise, TrajectorySpec
 from sim.experiment import run_experiment
@@ -38,7 +38,8 @@ def commit_figures(quick: bool) -> Figures:
     arrays = {"t": log.t, "q": log.q, "tau": log.tau, "q_ref": log.q_ref, **twin}
     table = arrays_to_table(arrays, {})
     ours, bare = [], []
-    with folder() as place:
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
         for seed in range(-2, rounds):
             manifest = {"spec": {"seed": seed, "trajectory": {"kind": "fourier"}}}
             commit = wall(lambda m=manifest: commit_run(place, log, m, None, twin))
@@ -75,10 +76,9 @@ ERRORS = """
 
 def many_figures(quick: bool) -> Figures:
     count, rounds = (600, 5) if quick else (FULL, 15)
-    with folder() as place:
-        start = perf_counter()
-        _fill(place, count)
-        filled = perf_counter() - start
+    with TemporaryDirectory() as folder:
+        place = Path(folder)
+        filled = wall(lambda: _fill(place, count))
         first = wall(lambda: open_store(place).close())
         figures = {"first_open_s": figure(first, None, 1)} | _figures(place, rounds)
     figures["fill_ms_per_run"] = figure(1e3 * filled / count, None, count, writers=2)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from benchmarks.hidden.oracle import oracle
-from benchmarks.hidden.score import Name, score
+from benchmarks.hidden.score import Name, case_row
 from benchmarks.measured_parts import bars
 from benchmarks.measured_parts.heard import fall_of_error, is_heard
 from benchmarks.peers_parts import judge, sparse, squares
@@ -91,9 +91,10 @@ JUDGED = [
 @pytest.mark.parametrize(("drawn", "truth", "words", "outcome", "found", "extra", "joint"), JUDGED)
 def test_a_verdict_beside_the_truth(drawn, truth, words, outcome, found, extra, joint):
     pairs = map(str.split, filter(None, truth.split(";")))
-    judged = score(drawn, [Name(n, (int(j),)) for n, j in pairs], verdict_in_words(words))
-    assert (judged.outcome, judged.count, judged.extra) == (outcome, found, extra)
-    assert judged.joint_right is joint
+    hidden = [(Name(n, (int(j),)), None) for n, j in pairs]
+    row = case_row(drawn, hidden, (), verdict_in_words(words), None)
+    assert (row["outcome"], row["found"], row["extra"]) == (outcome, found, extra)
+    assert row["joint_right"] is joint
 
 
 # What one reaches who is told the effect: the best that a diagnosis can do.
@@ -252,7 +253,7 @@ TRUTHS = {
 )
 def test_a_finding_is_compared_at_both_levels(kind, findings, unknown, right):
     row = judge.compare(kind, TRUTHS[kind], Answer(tuple(findings), unknown))
-    assert [level for level in judge.LEVELS if row[f"exact_{level}"]] == right
+    assert [level for level in ("name", "class") if row[f"exact_{level}"]] == right
 
 
 # What is hidden so that it can be seen: by the plant's own torque, in any draw.

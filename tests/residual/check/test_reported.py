@@ -50,8 +50,8 @@ def check_explained(name, kind, size, seed=1):
 def test_flaws_of_the_file_and_balanced_arms_are_no_certain_fault(name, kind):
     if kind == "bodies":
         hosted, rng = two_logs(name), create_random_stream(1, f"bodies/{name}")
-        flawed = draw_flawed(hosted, rng)
-        faults = check_logs(flawed.robot, hosted.logs).faults
+        flawed, _ = draw_flawed(hosted, rng)
+        faults = check_logs(flawed, hosted.logs).faults
     else:
         faults, _ = check_explained(name, kind, 2)
     assert not [f for f in faults if f.certain]
