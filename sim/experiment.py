@@ -127,9 +127,7 @@ def build_logged_reference(log: Recording) -> ReferenceMotion:
     derivatives; the rate is the next multiple of that of the log.
     """
     if log.q_ref is None:
-        raise InputError(
-            f"{log.id} has no reference (q_ref): a twin has nothing to be driven along."
-        )
+        raise InputError(f"{log.id} has no reference (q_ref): a twin needs one to follow.")
     step = float(np.median(np.diff(log.t)))
     dt = step / max(1, round(SampleRates().control * step))
     t = np.arange(round(log.duration / dt) + 1) * dt

@@ -72,8 +72,8 @@ def _endpoint(url: str | None) -> dict:
     if not parts.hostname or not (plain or parts.scheme == "https"):
         raise InputError(
             f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or "
-            "http://127.0.0.1:PORT. Runs and keys would cross the network in the open "
-            "by http to another machine; say that they may: AWS_ALLOW_HTTP=true."
+            "http://127.0.0.1:PORT. Plain http sends runs and keys unencrypted to "
+            "another machine; to allow it, set AWS_ALLOW_HTTP=true."
         )
     return {"endpoint": url} | ({"client_options": {"allow_http": True}} if plain else {})
 
@@ -167,7 +167,7 @@ class Bucket:
                 raise InputError(f"There is no bucket for {self.url}.") from error
             short = shorten(str(error).split("Debug source")[0], 200)
             raise InputError(
-                f"{self.url} does not let us {action}: {short}. Check the endpoint "
+                f"{self.url} refused to {action}: {short}. Check the endpoint "
                 "(AWS_ENDPOINT_URL), the bucket and the keys."
             ) from error
 

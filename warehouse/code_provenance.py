@@ -265,7 +265,7 @@ def format_uncommitted_change(origin: Mapping) -> str:
     """Say which uncommitted change a record was made with, in one line."""
     changes, commit = origin.get("uncommitted"), (origin.get("commit") or "")[:12]
     if changes is None:
-        return "uncommitted changes: unknown, the code was no git checkout"
+        return "uncommitted changes: unknown, the code was not a git checkout"
     if not changes["sha256"]:
         return f"uncommitted changes: none, the code was that of commit {commit}"
     some = ", ".join(changes["files"][:4])

@@ -236,7 +236,7 @@ def build_run_columns(manifest: Mapping) -> dict:
         moment = moment and moment.astimezone(UTC).replace(tzinfo=None)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"'{recorded}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+            f"'{recorded}' is not a time in ISO 8601, such as 2026-11-22T10:30:00Z."
         ) from error
     return {
         "serial": manifest.get("serial"),
@@ -472,9 +472,9 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
         return
     id, other = last
     raise AdoptionConflictError(
-        f"{other.who} has given {adoption.robot} another model meanwhile (adoption "
+        f"{other.who} has meanwhile changed the model of {adoption.robot} (adoption "
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
-        "was changed. Look at it with modelgap models, and try again if it still holds."
+        "was changed. See modelgap models, and try again if your change still applies."
     )
 
 

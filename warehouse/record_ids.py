@@ -157,4 +157,4 @@ def format_check_sums(sums: Mapping) -> bytes:
 def build_damage_error(path: Path, reason: object) -> InputError:
     """Return the error, in one line, that names a damaged file."""
     text = " ".join(str(reason).split())
-    return InputError(f"{path} is damaged ({text[:120]}). Take its folder out of the store.")
+    return InputError(f"{path} is damaged ({text[:120]}). Remove its folder from the store.")

@@ -95,8 +95,8 @@ def open_bucket_for_writing(store: Path) -> Bucket:
         if bucket.put_if_absent(IDENTITY, bucket.get(IDENTITY) or new):
             raise InputError(
                 f"The server of {bucket.url} ignores the condition of a put "
-                "(If-None-Match): every writer of a record would be the first. Use one "
-                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
+                "(If-None-Match), so two writers could overwrite each other. Use one "
+                "that honours it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
             )
         _note(store, bucket, read_store_identity(bucket))
         _writable.add(str(store))
@@ -118,7 +118,7 @@ def check_store_folder(folder: Path) -> None:
     if not folder.is_dir():
         raise InputError(
             f"There is no store at {format_store_name(folder)}. Make one with modelgap "
-            "experiment or demo, or say where it is: --store FOLDER."
+            "experiment or demo, or name its folder: --store FOLDER."
         )
     # Hidden files, such as .gitkeep, make no folder another thing.
     names = {name for name in os.listdir(folder) if not name.startswith(".")}

@@ -87,7 +87,7 @@ def find_robot_by_hash(store: Path, content_hash: str) -> str:
     raise InputError(
         f"No description of the robot {content_hash[:8]} is in "
         f"{format_store_name(store)}. "
-        "Import a log of it again with --robot, which keeps it."
+        "Import a log of it again with --robot, which stores it."
     )
 
 
@@ -107,8 +107,8 @@ def find_used_robot(store: Path, reference: str, content_hash: str | None) -> st
     if fetch_record(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
-        f"The robot that this was made with is not here: {why} And no description of "
-        "it was kept in the store. Put back the URDF and robot.toml of that time."
+        f"The robot that this was made with is missing: {why} The store has no "
+        "description of it either. Restore the URDF and robot.toml of that time."
     )
 
 

@@ -55,7 +55,7 @@ def read_verified_channels(folder: Path) -> dict:
     if hash_arrays(arrays) != _manifest(folder)["data_hash"]:
         raise InputError(
             f"{path} is damaged: its values are not those that were committed. "
-            "Take its folder out of the store."
+            "Remove its folder from the store."
         )
     return arrays
 
@@ -88,7 +88,7 @@ def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
     try:
         spec = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(f"{path} is damaged: it is no JSON.") from error
+        raise InputError(f"{path} is damaged: it is not JSON.") from error
     if hash_sealed_spec(spec) != read_row_text(run.row, "sealed_sha256"):
         raise _broken(run, path)
     return spec
@@ -108,7 +108,7 @@ def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
         The tombstone; the first one stays.
     """
     if not reason.strip():
-        raise InputError("A quarantine needs a reason, for those who find it later.")
+        raise InputError("A quarantine needs a reason: it is shown with the run.")
     id = find_run(store, run_id).id
     return mark_run(store, QUARANTINE, id, {"reason": reason})
 

@@ -52,12 +52,12 @@ WORKING, LARGEST = 0.5, 0.25
 def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
     """Return the tables and views that a query names, if all it can do is read."""
     if len(query) > LONGEST:
-        raise InputError(f"The query has {len(query)} characters, at most {LONGEST} are taken.")
+        raise InputError(f"The query has {len(query)} characters, at most {LONGEST} are allowed.")
     kind, text = _one_statement(db, query)
     select = _explained(text) if kind == "EXPLAIN" else text
     if kind not in ("SELECT", "EXPLAIN"):
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
-        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
+        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL can only read the store.")
     if kind == "EXPLAIN" and _one_statement(db, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
     return _tables(db, select)

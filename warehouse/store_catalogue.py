@@ -247,7 +247,7 @@ def _read_row(path: Path, kind: RecordKind) -> pa.Table | str:
     if lacking := sorted(set(kind.fields.names) - set(table.column_names)):
         return (
             f"{path} is of another version: it lacks {', '.join(lacking)}, which every "
-            f"record of {kind.name} has. Take its folder out of the store, and make or "
+            f"record of {kind.name} has. Remove its folder from the store, and make or "
             "import it again."
         )
     return table.select(kind.fields.names).cast(kind.fields)

@@ -128,7 +128,7 @@ def is_link_or_load(finding: Finding) -> bool:
 
 
 def describe_edit_tests(verdict: Verdict) -> list[str]:
-    """Return what is left without each effect on logs of the baseline, in sentences."""
+    """Return the baseline error after removing each effect, in sentences."""
     lines = []
     for edit in filter(lambda edit: is_number(edit.error), verdict.edit or ()):
         others = {
@@ -148,7 +148,7 @@ def describe_edit_tests(verdict: Verdict) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class HiddenEffect:
-    """One effect that was under the seal.
+    """One effect of the sealed half.
 
     Attributes:
         name: Its name.
@@ -164,10 +164,10 @@ class HiddenEffect:
 
 @dataclass(frozen=True, slots=True)
 class Demonstration:
-    """What the report of a simulated experiment has beyond any other.
+    """The additional content of the report of a simulated experiment.
 
     Attributes:
-        hidden: What was under the seal.
+        hidden: The effects of the sealed half.
         verdict: The verdict that was stored before the seal was opened.
     """
 
@@ -179,7 +179,7 @@ def compare_with_truth(hidden: Sequence[HiddenEffect], verdict: Verdict) -> str:
     """Compare a verdict with the truth.
 
     Args:
-        hidden: What was under the seal; one effect, or none.
+        hidden: The effects of the sealed half; one, or none.
 
     Returns:
         "right": the first name is it. "class": it is an equivalent of the first name.

@@ -48,8 +48,8 @@ from residual.verdict.result import (
     describe_settling_time,
 )
 
-NEVER = "n.d."  # not detectable here: it would take more than an arm can have
-_WHOLE_ARM = 10**6  # column of what does not sit on one joint: after every joint
+NEVER = "n.d."  # not detectable here at any plausible size
+_WHOLE_ARM = 10**6  # column of effects that are not on a single joint: after every joint
 
 
 def build_detectable_rows(verdict: Verdict) -> tuple[list[str], list[list[str]]]:
@@ -155,7 +155,7 @@ def describe_alternative_sets(verdict: Verdict) -> list[str]:
 
 
 MOST_VALUES = 12
-_HUGE = 10.0  # times: of a value that was next to nothing a share says nothing
+_HUGE = 10.0  # times: a relative change of a value near zero means nothing
 _LONGEST = 2  # parts of a sum that are printed; the JSON has all of them
 
 
@@ -325,7 +325,7 @@ def describe_faults(report: LogCheck) -> list[str]:
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
-_DIFFERS = 1.02  # times an error: less is no difference
+_DIFFERS = 1.02  # factor between errors: a smaller one is no difference
 _NO_MODEL, _NO_NOMINAL = 50.0, 200.0  # % of torque: no model of these logs
 
 
@@ -437,7 +437,7 @@ def summarize_errors(errors: ErrorTables) -> dict[str, float]:
 
 
 def describe_position(verdict: Verdict) -> str:
-    """Return how far models go from unseen motion by themselves, before and after."""
+    """Return the position error of models in free simulation, before and after."""
     position = verdict.error.position
     if position is None:
         return ""
@@ -466,7 +466,7 @@ def format_augmented_label(verdict: Verdict) -> str:
 def describe_errors(verdict: Verdict) -> str:
     """Return the error on unseen motion, from the nominal model to the last one.
 
-    The refit stands between where it lies between: its step is no merit of a finding.
+    The refit is listed if its error lies between: its gain is not due to a finding.
     """
     levels = summarize_errors(verdict.error)
     nominal, refit = levels.get("nominal"), levels.get("identified")

@@ -26,14 +26,14 @@ from warehouse.remote_store import format_store_name
 from warehouse.runs import read_run
 from warehouse.store_catalogue import list_record_folders, read_record
 
-# Times the error of the baseline's own model: what a model may leave of its logs once
-# what was found is taken out again.
+# Largest error of a model on the baseline logs once its findings are removed, as a
+# multiple of the error of the baseline's own model.
 EDITED = 2.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judgment:
-    """The judgment of the gate on a model: what speaks for it and against it."""
+    """The judgment of the gate on a model, with the reasons."""
 
     diagnosis: str  # id of the diagnosis that found it
     model_id: str
@@ -46,7 +46,7 @@ class Judgment:
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:
-        """Return what the gate saw as JSON can hold it."""
+        """Return the judgment as JSON values."""
         check = asdict(self.check) if self.check else {}
         check.pop("doubts", None)
         return {"held_out": check, "doubts": list(self.doubts)}
@@ -54,7 +54,7 @@ class Judgment:
 
 @one_blas_thread
 def judge_adoption(store: Path, word: str) -> Judgment:
-    """Hold the model of a diagnosis against the one that its robot has.
+    """Compare the model of a diagnosis with the current model of its robot.
 
     The logs are those that the diagnosis held out; the model before it is the adopted
     one, else the one that the diagnosis started from.
@@ -82,7 +82,7 @@ def judge_adoption(store: Path, word: str) -> Judgment:
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
-    """Return what in a verdict speaks against its model."""
+    """Return the reasons in a verdict not to adopt its model."""
     out = []
     if not verdict.trusted:
         out.append("its logs have a certain fault")
@@ -108,24 +108,24 @@ def _of_verdict(verdict: Verdict) -> list[str]:
 def adopt(
     word: str, note: str = "", force: bool = False, store: str | Path | None = None
 ) -> tuple[str, Judgment]:
-    """Let a model be the nominal one of its robot in this store from now on.
+    """Make a model the nominal model of its robot in this store.
 
     Args:
         word: Id of a diagnosis, of the model that it ended with, or of an adoption.
-        force: Against the gate; that needs a note.
+        force: Override the gate; needs a note.
 
     Returns:
-        The number of the adoption, and what the gate saw.
+        The number of the adoption, and the judgment of the gate.
     """
     place = resolve_store_folder(store)
     judgment = judge_adoption(place, word)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
-        raise InputError(f"{robot.name} has that model already, by adoption {int(parent[0])}.")
+        raise InputError(f"{robot.name} already has that model, by adoption {int(parent[0])}.")
     if judgment.doubts and not force:
         raise InputError(
-            f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
-            "it has. Diagnose with more motion, or give --force and a --note with the "
+            f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps its current "
+            "model. Diagnose with more motion, or give --force and a --note with the "
             "reason."
         )
     if force and not note:
@@ -149,7 +149,7 @@ def adopt(
 def roll_back(
     word: str | None, note: str = "", store: str | Path | None = None
 ) -> tuple[str, ModelAdoption]:
-    """Give a robot the model back that it had before, by one more record.
+    """Restore the previous model of a robot, by one more record.
 
     Args:
         word: The robot, with its serial number where several have its name; None where
@@ -243,7 +243,7 @@ class Proposal:
 
     @property
     def about(self) -> dict:
-        """What makes it the same proposal as that of another night."""
+        """The content by which two proposals are the same."""
         parent = self.judgment.parent
         return {
             "robot": self.verdict.robot,

@@ -110,8 +110,8 @@ class SimulationDivergedError(ModelgapError):
         state = ", ".join(f"{angle:.3g}" for angle in q)
         super().__init__(
             f"The simulation diverged at {time:.3f} s on joint {joint}: q = [{state}] "
-            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Make the effects there "
-            "smaller, the motion slower, or the control rate higher."
+            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Reduce the effects there, "
+            "slow the motion down, or raise the control rate."
         )
 
 

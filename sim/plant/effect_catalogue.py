@@ -121,7 +121,7 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
         "global": (joints == (), "none"),
     }[load_effects()[effect.name].scope]
     if len(set(joints)) < len(joints):
-        raise InputError(f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice.")
+        raise InputError(f"Effect '{effect.name}' is on joints {list(joints)}: one appears twice.")
     if not (inside and fits):
         raise InputError(
             f"Effect '{effect.name}' is on joints {list(joints)}, expected {expected}."

@@ -419,7 +419,7 @@ def check_motion_clearance(arm: ArmCapsules, kind: str, t: Array, q: Array) -> N
     least = float(space[row, worst])
     if least < MARGIN:
         raise MotionLimitError(
-            f"{kind}: at {t[row]:.2f} s the room of {arm.names[worst]} is "
+            f"{kind}: at {t[row]:.2f} s the clearance of {arm.names[worst]} is "
             f"{1000 * least:.0f} mm, needed {1000 * MARGIN:.0f} mm, "
             f"{1000 * (MARGIN - least):.0f} mm too little (arm as capsules of "
             f"{1000 * arm.radius:.0f} mm radius). Try another seed.",

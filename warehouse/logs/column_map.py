@@ -104,7 +104,7 @@ class BagFormat:
     @model_validator(mode="after")
     def _check(self) -> "BagFormat":
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError("joints names one of them twice")
+            raise ValueError("joints has one name twice")
         return self
 
 
@@ -139,7 +139,7 @@ class _Time:
     @model_validator(mode="after")
     def _check(self) -> "_Time":
         if self.nanoseconds is not None and (self.unit != "s" or self.scale != 1):
-            raise ValueError("nanoseconds stand beside a column in s, without a scale")
+            raise ValueError("nanoseconds need a column in s, without a scale")
         return self
 
 
@@ -203,9 +203,9 @@ def _column_map(content: Mapping, name: str) -> ColumnMap:
 def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
     """Return a signal with its unit, the usual one where the file gives none."""
     if signal.zero and key not in ("q", "q_ref"):
-        raise InputError(f"{where}: [{key}] has a zero; only a position has its own.")
+        raise InputError(f"{where}: [{key}] has a zero; only a position can have one.")
     if signal.unwrap and key not in ("q", "q_ref"):
-        raise InputError(f"{where}: [{key}] has unwrap; only a position goes round.")
+        raise InputError(f"{where}: [{key}] has unwrap; only a position can wrap.")
     unit = signal.unit or next(iter(UNITS[key]))
     check_name(unit, UNITS[key], f"unit of {key} in {where}")
     return replace(signal, unit=unit)
@@ -280,7 +280,7 @@ def select_columns(
             if name in beyond and not part:
                 raise InputError(
                     f"{source}: column '{beyond[name]}' is beyond the robot's joints 1 "
-                    f"to {dof}. Is --robot the right one? To look at a part of an arm, "
+                    f"to {dof}. Is --robot the right one? For a part of an arm, "
                     "name its columns of q and tau in --map; else rename the column."
                 )
             # An optional signal is read where it is whole, else ignored and named; of
@@ -343,12 +343,12 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
         raise MissingColumnsError(
             f"{where}: missing column {abbreviate_column_names(missing)}{hint}; "
             f"found {listing}.\n"
-            "Rename the columns, or say which is which with --map COLUMNS.toml."
+            "Rename the columns, or map them with --map COLUMNS.toml."
         )
     for column in used:
         if columns.count(column) > 1 or used.count(column) > 1:
             raise InputError(
-                f"{where}: column '{column}' stands twice, expected once. Rename one of them."
+                f"{where}: column '{column}' appears twice, expected once. Rename one of them."
             )
 
 
@@ -418,7 +418,7 @@ def list_signal_channels(name: str, signal: SignalMap) -> list[tuple[str, str, s
     for i, column in enumerate(signal.columns):
         done = ["from motor side"] if signal.side == "motor" else []
         if signal.sign and signal.sign[i] < 0:
-            done.append("sign turned")
+            done.append("sign reversed")
         if signal.scale and signal.scale[i] != 1:
             done.append(f"times {signal.scale[i]:.6g}")
         if signal.zero and signal.zero[i]:
@@ -437,11 +437,11 @@ def describe_conversion(name: str, signal: SignalMap) -> str | None:
         parts.append("motor to link side")
     if any(s < 0 for s in signal.sign):
         turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
-        parts.append(f"sign turned on joint {', '.join(turned)}")
+        parts.append(f"sign reversed on joint {', '.join(turned)}")
     if any(value != 1 for value in signal.scale):
         parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
     if any(signal.zero):
-        parts.append("zero moved")
+        parts.append("zero shifted")
     if signal.unwrap:
-        parts.append("whole turns undone")
+        parts.append("unwrapped")
     return f"{name}: {', '.join(parts)}" if parts else None

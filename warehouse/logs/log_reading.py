@@ -278,7 +278,7 @@ class MemoryLog(LogFile):
             some = ", ".join(f"{name}: {n}" for name, n in sizes.items())
             raise InputError(
                 f"{self.name}: its columns differ in length ({shorten_value(some)}), "
-                "expected as many samples in each."
+                "expected the same number of samples in each."
             )
         for name in columns:
             kind = self._columns[name].dtype
@@ -419,8 +419,8 @@ def _samples(
     masks_some = driven or (lacking.any() and (lacking == ~rows).all())
     if masks_some and rows.mean() >= 1 - MOST_MASKED:
         rows, masks["masked"], lost = _mask_rows(signals, rows, robot, driven)
-        leaps = ", or a leap and back" * driven
-        words = f"{label}: {lost} samples are masked: no number{leaps}."
+        leaps = ", or isolated jumps" * driven
+        words = f"{label}: {lost} samples are masked: not a number{leaps}."
         broken = (LogDoubt("spike", (), words, certain=False),) if lost else ()
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])

@@ -158,7 +158,7 @@ class CsvLog(LogFile):
         lines = re.split(r"\r\n|\n|\r", text)
         rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
         if not rows:
-            raise InputError(f"{self.name} has no line of names after {form.skip} lines.")
+            raise InputError(f"{self.name} has no line of column names after {form.skip} lines.")
         layout = find_text_table(lines, form)
         if layout is None:
             separator = form.separator or guess_separator(lines[rows[0]])
@@ -167,8 +167,8 @@ class CsvLog(LogFile):
         self._skip, self._separator = layout.samples, layout.separator
         if layout.line == len(lines) - 1 and len(head) >= HEAD:
             raise InputError(
-                f"{self.name}: its line of names does not end in the first {HEAD} "
-                "bytes. Give a file with names that somebody can read."
+                f"{self.name}: its line of column names is longer than {HEAD} "
+                "bytes. Give a file with readable names."
             )
         self.columns, self.text = layout.names, layout.text
         self.units = layout.units
@@ -409,8 +409,8 @@ class ParquetLog(LogFile):
         rows, size = self._file.metadata.num_rows, path.stat().st_size
         if rows > max(_MOST_ROWS, size):
             raise InputError(
-                f"{path.name} has {size} bytes and says {rows} rows, expected measured "
-                "samples, of which each has several bytes. Export the log again."
+                f"{path.name} has {size} bytes but claims {rows} rows, expected "
+                "several bytes per measured sample. Export the log again."
             )
         self._schema = self._file.schema_arrow
         # Column and place in its lists; of a column of numbers no place. Of two columns

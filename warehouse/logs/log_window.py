@@ -363,7 +363,7 @@ def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
 
 def _two_arms(where: str, leaps: int, samples: int) -> LogDoubt:
     words = (
-        f"{where}: the angles leap there and back {leaps} times in {samples} "
+        f"{where}: the angles jump back and forth {leaps} times in {samples} "
         "samples, as no joint can: two arms or drivers are interleaved in it. Log one "
         "of them: its topic by itself, or its joints under their names."
     )

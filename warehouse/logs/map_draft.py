@@ -36,9 +36,9 @@ _BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
 
 # What a torque without gravity does to a diagnosis, after what it may be.
 GRAVITY = (
-    "if an arm at rest reads about 0 under its own weight, gravity is taken out: then "
-    "set gravity = [0, 0, 0] under [robot] of robot.toml, and masses show by inertia "
-    "alone; modelgap check compares both"
+    "if an arm at rest reads about 0 under its own weight, gravity has been removed: "
+    "set gravity = [0, 0, 0] under [robot] of robot.toml, and only inertia shows the "
+    "masses; modelgap check compares both"
 )
 _FILE = tomllib.loads(Path(__file__).with_name("makers.toml").read_text("utf-8"))
 _EFFORTS, _WORDS = _FILE["efforts"], _FILE["words"]
@@ -272,7 +272,7 @@ class _Drafter:
     def draft(self, columns: ColumnMap) -> ColumnMapDraft:
         """Return the map and what is not certain about it."""
         if columns.csv.decimal == ",":
-            self._doubt("csv", "numbers have a comma before the decimals")
+            self._doubt("csv", "numbers have a decimal comma")
         clock, unit = self._time()
         signals = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
         needed, drive = NEEDED, self._drive(signals)
@@ -320,7 +320,7 @@ class _Drafter:
         clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
         if not clocks:
             clocks = [c for c in self.columns if self._increases(c) and self._even(c)]
-            words = "no column with increasing numbers has a name of a time"
+            words = "no column with increasing numbers has the name of a time"
             if len(clocks) != 1:
                 self._doubt("time", words)
                 return (), "s"
@@ -376,7 +376,7 @@ class _Drafter:
         family, *others = ranked
         if others:
             names = "; ".join(abbreviate_column_names(f.columns) for f in others)
-            self._doubt(name, f"or else: {names}")
+            self._doubt(name, f"other candidates: {names}")
         if not family.words or family.words[0] in LETTERS:
             self._doubt(name, f"matched by one letter only: confirm that {family.name} is it")
         if family.has_unusual_names:
@@ -447,7 +447,7 @@ class _Drafter:
             kinds = (k for _, k in WORDS if k & {*family.words})
             if CURRENTS & {*family.words} and CURRENTS & next(kinds, CURRENTS):
                 return "A"
-            self._doubt("tau", "no unit is stated; taken for N m at the link")
+            self._doubt("tau", "no unit is stated; assumed to be N m at the link")
         return next(iter(UNITS[name]))
 
     def _angle(self, name: str, family: ColumnFamily) -> str:
@@ -476,10 +476,10 @@ class _Drafter:
             return None
         if tau:
             names = abbreviate_column_names(tau.columns)
-            self._doubt("drive", f"{names} has {levels} values in the log: no torque")
+            self._doubt("drive", f"{names} has only {levels} values in the log, so it is no torque")
         self._doubt(
             "drive",
-            "torque as a spring from position to goal; is q_ref the goal that was sent "
+            "torque computed as gain times position error; is q_ref the goal that was sent "
             "to the drives? Then modelgap check finds gain, limit, delay, goal_speed",
         )
         switches = (c for c in self.log.columns if SWITCHES & {*split_column_name(c)})

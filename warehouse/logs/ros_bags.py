@@ -164,7 +164,7 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     if form.topic is None and len(names) > 1:
         raise InputError(
             f"{name} has joint states on several topics: {listed}.\n"
-            f"Say which in --map: bag = {{topic = '{names[0]}'}}."
+            f"Select one in --map: bag = {{topic = '{names[0]}'}}."
         )
     return form.topic or names[0]
 
