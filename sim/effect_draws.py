@@ -1,4 +1,4 @@
-"""Draw what an arm hides: effect, joint and size, as on a 100-kg arm."""
+"""Draw a hidden effect: name, joint and size, as on a 100-kg arm."""
 
 from residual.errors import InputError
 from residual.robot.robot import Robot
@@ -21,7 +21,7 @@ def draw_plant_effect(robot: Robot, rng: Rng, name: str | None = None) -> PlantE
 
 
 def list_drawable_effects() -> list[str]:
-    """Return the names of the effects that are drawn where none is asked for."""
+    """Return the names of the effects that may be drawn at random."""
     return [
         name
         for name in list_named_effects()

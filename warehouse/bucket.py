@@ -20,7 +20,7 @@ from residual.errors import InputError
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
 _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
-# No sign that a URL, a key or a pattern of file names takes for something else.
+# No character with a special meaning in a URL, a key or a file pattern.
 _PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
 
 _SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
@@ -49,7 +49,7 @@ def parse_bucket_address(address: str) -> tuple[str, str]:
 
 
 def read_bucket_settings() -> dict:
-    """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
+    """Return the options of `obstore.store.S3Store` other than bucket and prefix."""
     keys, profile = _profile() if not os.environ.get("AWS_ACCESS_KEY_ID") else ({}, {})
     names = map(os.environ.get, ("AWS_REGION", "AWS_DEFAULT_REGION"))
     region = next(filter(None, names), None) or profile.get("region") or "us-east-1"
@@ -87,7 +87,7 @@ def is_loopback_host(host: str) -> bool:
 
 
 def _profile() -> tuple[dict, dict]:
-    """Return where keys come from, and all that the user's profile says."""
+    """Return the source of the keys, and the settings of the user's profile."""
     try:
         from botocore.exceptions import BotoCoreError
         from botocore.session import Session

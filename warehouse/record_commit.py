@@ -1,4 +1,4 @@
-"""Commit records to the store: each becomes visible whole or not at all.
+"""Commit records to the store: each becomes visible completely or not at all.
 
 Adoptions are numbered records of which model a robot has. A number is taken once,
 because its folder is renamed into place; the second writer gets an error. The last
@@ -46,7 +46,7 @@ SPEC, TRUTH = "spec.json", "truth.parquet"
 class SealedTruth:
     """The hidden half of a simulated run: hashed before, opened only afterwards.
 
-    A diagnosis must not be able to look at what was planted. The hash in the run's
+    A diagnosis must not see the hidden effects. The hash in the run's
     manifest shows later that the truth was not changed to fit the verdict.
     """
 
@@ -67,10 +67,10 @@ def commit_run(
     sealed: SealedTruth | None = None,
     extra: Mapping[str, Array] | None = None,
 ) -> str:
-    """Put a run into the store; one of the same id that is there already stays.
+    """Store a run; an existing one of the same id is kept.
 
     Args:
-        manifest: How it came to be. Keys that a caller gives: ``spec`` (the open half:
+        manifest: Its origin. Keys that a caller gives: ``spec`` (the open half:
             robot, trajectory, declared effects, rates, reference seed), ``source``,
             ``kind``, ``trajectory``, ``seed``, ``robot_hash``, ``seed_streams``,
             ``timings``, ``parents``, ``serial``, ``tags`` (texts) and ``recorded_at``
@@ -116,7 +116,7 @@ def commit_run(
 
 
 def commit_seal(store: Path, run_id: str, sealed: SealedTruth) -> None:
-    """Put a hidden half into the store; one that is there already stays."""
+    """Store a hidden half; an existing one is kept."""
     target = record_ids.build_seal_path(store, run_id)
     if is_record_local(target):
         return
@@ -128,7 +128,7 @@ def commit_seal(store: Path, run_id: str, sealed: SealedTruth) -> None:
 
 
 def compute_imported_run_id(recording: Recording, robot_hash: str) -> str:
-    """Return the id that a measured recording has as a run, stored or not."""
+    """Return the run id of a measured recording, stored or not."""
     return record_ids.compute_measured_run_id(
         record_ids.hash_arrays(_channels(recording, {})), robot_hash
     )
@@ -146,8 +146,8 @@ def commit_record(
     """Put a model, diagnosis, validation, campaign or report into the store.
 
     Args:
-        record: All there is to say, as JSON can hold it; what has the name of a column
-            of the view becomes one.
+        record: Its content as JSON values; a key with the name of a column of the view
+            becomes that column.
         tables: ``errors`` and ``effects`` become rows of these views (columns as in
             ``schema.VIEWS``, without the record's own id); others become files.
         files: Other files by name, such as the page of a report.
@@ -190,7 +190,7 @@ def commit_catalogue_row(
     """Put a record of a known id into the store, with its one catalogue row.
 
     Returns:
-        Whether it is this one; False if the id was taken.
+        Whether it was stored; False if the id was taken.
     """
     kinds, origin = KINDS[kind], asdict(read_code_provenance())
     row = {name: record.get(name) for name in kinds.fields.names} | _common_columns(kind, id)
@@ -225,13 +225,13 @@ def build_lineage_rows(parents: Parents, role: str = "input") -> list[dict]:
 
 
 def build_run_columns(manifest: Mapping) -> dict:
-    """Return the columns of ``runs`` that the manifest decides."""
+    """Return the columns of ``runs`` that come from the manifest."""
     spec = manifest.get("spec") or {}
     motion = spec.get("trajectory") or {}
     motion = motion.get("kind") if isinstance(motion, Mapping) else motion
     simulated = "spec" in manifest
     recorded = manifest.get("recorded_at")
-    try:  # UTC without saying so, as columns hold it
+    try:  # UTC without a zone, as in the columns
         moment = recorded and datetime.fromisoformat(recorded)
         moment = moment and moment.astimezone(UTC).replace(tzinfo=None)
     except (TypeError, ValueError) as error:
@@ -262,7 +262,7 @@ def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Arr
 
 
 def compute_manifest_id(manifest: Mapping) -> str:
-    """Return the id of the run that a whole manifest is of."""
+    """Return the run id of a complete manifest."""
     if manifest.get("spec") is not None:
         code_hash = manifest["provenance"]["code_hash"]
         return record_ids.compute_simulated_run_id(
@@ -276,7 +276,7 @@ def compute_manifest_id(manifest: Mapping) -> str:
 
 
 def _is_there(target: Path, kind: str) -> bool:
-    """Whether a record is at its place; a damaged one is told, not repaired."""
+    """Whether a record exists; a damaged one is an error, not repaired."""
     if not is_record_local(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
@@ -352,15 +352,14 @@ def commit_diagnosis(
     """Put a diagnosis and its model into the store.
 
     Args:
-        record: What the view diagnoses shows, but for ``model_id``, and more.
-        model: The record of the model it ends with; ``stage`` says if it is another
-            than augmented.
-        runs: Ids of the runs that it was made from, by role: fit, baseline, held_out.
+        record: Columns of the view diagnoses, except ``model_id``, and more.
+        model: The record of its final model; ``stage`` if that is not "augmented".
+        runs: Ids of its runs, by role: fit, baseline, held_out.
         effects: Rows of the view effects.
         errors: Rows of the view errors, but for ``trajectory``; those without a
             ``run_id`` are over all held-out runs.
-        tables: Other tables of it, such as curves.
-        beside: Tables that go with its model: the motion that it is from.
+        tables: Other tables, such as curves.
+        beside: Tables of its model: the motion of its logs.
         nominal: Id of the diagnosis whose model was the nominal one, if any.
         seconds: Time that each step took [s].
 
@@ -377,7 +376,7 @@ def commit_diagnosis(
     before = {"nominal": [nominal]} if nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
     model_id = commit_record(store, "models", model, beside, fitted)
-    # What is over one held-out run, or over one kind of motion, is of it.
+    # Errors over one held-out run, or one kind of motion, belong to it.
     held_out = roles.get("held_out", [])
     kinds = {motions[id] for id in held_out}
     same = {
@@ -418,18 +417,18 @@ class ModelAdoption:
     diagnosis_id: str | None  # id of the diagnosis that found it
     parent: str | None  # id of the adoption before it, None for the first
     who: str  # name of the user
-    note: str = ""  # what he wrote about it
+    note: str = ""  # note of the user
     # Held-out error of the model before and of this one [%].
     before: float | None = None
     after: float | None = None
-    evidence: Mapping | None = None  # everything that the gate saw
+    evidence: Mapping | None = None  # inputs and result of the gate
 
 
 def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
-    """Put an adoption into the store under the next number.
+    """Store an adoption under the next number.
 
     Args:
-        adoption: Its parent is what the robot had when it was judged.
+        adoption: Its parent is the adoption in force when it was judged.
 
     Raises:
         AdoptionConflictError: If the robot has got another model since.
@@ -449,7 +448,7 @@ def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
 
 
 def read_adoption(store: Path, id: str) -> ModelAdoption:
-    """Return an adoption; what else is in its record is left out."""
+    """Return an adoption, without the other keys of its record."""
     row = build_record_path(store, ADOPTIONS, id) / KINDS[ADOPTIONS].row
     record = json.loads(read_row_text(row, "record"))
     return ModelAdoption(**{f.name: record[f.name] for f in fields(ModelAdoption)})
@@ -479,7 +478,7 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
 
 
 class AdoptionEntry(NamedTuple):
-    """An adoption of a store, with its number and when it was made, in words."""
+    """An adoption of a store, with its number and time, in words."""
 
     number: str
     adoption: ModelAdoption

@@ -24,7 +24,7 @@ def encode_canonical_json(value: object) -> bytes:
     """Return the one JSON text of a value: keys sorted, no blanks, UTF-8.
 
     Raises:
-        InputError: If something else is in it, or a number is not finite.
+        InputError: If it holds another type, or a number is not finite.
     """
     try:
         text = json.dumps(
@@ -127,7 +127,7 @@ SUMS = "_sums.json"
 
 
 def read_local_sums(folder: Path) -> Mapping[str, Mapping]:
-    """Return the sums of a record's files by name, as the list beside them has them."""
+    """Return the sums of a record's files by name, from the list beside them."""
     try:
         return parse_check_sums(folder / SUMS, (folder / SUMS).read_bytes())
     except FileNotFoundError:
@@ -137,7 +137,7 @@ def read_local_sums(folder: Path) -> Mapping[str, Mapping]:
 
 
 def parse_check_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
-    """Return the sums in the text of a list; a name in it is of no other place."""
+    """Return the sums in the text of a list; its names contain no path."""
     try:
         sums = json.loads(text)["files"]
         if format_check_sums(sums) == text and all(name == Path(name).name for name in sums):
@@ -148,7 +148,7 @@ def parse_check_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
 
 
 def format_check_sums(sums: Mapping) -> bytes:
-    """Return a list of sums as its file has it: it ends with its own SHA-256."""
+    """Return the text of a list of sums, which ends with its own SHA-256."""
     text = json.dumps(sums, sort_keys=True, separators=(",", ":"))
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     return f'{{"files":{text},"sha256":"{sha256}"}}\n'.encode()

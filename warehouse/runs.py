@@ -1,4 +1,4 @@
-"""Read runs from the store, their seals and robots, and mark those not to be used."""
+"""Read runs from the store, their seals and robots, and mark unusable ones."""
 
 import json
 from collections.abc import Mapping
@@ -32,7 +32,7 @@ def _manifest(folder: Path) -> dict:
 
 
 def read_run(store: Path, run_id: str) -> Recording:
-    """Return what was logged in a run, bit for bit as it was committed."""
+    """Return the log of a run, bit for bit as committed."""
     run = find_run(store, run_id)
     channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
@@ -80,7 +80,7 @@ def open_seal(store: Path, run_id: str) -> SealedTruth:
 
 
 def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
-    """Open the hidden spec of a run, without what no robot logs."""
+    """Open the hidden spec of a run, without its hidden channels."""
     path = build_seal_path(store, run.id) / SPEC
     if not record_exists(path.parent):
         raise InputError(f"Run {run.id} has no sealed half in {format_store_name(store)}.")
@@ -102,10 +102,10 @@ def _broken(run: StoredRecord, path: Path) -> InputError:
 
 
 def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
-    """Mark a run as not to be used; the run itself stays unchanged.
+    """Mark a run as unusable; the run itself is unchanged.
 
     Returns:
-        The tombstone; the first one stays.
+        The tombstone; the first one is kept.
     """
     if not reason.strip():
         raise InputError("A quarantine needs a reason: it is shown with the run.")
@@ -114,7 +114,7 @@ def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
 
 
 def mark_run(store: Path, mark: str, run_id: str, about: Mapping) -> Path:
-    """Put a mark on a run, such as QUARANTINE; one that is there already stays."""
+    """Put a mark on a run, such as QUARANTINE; an existing one is kept."""
     target = _mark(store, mark, run_id)
     fetch_file(target)
     if not target.exists():
@@ -132,7 +132,7 @@ def list_marked_runs(store: Path, mark: str) -> frozenset[str]:
 
 
 def read_quarantine_reason(store: Path, run_id: str) -> str | None:
-    """Return why a run should not be used, None where it may be."""
+    """Return why a run is in quarantine, None if it is not."""
     path = _mark(store, QUARANTINE, run_id)
     fetch_file(path)
     try:

@@ -2,7 +2,7 @@
 
 The index (``_index``) is one Parquet file per kind with a copy of every catalogue row.
 It may be deleted at any time: the next reader writes it again. The folders decide which
-records exist; the index only spares reading them one by one. Of two concurrent writers
+records exist; the index only saves reading them one by one. Of two concurrent writers
 of the index the later wins, and rows that only the other had are read from their
 records.
 """
@@ -37,7 +37,7 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import INDEX, KINDS, RecordKind
 
-RERUN_OF = "rerun of"  # what a record is to the one it was made again from
+RERUN_OF = "rerun of"  # role of a record for its rerun
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,13 +96,13 @@ def find_run(store: Path, id: str) -> StoredRecord:
 
 
 def read_record(store: Path, id: str) -> dict:
-    """Return what a record was committed with; of a run, its manifest."""
+    """Return the committed content of a record; for a run, its manifest."""
     record = find_record(store, id)
     return json.loads(read_row_text(record.row, "manifest" if record.kind == "runs" else "record"))
 
 
 def list_record_ancestry(store: Path, id: str) -> list[StoredRecord]:
-    """Return a record after all that it was made from: parents stand first."""
+    """Return a record and all its ancestors, parents first."""
     order: dict[str, StoredRecord] = {}
     path: set[str] = set()
 
@@ -126,7 +126,7 @@ def list_record_ancestry(store: Path, id: str) -> list[StoredRecord]:
 
 
 def list_parent_ids(store: Path, record: StoredRecord) -> list[str]:
-    """Return ids of what a record was made from: its lineage, and what it asked for."""
+    """Return the parent ids of a record: from its lineage and from its request."""
     rows = read_parquet(record.row, ["lineage"]).column("lineage")[0].as_py() or []
     ids = [row["parent"] for row in rows]
     if record.kind != "runs":
@@ -135,7 +135,7 @@ def list_parent_ids(store: Path, record: StoredRecord) -> list[str]:
 
 
 def _ids_in(value: object) -> list[str]:
-    """Return all whole ids in a request."""
+    """Return all complete ids in a request."""
     if isinstance(value, Mapping):
         return [id for item in value.values() for id in _ids_in(item)]
     if isinstance(value, list):
@@ -147,7 +147,7 @@ def _ids_in(value: object) -> list[str]:
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_record_folders(store, kind).items() if e[0].startswith(id)]
-    # A whole id needs no listing: its path is known but for the robot.
+    # A complete id needs no listing: its path is known except the robot.
     spec, bases = KINDS[kind], _bases(store, kind)
     paths = [os.path.join(base, f"{spec.key}={id}") for base in bases]
     return [(id, path) for path in paths if record_exists(Path(path))]
@@ -163,7 +163,7 @@ def _bases(store: Path, kind: str) -> list[str]:
 
 
 def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:
-    """What follows the prefix, and the path, of every such entry of a folder."""
+    """Yield the name after the prefix, and the path, of each such entry of a folder."""
     try:
         with os.scandir(folder) as entries:
             return [
@@ -175,8 +175,8 @@ def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:
         return []
 
 
-# Rows that may be missing in the index before a reader adds them: reading one record
-# takes about 1 ms, writing the index as long as reading some dozens.
+# Missing rows of the index from which a reader adds them: reading one record takes about
+# 1 ms, writing the index as long as reading some dozens.
 _SPARE = 32
 _AT_ONCE = 16  # records that are fetched from a bucket
 
@@ -195,7 +195,7 @@ def read_catalogue(store: Path, before: StoreCatalogue | None = None) -> StoreCa
     """List a store, and bring its index up to date where that pays.
 
     Args:
-        before: What was read earlier; it is given back if nothing has changed.
+        before: An earlier catalogue, which is returned if nothing has changed.
     """
     folders = {kind: list_record_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
@@ -254,7 +254,7 @@ def _read_row(path: Path, kind: RecordKind) -> pa.Table | str:
 
 
 def _read_index(store: Path, kind: RecordKind) -> pa.Table:
-    # Missing, torn, or of a version with other columns: all of it can be read again.
+    # Missing, incomplete, or of a version with other columns: it can be rebuilt.
     path = store / INDEX / f"{kind.name}.parquet"
     with suppress(InputError):
         fetch_index(path)
