@@ -216,13 +216,13 @@ def mixture_evidence(
 ) -> Array:
     """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
 
-    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
-    goes by how large they are.
+    A load of a tenth of the typical size is still a load: the price of ten parameters
+    depends on their size.
 
     Args:
-        information: Of the logs alone. Shape (k, k).
+        information: Information of the logs alone. Shape (k, k).
         pull: Information times the coefficients. Shape (k,).
-        prior: Precision of the usual prior. Shape (k, k).
+        prior: Precision of the typical prior. Shape (k, k).
         sizes: Factors on the coefficients. Shape (s,).
     """
     scale = 1 / np.sqrt(np.diag(prior))
