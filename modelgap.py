@@ -9,8 +9,8 @@
     found = mg.diagnose(robot, fit, held_out=test)
     found.save_report("out.html")
 
-docs/api.md has the rest. A name is loaded when it is first used, so that importing this
-loads no numerics, scheduler, physics engine, database or plotting library.
+See docs/api.md. Each name is loaded on first use, so that importing this module loads no
+numerics, scheduler, physics engine, database or plotting library.
 """
 
 from importlib import import_module

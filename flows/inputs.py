@@ -41,17 +41,17 @@ R = TypeVar("R", bound=Request)
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LogSets:
-    """All logs of one command, by what they are for."""
+    """All logs of one command, by their purpose."""
 
     robot: Robot
     # Logs to fit; those of runs are called by the beginning of their id.
     fit: tuple[Recording, ...]
     baseline: tuple[Recording, ...] = ()  # logs of healthy runs
     held_out: tuple[Recording, ...] = ()  # logs for the proof
-    # What was understood of each, in the order of the three sets.
+    # How each was read, in the order of the three sets.
     each: tuple[str, ...] = ()
-    warnings: tuple[str, ...] = ()  # what is odd but usable
-    # Whole ids of those that are runs, by the id of the recording.
+    warnings: tuple[str, ...] = ()  # odd but usable input
+    # Complete ids of those that are runs, by the id of the recording.
     runs: Mapping[str, str] | None = None
     columns: ColumnMap = field(default_factory=ColumnMap)  # how the files were read
     # Why logs can be none of this arm, with the label of the log; only where they were
@@ -60,7 +60,7 @@ class LogSets:
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """What was understood, for the user; the first says which log is used as what.
+        """How the logs were read, for the user; the first line has their roles.
 
         Logs that were read alike are one line.
         """
@@ -78,7 +78,7 @@ _NAMED = 8  # logs of a line; a campaign has thousands
 
 
 def merge_equal_lines(lines: Sequence[str]) -> tuple[str, ...]:
-    """Return one line for all logs that were read alike.
+    """Return one line for all logs read alike.
 
     Args:
         lines: Of each log: "id: size, size; what was read; what was done; ...".
@@ -112,9 +112,9 @@ def read_log_sets(
     Args:
         sets: Logs to fit, of the baseline, and held out: "FILE", "FILE@start:end", or
             the id of a run.
-        to_check: Whether a check follows, which tells why samples can be none of this
+        to_check: Whether a check follows, which explains samples that cannot be of this
             arm; without it they are an error.
-        called: What the user calls the robot, for a line that is offered.
+        called: Name of the robot as the user gave it, for a suggested command.
     """
     place = resolve_store_folder(store)
     column_map = choose_column_map(robot, columns) or ColumnMap()
@@ -135,9 +135,9 @@ def read_log_sets(
             line = f"{run.id}: run of {log.robot}, {size}"
             if run.drive is None or column_map.drive is None:
                 runs[log.id] = run.id
-            else:  # the line of the check, pasted: it is not what the store has
+            else:  # a pasted line of the check, which the stored run lacks
                 log = apply_drive(log, column_map.drive)
-                line += "; torque of the map's drive, so that no verdict on it is stored"
+                line += "; torque computed from the map's drive, so its verdict is not stored"
         else:
             with suggest_column_map(word, called):
                 log, understood = read_log(word, robot, column_map, next(labels), to_check)
@@ -155,7 +155,7 @@ def read_log_sets(
 
 @contextmanager
 def suggest_column_map(log: str, robot: str) -> Iterator[None]:
-    """Say of a log with other columns how a map of them is drafted."""
+    """Add to the error of unknown columns how to draft a map."""
     try:
         yield
     except MissingColumnsError as error:
@@ -167,7 +167,7 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
     """Read the robot and every log of a request once, also impossible ones.
 
     Args:
-        purpose: What they are needed for, such as "to diagnose".
+        purpose: Their use, such as "to diagnose".
         robot: Their robot, without --known; None for the one that the request names.
     """
     held_out = getattr(request, "held_out", ())
@@ -186,7 +186,7 @@ def read_logs(request: Request, purpose: str, robot: Robot | None = None) -> Log
 def require_logs(words: Sequence[str], purpose: str, command: str) -> None:
     """Refuse a command without any log."""
     if not words:
-        raise InputError(f"No log {purpose}. Name it first: modelgap {command} LOG ... --robot R.")
+        raise InputError(f"No log {purpose}. Give it first: modelgap {command} LOG ... --robot R.")
 
 
 def select_request_runs(
@@ -264,18 +264,18 @@ def _of_names(word: str, named: Sequence[Sequence[str]]) -> Robot:
 
 
 def _logged(log: str) -> tuple[str, ...]:
-    """Names of the joints that a log has, of all topics of a bag; () for none."""
+    """Joint names of a log, of all topics of a bag; () for none."""
     try:
         path, _ = split_log_spec(log)
         names = list_joint_topics(path).values()
-    except InputError:  # it is said by who reads it, with what it should be
+    except InputError:  # its reader reports it, with the expected form
         return ()
     return tuple(dict.fromkeys(n for some in names for n in some))
 
 
 @contextmanager
 def substitute_robot_files(words: Mapping[str, str]) -> Iterator[None]:
-    """Load other files than the words say, for the time being."""
+    """Load other files in place of robot words, within a block."""
     token = _INSTEAD.set(words)
     try:
         yield
@@ -321,11 +321,11 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
             robot = _of_names(word, ())
     if robot is None or hashes - {robot.content_hash}:
         for hash in hashes:
-            with suppress(InputError):  # of one that was not kept the word says all
+            with suppress(InputError):  # without a stored description the word decides
                 named.append(load_command_robot(find_robot_by_hash(place, hash)).joints)
         robot = _of_names(word, list(dict.fromkeys(named)))
     plants = {id for id, m in manifests.items() if "spec" in m and m.get("serial")}
-    if plants:  # robot.toml describes them all, so its own number is of none of them
+    if plants:  # robot.toml describes them all, so its own serial number applies to none
         robot = replace(robot, serial=None)
     for run, manifest in manifests.items():
         serial = manifest.get("serial")
@@ -340,7 +340,7 @@ def load_run_robot(word: str, runs: Sequence[str], store: str | Path | None) -> 
 
 
 def read_file_serial(robot: Robot) -> str | None:
-    """Return the serial number by robot.toml; that of a plant stands nowhere in it."""
+    """Return the serial number of robot.toml; a plant has none in it."""
     return json.loads(robot.toml).get("robot", {}).get("serial")
 
 

@@ -111,7 +111,7 @@ class InboxTable:
 
 @tables.dataclass(frozen=True, slots=True, config=_TABLE)
 class NotifyTable:
-    """Whom the server tells of events, through Prefect."""
+    """Recipients of notifications, sent through Prefect."""
 
     # Notification block of this server: "TYPE/NAME", such as "slack-webhook/lab".
     block: Annotated[str, Field(pattern=r"^([\w-]+/[\w-]+)?$")] = ""
@@ -123,7 +123,7 @@ class NotifyTable:
     @model_validator(mode="after")
     def _check(self) -> "NotifyTable":
         if not (self.block or self.webhook) or not self.kinds:
-            raise ValueError("names nobody, expected block or webhook, and kinds")
+            raise ValueError("notifies nobody, expected block or webhook, and kinds")
         return self
 
 
@@ -348,13 +348,13 @@ def _project_deployments(project: Project) -> Iterator[dict]:
         yield _deployment(
             robot.name,
             "diagnose_new",
-            f"Diagnoses what has come in of {robot.name} since the last time.",
+            f"Diagnoses the runs of {robot.name} since the last diagnosis.",
             parameters=folder | {"robot": robot.name},
             schedules=night,
             triggers=[stored] if robot.batch else [],
         )
     if table.inbox:
-        about = "Checks and stores the logs that dropped into the inboxes."
+        about = "Checks and stores new logs in the inboxes."
         more = {"schedules": _build_schedule(table.poll, "UTC", "poll"), "parameters": folder}
         yield _deployment("inbox", "inbox", about, **more)
 

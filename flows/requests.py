@@ -1,4 +1,4 @@
-"""What a command is to do: one frozen record per command, its fields are the options.
+"""The request of each command: one frozen record, whose fields are the options.
 
 The command line takes a record as its options, with the help texts below; positional
 arguments are set by the command. The record of a stored result holds its request, which
@@ -106,7 +106,7 @@ Numbers = Annotated[
     tuple[int, ...] | None,
     Parameter(converter=parse_numbers, n_tokens=1, negative="", metavar="1,2,3"),
 ]
-TrustLog = Annotated[Flag, Parameter(help="Continue although a fault of the logs is certain.")]
+TrustLog = Annotated[Flag, Parameter(help="Continue despite a certain fault of the logs.")]
 Which = Annotated[
     str | None,
     Parameter(
@@ -464,5 +464,5 @@ def check_tags(tags: Sequence[str]) -> list[str]:
 
 
 def is_short_word(word: str) -> bool:
-    """Return whether a word is one that names something."""
+    """Return whether a word is short and printable."""
     return 0 < len(word) <= LONGEST_WORD and word.isprintable() and word == word.strip()

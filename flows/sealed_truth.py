@@ -1,6 +1,6 @@
 """Open the seals of a store for one SQL connection: `sql --truth`, and nothing else.
 
-What diagnoses cannot import this module (import-linter, pyproject.toml).
+Diagnosing code cannot import this module (import-linter, pyproject.toml).
 """
 
 from collections.abc import Iterator, Mapping
@@ -59,7 +59,7 @@ def _truth_rows(store: Path, run: Mapping) -> Iterator[dict]:
                 unit = units.get(name, {}).get(key)
                 yield common | {"parameter": key, "value": value, "unit": unit}
     except (KeyError, TypeError, ValueError) as error:
-        # Without its values: the message may go anywhere.
+        # Without its values: anyone may read the message.
         raise InputError(
             f"The seal of run {id} has another form than expected: effects with name, "
             "joints, parameters and onset."

@@ -82,9 +82,9 @@ class EffectTable(SpecTable):
 
 
 class DriveTable(SpecTable):
-    """[drive]: of an arm that is sent goals, what its log says of its drives.
+    """[drive]: the drives of an arm that is sent goals, as its log describes them.
 
-    One value per joint; an empty table says that it is such an arm, and no more.
+    One value per joint; an empty table only marks such an arm.
     """
 
     gain: _Row = ()
@@ -99,7 +99,7 @@ class DriveTable(SpecTable):
 
 
 class ServoTable(DriveTable):
-    """[plant.drive]: what of the drives is other than [drive] says."""
+    """[plant.drive]: differences of the drives from [drive]."""
 
     damping: _Row = ()
 
@@ -195,13 +195,13 @@ class ExperimentSpec(SpecTable):
     def _check_drives(self) -> "ExperimentSpec":
         if self.plant.drive is not None and self.drive is None:
             raise ValueError(
-                "[plant.drive] is there and [drive] is not; add [drive] with what the "
-                "log says of the drives, or an empty one"
+                "[plant.drive] needs [drive]; add [drive] with the values that the log "
+                "has of the drives, or empty"
             )
         if self.drive is not None and self.controller.model != NOMINAL:
             raise ValueError(
-                "an arm with [drive] is sent goals, so no model can drive it; take "
-                "out [controller] or [drive]"
+                "an arm with [drive] is sent goals, so no model can drive it; remove "
+                "[controller] or [drive]"
             )
         return self
 
@@ -266,14 +266,14 @@ def parse_spec(content: dict, path: str | Path) -> ExperimentSpec:
 
 MOST = 10_000  # runs
 _CHANGES = ("grid", "random")  # tables of a campaign
-# What `[campaign] sealed = false` opens: not what tells the draws of the plant.
+# Keys that `[campaign] sealed = false` opens: not those that reveal the draws.
 _OPENABLE = ("plant.effect.", "plant.background", "plant.worked_before")
 _RANGE = ("low", "high", "log")
 _LARGEST = 2**62  # of a bound; NaN is none
 
 
 class CampaignTable(SpecTable):
-    """[campaign]: whether what is varied under [plant] is sealed from queries."""
+    """[campaign]: whether varied keys of [plant] are sealed from queries."""
 
     sealed: bool = True
 
@@ -391,7 +391,7 @@ def _entry(content: dict, change: Change, path: str | Path, sealed: bool) -> Cam
     for keys, value in change:
         axis = ".".join(keys)
         if keys[0] in ("serial", "tags"):
-            raise InputError(f"{axis} moves no id, so it is no axis of a campaign.")
+            raise InputError(f"{axis} changes no id, so a campaign cannot vary it.")
         _put(changed, keys, value, axis)
         axes[axis] = value
     points = {axis: value for axis, value in axes.items() if _is_open(axis, sealed)}
@@ -400,7 +400,7 @@ def _entry(content: dict, change: Change, path: str | Path, sealed: bool) -> Cam
 
 
 def _is_open(axis: str, sealed: bool) -> bool:
-    """Whether the store may show an axis; what the plant draws from it never does."""
+    """Whether the store may show an axis; never the draws of the plant."""
     if axis.startswith(_OPENABLE):
         return not sealed
     return axis != "seed" and not axis.startswith("plant.")
@@ -423,7 +423,7 @@ def _put(place: Any, keys: tuple[str, ...], value: Any, name: str) -> None:
             _put(place[number - 1], tuple(inner), value, name)
         else:
             raise InputError(
-                f"{name}: there are {len(place)} of these tables; say which one by "
+                f"{name}: there are {len(place)} of these tables; select one by "
                 "its number from 1, as in plant.effect.2.level."
             )
     elif not isinstance(place, dict):

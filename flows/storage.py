@@ -29,7 +29,7 @@ CORRECTED = "corrected.json"  # file of a calibrated model
 
 def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]]:
     """Return a diagnosis as JSON and tables: what it says, and its curves."""
-    # A cloud without a name is what a joint keeps.
+    # A cloud without a name is the unexplained residual of a joint.
     clouds = (*diagnosis.clouds, *diagnosis.residual_clouds)
     record = {
         "sentences": list(diagnosis.sentences),
@@ -47,7 +47,7 @@ def diagnosis_to_record(diagnosis: Diagnosis) -> tuple[dict, dict[str, pa.Table]
 def diagnosis_from_record(
     record: Mapping, tables: Mapping[str, pa.Table], verdict: Verdict, models: Mapping
 ) -> Diagnosis:
-    """Return the diagnosis that `to_record` was given, with its verdict and models."""
+    """Return the diagnosis of a record, with its verdict and models."""
     proofs = _parts(tables.get(PROOFS), len(record["proofs"]))
     parts = _parts(tables.get(CLOUDS), len(record["clouds"]))
     clouds = [
@@ -84,7 +84,7 @@ def build_effect_rows(effects: Sequence[Finding]) -> Iterator[dict]:
 
 
 def build_error_view_rows(errors: ErrorTables) -> Iterator[dict]:
-    """Rows of the view errors that are over all held-out runs together."""
+    """Rows of the view errors over all held-out runs together."""
     metrics = {
         "held_out": (errors.held_out, errors.overall),
         "filtered": (errors.filtered, errors.overall_filtered),
@@ -146,7 +146,7 @@ def _proof(id: str, models: list[str], part: Mapping) -> LogPrediction:
 
 
 def _stacked(parts) -> pa.Table | None:
-    """Return parts under each other, told apart by the column `part`."""
+    """Return parts stacked, distinguished by the column `part`."""
     tables = [
         pa.table({"part": np.full(len(next(iter(part.values()))), i), **part})
         for i, part in enumerate(parts)
@@ -162,18 +162,18 @@ def _parts(table: pa.Table | None, count: int) -> list[dict[str, np.ndarray]]:
     return [{k: v[which == i] for k, v in columns.items()} for i in range(count)]
 
 
-# The motion behind a model, thin enough to go with it: what is compared with later.
+# The motion behind a model, decimated and stored with it, for later comparisons.
 #
-# Runs may be pruned, or stay in the store of another site. What a comparison of two
-# epochs reads of them is motion and torque below the filters' cut-off, and that is kept
-# with the model (docs/store.md: a model outlives its runs).
+# Runs may be pruned, or stay in the store of another site. A comparison of two epochs
+# reads only motion and torque below the filters' cut-off, so these are stored with the
+# model (docs/store.md: a model outlives its runs).
 
 
 def build_states_table(recordings: Sequence[Recording]) -> pa.Table | None:
     """Return filtered decimated motion and torque of logs; None of no logs.
 
     Args:
-        recordings: The logs that a model is from; of long ones evenly spread pieces
+        recordings: The logs of a model; of long ones evenly spread pieces
             are kept, 420 s in all.
 
     Returns:
@@ -193,7 +193,7 @@ def build_states_table(recordings: Sequence[Recording]) -> pa.Table | None:
         return pa.FixedSizeListArray.from_arrays(flat.ravel(), flat.shape[1])
 
     columns = {
-        # Pieces of one log have its name, so that each has a number beside it.
+        # Pieces of one log share its name, so each also has a number.
         "log": words([f"{i}/{own.id}" for i, own in enumerate(logs)]),
         "robot": words([own.robot for own in logs]),
         "t": np.concatenate([own.t for own in logs]),
@@ -212,10 +212,10 @@ def store_outcome(
     seconds: Mapping[str, float] | None = None,
     serial: str | None = None,
 ) -> tuple[str, str]:
-    """Put a diagnosis, its models and the proof of it into the store.
+    """Store a diagnosis, its models and its held-out validation.
 
     Args:
-        logs: The logs behind its model, which goes with their motion.
+        logs: The logs behind its model, which is stored with their motion.
         seconds: Time that each step took [s].
         serial: Serial number of the arm.
 
@@ -225,7 +225,7 @@ def store_outcome(
     request_entry, verdict = {"request": request}, diagnosis.verdict
     each = build_run_error_rows(diagnosis) if runs.get("held_out") else []
     models = {name: model.to_record() for name, model in diagnosis.models.items()}
-    # Their robot, which is one, stands there once.
+    # They share one robot, stored once.
     robots = [record.pop("robot") for record in models.values()]
     content: dict = {"models": {"robot": robots[0], "models": models} if robots else {}}
     known = diagnosis.adoptable
@@ -299,7 +299,7 @@ def read_adoptable_model(store: Path, diagnosis_id: str) -> Model:
 
 
 def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
-    """Return the motion behind the model of a diagnosis, of logs by id; may be none."""
+    """Return the motion behind the model of a diagnosis, by log; may be empty."""
     model = read_record(store, diagnosis_id)["model_id"]
     path = find_record(store, model).folder / f"{STATES}.parquet"
     if not path.exists():
@@ -320,14 +320,14 @@ def read_motion(store: Path, diagnosis_id: str) -> tuple[Recording, ...]:
 
 
 def read_runs(store: Path, diagnosis_id: str, roles: Sequence[str]) -> tuple[str, ...]:
-    """Return ids of the runs that a diagnosis was made from, role by role."""
+    """Return ids of the runs of a diagnosis, role by role."""
     row = find_record(store, diagnosis_id).row
     lineage = read_parquet(row, ["lineage"]).column("lineage")[0].as_py() or []
     return tuple(p["parent"] for role in roles for p in lineage if p["role"] == role)
 
 
 def models_from_record(record: Mapping) -> dict[str, Model | CorrectedModel]:
-    """Return the models of a record; their robot stands there once."""
+    """Return the models of a record; their robot is stored once."""
     robot = record["robot"]
     return {name: read_model({**own, "robot": robot}) for name, own in record["models"].items()}
 

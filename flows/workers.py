@@ -62,7 +62,7 @@ def run_jobs(
 
 
 def run_job(work: Callable, *arguments: Any) -> Any:
-    """Do a job; its errors can be pickled."""
+    """Run a job; its errors can be pickled."""
     try:
         return work(*arguments)
     except ModelgapError as error:

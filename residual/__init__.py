@@ -8,10 +8,10 @@ P, T = ParamSpec("P"), TypeVar("T")
 
 
 def one_blas_thread(function: Callable[P, T]) -> Callable[P, T]:
-    """Let a function compute with one thread of BLAS, and others as before.
+    """Run a function with a single BLAS thread.
 
-    The products are small: two threads on them wait for each other, up to twenty times
-    longer than one works.
+    The products are small: two threads spend up to twenty times longer waiting for each
+    other than one needs for the work.
     """
 
     @wraps(function)

@@ -1,9 +1,8 @@
-"""The drive of a joint that follows a goal: the torque of an arm without sensors of it.
+"""The drive of a joint that follows a goal: torque of an arm without torque sensors.
 
-A position-controlled servo presses with its gain times what is left of the way, and
-three things stand between the goal that a log has and the one that the servo follows:
-its firmware lets the goal travel at a limited speed, the bus delivers it late, and the
-amplifier gives no more than its limit.
+The torque of a position-controlled servo is its gain times the position error, and three
+effects separate the logged goal from the torque: the firmware limits the speed of the
+goal, the bus delivers it late, and the amplifier limits the torque.
 
 tau = clip(gain · (g(t - delay) - q), -limit, limit),    |dg/dt| <= goal_speed
 """
@@ -16,7 +15,7 @@ import numpy as np
 
 Array = np.ndarray
 
-# Of a drive that nothing limits; a torque is then known up to a factor.
+# Of an ideal drive; its torque is known up to a factor.
 IDEAL = {"gain": 1.0, "limit": inf, "delay": 0.0, "goal_speed": inf}
 FACTOR = (
     "Torques and sizes hold up to one factor a joint until a mass is weighed (--known "
@@ -47,11 +46,11 @@ class Drive:
 
     @property
     def dof(self) -> int | None:
-        """Number of joints that it has values for; None where it has none."""
+        """Number of joints with values; None without any."""
         return max(len(getattr(self, name)) for name in IDEAL) or None
 
     def values(self, name: str, dof: int) -> Array:
-        """Return a field's values, those of an ideal drive where it is empty. (dof,).
+        """Return the values of a field, of an ideal drive if empty. (dof,).
 
         Args:
             name: Field: gain, limit, delay or goal_speed.
@@ -84,7 +83,7 @@ def limit_goal(drive: Drive, goal: Array, t: Array) -> Array:
 def compute_drive_torque(
     drive: Drive, goal: Array, q: Array, t: Array, enabled: Array | None = None
 ) -> tuple[Array, Array]:
-    """Return the torque of the drives [N m], and where it is at its limit.
+    """Return the torque of the drives [N m], and a mask of samples at the limit.
 
     Args:
         goal, q: Goal as logged and position [rad]. Shapes (n, dof).

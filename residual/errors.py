@@ -1,4 +1,4 @@
-"""What can go wrong with input and in runs, in words that help; names, with a hint."""
+"""Errors of input and of runs, and checks of names with a hint."""
 
 import re
 from collections.abc import Iterable, Sequence
@@ -6,11 +6,11 @@ from typing import TypeVar
 
 
 class ModelgapError(Exception):
-    """Root of the errors that a user can mend; the command line exits with 2."""
+    """Base class of errors that a user can fix; the command line exits with 2."""
 
 
 class InputError(ModelgapError):
-    """A file, value or option is not usable: expected this, got that, do so."""
+    """A file, value or option is not usable: expected, got, remedy."""
 
 
 class RobotError(InputError):
@@ -29,22 +29,22 @@ class NotAnIdError(InputError):
 
 
 class UnknownNameError(InputError):
-    """A name is not known; the message gives the nearest one that is."""
+    """An unknown name; the message gives the nearest known one."""
 
 
 class RunError(Exception):
-    """A run did not come to its end, through no fault of its input; exit code 1."""
+    """A run failed, not because of its input; exit code 1."""
 
 
-# Names that users type, checked with a hint, and joints as they are listed.
+# Checks of names that users type, with a hint; lists of joints.
 
 
 Content = TypeVar("Content")
 
-# Levels of tables and lists in a file; none of ours has a third of it, and what walks
-# through them by calling itself ends at some hundreds.
+# Nesting of tables and lists in a file; ours have less than a third, and recursive code
+# fails at some hundreds.
 DEEPEST = 64
-# What steers a terminal, turns the order of what is read, or is half a character.
+# Control characters, changes of text direction, and halves of characters.
 CONTROL = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 LINE = 120  # characters of a value in a message
 
@@ -53,7 +53,7 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
     """Return the name if it is known.
 
     Args:
-        kind: What the name stands for, as the message begins: "effect".
+        kind: Kind of name, for the message: "effect".
 
     Raises:
         UnknownNameError: If it is not one of them; the message has the nearest.
@@ -70,15 +70,15 @@ def check_name(name: str, valid: Iterable[str], kind: str) -> str:
 
 
 def shorten_value(value: object) -> str:
-    """Return a value as a message has it: a line of it says enough."""
+    """Return a value for a message, shortened to one line."""
     text = str(value)
     return text if len(text) <= LINE else f"{text[: LINE - 3]}..."
 
 
 def strip_control_characters(text: str) -> str:
-    """Return a stranger's text so that it does nothing to a terminal or an encoder.
+    """Return foreign text that is safe for a terminal and an encoder.
 
-    What steers a terminal stands as its escape; lines and tabs stay.
+    Control characters are escaped, except lines and tabs.
     """
     return CONTROL.sub(lambda match: repr(match[0])[1:-1], text)
 
@@ -87,7 +87,7 @@ def quote_value(value: object) -> str:
     """Return a value as Python writes it, shortened: texts in quotes, others bare."""
     try:
         return shorten_value(repr(value))
-    except ValueError:  # Python writes no number of more than 4300 digits
+    except ValueError:  # Python cannot print a number of more than 4300 digits
         return "a number of thousands of digits"
 
 
@@ -104,7 +104,7 @@ def join_with_commas(values: Iterable, format_spec: str = "") -> str:
 
 
 def format_joint_numbers(numbers: Sequence[int]) -> str:
-    """Return joints, from 1, as a sentence has them: 'joint 2', 'joints 2, 3'."""
+    """Return joints, from 1, for a sentence: 'joint 2', 'joints 2, 3'."""
     return f"joint{'s' if len(numbers) > 1 else ''} {join_with_commas(numbers)}"
 
 
@@ -124,7 +124,7 @@ def check_nesting(content: Content, where: str) -> Content:
     raise InputError(f"{where} is nested too deep, expected up to {DEEPEST} levels.")
 
 
-# Packages that not every machine has: what each is, and what to do without it.
+# Optional packages: their purpose, and what to do without them.
 LACKING = {
     "pybullet": (
         "PyBullet, the engine of simulated arms, which is there for Python 3.11 on Linux (x86_64)",
@@ -152,6 +152,6 @@ LACKING = {
 
 
 def build_missing_package_error(module: str) -> InputError:
-    """Return the error for a package that not every machine has."""
+    """Return the error for a missing optional package."""
     package, cure = LACKING[module]
     return InputError(f"This needs {package}; it is not installed here. {cure}.")

@@ -9,20 +9,20 @@ from residual.errors import InputError
 
 @cache
 def load_plugins(group: str) -> dict[str, Any]:
-    """Return what other packages give under the entry points of a group, by name.
+    """Return the entry points of a group in other packages, by name.
 
     Args:
         group: "modelgap.effects", "modelgap.readers" or "modelgap.exporters".
 
     Raises:
-        InputError: If one cannot be loaded: half of a registry would be a silent one.
+        InputError: If one cannot be loaded, instead of silently omitting it.
     """
     loaded = {}
     for entry in sorted(entry_points(group=group), key=lambda entry: entry.name):
         try:
             loaded[entry.name] = entry.load()
         except Exception as error:
-            # What a stranger's package raises is not on any list.
+            # A foreign package may raise any error.
             whose = entry.dist.name if entry.dist else entry.value
             raise InputError(
                 f"The plug-in '{entry.name}' of {whose} ({group}) cannot be loaded: "

@@ -1,4 +1,4 @@
-"""Values as text and as JSON, rounded to what is known; blocks of them, checked."""
+"""Values as text and as JSON, rounded by their uncertainty; checks of arrays."""
 
 import math
 import re
@@ -68,8 +68,8 @@ def format_unit(unit: Any) -> str:
 def convert_to_sliding_unit(unit: str) -> str:
     """Return the unit of a joint that slides for that of one that turns.
 
-    What is per angle is per length, and what is a torque is a force: "N m s/rad"
-    becomes "N s/m", "kg m^2" becomes "kg".
+    Angles become lengths, and torques become forces: "N m s/rad" becomes "N s/m",
+    "kg m^2" becomes "kg".
     """
     for turning, sliding in (("kg m^2", "kg"), ("N m", "N"), ("rad", "m")):
         unit = unit.replace(turning, sliding)
@@ -102,7 +102,7 @@ def _with_std(value: float, std: float) -> str:
 
 
 def convert_to_plain_values(value: object) -> object:
-    """Return plain Python values; what is not a finite number becomes None."""
+    """Return plain Python values; numbers that are not finite become None."""
     if isinstance(value, Mapping):
         return {k: convert_to_plain_values(v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -116,7 +116,7 @@ def convert_to_plain_values(value: object) -> object:
     return value
 
 
-# A column that varies by less than this share of its own size is rounding, not signal.
+# Relative variation of a column below which it is rounding, not signal.
 CONSTANT = 1e-12
 
 
@@ -138,7 +138,7 @@ def check_block(values: Array, name: str) -> Array:
 
 
 def check_rows(X: Array, names: Sequence[str], source: str) -> Array:
-    """Return rows of the variables of something that is made; whose says what."""
+    """Return checked rows of the variables of a fitted object, named by `whose`."""
     X = check_block(X, "X")
     if X.shape[1] != len(names):
         raise InputError(
@@ -149,7 +149,7 @@ def check_rows(X: Array, names: Sequence[str], source: str) -> Array:
 
 
 def check_block_pair(X: Array, Y: Array) -> tuple[Array, Array]:
-    """Return both blocks, checked, of equally many rows."""
+    """Return both blocks, checked to have equal numbers of rows."""
     X, Y = check_block(X, "X"), check_block(Y, "Y")
     if len(X) != len(Y):
         raise InputError(f"X has {len(X)} rows and Y {len(Y)}: give one row of Y for each of X.")
@@ -157,7 +157,7 @@ def check_block_pair(X: Array, Y: Array) -> tuple[Array, Array]:
 
 
 def check_column_names(names: Sequence[str] | None, count: int, letter: str) -> tuple[str, ...]:
-    """Return one name per column, made up where none are given."""
+    """Return one name per column, with defaults if none are given."""
     chosen = tuple(names) if names else tuple(f"{letter}{i + 1}" for i in range(count))
     if len(chosen) != count:
         raise InputError(f"{len(chosen)} names for {count} columns: give one for each.")
@@ -167,7 +167,7 @@ def check_column_names(names: Sequence[str] | None, count: int, letter: str) -> 
 def check_varying(X: Array, names: Sequence[str], where: str = "") -> None:
     """Refuse constant columns: they carry no information and cannot be scaled.
 
-    The message says which rows these are; all of them if `where` is empty.
+    The message names the rows; all of them if `where` is empty.
     """
     spread = np.ptp(X, axis=0)
     constant = spread <= CONSTANT * np.abs(X).max(axis=0)

@@ -1,4 +1,4 @@
-"""The checked log of one motion: what a robot measures, and nothing else."""
+"""The checked log of one motion: measured signals only."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, fields, replace
@@ -23,9 +23,9 @@ class Recording:
         qdd: Measured accelerations where logged [rad/s^2]. Shape (n, dof) or None.
         q_ref: Reference positions where logged [rad]. Shape (n, dof) or None.
         enabled: 1 where a drive is on, 0 where it is off. Shape (n, dof) or None.
-        masked: 1 where a joint's torque is not known, so that no row of it is fitted
-            or judged: a drive at its limit, a gap. Shape (n, dof) or None.
-        drive: The drives that tau is computed by, None where it is measured.
+        masked: 1 where a joint's torque is unknown, so that no row of it is fitted or
+            tested: a drive at its limit, a gap. Shape (n, dof) or None.
+        drive: The drives from which tau is computed, None if it is measured.
 
     Raises:
         RecordingError: On a wrong shape, a value that is not finite, or a time that
@@ -90,7 +90,7 @@ class Recording:
 
 
 def _kept_safe(value: object) -> bool:
-    """Whether nobody can write into an array, so that a part of a log is no copy."""
+    """Whether an array is read-only, so that a part of a log needs no copy."""
     if not isinstance(value, np.ndarray) or value.dtype != float:
         return False
     while isinstance(value, np.ndarray):
@@ -101,10 +101,10 @@ def _kept_safe(value: object) -> bool:
 
 
 def apply_drive(recording: Recording, drive: Drive) -> Recording:
-    """Return a log with the torque of its drives, masked where they are at the limit.
+    """Return a log with the torque of its drives, masked where they are at their limit.
 
     Args:
-        recording: With a goal (q_ref). Other masked rows stay so.
+        recording: With a goal (q_ref). Other masked rows are kept.
     """
     driven = recording.q_ref, recording.q, recording.t, recording.enabled
     masked = np.zeros(recording.q.shape, bool)
@@ -117,9 +117,9 @@ def apply_drive(recording: Recording, drive: Drive) -> Recording:
 
 
 def compute_speed_quantile(recording: Recording, stride: int, share: float) -> Array:
-    """Return the speed that a share of a log's samples stay below [rad/s]. (dof,).
+    """Return a quantile of the speed of a log [rad/s]. (dof,).
 
-    A speed is taken over a stride of samples, so that noise does not count.
+    Speeds are computed over several samples, to reduce noise.
     """
     t, q = recording.t[::stride], recording.q[::stride]
     speed = np.abs(np.diff(q, axis=0) / np.diff(t)[:, None])

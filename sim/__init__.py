@@ -1,1 +1,1 @@
-"""The world simulated: arms that hide effects, and what their sensors log."""
+"""The simulated world: arms with hidden effects, and the logs of their sensors."""

@@ -1,9 +1,9 @@
-"""One experiment: an arm with something to hide is logged, beside its nominal twin.
+"""One experiment: the log of an arm with hidden effects, and its nominal twin.
 
 The twin is the model as described, driven along the same reference. Its distance from
-the arm is the error of the paper: e_tau, e_q and their like. The paper feeds one
-reference to arm and model and takes the difference of what they do (its figure 2); a
-measured log that has the reference is enough for that.
+the arm is the error of the paper: e_tau, e_q and so on. The paper feeds one reference to
+arm and model and takes the difference of their motions and torques (its figure 2); a
+measured log with the reference suffices for that.
 """
 
 from collections.abc import Mapping
@@ -47,7 +47,7 @@ from sim.plant.typical_sizes import estimate_typical_sizes
 
 _NOMINAL = PlantSpec(scatter=0.0)
 _NOTHING = 1e-6  # N m, N m s/rad, kg m^2: the plant needs some inertia of a rotor
-LOGGED = "logged"  # the family of a reference that nobody here has planned
+LOGGED = "logged"  # the family of a reference planned elsewhere
 
 
 def simulate_nominal_twin(
@@ -88,7 +88,7 @@ def measure_tracking_errors(
     validation by feed-forward of the paper's section 1.3.
 
     Returns:
-        Read minus wanted position [rad]. Shape (n, dof).
+        Measured minus reference position [rad]. Shape (n, dof).
     """
     trace = build_and_simulate(robot, reference, plant, command=torque)
     return trace.rows[:, at.READING] - reference.q
@@ -97,7 +97,7 @@ def measure_tracking_errors(
 def simulate_open_loop_windows(
     robot: Robot, reference: ReferenceMotion, torque: Array, window: float
 ) -> Array:
-    """Let the nominal model run free under given torques, a window at a time.
+    """Simulate the nominal model under given torques, a window at a time.
 
     Args:
         torque: Torques measured on it, at the same times [N m]. Shape (n, dof).
@@ -127,9 +127,7 @@ def build_logged_reference(log: Recording) -> ReferenceMotion:
     derivatives; the rate is the next multiple of that of the log.
     """
     if log.q_ref is None:
-        raise InputError(
-            f"{log.id} has no reference (q_ref): a twin has nothing to be driven along."
-        )
+        raise InputError(f"{log.id} has no reference (q_ref): a twin needs one to follow.")
     step = float(np.median(np.diff(log.t)))
     dt = step / max(1, round(SampleRates().control * step))
     t = np.arange(round(log.duration / dt) + 1) * dt
@@ -141,11 +139,11 @@ def build_logged_reference(log: Recording) -> ReferenceMotion:
 def compute_log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]:
     """Return measured minus simulated: e_q, e_qd, e_qdd and e_tau.
 
-    The twin is the robot as described. What its description says nothing of, dry and
-    viscous friction and rotors, it does not have: nobody knows them. Nor do its drives
-    have limits: the arm followed, and a body that the description lacks (a balancer)
-    may ask more of them than there is. Speeds that are not logged, and accelerations,
-    are differences.
+    The twin is the robot as described. It has no dry or viscous friction and no rotors
+    that the description lacks, since they are unknown. Its drives have no limits: the
+    arm followed, and without an undescribed body (a balancer) the twin may need more
+    torque than the limits. Speeds that are not logged, and accelerations, are
+    differences.
     """
     reference = build_logged_reference(log)
     twin = simulate_nominal_twin(_as_described(robot), reference)
@@ -162,7 +160,7 @@ def compute_log_twin_errors(robot: Robot, log: Recording) -> Mapping[str, Array]
 
 
 def _as_described(robot: Robot) -> Robot:
-    """The same with nothing where the description is silent; left out, the usual."""
+    """Return zeros for undeclared values, which would default to typical ones."""
     silent = {
         effect.name: DeclaredEffect({effect.amount[0]: np.full(robot.dof, _NOTHING)})
         for effect in list_drive_effects()
@@ -189,7 +187,7 @@ def run_experiment(
     Args:
         start: Time since the session began; the log's clock goes on from there, and
             the gears are as warm as after usual work for that long [s].
-        command: What drives the arm in place of the nominal model: torque along the
+        command: Control of the arm in place of the nominal model: torque along the
             reference [N m], shape (n, dof), or a law of computed torque. An arm with
             servos (``plant.drive``) is sent the reference as its goal instead; its log
             has no torque, but zeros.
@@ -201,7 +199,7 @@ def run_experiment(
         command = servo = build_servo_law(plant.drive, path)
     trace = build_and_simulate(robot, path, plant, start, command)
     log = record_plant_log(trace, reference, plant, rates, start)
-    # The twin follows what was asked for until the arm was stopped; usually all of it.
+    # The twin follows the reference until the arm was stopped; usually all of it.
     names, steps = ("t", "q", "qd", "qdd"), len(trace.t)
     followed = {name: getattr(path, name)[:steps] for name in names}
     twin = simulate_nominal_twin(robot, replace(path, **followed), servo)
@@ -211,7 +209,7 @@ def run_experiment(
     for name, value in background.drawn.items() if background is not None else ():
         truth[f"background_{name}"] = np.tile(value, (len(log.t), 1))
     errors = dict(compute_twin_errors(log, trace, twin, every))
-    if servo is not None:  # no torque is logged that could err
+    if servo is not None:  # no torque is logged
         del errors["e_tau"]
     return PlantRun(log, truth, errors)
 
@@ -248,11 +246,11 @@ def record_plant_log(
 
 
 def extract_hidden_channels(trace: SimulationTrace, stride: int) -> Mapping[str, Array]:
-    """Return what no robot logs, at every n-th step.
+    """Return the hidden channels, at every n-th step.
 
     Torques add up: tau_motor = tau_rigid + tau_rotor + tau_friction + every explicit
-    tau_<effect>, where tau_rigid is computed afresh from the motion. tau_drive is what
-    the drives believe to give, tau_gear what the gears pass on.
+    tau_<effect>, where tau_rigid is computed afresh from the motion. tau_drive is the
+    torque that the drives report, tau_gear the one that the gears transmit.
     """
     rows = trace.rows[::stride]
     names = {

@@ -150,7 +150,7 @@ BROKEN = {
     "no effect": ("[modelgap.effects]\nx = gadgets:poem\n", "expected an Effect"),
     "another name": ("[modelgap.effects]\nx = gadgets:SIZE\n", "'gadget'"),
     "no function": ("[modelgap.exporters]\nx = gadgets:ENTRY\n", "cannot be loaded"),
-    "a name of ours": ("[modelgap.exporters]\nurdf = gadgets:poem\n", "no other"),
+    "a name of ours": ("[modelgap.exporters]\nurdf = gadgets:poem\n", "no other target"),
 }
 
 

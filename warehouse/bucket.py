@@ -20,7 +20,7 @@ from residual.errors import InputError
 
 _SCHEME = re.compile(r"([A-Za-z][A-Za-z0-9+.-]*):/")
 _BUCKET = re.compile(r"[a-z0-9][a-z0-9.-]{1,61}[a-z0-9]")
-# No sign that a URL, a key or a pattern of file names takes for something else.
+# No character with a special meaning in a URL, a key or a file pattern.
 _PART = re.compile(r"[A-Za-z0-9_=.-]{1,100}")
 
 _SCALE = "Object storage needs the extra: pip install '.[scale]' in the checkout."
@@ -49,7 +49,7 @@ def parse_bucket_address(address: str) -> tuple[str, str]:
 
 
 def read_bucket_settings() -> dict:
-    """Return what `obstore.store.S3Store` takes beside bucket and prefix."""
+    """Return the options of `obstore.store.S3Store` other than bucket and prefix."""
     keys, profile = _profile() if not os.environ.get("AWS_ACCESS_KEY_ID") else ({}, {})
     names = map(os.environ.get, ("AWS_REGION", "AWS_DEFAULT_REGION"))
     region = next(filter(None, names), None) or profile.get("region") or "us-east-1"
@@ -72,8 +72,8 @@ def _endpoint(url: str | None) -> dict:
     if not parts.hostname or not (plain or parts.scheme == "https"):
         raise InputError(
             f"AWS_ENDPOINT_URL is '{url}', expected https://HOST or "
-            "http://127.0.0.1:PORT. Runs and keys would cross the network in the open "
-            "by http to another machine; say that they may: AWS_ALLOW_HTTP=true."
+            "http://127.0.0.1:PORT. Plain http sends runs and keys unencrypted to "
+            "another machine; to allow it, set AWS_ALLOW_HTTP=true."
         )
     return {"endpoint": url} | ({"client_options": {"allow_http": True}} if plain else {})
 
@@ -87,7 +87,7 @@ def is_loopback_host(host: str) -> bool:
 
 
 def _profile() -> tuple[dict, dict]:
-    """Return where keys come from, and all that the user's profile says."""
+    """Return the source of the keys, and the settings of the user's profile."""
     try:
         from botocore.exceptions import BotoCoreError
         from botocore.session import Session
@@ -167,7 +167,7 @@ class Bucket:
                 raise InputError(f"There is no bucket for {self.url}.") from error
             short = shorten(str(error).split("Debug source")[0], 200)
             raise InputError(
-                f"{self.url} does not let us {action}: {short}. Check the endpoint "
+                f"{self.url} refused to {action}: {short}. Check the endpoint "
                 "(AWS_ENDPOINT_URL), the bucket and the keys."
             ) from error
 

@@ -1,8 +1,8 @@
 """Which code and libraries made a record: commit, hashes, versions, machine.
 
 ``made_with/packages-<sha256>.txt`` is named by the hash of its content.
-The commit of the program is what git says in a checkout; a wheel has it in a file that
-was written when it was built (`setup.py`).
+The commit of the program comes from git in a checkout, and from a file written at build
+time in a wheel (`setup.py`).
 """
 
 import ast
@@ -22,7 +22,7 @@ from warehouse.store_files import replace_file
 
 ROOT = Path(__file__).resolve().parents[1]
 PACKAGES = ("flows", "residual", "sim", "warehouse")
-# What decides a result: our code, and the versions that were asked for.
+# The inputs of the hash: our code, and the required versions.
 WATCHED = (*PACKAGES, "pyproject.toml", "requirements.lock", "requirements-dev.lock")
 _NAMED = 20  # files that are named; the others are counted
 
@@ -35,13 +35,13 @@ MADE_WITH = "made_with"
 
 
 def is_source_checkout(root: Path = ROOT) -> bool:
-    """Whether this is a checkout of ours, not one of a project that has us inside."""
+    """Whether this is our checkout, not that of a project that contains us."""
     return bool(run_git(root, "ls-files", "--", "warehouse/__init__.py"))
 
 
 @cache
 def describe_uncommitted_files(root: Path = ROOT) -> dict | None:
-    """Return how the code differs from its commit: which files, and a hash of it all.
+    """Return the changes of the code from its commit: files, and a hash of all changes.
 
     Returns:
         ``sha256`` (None where nothing differs), ``count`` and the first ``files``; None
@@ -64,7 +64,7 @@ def describe_uncommitted_files(root: Path = ROOT) -> dict | None:
 
 
 def run_git(root: Path, *words: str) -> bytes | None:
-    """Return what git says; None where there is none, or it refuses."""
+    """Return the output of git; None if git is missing or fails."""
     try:
         done = subprocess.run(
             ["git", "--no-optional-locks", "-C", str(root), *words], capture_output=True, timeout=10
@@ -87,23 +87,23 @@ class CodeProvenance:
     environment_hash: str  # hash of all installed packages and their versions
     # Versions of Python, of this program and the libraries that compute.
     versions: dict[str, str]
-    program_hash: str  # hash of all our code, which decides what derived records say
+    program_hash: str  # hash of all our code, which decides the content of derived records
     uncommitted: Mapping | None  # how the code differs from the commit
     machine: str  # kind of system and processor
 
 
 @cache
 def read_code_provenance() -> CodeProvenance:
-    """Return code and environment as they were when first asked for.
+    """Return code and environment as of the first call.
 
-    Not again later: what runs is what was loaded, not what was edited since.
+    They are cached: the running code is what was loaded, not later edits.
     """
     installed = _installed()
     lock = ROOT / "requirements.lock"
     versions = {name: installed[name] for name in _TOLD if name in installed}
     ours = is_source_checkout()
     changes = run_git(ROOT, "status", "--porcelain", "--", *PACKAGES) if ours else None
-    # Which processor, too: linear algebra takes another path on another one.
+    # The processor too: linear algebra takes another path on another one.
     machine, lines = f"{platform.system()} {platform.machine()}", []
     with suppress(OSError):
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8").splitlines()
@@ -122,7 +122,7 @@ def read_code_provenance() -> CodeProvenance:
 
 
 def build_origin_columns(manifest: Mapping) -> dict:
-    """Return the columns of ``runs`` that say what code made it, where, for what."""
+    """Return the columns of ``runs`` on code, machine and purpose."""
     origin = manifest.get("provenance") or {}
     return {
         "commit": origin.get("commit"),
@@ -148,10 +148,10 @@ def hash_program_code(root: Path = ROOT) -> str:
 
 @cache
 def hash_plant_code(root: Path = ROOT) -> str:
-    """Return the hash of all that decides what a simulated run is, 64 hex digits.
+    """Return the hash of the code that determines a simulated run, 64 hex digits.
 
     That is ``sim/`` and the modules of ``residual/`` that it imports, directly or
-    through others. Libraries are not in it: an upgrade makes no run a new one.
+    through others. It excludes libraries: an upgrade changes no run id.
     """
     return _hash_files(list_plant_files(root), root)
 
@@ -165,10 +165,10 @@ def _hash_files(files: Iterable[Path], root: Path) -> str:
 
 
 def list_plant_files(root: Path = ROOT) -> tuple[Path, ...]:
-    """Return the files that `hash_plant_code` is of, in order.
+    """Return the files of `hash_plant_code`, in order.
 
-    Imports are followed into our own packages only, by the text of the files: what
-    lies beside them in a site-packages is neither read nor counted.
+    Imports are followed into our own packages only, by the text of the files; other
+    packages in a site-packages are neither read nor counted.
     """
     files = {p for p in (root / "sim").rglob("*") if _counts(p, root)}
     unread = [p for p in files if p.suffix == ".py"]
@@ -199,7 +199,7 @@ def _list_imports(path: Path, root: Path) -> Iterator[Path]:
 
 
 def _counts(path: Path, root: Path) -> bool:
-    """Whether a file counts: one of the checkout, not what a build adds to a wheel."""
+    """Whether a file counts: not those that a build adds to a wheel."""
     name = path.relative_to(root).as_posix()
     built = "/__pycache__/" in name or name.startswith(_BUILT)
     return path.is_file() and not built
@@ -216,7 +216,7 @@ def _sha256(content: bytes) -> str:
 
 
 def find_code_commit(root: Path = ROOT, built: Path = BUILT) -> str | None:
-    """Return the commit of the code that runs; None where nobody knows it."""
+    """Return the commit of the running code; None if unknown."""
     if is_source_checkout(root):
         answer = run_git(root, "rev-parse", "HEAD")
         return answer.decode("ascii").strip() if answer else None
@@ -237,14 +237,14 @@ def format_version() -> str:
 
 
 def store_package_list(store: Path) -> None:
-    """Put the list of installed packages into the store, where it is not yet."""
+    """Store the list of installed packages, unless it is stored already."""
     target = store / MADE_WITH / _list_name(asdict(read_code_provenance()))
     if not target.is_file():
         replace_file(store, target, list_installed_packages())
 
 
 def read_package_versions(store: Path, origin: Mapping) -> dict[str, str] | None:
-    """Return versions by package; None where they were not kept."""
+    """Return versions by package; None if they were not stored."""
     path = store / MADE_WITH / _list_name(origin)
     fetch_file(path)
     try:
@@ -256,16 +256,16 @@ def read_package_versions(store: Path, origin: Mapping) -> dict[str, str] | None
 
 
 def check_package_list(name: str, content: bytes) -> None:
-    """Check that a list of packages is what its name says."""
+    """Check that a list of packages has the hash in its name."""
     if name.endswith(".txt") and name != f"packages-{_sha256(content)}.txt":
         raise InputError(f"{name} is damaged: its content has another hash.")
 
 
 def format_uncommitted_change(origin: Mapping) -> str:
-    """Say which uncommitted change a record was made with, in one line."""
+    """Return the uncommitted changes that a record was made with, in one line."""
     changes, commit = origin.get("uncommitted"), (origin.get("commit") or "")[:12]
     if changes is None:
-        return "uncommitted changes: unknown, the code was no git checkout"
+        return "uncommitted changes: unknown, the code was not a git checkout"
     if not changes["sha256"]:
         return f"uncommitted changes: none, the code was that of commit {commit}"
     some = ", ".join(changes["files"][:4])

@@ -47,8 +47,8 @@ from warehouse.view_schema import (
     list_sample_columns,
 )
 
-# What a damaged file may raise: also Arrow between two batches, and DuckDB where its
-# message quotes bytes that are no text.
+# Errors of a damaged file: also of Arrow between two batches, and of DuckDB whose message
+# quotes invalid text.
 _FAILURES = (duckdb.Error, pa.ArrowException, OSError, UnicodeDecodeError)
 _BATCH = 100_000  # samples that are fetched at once
 _AT_ONCE = 2  # files that are hashed or fetched
@@ -60,7 +60,7 @@ _OPENED = """
 
 
 def _feeding(view: str) -> tuple[str, ...]:
-    """Return the kinds of record that a view is made of."""
+    """Return the kinds of record behind a view."""
     if view in ("samples", "channels"):
         return ("runs",)
     if view == "verdicts":
@@ -68,11 +68,11 @@ def _feeding(view: str) -> tuple[str, ...]:
     if view == "adopted":
         return ("adoptions",)
     kinds = [k.name for k in KINDS.values() if view in (k.name, *k.nested_views)]
-    # Serial number and time of recording are those of runs.
+    # Serial number and time of recording come from runs.
     return tuple(dict.fromkeys([*kinds, *(["runs"] if view in COMPUTED else [])]))
 
 
-# Kinds of record that each view is made of.
+# Kinds of record behind each view.
 FED_BY = {view: _feeding(view) for view in (*VIEWS, "samples", "channels")}
 
 
@@ -101,7 +101,7 @@ def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
         InputError: If it is no condition, or no run fulfils it.
     """
     try:
-        # The parser itself says that it is one expression: no bracket ends it early.
+        # The parser itself checks that it is one expression: no bracket ends it early.
         duckdb.SQLExpression(clause)
     except duckdb.Error as error:
         raise InputError(
@@ -123,11 +123,11 @@ def select_run_ids(path: Path, clause: str) -> tuple[str, ...]:
 class Store:
     """An open store. Every query sees what was committed before it.
 
-    Catalogue rows are in memory; the files of samples DuckDB reads itself, and logs
-    which of them it opens. After a query over samples these are hashed and compared
-    with the sums of their records, so that no answer comes from a damaged file.
-    ``_index/hashed.json`` lists the files that were found whole: one is hashed again
-    only if its inode, size or time of change is another one.
+    Catalogue rows are in memory; DuckDB reads the files of samples, and logs which of
+    them it opens. After a query over samples these are hashed and compared with the
+    sums of their records, so that no answer comes from a damaged file.
+    ``_index/hashed.json`` lists the intact files: one is hashed again only if its
+    inode, size or modification time has changed.
     """
 
     def __init__(self, path: Path) -> None:
@@ -139,7 +139,7 @@ class Store:
             content = json.loads((path / INDEX / _HASHED).read_bytes())
             self._hashed = content if isinstance(content, dict) else {}
         self._newly_hashed = 0
-        self._viewed = False  # whether the view samples has all files that it should
+        self._viewed = False  # whether the view samples is complete
         self._marked: dict[str, frozenset[str]] = {}  # ids of runs, by mark
         self._catalogue: StoreCatalogue | None = None  # until the first query
 
@@ -163,14 +163,14 @@ class Store:
 
         Args:
             query: SQL of DuckDB; views and columns are those of ``schema``.
-            values: What stands for the $words in it; never a part of the text.
-            without_damaged: Answer from what is whole; what was left out is in
-                ``damaged``.
-            timeout: How long it may take [s]; None for ever.
+            values: Values of the $words in it, as bound parameters.
+            without_damaged: Answer from intact records; ``damaged`` lists those left
+                out.
+            timeout: Time limit [s]; None for no limit.
 
         Raises:
-            InputError: If the query is refused or fails, takes too long, or needs what
-                is damaged; it says why.
+            InputError: If the query is refused or fails, takes too long, or needs
+                damaged records; with the reason.
         """
         names = check_reads_only(self._connection, query)
         self.refresh()
@@ -197,7 +197,7 @@ class Store:
                 self._leave_out(broken)  # and ask again
 
     def refresh(self) -> None:
-        """See what is committed or quarantined by now."""
+        """Update to the records committed or quarantined since."""
         first = self._catalogue is None
         for mark in (QUARANTINE, OPENED):
             marked = list_marked_runs(self.path, mark)
@@ -225,10 +225,10 @@ class Store:
         self._view(name, f"FROM catalogue.{name}")
 
     def close(self) -> None:
-        """Let go of the connection."""
+        """Close the connection."""
         self._connection.close()
         if self._newly_hashed > _SPARE:
-            # A store that may only be read is hashed again by the next one.
+            # The next process hashes the files of a read-only store again.
             with suppress(OSError, InputError):
                 content = json.dumps(self._hashed).encode()
                 replace_file(self.path, self.path / INDEX / _HASHED, content)
@@ -248,7 +248,7 @@ class Store:
         self._connection.execute(f"CREATE OR REPLACE VIEW {name} AS {query}")
 
     def _read(self, query: str, values: Mapping | None) -> pa.Table:
-        # The second lock: what slips past the guard cannot write tables either.
+        # A second guard: a statement that passes the first cannot write tables either.
         self._connection.execute("BEGIN TRANSACTION READ ONLY")
         try:
             rows = self._connection.sql(query, params=dict(values) if values else None)
@@ -258,7 +258,7 @@ class Store:
                 self._connection.execute("ROLLBACK")
 
     def _need_whole(self, names: Collection[str]) -> None:
-        """Refuse a query over views from which something damaged is missing."""
+        """Refuse a query over views with damaged records."""
         kinds = {kind for name in names for kind in FED_BY.get(name, ())}
         lines = [line for k in sorted(kinds) for line in self._catalogue.damaged[k]]
         lines += self._left_out.values() if "samples" in names else ()
@@ -270,7 +270,7 @@ class Store:
             )
 
     def _find_broken_samples(self, error: Exception | None) -> dict[str, str]:
-        """Return what is wrong with the files that the last query read, by path."""
+        """Return the faults of the files that the last query read, by path."""
         files = set(self._files())
         opened = [path for (path,) in self._connection.sql(_OPENED).fetchall()]
         gone = [f for f in files if error and not os.path.exists(f)]
@@ -280,18 +280,18 @@ class Store:
         return broken
 
     def _files(self) -> list[str]:
-        """Return the files that the view samples should have."""
+        """Return the files of the view samples."""
         folders = self._catalogue.folders["runs"]
         ids = self._catalogue.rows["runs"].column("run_id").to_pylist()
         paths = (f"{folders[id]}/{SAMPLES_FILE}" for id in ids)
         return [path for path in paths if path not in self._left_out]
 
     def _view_samples(self) -> None:
-        """Make the view of all samples where it is not as it should be.
+        """Create the view of all samples where it is out of date.
 
         Runs with the same channels are read together: DuckDB opens the first of their
-        files to learn the columns, then those that a query needs. Of a store in a
-        bucket all samples are fetched that are not here yet.
+        files to learn the columns, then those that a query needs. For a store in a
+        bucket all missing samples are fetched.
         """
         while not self._viewed:
             if find_store_bucket(self.path):
@@ -321,7 +321,7 @@ class Store:
                 self._leave_out(broken)
 
     def _faults(self, paths: Iterable[str]) -> dict[str, str]:
-        """Return what is wrong with files of records, by path; a bucket's are fetched.
+        """Return the faults of files of records, by path; a bucket's are fetched.
 
         Those without sums beside them, as in ``_index``, are copies of records.
         """
@@ -348,7 +348,7 @@ class Store:
             return {path: text for path, text in messages if text}
 
     def _leave_out(self, broken: Mapping[str, str]) -> None:
-        """Read these files no more."""
+        """Exclude these files from queries."""
         self._left_out |= broken
         if broken:
             self._viewed = False
@@ -360,13 +360,13 @@ class LineageNode:
 
     id: str
     kind: str | None  # name of its kind; None where it is not in this store
-    role: str = ""  # what it was to the one above it, or that one to it; "" at the root
-    again: bool = False  # whether it stands elsewhere in the tree, with its relatives
+    role: str = ""  # its role for the record above it, or the reverse; "" at the root
+    again: bool = False  # whether its relatives are listed elsewhere in the tree
     relatives: tuple["LineageNode", ...] = ()  # those below it
 
 
 def build_lineage_tree(store: Store, id: str, down: bool = False) -> LineageNode:
-    """Return what a record was made from, or what was made from it, all the way."""
+    """Return all ancestors or all descendants of a record."""
     near, far = ("parent", "child") if down else ("child", "parent")
     links: dict[str, list[tuple[str, str]]] = {}
     rows = store.sql(f"SELECT {near}, {far}, role FROM lineage ORDER BY role, {far}")

@@ -1,4 +1,4 @@
-"""Commit records to the store: each becomes visible whole or not at all.
+"""Commit records to the store: each becomes visible completely or not at all.
 
 The number of an adoption is taken once, because its folder is renamed into place; the
 second writer gets an error.
@@ -55,10 +55,10 @@ def commit_run(
     sealed: SealedTruth | None = None,
     extra: Mapping[str, Array] | None = None,
 ) -> str:
-    """Put a run into the store; one of the same id that is there already stays.
+    """Store a run; an existing one of the same id is kept.
 
     Args:
-        manifest: How it came to be. Keys that a caller gives: ``spec`` (the open half:
+        manifest: Its origin. Keys that a caller gives: ``spec`` (the open half:
             robot, trajectory, declared effects, rates, reference seed), ``source``,
             ``kind``, ``trajectory``, ``seed``, ``robot_hash``, ``seed_streams``,
             ``timings``, ``parents``, ``serial``, ``tags`` (texts) and ``recorded_at``
@@ -104,7 +104,7 @@ def commit_run(
 
 
 def commit_seal(store: Path, run_id: str, sealed: SealedTruth) -> None:
-    """Put a hidden half into the store; one that is there already stays."""
+    """Store a hidden half; an existing one is kept."""
     target = record_ids.build_seal_path(store, run_id)
     if is_record_local(target):
         return
@@ -116,7 +116,7 @@ def commit_seal(store: Path, run_id: str, sealed: SealedTruth) -> None:
 
 
 def compute_imported_run_id(recording: Recording, robot_hash: str) -> str:
-    """Return the id that a measured recording has as a run, stored or not."""
+    """Return the run id of a measured recording, stored or not."""
     return record_ids.compute_measured_run_id(
         record_ids.hash_arrays(_channels(recording, {})), robot_hash
     )
@@ -134,8 +134,8 @@ def commit_record(
     """Put a model, diagnosis, validation, campaign or report into the store.
 
     Args:
-        record: All there is to say, as JSON can hold it; what has the name of a column
-            of the view becomes one.
+        record: Its content as JSON values; a key with the name of a column of the view
+            becomes that column.
         tables: ``errors`` and ``effects`` become rows of these views (columns as in
             ``schema.VIEWS``, without the record's own id); others become files.
         files: Other files by name, such as the page of a report.
@@ -205,18 +205,18 @@ def build_lineage_rows(parents: Parents) -> list[dict]:
 
 
 def build_run_columns(manifest: Mapping) -> dict:
-    """Return the columns of ``runs`` that the manifest decides."""
+    """Return the columns of ``runs`` that come from the manifest."""
     spec = manifest.get("spec") or {}
     motion = spec.get("trajectory") or {}
     motion = motion.get("kind") if isinstance(motion, Mapping) else motion
     simulated = "spec" in manifest
     recorded = manifest.get("recorded_at")
-    try:  # UTC without saying so, as columns hold it
+    try:  # UTC without a zone, as in the columns
         moment = recorded and datetime.fromisoformat(recorded)
         moment = moment and moment.astimezone(UTC).replace(tzinfo=None)
     except (TypeError, ValueError) as error:
         raise InputError(
-            f"'{recorded}' is no moment in ISO 8601, such as 2026-11-22T10:30:00Z."
+            f"'{recorded}' is not a time in ISO 8601, such as 2026-11-22T10:30:00Z."
         ) from error
     return {
         "serial": manifest.get("serial"),
@@ -242,7 +242,7 @@ def _channels(recording: Recording, extra: Mapping[str, Array]) -> dict[str, Arr
 
 
 def compute_manifest_id(manifest: Mapping) -> str:
-    """Return the id of the run that a whole manifest is of."""
+    """Return the run id of a complete manifest."""
     if manifest.get("spec") is not None:
         code_hash = manifest["provenance"]["code_hash"]
         return record_ids.compute_simulated_run_id(
@@ -256,7 +256,7 @@ def compute_manifest_id(manifest: Mapping) -> str:
 
 
 def _is_there(target: Path, kind: str) -> bool:
-    """Whether a record is at its place; a damaged one is told, not repaired."""
+    """Whether a record exists; a damaged one is an error, not repaired."""
     if not is_record_local(target):
         return False
     read_parquet(target / KINDS[kind].row, [KINDS[kind].key])
@@ -332,15 +332,14 @@ def commit_diagnosis(
     """Put a diagnosis and its model into the store.
 
     Args:
-        record: What the view diagnoses shows, but for ``model_id``, and more.
-        model: The record of the model it ends with; ``stage`` says if it is another
-            than augmented.
-        runs: Ids of the runs that it was made from, by role: fit, baseline, held_out.
+        record: Columns of the view diagnoses, except ``model_id``, and more.
+        model: The record of its final model; ``stage`` if that is not "augmented".
+        runs: Ids of its runs, by role: fit, baseline, held_out.
         effects: Rows of the view effects.
         errors: Rows of the view errors, but for ``trajectory``; those without a
             ``run_id`` are over all held-out runs.
-        tables: Other tables of it, such as curves.
-        beside: Tables that go with its model: the motion that it is from.
+        tables: Other tables, such as curves.
+        beside: Tables of its model: the motion of its logs.
         nominal: Id of the diagnosis whose model was the nominal one, if any.
         seconds: Time that each step took [s].
 
@@ -357,7 +356,7 @@ def commit_diagnosis(
     before = {"nominal": [nominal]} if nominal else {}
     fitted = {role: ids for role, ids in roles.items() if role != "held_out"} | before
     model_id = commit_record(store, "models", model, beside, fitted)
-    # What is over one held-out run, or over one kind of motion, is of it.
+    # Errors over one held-out run, or one kind of motion, belong to it.
     held_out = roles.get("held_out", [])
     kinds = {motions[id] for id in held_out}
     same = {
@@ -386,7 +385,7 @@ class AdoptionConflictError(InputError):
 
 
 def commit_adoption(store: Path, adoption: ModelAdoption) -> str:
-    """Put an adoption into the store under the next number.
+    """Store an adoption under the next number.
 
     Raises:
         AdoptionConflictError: If the robot has got another model since.
@@ -411,7 +410,7 @@ def _check_parent(store: Path, adoption: ModelAdoption) -> None:
         return
     id, other = last
     raise AdoptionConflictError(
-        f"{other.who} has given {adoption.robot} another model meanwhile (adoption "
+        f"{other.who} has meanwhile changed the model of {adoption.robot} (adoption "
         f"{int(id)}: {other.action} {other.model_id or 'the nominal model'}). Nothing "
-        "was changed. Look at it with modelgap models, and try again if it still holds."
+        "was changed. See modelgap models, and try again if your change still applies."
     )

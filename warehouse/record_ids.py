@@ -120,7 +120,7 @@ SUMS = "_sums.json"
 
 
 def read_local_sums(folder: Path) -> Mapping[str, Mapping]:
-    """Return the sums of a record's files by name, as the list beside them has them."""
+    """Return the sums of a record's files by name, from the list beside them."""
     try:
         return parse_check_sums(folder / SUMS, (folder / SUMS).read_bytes())
     except FileNotFoundError:
@@ -130,7 +130,7 @@ def read_local_sums(folder: Path) -> Mapping[str, Mapping]:
 
 
 def parse_check_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
-    """Return the sums in the text of a list; a name in it is of no other place."""
+    """Return the sums in the text of a list; its names contain no path."""
     try:
         sums = json.loads(text)["files"]
         if format_check_sums(sums) == text and all(name == Path(name).name for name in sums):
@@ -141,7 +141,7 @@ def parse_check_sums(path: Path, text: bytes) -> Mapping[str, Mapping]:
 
 
 def format_check_sums(sums: Mapping) -> bytes:
-    """Return a list of sums as its file has it: it ends with its own SHA-256."""
+    """Return the text of a list of sums, which ends with its own SHA-256."""
     text = json.dumps(sums, sort_keys=True, separators=(",", ":"))
     sha256 = hashlib.sha256(text.encode()).hexdigest()
     return f'{{"files":{text},"sha256":"{sha256}"}}\n'.encode()
@@ -150,4 +150,4 @@ def format_check_sums(sums: Mapping) -> bytes:
 def build_damage_error(path: Path, reason: object) -> InputError:
     """Return the error, in one line, that names a damaged file."""
     text = " ".join(str(reason).split())
-    return InputError(f"{path} is damaged ({text[:120]}). Take its folder out of the store.")
+    return InputError(f"{path} is damaged ({text[:120]}). Remove its folder from the store.")

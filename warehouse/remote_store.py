@@ -30,9 +30,9 @@ IDENTITY, COMMITS, CACHE = "_store.json", "commits", "MODELGAP_CACHE"
 PRIVATE = 0o700
 _FORM = 2
 _AT_ONCE = 8
-# What lies in the bucket by its own name, and not as the file of a record.
+# Objects in the bucket under a plain name, not files of a record.
 _PLAIN = (QUARANTINE, OPENED, "made_with")
-# Names in a bucket become paths here, so they are what we write, letter by letter.
+# Names in a bucket become local paths, so only names that we write are accepted.
 _RECORD = re.compile(r"[a-z]+(/robot=[a-z0-9_-]{1,40})?/[a-z0-9_]+=[0-9a-f]{1,64}")
 _THERE = {name for name in FOLDERS if not name.startswith("_")}
 _open: dict[str, Bucket] = {}
@@ -67,7 +67,7 @@ def attach_bucket(folder: Path, bucket: Bucket) -> None:
     if before not in (None, identity):
         for name in FOLDERS - {"_prefect"}:
             shutil.rmtree(folder / name, ignore_errors=True)
-        with suppress(OSError):  # of a store that is gone nothing else is kept
+        with suppress(OSError):  # nothing else of a previous store is kept
             folder.rmdir()
     _note(folder, bucket, identity)
 
@@ -95,8 +95,8 @@ def open_bucket_for_writing(store: Path) -> Bucket:
         if bucket.put_if_absent(IDENTITY, bucket.get(IDENTITY) or new):
             raise InputError(
                 f"The server of {bucket.url} ignores the condition of a put "
-                "(If-None-Match): every writer of a record would be the first. Use one "
-                "that keeps it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
+                "(If-None-Match), so two writers could overwrite each other. Use one "
+                "that honours it: AWS S3, SeaweedFS, MinIO (docs/store.md)."
             )
         _note(store, bucket, read_store_identity(bucket))
         _writable.add(str(store))
@@ -114,9 +114,9 @@ def check_store_folder(folder: Path) -> None:
     if not folder.is_dir():
         raise InputError(
             f"There is no store at {format_store_name(folder)}. Make one with modelgap "
-            "experiment or demo, or say where it is: --store FOLDER."
+            "experiment or demo, or name its folder: --store FOLDER."
         )
-    # Hidden files, such as .gitkeep, make no folder another thing.
+    # Hidden files, such as .gitkeep, do not matter.
     names = {name for name in os.listdir(folder) if not name.startswith(".")}
     if names and not names & FOLDERS and not find_store_bucket(folder):
         example = min(names)

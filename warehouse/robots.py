@@ -39,7 +39,7 @@ def store_robot_description(store: Path, reference: str, robot: Robot) -> None:
     path = Path(str(find_built_in_folder(reference))) if built_in else place
     with create_staging_folder(store, "robot") as folder:
         try:
-            # Its arm alone: a file of several, a xacro or an MJCF is read once.
+            # The arm only: files with several arms, xacro and MJCF are stored as its URDF.
             urdf = folder / f"{robot.name}.urdf"
             urdf.write_text(robot.urdf, encoding="utf-8")
             text = _toml_text(path, robot)
@@ -48,21 +48,21 @@ def store_robot_description(store: Path, reference: str, robot: Robot) -> None:
             kept = load_robot(folder)
         except (OSError, ModelgapError):
             return
-        # Edited since it was loaded: then there is nothing to keep.
+        # Edited since it was loaded: nothing can be stored.
         if (kept.content_hash, kept.name) == (robot.content_hash, robot.name):
             publish_folder(folder, target)
 
 
 def _toml_text(path: Path, robot: Robot) -> str | None:
-    """The robot.toml of a robot, which says its serial number too; None for none.
+    """The robot.toml of a robot, with its serial number; None for none.
 
-    A line is put into the user's own text, so that comments stay.
+    A line is inserted into the user's text, so that comments are kept.
     """
     file = path / TOML if path.is_dir() else None
     text = file.read_text(encoding="utf-8") if file and file.is_file() else None
     used, written = json.loads(robot.toml), tomllib.loads(text or "")
     if set(used) - {"robot"} != set(written) - {"robot", "columns"}:
-        # A chain has gone into the URDF; what an MJCF declares stands nowhere else.
+        # The chain is in the URDF already; declared values of an MJCF are only here.
         columns = {"columns": dict(robot.columns)} if robot.columns else {}
         return tomli_w.dumps(used | columns)
     if robot.serial is None or "serial" in tomllib.loads(text or "").get("robot", {}):
@@ -75,7 +75,7 @@ def _toml_text(path: Path, robot: Robot) -> str | None:
 
 
 def find_robot_by_hash(store: Path, content_hash: str) -> str:
-    """Return the word for the robot of a hash: a built-in name, or its kept folder."""
+    """Return the word for the robot of a hash: a built-in name, or its stored folder."""
     for name in list_built_in_robots():
         if load_robot(name).content_hash == content_hash:
             return name
@@ -84,7 +84,7 @@ def find_robot_by_hash(store: Path, content_hash: str) -> str:
         return str(folder)
     raise InputError(
         f"No description of the robot {content_hash[:8]} is in {format_store_name(store)}. "
-        "Import a log of it again with --robot, which keeps it."
+        "Import a log of it again with --robot, which stores it."
     )
 
 
@@ -100,8 +100,8 @@ def find_used_robot(store: Path, reference: str, content_hash: str | None) -> st
     if fetch_record(kept) and _hash(str(kept)) == content_hash:
         return str(kept)
     raise InputError(
-        f"The robot that this was made with is not here: {why} And no description of "
-        "it was kept in the store. Put back the URDF and robot.toml of that time."
+        f"The robot that this was made with is missing: {why} The store has no "
+        "description of it either. Restore the URDF and robot.toml of that time."
     )
 
 

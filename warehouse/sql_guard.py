@@ -37,7 +37,7 @@ _FUNCTIONS = {
     *("summary", "unnest"),
 }
 LONGEST = 100_000  # characters of a query
-_LINE = 600  # characters of what is wrong with one
+_LINE = 600  # characters of an error message
 _DEEP = "The query is nested too deep. Ask with fewer subqueries and brackets."
 _SCHEMA = "modelgap sql --schema"
 _WRONG_QUERY = (duckdb.ParserException, duckdb.CatalogException, duckdb.BinderException)
@@ -45,19 +45,19 @@ _ONLY = "Only one SELECT, or EXPLAIN of one, runs here"
 
 # Folders that a query may read: not the sealed halves, nothing else on the machine.
 READABLE = ("samples", "models", "diagnoses", "validations", INDEX)
-# Shares of the memory that a query may take, and its answer on top of that.
+# Shares of the memory for a query, and for its answer on top of that.
 WORKING, LARGEST = 0.5, 0.25
 
 
 def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str]:
-    """Return the tables and views that a query names, if all it can do is read."""
+    """Return the tables and views of a query, if it can only read."""
     if len(query) > LONGEST:
-        raise InputError(f"The query has {len(query)} characters, at most {LONGEST} are taken.")
+        raise InputError(f"The query has {len(query)} characters, at most {LONGEST} are allowed.")
     kind, text = _one_statement(db, query)
     select = _explained(text) if kind == "EXPLAIN" else text
     if kind not in ("SELECT", "EXPLAIN"):
         hint = " (a PIVOT needs its values: ON x IN (...))" if kind == "MULTI" else ""
-        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL reads the store, no more.")
+        raise InputError(f"{_ONLY}, got {kind}{hint}. SQL can only read the store.")
     if kind == "EXPLAIN" and _one_statement(db, select)[0] != "SELECT":
         raise InputError(f"{_ONLY}, got EXPLAIN of something else.")
     return _tables(db, select)
@@ -66,11 +66,11 @@ def check_reads_only(db: duckdb.DuckDBPyConnection, query: str) -> frozenset[str
 def _one_statement(db: duckdb.DuckDBPyConnection, query: str) -> tuple[str, str]:
     try:
         statements = db.extract_statements(query)
-        # A statement newer than the library's own list of types is no number of it.
+        # A newer kind of statement is not in the library's list of types.
         kinds = [statement.type.name for statement in statements]
     except duckdb.Error as error:
         raise InputError(explain_error(error)) from error
-    # A type error is of words that are no UTF-8.
+    # A type error is due to text that is not UTF-8.
     except (TypeError, ValueError) as error:
         raise InputError(f"{_ONLY}, got something else.") from error
     if len(statements) != 1:
@@ -95,7 +95,7 @@ def _explained(text: str) -> str:
 def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
     """Return tables and views of a SELECT in which nothing can write."""
     named = set()
-    # fetchall: DuckDB 2.0 takes no further work before a result is read to its end.
+    # fetchall: DuckDB 2.0 accepts no query before a result is read to its end.
     result = connection.execute("SELECT json_serialize_sql(?)", [text])
     try:
         tree = json.loads(result.fetchall()[0][0])
@@ -126,7 +126,7 @@ def _tables(connection: duckdb.DuckDBPyConnection, text: str) -> frozenset[str]:
 
 
 def format_duckdb_error(error: Exception) -> str:
-    """Return what DuckDB says, in one line and without its picture of the query."""
+    """Return an error of DuckDB in one line, without its excerpt of the query."""
     text = str(error).split("\n\nLINE ")[0]
     line = " ".join(text.split()).removesuffix(".")
     line = line if len(line) <= _LINE else f"{line[: _LINE - 3]}..."
@@ -134,7 +134,7 @@ def format_duckdb_error(error: Exception) -> str:
 
 
 def open_read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
-    """Return a connection that reaches nothing but what may be read of a store."""
+    """Return a connection that can only read the open part of a store."""
     connection = duckdb.connect(":memory:")
     connection.execute("CREATE SCHEMA catalogue")
     connection.execute("CALL enable_logging('FileSystem')")
@@ -143,9 +143,9 @@ def open_read_only_connection(path: Path) -> duckdb.DuckDBPyConnection:
     for setting in (
         "autoinstall_known_extensions = false",
         "autoload_known_extensions = false",
-        # A query must not see the variables of the program that asks it.
+        # A query must not see the variables of the calling program.
         "python_enable_replacements = false",
-        # What comes from a cache would not be checked again after it was damaged.
+        # A cached file would not be checked again after damage.
         "enable_external_file_cache = false",
         "temp_directory = ''",
         f"memory_limit = '{int(WORKING * read_machine_memory())}B'",
@@ -164,10 +164,10 @@ def read_machine_memory() -> int:
 
 @contextmanager
 def limit_process_memory() -> Iterator[None]:
-    """Let this program take what a query and its answer may, on Linux.
+    """Limit the memory of this program to that of a query and its answer, on Linux.
 
-    DuckDB counts its tables, yet no list that an expression makes: `unnest(range(1e9))`
-    takes all of the memory, and the machine ends programs.
+    DuckDB limits its tables, but not the lists of an expression: `unnest(range(1e9))`
+    takes all of the memory, and the system kills programs.
     """
     used = Path("/proc/self/statm")
     if not used.exists():
@@ -192,9 +192,9 @@ def limit_process_memory() -> Iterator[None]:
 
 
 def collect_answer(reader: pa.RecordBatchReader) -> pa.Table:
-    """Return the whole answer if it fits into the memory that it may take."""
+    """Return the full answer if it fits into its share of the memory."""
     batches, size, most = [], 0, LARGEST * read_machine_memory()
-    # Closed also where it is too large: what is not read would hold the transaction.
+    # Closed also if it is too large: an unread rest would hold the transaction.
     with reader:
         for batch in reader:
             batches.append(batch)
@@ -251,7 +251,7 @@ def explain_error(error: Exception) -> str:
             f"Ask for less: aggregate, or add a WHERE. "
             f"({format_duckdb_error(error)[:100]})"
         )
-    # What Python said to DuckDB, which hands on how it came to that.
+    # An error of Python, which DuckDB returns with its traceback.
     text = str(error).rstrip().splitlines()[-1] if "Traceback" in str(error) else ""
     query_is_wrong = isinstance(error, _WRONG_QUERY)
     hint = f" {_SCHEMA} names the views and columns." if query_is_wrong else ""
@@ -264,7 +264,7 @@ _SQL = tomllib.loads(Path(__file__).with_name("catalogue.toml").read_text(encodi
 def build_catalogue_views() -> dict[str, str]:
     """Return the query behind each view that is made of catalogue rows, by name.
 
-    Those that no list of columns gives stand in catalogue.toml beside this file.
+    Views with special queries are in catalogue.toml beside this file.
     """
     parts = " UNION ALL ".join(
         f"SELECT {KINDS[name].key} AS id, unnest(lineage, recursive := true) FROM catalogue.{name}"
@@ -286,7 +286,7 @@ def build_catalogue_views() -> dict[str, str]:
 
 
 def _rows(kind: RecordKind) -> str:
-    """Return the query of a kind of record, and of which arm and time it is."""
+    """Return the query of a kind of record, with its arm and time."""
     columns = _listed(VIEWS[kind.name])
     computed = COMPUTED.get(kind.name, ())
     if not computed:
@@ -313,13 +313,13 @@ def _unnested(view: str, kind: str, key: str) -> str:
         f"FROM (SELECT {key}, unnest({view}) AS item FROM catalogue.{kind})"
     )
     if (view, kind) == ("errors", "diagnoses"):
-        # Of one held-out run a diagnosis has figures both of the run and of all runs.
+        # With one held-out run a diagnosis has figures of that run and of all runs.
         return f"SELECT * EXCLUDE (value), min(value) AS value FROM ({query}) GROUP BY ALL"
     return query
 
 
 def build_signal_table() -> pa.Table:
-    """Return what the view ``channels`` knows of every signal."""
+    """Return the rows of the view ``channels``, one per signal."""
     return pa.table(
         {
             "signal": list(SIGNALS),
@@ -330,7 +330,7 @@ def build_signal_table() -> pa.Table:
 
 
 _NAMED = tomllib.loads(Path(__file__).with_name("named.toml").read_text(encoding="utf-8"))
-# Named queries of frequent questions: what each answers, and its SQL; the values that
-# each needs.
+# Named queries of frequent questions: the question, the SQL, and the values that each
+# needs.
 NAMED = {name: (each["about"], each["sql"]) for name, each in _NAMED.items()}
 TAKES = {name: each.get("takes", {}) for name, each in _NAMED.items()}

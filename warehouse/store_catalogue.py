@@ -2,7 +2,7 @@
 
 The index (``_index``) is one Parquet file per kind with a copy of every catalogue row.
 It may be deleted at any time: the next reader writes it again. The folders decide which
-records exist; the index only spares reading them one by one. Of two concurrent writers
+records exist; the index only saves reading them one by one. Of two concurrent writers
 of the index the later wins, and rows that only the other had are read from their
 records.
 """
@@ -52,7 +52,7 @@ from warehouse.store_files import (
 )
 from warehouse.view_schema import INDEX, KINDS, LOGGED, QUARANTINE, SAMPLES_FILE, RecordKind
 
-RERUN_OF = "rerun of"  # what a record is to the one it was made again from
+RERUN_OF = "rerun of"  # role of a record for its rerun
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,13 +111,13 @@ def find_run(store: Path, id: str) -> StoredRecord:
 
 
 def read_record(store: Path, id: str) -> dict:
-    """Return what a record was committed with; of a run, its manifest."""
+    """Return the committed content of a record; for a run, its manifest."""
     record = find_record(store, id)
     return json.loads(read_row_text(record.row, "manifest" if record.kind == "runs" else "record"))
 
 
 def list_record_ancestry(store: Path, id: str) -> list[StoredRecord]:
-    """Return a record after all that it was made from: parents stand first."""
+    """Return a record and all its ancestors, parents first."""
     order: dict[str, StoredRecord] = {}
     path: set[str] = set()
 
@@ -141,7 +141,7 @@ def list_record_ancestry(store: Path, id: str) -> list[StoredRecord]:
 
 
 def list_parent_ids(store: Path, record: StoredRecord) -> list[str]:
-    """Return ids of what a record was made from: its lineage, and what it asked for."""
+    """Return the parent ids of a record: from its lineage and from its request."""
     rows = read_parquet(record.row, ["lineage"]).column("lineage")[0].as_py() or []
     ids = [row["parent"] for row in rows]
     if record.kind != "runs":
@@ -150,7 +150,7 @@ def list_parent_ids(store: Path, record: StoredRecord) -> list[str]:
 
 
 def _ids_in(value: object) -> list[str]:
-    """Return all whole ids in a request."""
+    """Return all complete ids in a request."""
     if isinstance(value, Mapping):
         return [id for item in value.values() for id in _ids_in(item)]
     if isinstance(value, list):
@@ -162,7 +162,7 @@ def _ids_in(value: object) -> list[str]:
 def _matches(store: Path, kind: str, id: str) -> list[tuple[str, str]]:
     if len(id) < ID_DIGITS:
         return [e for e in list_record_folders(store, kind).items() if e[0].startswith(id)]
-    # A whole id needs no listing: its path is known but for the robot.
+    # A complete id needs no listing: its path is known except the robot.
     spec, bases = KINDS[kind], _bases(store, kind)
     paths = [os.path.join(base, f"{spec.key}={id}") for base in bases]
     return [(id, path) for path in paths if record_exists(Path(path))]
@@ -178,7 +178,7 @@ def _bases(store: Path, kind: str) -> list[str]:
 
 
 def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:
-    """What follows the prefix, and the path, of every such entry of a folder."""
+    """Yield the name after the prefix, and the path, of each such entry of a folder."""
     try:
         with os.scandir(folder) as entries:
             return [
@@ -190,8 +190,8 @@ def _entries(folder: str, prefix: str) -> list[tuple[str, str]]:
         return []
 
 
-# Rows that may be missing in the index before a reader adds them: reading one record
-# takes about 1 ms, writing the index as long as reading some dozens.
+# Missing rows of the index from which a reader adds them: reading one record takes about
+# 1 ms, writing the index as long as reading some dozens.
 _SPARE = 32
 _AT_ONCE = 16  # records that are fetched from a bucket
 
@@ -210,7 +210,7 @@ def read_catalogue(store: Path, before: StoreCatalogue | None = None) -> StoreCa
     """List a store, and bring its index up to date where that pays.
 
     Args:
-        before: What was read earlier; it is given back if nothing has changed.
+        before: An earlier catalogue, which is returned if nothing has changed.
     """
     folders = {kind: list_record_folders(store, kind) for kind in KINDS}
     if before is not None and before.folders == folders:
@@ -262,14 +262,14 @@ def _read_row(path: Path, kind: RecordKind) -> pa.Table | str:
     if lacking := sorted(set(kind.fields.names) - set(table.column_names)):
         return (
             f"{path} is of another version: it lacks {', '.join(lacking)}, which every "
-            f"record of {kind.name} has. Take its folder out of the store, and make or "
+            f"record of {kind.name} has. Remove its folder from the store, and make or "
             "import it again."
         )
     return table.select(kind.fields.names).cast(kind.fields)
 
 
 def _read_index(store: Path, kind: RecordKind) -> pa.Table:
-    # Missing, torn, or of a version with other columns: all of it can be read again.
+    # Missing, incomplete, or of a version with other columns: it can be rebuilt.
     path = store / INDEX / f"{kind.name}.parquet"
     with suppress(InputError):
         fetch_index(path)
@@ -312,7 +312,7 @@ def _manifest(folder: Path) -> dict:
 
 
 def read_run(store: Path, run_id: str) -> Recording:
-    """Return what was logged in a run, bit for bit as it was committed."""
+    """Return the log of a run, bit for bit as committed."""
     run = find_run(store, run_id)
     channels = read_verified_channels(run.folder)
     robot = run.folder.parent.name.removeprefix("robot=")
@@ -335,7 +335,7 @@ def read_verified_channels(folder: Path) -> dict:
     if hash_arrays(arrays) != _manifest(folder)["data_hash"]:
         raise InputError(
             f"{path} is damaged: its values are not those that were committed. "
-            "Take its folder out of the store."
+            "Remove its folder from the store."
         )
     return arrays
 
@@ -355,7 +355,7 @@ def open_seal(store: Path, run_id: str) -> SealedTruth:
 
 
 def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
-    """Open the hidden spec of a run, without what no robot logs."""
+    """Open the hidden spec of a run, without its hidden channels."""
     path = build_seal_path(store, run.id) / SPEC
     if not record_exists(path.parent):
         raise InputError(f"Run {run.id} has no sealed half in {format_store_name(store)}.")
@@ -363,7 +363,7 @@ def read_sealed_spec(store: Path, run: StoredRecord) -> dict:
     try:
         spec = json.loads(path.read_bytes())
     except ValueError as error:
-        raise InputError(f"{path} is damaged: it is no JSON.") from error
+        raise InputError(f"{path} is damaged: it is not JSON.") from error
     if hash_sealed_spec(spec) != read_row_text(run.row, "sealed_sha256"):
         raise _broken(run, path)
     return spec
@@ -379,13 +379,13 @@ def _broken(run: StoredRecord, path: Path) -> InputError:
 def quarantine_run(store: Path, run_id: str, reason: str) -> Path:
     """Mark a run as not to be used, which it does not change; return the tombstone."""
     if not reason.strip():
-        raise InputError("A quarantine needs a reason, for those who find it later.")
+        raise InputError("A quarantine needs a reason: it is shown with the run.")
     id = find_run(store, run_id).id
     return mark_run(store, QUARANTINE, id, {"reason": reason})
 
 
 def mark_run(store: Path, mark: str, run_id: str, about: Mapping) -> Path:
-    """Put a mark on a run, such as QUARANTINE; one that is there already stays."""
+    """Put a mark on a run, such as QUARANTINE; an existing one is kept."""
     target = _mark(store, mark, run_id)
     fetch_file(target)
     if not target.exists():
@@ -403,7 +403,7 @@ def list_marked_runs(store: Path, mark: str) -> frozenset[str]:
 
 
 def read_quarantine_reason(store: Path, run_id: str) -> str | None:
-    """Return why a run should not be used, None where it may be."""
+    """Return why a run is in quarantine, None if it is not."""
     path = _mark(store, QUARANTINE, run_id)
     fetch_file(path)
     try:

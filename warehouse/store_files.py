@@ -134,7 +134,7 @@ def read_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
 
 
 def read_unverified_parquet(path: Path, columns: list[str] | None = None) -> pa.Table:
-    """Read a file that has no sums, as those of ``_index`` have none."""
+    """Read a file without sums, such as those of ``_index``."""
     try:
         with pq.ParquetFile(path) as file:
             return file.read(columns=columns)
@@ -168,7 +168,7 @@ def arrays_to_table(arrays: Mapping[str, Array], units: Mapping[str, str]) -> pa
 
 
 def table_to_arrays(table: pa.Table) -> dict[str, Array]:
-    """Return the arrays that ``to_table`` made a table of."""
+    """Return the arrays of a table of `arrays_to_table`."""
     widths = json.loads((table.schema.metadata or {}).get(_WIDTHS, b"{}"))
     arrays = {}
     for name, width in widths.items():
@@ -186,7 +186,7 @@ def hash_table(table: pa.Table) -> str:
     for name, column in zip(table.column_names, table.columns, strict=True):
         values = column.combine_chunks()
         if pa.types.is_floating(values.type):
-            # Null and NaN are one in numpy, so it is told apart which is which.
+            # Null and NaN are the same in numpy, so nulls are hashed separately.
             numbers = values.to_numpy(zero_copy_only=False)
             nulls = values.is_null().to_numpy(zero_copy_only=False)
             parts.append([name, hash_arrays({"values": numbers, "nulls": nulls})])
@@ -205,7 +205,7 @@ def create_staging_folder(store: Path, label: str) -> Iterator[Path]:
 
     Raises:
         InputError: If the folder has other files and is no store.
-        ReadOnlyStoreError: If nothing may be written there.
+        ReadOnlyStoreError: If it cannot be written.
     """
     name = f"{label}.{os.getpid()}.{uuid.uuid4().hex[:8]}"
     folder = store / STAGING / name
@@ -233,8 +233,8 @@ def create_staging_folder(store: Path, label: str) -> Iterator[Path]:
 def publish_folder(folder: Path, target: Path) -> bool:
     """Commit a staged folder by renaming it into place.
 
-    A rename is atomic and fails if the target is not empty: at any kill the record is
-    visible whole or not at all, and of two writers of one id one wins. Files and
+    A rename is atomic and fails if the target is not empty: after any kill the record is
+    visible completely or not at all, and of two writers of one id one wins. Files and
     folders are synced before and after, so that the order survives a loss of power.
 
     Returns:
@@ -244,12 +244,12 @@ def publish_folder(folder: Path, target: Path) -> bool:
     if find_bucket_key(target):
         return upload_record(folder, target)
     if target.parent.name == SEALED:
-        # Nobody but the owner may look at what is hidden, nor list it.
+        # Only the owner may read or list hidden halves.
         for path in folder.iterdir():
             path.chmod(_PRIVATE_FILE)
         folder.chmod(PRIVATE)
         _make_folders(target.parent)
-        # Not ours in a store that several write: then it is as its owner made it.
+        # Another user's folder in a shared store keeps its mode.
         with suppress(PermissionError):
             target.parent.chmod(PRIVATE)
     for path in folder.iterdir():
@@ -286,7 +286,7 @@ def sweep_staging(store: Path, age: float = 86400.0) -> None:
     """Remove staging folders of writers that were killed over `age` seconds ago."""
     oldest = time.time() - age
     for folder in (store / STAGING).glob("*"):
-        # Gone meanwhile is as good.
+        # Already removed is fine.
         with suppress(OSError):
             if folder.stat().st_mtime < oldest:
                 shutil.rmtree(folder, ignore_errors=True)
@@ -302,7 +302,7 @@ def flush_to_disk(path: Path) -> None:
 
 
 def _make_folders(folder: Path) -> None:
-    """Make a folder and its parents, each known to the one above it."""
+    """Create a folder and its parents, each synced to disk."""
     if folder.is_dir():
         return
     _make_folders(folder.parent)

@@ -11,7 +11,7 @@ from residual.errors import InputError, check_name, check_nesting, quote_value, 
 
 Record = TypeVar("Record")
 
-LARGEST = 16 << 20  # bytes; no file that anybody writes has as many
+LARGEST = 16 << 20  # bytes; more than any file written by hand
 _EXPECTED = {
     "float_type": "a number",
     "int_type": "a whole number",

@@ -53,17 +53,17 @@ class ChannelDifference:
     name: str  # its name, such as tau3
     unit: str  # its unit, "" where it has none
     equal: bool  # whether all bits are equal
-    rows: int = 0  # how many samples were compared
-    differing: int = 0  # how many of them differ
-    # Time of the first that differs [s]; None where none does.
+    rows: int = 0  # number of compared samples
+    differing: int = 0  # number of different samples
+    # Time of the first different sample [s]; None for none.
     first: float | None = None
     largest: float | None = None  # largest difference, in the unit
     rms: float | None = None  # root mean square of the differences, in the unit
-    note: str = ""  # what else there is to say, such as that only one of the two has it
+    note: str = ""  # a remark, such as that only one of the two has it
 
     @property
     def words(self) -> str:
-        """Where it parts and how far, for people."""
+        """Text on where and how far it differs."""
         if self.equal:
             return f"{self.name}: equal"
         parts = []
@@ -102,9 +102,9 @@ def select_differing_channels(
 def find_differing_values(
     a: object, b: object, path: str = ""
 ) -> Iterator[tuple[str, object, object]]:
-    """Yield name and both values wherever two records differ as JSON holds them.
+    """Yield name and both values of each difference of two records as JSON.
 
-    A value that only one of them has is GONE in the other.
+    A value of only one of them is GONE in the other.
     """
     if isinstance(a, Mapping) and isinstance(b, Mapping):
         for key in dict.fromkeys([*a, *b]):
@@ -168,7 +168,7 @@ def _channel(
     return ChannelDifference(name, unit, False, rows, count, first, largest, rms, note)
 
 
-# What a row of another form may raise.
+# Errors of a row of another form.
 _UNEXPECTED = (LookupError, TypeError, ValueError, AttributeError, RecursionError)
 
 
@@ -197,7 +197,7 @@ def find_record_faults(record: StoredRecord) -> tuple[str, ...]:
 
 
 def read_catalogue_row(record: StoredRecord) -> dict:
-    """Return the row of a record, everything in it."""
+    """Return the full row of a record."""
     table = read_parquet(record.row)
     if len(table) != 1:
         raise InputError(f"{record.row} has {len(table)} rows, expected 1.")
@@ -205,7 +205,7 @@ def read_catalogue_row(record: StoredRecord) -> dict:
 
 
 def read_nested_tables(record: StoredRecord) -> dict[str, pa.Table]:
-    """Return the rows of views that lie in a record's own row, such as its errors."""
+    """Return the rows of views nested in a record's own row, such as its errors."""
     lists = sorted(set(KINDS[record.kind].nested_views) - NOT_HASHED)
     row = read_parquet(record.row, lists).to_pylist()[0]
     schemas = {view: build_arrow_schema(VIEWS[view][1:]) for view in lists}
@@ -255,17 +255,17 @@ def _record_fault(record: StoredRecord, row: Mapping) -> str | None:
 
 @dataclass(frozen=True, slots=True)
 class IntegrityResult:
-    """One thing in a store."""
+    """The result for one record or file of a store."""
 
     kind: str  # kind of record, or the folder of the store that it is in
     id: str  # its id, or the name of its file
-    faults: tuple[str, ...]  # what is not as it was committed, a line each
+    faults: tuple[str, ...]  # deviations from the committed record, a line each
 
 
 def verify_store(store: Path) -> Iterator[IntegrityResult]:
     """Verify every record, seal, robot, list of packages and tombstone, one by one.
 
-    Those of a bucket are fetched anew for it, and none is kept.
+    Those of a bucket are fetched again, and not kept.
     """
     with open_fresh_copy(store) as place:
         intact_runs = set()
@@ -279,7 +279,7 @@ def verify_store(store: Path) -> Iterator[IntegrityResult]:
                     intact_runs.add(id)
         for name in list_folder_names(place, SEALED):
             id, folder = name.removeprefix("run_id="), place / SEALED / name
-            # Of a run that is damaged or gone only the bytes of its seal are verified.
+            # If the run is damaged or missing, only the bytes of its seal are verified.
             seal = _complaint(open_seal, place, id) if id in intact_runs else ()
             yield IntegrityResult(SEALED, id, find_damaged_record_files(folder) or seal)
         for name in list_folder_names(place, ROBOTS):
@@ -297,7 +297,7 @@ def _check_robot(folder: Path) -> None:
 
 
 def _check_file(path: Path) -> None:
-    """Check a list of packages, or that a mark is about the run of its name."""
+    """Check a list of packages, or that a mark is for the run in its name."""
     fetch_file(path)
     content = path.read_bytes()
     if path.parent.name == MADE_WITH:
@@ -307,7 +307,7 @@ def _check_file(path: Path) -> None:
 
 
 def _complaint(check: Callable, *about: object) -> tuple[str, ...]:
-    """Return what a check says against something, whatever is wrong with it."""
+    """Return the complaint of a check, whatever error it raises."""
     try:
         check(*about)
     except (ModelgapError, OSError, ValueError, KeyError, RecursionError) as error:

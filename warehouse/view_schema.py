@@ -1,6 +1,6 @@
 """Every kind of record and every column of the SQL views: type, unit, meaning.
 
-The columns stand in views.toml beside this file.
+The columns are in views.toml beside this file.
 """
 
 import tomllib
@@ -19,7 +19,7 @@ JOINT = pa.int32()
 # The view samples has columns for at least as many joints, null where there are fewer.
 DEFAULT_DOF = 6
 STAGING, INDEX, SEALED = "_staging", "_index", "sealed"
-# Of runs: a mark is a file of its own, so that the run itself never changes.
+# Marks of runs: separate files, so that the run itself never changes.
 QUARANTINE, OPENED = "quarantine", "opened"
 SAMPLES_FILE = "part-0.parquet"
 
@@ -31,7 +31,7 @@ class ViewColumn:
     name: str
     type: pa.DataType
     about: str
-    # As text; "by row" or "by metric" where its row says it, None where it is no
+    # As text; "by row" or "by metric" where another column has it, None where it is no
     # quantity.
     unit: str | None = None
 
@@ -51,7 +51,7 @@ class SampleSignal:
     about: str
 
 
-# Those of a log itself: fields of its recording.
+# Signals of a log: fields of its recording.
 LOGGED = ("t", "q", "qd", "qdd", "tau", "q_ref", "enabled", "masked")
 
 
@@ -68,9 +68,9 @@ _FILE = Path(__file__).with_name("views.toml")
 _CONTENT = tomllib.loads(_FILE.read_text(encoding="utf-8"))
 SIGNALS = {name: SampleSignal(**each) for name, each in _CONTENT["signals"].items()}
 VIEWS = {name: _read_columns(each) for name, each in _CONTENT["views"].items()}
-# Columns that are stored nowhere; behind those of `VIEWS`.
+# Columns that are not stored, after those of `VIEWS`.
 COMPUTED = {name: _read_columns(each) for name, each in _CONTENT["computed"].items()}
-# The view of the connection of `sql --truth` alone; no other has it.
+# The view of `sql --truth`; no other connection has it.
 TRUTH = _read_columns(_CONTENT["truth"])
 
 
@@ -119,7 +119,7 @@ class RecordKind:
 
     name: str  # its name, which is that of its view
     key: str  # column with its id
-    # Views whose rows lie nested in its catalogue row.
+    # Views whose rows are nested in its catalogue row.
     nested_views: tuple[str, ...] = _NESTED
     # That row: columns of the view, then the nested ones.
     fields: pa.Schema = field(init=False, compare=False)
@@ -150,14 +150,14 @@ KINDS = {
         RecordKind("validations", "validation_id", ("alarms", *_NESTED)),
         RecordKind("campaigns", "campaign_id", ("points", "lineage")),
         RecordKind("reports", "report_id"),
-        # Its id is its number: nobody else can have taken that.
+        # Its id is its number, which no other writer can have.
         RecordKind("adoptions", "adoption_id", ("lineage",)),
     )
 }
 
-# Nested rows that are no part of what the id of a record is the hash of.
+# Nested rows that are not part of the hash that is the record's id.
 NOT_HASHED = {"lineage", "timings"}
-# All that a store has, by the names of its folders; nobody else writes there.
+# All folders of a store.
 FOLDERS = frozenset(
     {STAGING, INDEX, SEALED, QUARANTINE, OPENED, "made_with", "robots", "_prefect"}
     | {kind.folder for kind in KINDS.values()}

@@ -269,7 +269,7 @@ def export(
         model: The model, with or without look-up tables.
         to: urdf, mjcf, mujoco, c99, table, rrd or json.
         folder: A new folder for the files.
-        log: With rrd: a log of the robot, to see its torque and its residual.
+        log: With rrd: a log of the robot, to show its torque and its residual.
 
     Returns:
         The files; `left` lists what the target cannot represent.

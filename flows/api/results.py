@@ -149,11 +149,11 @@ def diagnose(
         baseline: Logs of healthy runs; with them only changes are named.
         declared: Effects that the model has; None for the list of the robot.
         progress: Called with the stage and the fraction done.
-        trust_log: Continue although a fault of the logs is certain (``check``); what
-            is named may be due to it.
+        trust_log: Continue despite a certain fault of the logs (``check``); findings
+            may be due to it.
         known: Values that are known for sure, such as {"payload.mass": 2.8} [SI].
         store: Store of the runs that the logs are (``import_logs``, then ``read_logs``
-            with their ids). The diagnosis goes by the adopted model of the robot, as
+            with their ids). The diagnosis starts from the adopted model of the robot, as
             ``modelgap diagnose`` on runs does, and is stored: ``id``.
 
     Raises:

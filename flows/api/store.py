@@ -110,7 +110,7 @@ class Store:
 
     @property
     def named(self) -> Mapping[str, str]:
-        """Names of ready queries, each with one sentence."""
+        """Named queries, each with one sentence."""
         from warehouse.sql_guard import NAMED
 
         return {name: about for name, (about, _) in NAMED.items()}

@@ -196,13 +196,13 @@ _LONG_WORD = re.compile(rf"\S{{{2 * LINE},}}")
 _INSTEAD = {
     "a verdict": "Expected the id of a stored diagnosis: modelgap sql "
     "'SELECT diagnosis_id FROM diagnoses'.",
-    "a model": "modelgap predict takes it with --model, modelgap export as its first word.",
+    "a model": "Give it to modelgap predict with --model, to modelgap export as MODEL.",
     None: "modelgap import gives a log an id.",
 }
-# Options of other commands: what this one does instead.
+# Options of other commands, with the alternative here.
 _NO_OPTION = {
-    ("calibrate", "--holdout"): "calibrate leaves each log (or blocks of one) out by "
-    "itself to validate: give all logs as LOG.",
+    ("calibrate", "--holdout"): "calibrate validates by leaving out each log (or "
+    "blocks of a single log) in turn: give all logs as LOG.",
     ("monitor", "--robot"): "MODEL is the robot, or the id of a diagnosis.",
 }
 TRACEBACK = "MODELGAP_TRACEBACK"
@@ -251,8 +251,8 @@ def _explain(error: Exception) -> int:
         )
     if number in _FULL or _NO_SPACE in message:
         return _print_error(
-            "The disk is full. Nothing was lost: what was not finished is not stored.\n"
-            "Free some space and give the same command again.",
+            "The disk is full. Nothing was lost: unfinished work is not stored.\n"
+            "Free some space and run the same command again.",
             1,
         )
     if number == errno.EROFS:

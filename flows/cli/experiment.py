@@ -150,14 +150,14 @@ def validate(
 
     Open loop: deviation of the nominal model from the measured motion under the logged
     torque, per window. Feed-forward, on simulated runs: tracking error with the torque
-    of the model and with that of the arm itself. Of every model: torque from motion,
+    of the model and with that of the arm itself. For every model: torque from motion,
     acceleration from torque, and a positive mass matrix. Errors are root mean squares
     per joint, and are stored.
 
-    With a model that was adopted, or with --model, the simulated arm of a run is also
-    driven along the reference of the run, once by the torque of each model: by how
-    much, joint by joint, does it miss the reference before and after? Take runs that no
-    model was fitted to.
+    With an adopted model, or with --model, the simulated arm of a run is also driven
+    along the reference of the run, once by the torque of each model, to compare the
+    tracking error of each joint before and after. Take runs that no model was fitted
+    to.
 
     Args:
         runs: Ids of runs; the beginning is enough.
@@ -172,7 +172,7 @@ def validate(
     console, found = out.console, {}
     runs = (*runs, *query_run_ids(request.store, where))
     if not runs:
-        raise InputError("No run to validate on. Name it: modelgap validate RUN")
+        raise InputError("No run to validate on. Give one: modelgap validate RUN")
     for run in runs:
         id, made = trial.validate(replace(request, run=run, store=place))
         found[run] = made
@@ -271,11 +271,11 @@ def demo(
     ```
 
     Args:
-        seed: Seed of the arm, the motions, the noise, and of what is hidden.
-        effect: Effect to hide; drawn from the seed without it. "none" hides nothing.
-            It is as large as the motions of the arm can show.
-        background: What all joints have beside it: nothing, that of an arm in use, or
-            twice as much.
+        seed: Seed of the arm, the motions, the noise, and of the hidden effect.
+        effect: Effect to hide, default drawn from the seed; "none" hides nothing.
+            Its size is large enough for the motions to show it.
+        background: Small effects of all joints beside it: none, those of an arm in use,
+            or twice as much.
     """
     from flows.report import print_parts
     from flows.report.diagnosis import build_truth_parts, print_diagnosis
@@ -287,7 +287,7 @@ def demo(
 
     place, console = resolve_store_folder(store), Console()
     check_option_range("--seed", seed, 0, SEEDS)
-    # Before anything is started, so that a wrong word is answered at once.
+    # Before anything is started, so that a wrong word fails at once.
     specs = demonstration.build_demo_specs(seed, effect, background)
     arm = f"the simulated {demonstration.ROBOT}, background {background}"
     print_plain(console, f"{len(specs)} experiments on {arm}, into {format_store_name(place)}")

@@ -35,8 +35,8 @@ from residual.errors import InputError
 def check(*logs: Log, request: Check, json: Json = None) -> None:
     """Check the units, signs, joint order, timing and sensors of logs.
 
-    Without a log, the robot file: its joints, limits and bodies, and what of them is
-    implausible.
+    Without a log it checks the robot file: its joints, limits and bodies, and their
+    plausibility.
 
     Prints each fault with its evidence, whether it is certain, and the line of the map
     or the robot file that fixes it. A certain fault stops diagnose, identify, calibrate
@@ -146,10 +146,10 @@ def import_(*logs: Log, request: Import, dry_run: Flag = False) -> None:
     print_plain(console, *(f"warning: {sentence}" for sentence in report.sentences))
     for log in () if dry_run else sound:
         id = imports.store_log(log, request, arm)
-        word = "was in" if log.stored else "stored in"
+        word = "already in" if log.stored else "stored in"
         print_plain(console, f"{id}  {log.summary.id}: {word} {format_store_name(place)}")
         if log.stored and (request.tags or request.recorded_at):
-            print_plain(console, "  its tags and time stay as they were stored")
+            print_plain(console, "  its stored tags and time are unchanged")
 
 
 def diagnose(
@@ -217,7 +217,7 @@ def diagnose(
     with show_progress_bar() as progress:
         result = steps.diagnose(request, stored or read, progress)
     took = perf_counter() - begun
-    # Those of the logs were printed before the work.
+    # The warnings about the logs were printed before the work.
     out.say(*result.notes[len(read.lines) :])
 
     def page() -> str:
@@ -293,7 +293,7 @@ def next_(
     outputs.say(*opened.lines)
     if not opened.reproduced:
         headline = list_headline_sentences(opened.diagnosis.verdict)[0]
-        outputs.say(f"Warning: these logs say another thing than {verdict}: {headline}")
+        outputs.say(f"Warning: these logs give another verdict than {verdict}: {headline}")
     if ranking is None or ranking.best.outlook.separates_nothing:
         outputs.say(*explain_no_experiment(opened, ranking))
         return

@@ -33,7 +33,7 @@ def models(*, robot: RobotName = None, store: Store = None) -> None:
 
     console, listed = widen_piped_console(Console()), steps.list_adoptions(store, robot)
     if not listed:
-        subject = f"{robot} has" if robot else "Every robot has"
+        subject = f"{robot} uses" if robot else "Every robot uses"
         print_plain(
             console,
             f"{subject} its nominal model in {format_store_name(resolve_store_folder(store))}.",
@@ -51,13 +51,13 @@ def adopt(id: str, /, *, note: Text = "", force: Flag = False, store: Store = No
 
     Commands on this store then use the whole model: inertias, friction, named effects
     and tables. The held-out error must be lower, on no joint higher, and every new
-    effect must have the size that the model gives it; otherwise the command refuses
-    and prints the reason.
+    effect must be confirmed at its size; otherwise the command refuses and prints the
+    reason.
 
     Args:
         id: Id of a diagnosis, or of its model.
         note: A note that is stored with the adoption.
-        force: Adopt it against the gate; that needs a --note.
+        force: Adopt it although the gate fails; needs a --note.
     """
     from flows.cli.service import settle_proposals
     from flows.report.models import describe_adoption
@@ -78,7 +78,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
     Args:
         robot: The robot, or "NAME SERIAL" of one of several; not needed if only one has
             an adopted model.
-        note: Reason, which is stored.
+        note: Reason, stored with the rollback.
     """
     from flows.cli.service import settle_proposals
     from flows.steps import model_choice as steps
@@ -87,7 +87,7 @@ def rollback(*, robot: RobotName = None, note: Text = "", store: Store = None) -
     now = "its nominal model"
     if restored.diagnosis_id is not None:
         now = f"the model of diagnosis {restored.diagnosis_id[:8]}"
-    print_plain(Console(), f"adoption {int(number)}: {restored.robot} has {now} again")
+    print_plain(Console(), f"adoption {int(number)}: {restored.robot} is back at {now}")
     settle_proposals(resolve_store_folder(store))
 
 

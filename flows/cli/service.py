@@ -67,7 +67,7 @@ def init(folder: str = ".", /, *, robot: RobotName = None, simulated: Flag = Fal
     for inbox in project.table.inbox:
         print(f"logs of {inbox.robot} go into {project.path(inbox.folder)}")
     there = "" if project.folder == Path.cwd() else f" in {project.folder}"
-    print(f"edit it if you like, then{there}: modelgap up")
+    print(f"edit it if needed, then run{there}: modelgap up")
 
 
 def inbox(folder: str = ".", /, *, once: Flag = False, import_only: Flag = False) -> None:
@@ -95,9 +95,7 @@ def inbox(folder: str = ".", /, *, once: Flag = False, import_only: Flag = False
     project = read_project(folder)
     of = list_inboxes(project)
     if not of:
-        raise InputError(
-            "modelgap.toml has no [[inbox]]. Add one with robot and folder, then again."
-        )
+        raise InputError("modelgap.toml has no [[inbox]]. Add one with robot and folder.")
     while True:
         counts = _import_round(project, of, import_only)
         if once:
@@ -153,7 +151,7 @@ def _print_line(text: str) -> None:
     print(strip_control_characters(text), flush=True)
 
 
-NOTHING = "nothing runs"
+NOTHING = "nothing is running"
 
 
 def up(*, request: ServiceRequest = ServiceRequest(), foreground: Flag = False) -> None:
@@ -193,16 +191,16 @@ def up(*, request: ServiceRequest = ServiceRequest(), foreground: Flag = False) 
     folders = [inbox.folder for inbox in list_inboxes(project)] if project else []
     running, was_up = bring_up(request, _say)
     if request.trust_network:
-        _say("warning: not encrypted; who listens in the network may run programs.")
-    word = "already runs" if was_up else "is up"
+        _say("warning: not encrypted; an eavesdropper on the network can run programs.")
+    word = "is already running" if was_up else "is up"
     key = place / PREFECT / KEY
     print(f"{format_store_name(place)} {word}: {running.ui}")
-    print(f"it asks for the key: cat {quote(str(key))}")
+    print(f"the page asks for the key: cat {quote(str(key))}")
     for folder in folders:
         print(f"logs go into {folder}")
     named = [each["name"] for each in build_deployments(project)["deployments"]]
-    print(f"deployed: {', '.join(named)}; {running.workers} at once")
-    print("for the command prefect:")
+    print(f"deployed: {', '.join(named)}; {running.workers} flow(s) at once")
+    print("for Prefect's command line:")
     print(f"  export {API}={running.url}")
     print(f'  export {CLIENT}="$(cat {quote(str(key))})"')
     if foreground:
@@ -210,7 +208,7 @@ def up(*, request: ServiceRequest = ServiceRequest(), foreground: Flag = False) 
     else:
         print(f"all reports: {running.pages}/index.html (user modelgap; the")
         print("password is the key behind the colon)")
-        print("modelgap status shows what is due; modelgap down stops it")
+        print("modelgap status shows the schedule; modelgap down stops everything")
 
 
 def status(*, json: Flag = False, store: Store = None) -> None:
@@ -328,7 +326,7 @@ def _print_status(status: Mapping, store: Path) -> None:
             (r["name"], r["state"], _second(r["start_time"]), f"{r['total_run_time']:.1f}")
             for r in status["runs"]
         ]
-        heads = ("flow run", "state", "begun (UTC)", "time [s]")
+        heads = ("flow run", "state", "started (UTC)", "time [s]")
         print_parts(console, ReportTable(heads, rows, text_columns=range(3)))
 
 

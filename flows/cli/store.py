@@ -105,7 +105,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
 
     Args:
         id: Id of the run, or its beginning.
-        reason: Reason, which is stored; the first one is kept.
+        reason: Reason, stored with the run; the first one is kept.
     """
     from warehouse.queries import open_store
     from warehouse.store_catalogue import find_record, read_quarantine_reason
@@ -116,9 +116,7 @@ def quarantine(id: str, /, *, reason: Text, store: Store = None) -> None:
         reason_before = read_quarantine_reason(opened.path, run_id)
         set_aside(opened.path, run_id, reason)
     text = (
-        f"was in quarantine already: {reason_before}"
-        if reason_before
-        else f"in quarantine: {reason}"
+        f"already in quarantine: {reason_before}" if reason_before else f"in quarantine: {reason}"
     )
     print(f"{run_id} {text}")
 
@@ -137,8 +135,8 @@ def show(id: RecordId, /, *, format: TextFormat = "text", store: Store = None) -
     modelgap show 3f2a --format json
     ```
 
-    Of a diagnosis: verdict, findings, errors, sources, and whether its model is
-    adopted; json has the whole record.
+    For a diagnosis: verdict, findings, errors, sources, and whether its model is
+    adopted; json has the full record.
     """
     from warehouse.queries import open_store
     from warehouse.store_catalogue import find_record, read_quarantine_reason, read_record
@@ -186,7 +184,7 @@ def _summarize_diagnosis(record: Mapping, store: Path) -> None:
     print_parts(console, *describe_parents(record["parents"]), adoption)
     if record["quarantined"]:
         print_plain(console, f"in quarantine: {record['quarantined']}")
-    print_plain(console, f"whole record: modelgap show {id[:8]} --format json")
+    print_plain(console, f"full record: modelgap show {id[:8]} --format json")
 
 
 _ONE_OF = 'Give one of: a query in quotes ("SELECT ..."), --named NAME, --schema.'
@@ -226,9 +224,9 @@ def sql(
 
     Args:
         query: One SELECT over the views, in the SQL of DuckDB.
-        named: Name of a ready query (--schema lists them).
-        with_: Value of a ready query, as name=value; may be repeated.
-        schema: Show the views with the unit of every column, and the ready queries.
+        named: Name of a named query (--schema lists them).
+        with_: Value of a named query, as name=value; may be repeated.
+        schema: Show the views with the unit of every column, and the named queries.
         out: File for the answer, not among the records of the store.
         timeout: Longest time of the query, in seconds; inf for no limit.
         without_damaged: Leave damaged records out, and list them.
@@ -253,9 +251,9 @@ def sql(
     if sum(choices) > 1 or (sys.stdin.isatty() and not any(choices)):
         raise InputError(_ONE_OF)
     if truth and query is None and (named or schema):
-        raise InputError("--truth is for a query of your own: no ready one reads truth.")
+        raise InputError("--truth needs a query as text: no named query reads truth.")
     if with_ and named is None:
-        raise InputError("--with sets a value of a ready query: --named NAME.")
+        raise InputError("--with sets a value of a named query: give --named NAME.")
     refuse_binary_on_terminal(format, out)
     check_writable({"--out": Path(out)} if out else {}, ())
     check_outside(out, place)
@@ -388,7 +386,7 @@ def rerun(
 
     A simulated run is repeated from its spec and its sealed half, another record from
     its request and its sources. For values that differ it prints which, from when, by
-    how much and the likely cause: code, environment, machine, seed or spec, or damage
+    how much, and the likely cause: code, environment, machine, seed or spec, or damage
     (docs/reproducibility.md).
 
     With the same code nothing is stored; with other code the new record is stored, with

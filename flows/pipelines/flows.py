@@ -68,7 +68,7 @@ def adopt_or_propose(diagnosis: str, store: str, auto: bool) -> str | None:
         say(f"nothing to propose: {'; '.join(judgment.doubts)}")
         return None
     if auto:
-        return _adopt(diagnosis, place, "found by a night, adopted by itself")
+        return _adopt(diagnosis, place, "found and adopted by a scheduled run")
     if before := find_same_proposal(place, judgment):
         log.info(f"proposed already: modelgap show {before}")
         return None
@@ -136,7 +136,7 @@ def propose(diagnosis: str, store: str | None = None) -> str | None:
     question_form = ProposalAnswer.with_initial_data(description=description, adopt=False, note="")
     answer = suspend_flow_run(wait_for_input=question_form, timeout=None, key="adopt")
     if not answer.adopt:
-        get_run_logger().info("not adopted: that was the answer")
+        get_run_logger().info("not adopted, as answered")
         return None
     return adopt(diagnosis, str(place), answer.note)
 
@@ -379,7 +379,7 @@ def diagnose_new(
     place = resolve_store_folder(store)
     if known := find_diagnosis(runs, place):
         name = tasks.format_run_name(known, place)
-        tasks.rename_flow_run(f"explained already: {name}")
+        tasks.rename_flow_run(f"already diagnosed: {name}")
         get_run_logger().info(f"diagnosis {known} has these runs")
         return None
     healthy = find_healthy_runs(runs, place)

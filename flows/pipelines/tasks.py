@@ -61,7 +61,7 @@ def build_page_link(page: Path) -> str:
 
 
 def send_runs_committed(ids: Sequence[str]) -> None:
-    """Tell that runs are in the store; one event for a batch of them."""
+    """Send the event that runs were stored; one event per batch."""
     for start in range(0, len(ids), _TOGETHER):
         send_event(COMMITTED, {"run_ids": list(ids[start : start + _TOGETHER])})
 
@@ -94,7 +94,7 @@ def format_run_name(diagnosis: str, store: Path) -> str:
 
 
 def rename_flow_run(name: str) -> None:
-    """Give the flow run that we are in another name; nothing outside of one."""
+    """Rename the current flow run, if there is one."""
     if flow_run.id is None:
         return
     with get_client(sync_client=True) as client:
@@ -121,7 +121,7 @@ def choose_task_runner() -> TaskRunner:
 
 
 def is_temporary_failure(_task: object, _run: object, state) -> bool:
-    """Whether a task may be well in a minute: a process, disk or network failed.
+    """Whether a retry may help: a process, disk or network failed.
 
     All else fails again, since a spec and its code decide it.
     """
@@ -222,7 +222,7 @@ def watch(
 
 @task(name="report", task_run_name="report {ids[0]}", tags=["report"])
 def report(ids: list[str], store: str) -> str:
-    """Write the report, of whose findings people get a notice; return its page.
+    """Write the report, send a notice of its findings; return its page.
 
     It and the sentences of the verdict become artifacts.
     """

@@ -47,7 +47,7 @@ def find_flagged_spans(t: Array, flags: Array) -> list[tuple[float, float]]:
 
 
 def sample_rows(count: int, most: int) -> Array:
-    """Return at most so many row numbers, drawn without a pattern, always the same.
+    """Return at most a number of rows, drawn at random with a fixed seed.
 
     Every k-th row would beat with periodic motion and show shapes that are not there.
     """
@@ -106,7 +106,7 @@ LABELS = {
     "augmented": "augmented (with findings)",
     "plsr": "augmented, and tables of the residual",
 }
-# What all figures look like, as plotly's layout has it.
+# The common layout of all figures, for plotly.
 _STYLE = json.loads((Path(__file__).parent / "templates" / "figure.json").read_text("utf-8"))
 _GAP = 5.0  # median steps of time: over more no line is drawn
 
@@ -121,7 +121,7 @@ def encode_values(values: Array) -> dict[str, str]:
 
 
 def build_time_trace(t: Array, y: Array, most: int) -> Trace:
-    """Return a curve over time, thinned to about so many points, broken at gaps.
+    """Return a curve over time, thinned to about `most` points, broken at gaps.
 
     Args:
         t: Time [s]. Shape (n,).

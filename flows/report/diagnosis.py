@@ -53,7 +53,7 @@ _OPEN = 3  # figures of the first finding that are not
 
 
 class DiagnosisFigures(NamedTuple):
-    """The figures of a diagnosis, which a page has and a terminal has not."""
+    """The figures of a diagnosis, for a page only."""
 
     errors: Chart | None  # held-out errors
     findings: Sequence[Sequence[Chart]]  # of each finding

@@ -90,7 +90,7 @@ def describe_validation(result: Validation) -> str:
     return (
         f"{text}; with its torque as feed-forward the error is {nominal:.3g} mrad on "
         f"joint {most + 1}, with the arm's own {arm:.3g} mrad: a better model can gain "
-        "about the difference."
+        "at most about the difference."
     )
 
 
@@ -208,7 +208,7 @@ def _inseparable(ranking: Ranking) -> list[str]:
             )
         elif a < b:
             lines.append(
-                f"{start} and {other} are the same torque on every motion, at the "
+                f"{start} and {other} give the same torque on every motion, at the "
                 "identified size: no experiment separates them."
             )
     return [*dict.fromkeys(lines)]

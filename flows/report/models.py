@@ -76,8 +76,8 @@ def _fit(outcome: ValidatedIdentification) -> list[str]:
     result, estimate = outcome.free, outcome.free.estimate
     noise = ", ".join(f"{n:.3g}" for n in estimate.noise)
     lines = [
-        f"{result.options.method} fit of {estimate.counts.sum()} moving rows, worth "
-        f"{estimate.independent_rows.sum():.0f} independent ones; condition number "
+        f"{result.options.method} fit of {estimate.counts.sum()} moving rows, equivalent "
+        f"to {estimate.independent_rows.sum():.0f} independent ones; condition number "
         f"{estimate.condition:.3g}",
         f"noise per joint [N m]: {noise}",
     ]
@@ -401,6 +401,6 @@ def describe_imported_log(log: ImportedLog, robot: Robot, all: bool) -> list[str
         f"serial number: {log.manifest['serial'] or 'none'}, "
         f"tags: {' '.join(log.manifest['tags']) or 'none'}",
         f"ignored columns: {abbreviate_column_names(known.ignored) or 'none'}",
-        f"run id: {log.run_id}, {'in the store already' if log.stored else 'new'}; "
+        f"run id: {log.run_id}, {'already in the store' if log.stored else 'new'}; "
         "a dry run stores nothing",
     ]

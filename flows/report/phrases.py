@@ -116,7 +116,7 @@ def is_link_or_load(finding: Finding) -> bool:
 
 
 def describe_edit_tests(verdict: Verdict) -> list[str]:
-    """Return what is left without each effect on logs of the baseline, in sentences."""
+    """Return the baseline error after removing each effect, in sentences."""
     lines = []
     for edit in filter(lambda edit: is_number(edit.error), verdict.edit or ()):
         others = {
@@ -136,7 +136,7 @@ def describe_edit_tests(verdict: Verdict) -> list[str]:
 
 @dataclass(frozen=True, slots=True)
 class HiddenEffect:
-    """One effect that was under the seal.
+    """One effect of the sealed half.
 
     Attributes:
         name: Its name.

@@ -33,7 +33,7 @@ def build_diff_tables(difference) -> list[str | ReportTable]:
     parts = [f"{difference.kind} {difference.ids[0]} and {difference.ids[1]}: {same}"]
     for heading, rows in difference.tables.items():
         if not rows:
-            parts.append(f"{heading}: the same")
+            parts.append(f"{heading}: identical")
             continue
         texts = (["–" if v is None else str(v) for v in row] for row in rows[:_SHOWN])
         shown = [[t if len(t) <= 64 else f"{t[:61]}..." for t in row] for row in texts]
@@ -123,21 +123,21 @@ def describe_rerun(rerun) -> list[str]:
     """Return the result of a rerun, line by line."""
     about = f"{rerun.kind} {rerun.id}"
     if rerun.reproduced and rerun.imported:
-        return [f"{about}: measured; its values are those of the import"]
+        return [f"{about}: measured; its values match the import"]
     if rerun.reproduced:
         code = "" if rerun.same_code else "; the code has changed, the values have not"
-        out = [f"{about}: same, bit for bit{code}"]
+        out = [f"{about}: identical bit for bit{code}"]
     else:
-        out = [f"{about}: not the same"]
+        out = [f"{about}: different"]
         out += [f"  {channel.words}" for channel in rerun.differences[:_LISTED]]
         if len(rerun.differences) > _LISTED:
             out.append(f"  and {len(rerun.differences) - _LISTED} more")
         out.append(f"most probable cause: {rerun.cause.kind}: {rerun.cause.why}")
     out.append(rerun.changes)
     if rerun.new_id:
-        out.append(f"stored, a rerun of it: modelgap show {rerun.new_id}")
+        out.append(f"stored as its rerun: modelgap show {rerun.new_id}")
     if rerun.note_id:
-        out.append(f"kept on record: modelgap show {rerun.note_id}")
+        out.append(f"difference recorded: modelgap show {rerun.note_id}")
     return out
 
 

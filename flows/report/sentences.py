@@ -288,7 +288,7 @@ def describe_faults(report: LogCheck) -> list[str]:
 
 _NAMED_AT_MOST = 3
 _SURE = 0.9
-_DIFFERS = 1.02  # times an error: less is no difference
+_DIFFERS = 1.02  # factor between errors: a smaller one is no difference
 _NO_MODEL, _NO_NOMINAL = 50.0, 200.0  # % of torque: no model of these logs
 
 
@@ -400,7 +400,7 @@ def summarize_errors(errors: ErrorTables) -> dict[str, float]:
 
 
 def describe_position(verdict: Verdict) -> str:
-    """Return how far models go from unseen motion by themselves, before and after."""
+    """Return the position error of models in free simulation, before and after."""
     position = verdict.error.position
     if position is None:
         return ""
@@ -429,7 +429,7 @@ def format_augmented_label(verdict: Verdict) -> str:
 def describe_errors(verdict: Verdict) -> str:
     """Return the error on unseen motion, from the nominal model to the last one.
 
-    The refit stands between where it lies between: its step is no merit of a finding.
+    The refit is listed if its error lies between: its gain is not due to a finding.
     """
     levels = summarize_errors(verdict.error)
     nominal, refit = levels.get("nominal"), levels.get("identified")

@@ -164,7 +164,7 @@ def _rows(opened: Store, served: bool) -> Iterator[Row]:
         yield each["created"], each["robot"], word, text, error
     for each in _ask(opened, _SQL["proposals"])[:MOST]:
         title = titles.get(each["id"], each["robot"])
-        words = f"{title}: proposed model beside the present one"
+        words = f"{title}: proposed and current model compared"
         text = _report(each["report_id"], "proposal.html", words)
         if each["waits"]:
             text += Markup(" ") + html_tag("kbd", f"modelgap adopt {each['id'][:8]}")
@@ -338,7 +338,7 @@ def describe_name_records(store: Path, id: str, effects: Sequence[Finding]) -> t
 
 def _describe_record(effect: Finding, diagnoses: Sequence[Sequence[dict]]) -> str:
     if len(diagnoses) < 2:
-        return "This is the first stored diagnosis of this arm: nothing repeats it yet."
+        return "This is the first stored diagnosis of this arm; there is none to compare with."
     times = sum(
         any(
             named["name"] == effect.name
@@ -347,5 +347,5 @@ def _describe_record(effect: Finding, diagnoses: Sequence[Sequence[dict]]) -> st
         )
         for each in diagnoses
     )
-    of = f"{len(diagnoses)} stored diagnoses of this arm, each of other runs"
+    of = f"{len(diagnoses)} stored diagnoses of this arm, each of different runs"
     return f"Record: named in {times} of the last {of}."

@@ -86,7 +86,7 @@ def build_error_table(diagnosis: Diagnosis, metrics: Sequence[str]) -> ReportTab
 
 
 def build_position_table(diagnosis: Diagnosis) -> ReportTable | None:
-    """Return how far each model by itself goes from the held-out motion, per joint."""
+    """Return the position error of each model in free simulation, per joint."""
     position = diagnosis.errors.position
     if position is None:
         return None

@@ -99,7 +99,7 @@ def check_access(scope: Scope, rules: AccessRules) -> tuple[int, str] | None:
     # Only pages of the same name and port; programs send no Origin.
     page = f"http://{hosts[0].lower()}"
     if any(origin.lower() != page for origin in origins):
-        return 403, f"Only pages of {page} may ask, got Origin {origins}."
+        return 403, f"Only pages of {page} may send requests, got Origin {origins}."
     if scope["type"] == "websocket" or scope["method"] in _READING:
         return None
     if not rules.has_key(headers):
@@ -205,7 +205,7 @@ def add_store_pages(app: ASGIApp, rules: AccessRules, store: Path) -> ASGIApp:
 
     async def page(request: Request) -> Response:
         if not rules.has_key(request.headers):
-            text = "The pages of the store need its key: modelgap up says where it is."
+            text = "The pages of the store need its key: modelgap up prints where it is."
             challenge = {"WWW-Authenticate": 'Basic realm="modelgap", charset="UTF-8"'}
             return _response(text.encode(), MADE, 401, _TEXT, challenge)
         address = request.url.path.removeprefix(f"{PAGES}/")
@@ -273,7 +273,7 @@ def app() -> ASGIApp:
     settings = get_current_settings().server.api
     host, port, key = settings.host, settings.port, settings.auth_string
     if key is None or not key.get_secret_value():
-        raise RunError("The server was given no key. Start it by modelgap up.")
+        raise RunError("The server has no key. Start it with modelgap up.")
     rules = build_access_rules(host, port, key.get_secret_value())
     served = add_store_pages(create_app(final=True), rules, resolve_store_folder())
     return Guard(add_security_headers(served), rules)

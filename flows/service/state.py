@@ -45,7 +45,7 @@ def start_process(home: Path, name: str, command: Sequence[str], env: Mapping[st
         try:
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
         except OSError:
-            raise RunError(f"The {name} of {home.parent} runs already.") from None
+            raise RunError(f"The {name} of {home.parent} is already running.") from None
         with (home / f"{name}.log").open("ab") as output:
             process = subprocess.Popen(
                 command,

@@ -69,7 +69,7 @@ Say = Callable[[str], None]
 # has 1.5 MB at most.
 _MESSAGE = 4 << 20
 _PATIENCE = 600.0  # s; a first start on a busy machine
-ENDED = "Ended by modelgap down. What it had stored is kept; the next run goes on."
+ENDED = "Ended by modelgap down. Its stored records are kept; the next run continues."
 _ACTIVE = ("PENDING", "RUNNING", "CANCELLING")
 _WAIT = 60.0  # s for flow runs to finish after SIGTERM
 _CANCEL = 30.0  # s for the worker to cancel the remaining ones
@@ -119,10 +119,10 @@ def start_service(request: ServiceRequest, say: Say) -> tuple[RunningService, bo
 
             def online() -> bool:
                 if not is_process_running(home, "worker"):
-                    raise RunError(f"The worker ended at once; see {home}/worker.log.")
+                    raise RunError(f"The worker exited at once; see {home}/worker.log.")
                 return api.is_worker_online(client)
 
-            why = f"The worker does not report; see {home}/worker.log."
+            why = f"The worker sends no heartbeat; see {home}/worker.log."
             wait_until(online, _PATIENCE, why)
         return running, False
 
@@ -180,7 +180,7 @@ def _start_server(running: RunningService, home: Path, request: ServiceRequest, 
 
     def ready() -> bool:
         if not is_process_running(home, "server"):
-            raise RunError(f"The server ended at once; see {home}/server.log.")
+            raise RunError(f"The server exited at once; see {home}/server.log.")
         return is_server_up(running.url)
 
     wait_until(ready, _PATIENCE, f"The server does not answer; see {home}/server.log.")
@@ -393,7 +393,7 @@ def _build_stale_run_rule() -> dict:
         # Two heartbeats may get lost, and a busy machine is late.
         "within": 4 * BEAT,
     }
-    message = f"No sign of life for {4 * BEAT} s."
+    message = f"No heartbeat for {4 * BEAT} s."
     close = {"type": "change-flow-run-state", "state": "CRASHED", "message": message}
     about = "A killed process cannot report its end."
     action = {**close, "name": "Crashed"}

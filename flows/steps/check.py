@@ -1,8 +1,8 @@
 """Check logs before any modeling: their faults, each with the line that fixes it.
 
-A repair speaks of joints at the link side, in SI units; a map of columns, units, signs
-and scales of a file. The line is whole: it takes the place of the one in the map, or is
-added to it.
+A repair refers to joints at the link side, in SI units; a map to columns, units, signs
+and scales of a file. Each line is complete: it replaces the one in the map, or is added
+to it.
 """
 
 import json
@@ -66,9 +66,9 @@ def check_log_sets(logs: LogSets) -> LogCheck:
     for group in ((*logs.fit, *logs.held_out), logs.baseline):
         faults += _faults(logs, group) if group else []
     faults = _once(faults)
-    # A line stands for the whole signal, so it has all that is certain about it, or all
-    # that the likeliest reading has where nothing is, in the order in which it was
-    # found: factors are those of joints that are in their places.
+    # A line replaces the whole signal, so it contains every certain repair of it, or
+    # where none is certain those of the likeliest reading, in the order found: factors
+    # apply to joints after reordering.
     sure = [fault for fault in faults if fault.certain and fault.repairs]
     read = [r for fault in sure or faults for r in fault.repairs]
     out = []
@@ -92,7 +92,7 @@ def refuse_faulty_logs(logs: LogSets, trust_log: bool) -> tuple[LogSets, LogChec
 
     Raises:
         InputError: With the first certain fault and the line that fixes it; in any
-            case where nothing can be computed from a log.
+            case if a log cannot be evaluated.
     """
     report = check_log_sets(logs)
     fatal = [doubt.words for _, doubt in logs.doubts if doubt.fatal]
@@ -128,14 +128,14 @@ def _faults_of_single_logs(
     """Return the certain faults that one log has and the others do not.
 
     In a sum over all logs the good ones outweigh a bad one, whose fault then looks like
-    an effect of the arm. A repair line is of all logs, so here it stands in the
+    an effect of the arm. A repair line applies to all logs, so this one is given in the
     evidence.
     """
     if len(group) < 2 or pooled.certain:
         return []
     out = []
     for log in list_odd_logs(logs.robot, group):
-        # Of one log alone gravity is no more than a guess.
+        # A single log determines gravity too poorly.
         found = check_logs(logs.robot, [log]).certain
         certain = [fault for fault in found if fault.kind != MOUNTING]
         others = [other for other in group if other is not log]
@@ -145,9 +145,7 @@ def _faults_of_single_logs(
         for fault in certain:
             lines = format_repair_lines(fault.repairs, logs.robot, logs.columns)
             fix = f" A map for this log alone has {lines}" if lines else ""
-            evidence = (
-                f"Log {log.id}, not the others: {fault.evidence.rstrip()} Leave this log out.{fix}"
-            )
+            evidence = f"Only in log {log.id}: {fault.evidence.rstrip()} Leave this log out.{fix}"
             joints = tuple(map(int, fault.joints))
             out.append(Fault(fault.kind, joints, True, evidence))
     return out
@@ -156,13 +154,13 @@ def _faults_of_single_logs(
 def _faults(logs: LogSets, group: Sequence[Recording]) -> list[Fault]:
     labels = {recording.id for recording in group}
     doubts = [(label, doubt) for label, doubt in logs.doubts if label in labels]
-    # Of two arms in one log nothing else is to be said.
+    # A log of two arms has no other meaningful fault.
     mixed = [(label, doubt) for label, doubt in doubts if doubt.kind == INTERLEAVED]
     if mixed:
         return [Fault(d.kind, d.joints, True, d.words, (), who) for who, d in mixed]
     found = list(check_logs(logs.robot, group).faults)
-    # What makes a log unreadable is said in any case, another doubt only if the check
-    # has not found what is behind it.
+    # A doubt that makes a log unreadable is always reported, another one only if the
+    # check has not found its cause.
     behind = any(fault.certain for fault in found)
     reach = [n for n, fault in enumerate(found) if fault.kind == "out_of_range"]
     for label, doubt in doubts:
@@ -175,7 +173,7 @@ def _faults(logs: LogSets, group: Sequence[Recording]) -> list[Fault]:
 
 
 def _once(faults: Sequence[Fault]) -> list[Fault]:
-    """Return the faults, certain ones first; what several logs have, once."""
+    """Return the faults, certain ones first; a fault of several logs once."""
     groups: dict[tuple, list[Fault]] = {}
     for fault in sorted(faults, key=lambda fault: not fault.certain):
         key = (fault.kind, fault.joints, fault.certain)
@@ -257,7 +255,7 @@ def _toml(value: object, digits: int) -> str:
 
 
 def format_drive_line(drive: Drive) -> str:
-    """Return the line of a map that says how torque follows from the goal."""
+    """Return the line of a map for the drive: how torque follows from the goal."""
     parts = {name: getattr(drive, name) for name in (*IDEAL, "enabled")}
     return _format_line("drive", 4, **parts)
 
@@ -276,14 +274,14 @@ def format_time_line(scale: float, columns: ColumnMap) -> str:
 
 
 def _mended(name: str, signal: SignalMap, repair: Repair, robot: Robot) -> SignalMap | None:
-    """Return what is to be said of a signal so that it is repaired at the link side."""
+    """Return the entries of a signal that repair it at the link side."""
     dof = robot.dof
     sign, scale = _each(repair.sign, repair, dof), _each(repair.scale, repair, dof)
     order = [i - 1 for i in _order(repair, dof)]
     gears = _gears(name, signal, robot)
     factor = np.array(sign) * np.array(scale)
     if gears is None:
-        # Coupled motors: only what is the same for all joints passes through.
+        # Coupled motors: only a factor common to all joints passes through.
         if order != list(range(dof)) or np.ptp(factor) > 0:
             return None
         gears = np.ones(dof)
@@ -333,7 +331,7 @@ def _each(given: Sequence | float | None, repair: Repair, dof: int) -> list[floa
 
 
 def _gears(name: str, signal: SignalMap, robot: Robot) -> np.ndarray | None:
-    """Return what makes a reading the joint's, joint by joint; None if they mix."""
+    """Return the factor from motor to joint, joint by joint; None if coupled."""
     ones = np.ones(robot.dof)
     logged = name == "tau" and signal.unit in LOGGED_UNITS
     per_unit = robot.torque_per_unit if logged else ones
@@ -347,7 +345,7 @@ def _gears(name: str, signal: SignalMap, robot: Robot) -> np.ndarray | None:
 
 
 def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ...]]:
-    """Return unit and scale of a signal: another unit where that says it all."""
+    """Return unit and scale of a signal; another unit where that suffices."""
     if unit in LOGGED_UNITS or np.allclose(scale, 1, _SAME, 0):
         return unit, () if np.allclose(scale, 1, _SAME, 0) else tuple(scale.tolist())
     whole = scale * UNITS[name][unit]
@@ -358,7 +356,7 @@ def _unit(name: str, unit: str, scale: np.ndarray) -> tuple[str, tuple[float, ..
 
 
 def format_signal_line(name: str, signal: SignalMap) -> str:
-    """Return the line of a map that says what a signal is."""
+    """Return the line of a map for a signal."""
     return _format_line(
         name,
         columns=signal.columns,
@@ -372,13 +370,13 @@ def format_signal_line(name: str, signal: SignalMap) -> str:
 
 
 def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
-    """Return the text of a drafted map, what is not certain as comments."""
+    """Return the text of a drafted map, uncertain entries as comments."""
     columns, format = draft.columns, draft.format
     about = f" Format: {PRESETS[format].about}." if format else ""
     where = escape_unprintable(Path(log).name)
     lines = [
         f"# Drafted by modelgap map from {where} for {robot.name}.{about}",
-        "# Nothing was applied. What follows a question mark is not certain.",
+        "# Nothing was applied. Lines marked with a question mark are guesses: confirm them.",
     ]
 
     def line(name: str, text: str) -> None:
@@ -408,7 +406,7 @@ def format_drafted_map(draft: ColumnMapDraft, log: str, robot: Robot) -> str:
 
 
 def escape_unprintable(text: str) -> str:
-    """Return a text in one line, what cannot be printed escaped as TOML does it."""
+    """Return a text in one line, unprintable characters escaped as in TOML."""
     return "".join(
         c if c.isprintable() else f"\\U{ord(c):08x}" if c > "\uffff" else f"\\u{ord(c):04x}"
         for c in text

@@ -98,7 +98,7 @@ def read_hidden_effects(runs: Runs, store: Path) -> list[dict]:
 def generate_motion_tables(
     seed: int, families: tuple[str, ...]
 ) -> Iterator[tuple[str, float, dict]]:
-    """Yield what each motion is called, when it begins [s], and its table."""
+    """Yield the name of each motion, its start [s], and its table."""
     for i, kind in enumerate(families):
         drawn = derive_seed(seed, f"reference/{i}")
         motion: dict = {"kind": kind, "duration": DURATION, "seed": drawn}
@@ -110,10 +110,10 @@ def generate_motion_tables(
 
 
 def _hidden_effect(seed: int, name: str | None) -> list[dict]:
-    """Draw what shows on the motions that are fitted.
+    """Draw an effect that is detectable on the fitted motions.
 
-    Of usual size, or where that would not show, as large as it must be. Behind the last
-    seed of the table they begin again, unless the effect shows at every one.
+    Its size is typical, or as large as needed to be detectable. Beyond the last seed of
+    the table the seeds repeat, unless the effect is detectable at every one.
     """
     if name == NOTHING:
         return []
@@ -131,9 +131,9 @@ def _hidden_effect(seed: int, name: str | None) -> list[dict]:
 
 @cache
 def list_visible_sizes() -> Mapping[str, dict]:
-    """Return what is hidden where a usual size would not show.
+    """Return the effects whose typical size would not be detectable.
 
-    By the effect that is asked for ("" for none) and by seed: effect, joints and
+    By the requested effect ("" for none) and by seed: effect, joints and
     parameters. Made by `tests/synthetic/visible.py`.
     """
     return json.loads(Path(__file__).with_name("visible.json").read_text("utf-8"))

@@ -45,7 +45,7 @@ def read_logs(request: Diagnose, robot: Robot | None = None) -> LogSets:
             warnings.append(
                 f"baseline run {run} is of {robot.name} {serial or 'without a number'}, not "
                 f"of {robot.serial or 'an arm without a number'}: differences between the "
-                "two arms are findings too"
+                "two arms count as findings"
             )
     driven = any(r.drive is not None for r in (*read.fit, *read.baseline))
     if driven and "payload.mass" not in robot.known_values:
@@ -60,11 +60,11 @@ def diagnose(
     progress: Progress | None = None,
     ignore_baseline: bool = False,
 ) -> Diagnosis:
-    """Find what the model lacks, and say whether an experiment would tell more.
+    """Find the missing effects, and whether an experiment would separate rivals.
 
     Args:
         request: Its options; its logs, baseline and robot were read into the next.
-        ignore_baseline: Look at the logs by themselves although there is a baseline.
+        ignore_baseline: Diagnose the logs alone although there is a baseline.
     """
     store, declared = resolve_store_folder(request.store), request.declared
     if request.model:
@@ -87,7 +87,7 @@ def diagnose(
 
 
 def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]:
-    """Return the runs that an adopted model is from, but for those diagnosed now."""
+    """Return the runs behind an adopted model, except those diagnosed now."""
     known = logs.runs or {}
     now = {known.get(log.id, log.id) for log in (*logs.fit, *logs.held_out)}
     ids = records.read_runs(store, diagnosis, ("fit", "held_out"))
@@ -101,19 +101,19 @@ def _behind(diagnosis: str, logs: LogSets, store: Path) -> tuple[Recording, ...]
     try:
         return tuple(read_run(store, id) for id in ids)
     except InputError as error:
-        # Runs are pruned, or stayed elsewhere: the model has their motion with it.
+        # Runs are pruned, or in another store: the model keeps their motion.
         motion = tuple(m for m in records.read_motion(store, diagnosis) if m.id in ids)
         if motion:
             return motion
         raise InputError(
-            f"To say {subject}, the runs behind it are needed: expected "
+            f"To find {subject}, its runs are needed: expected "
             f"{', '.join(id[:8] for id in ids)} in {store}. Got: {error} Import them "
             "into this store, or give logs of that time with --baseline."
         ) from error
 
 
 def read_stored_runs(request: Diagnose) -> LogSets:
-    """Read whole runs of the store, as the command does; nothing but them is read."""
+    """Read complete runs of the store, as the command does, and nothing else."""
     return resolve_whole_runs(read_logs(request))
 
 
@@ -156,21 +156,21 @@ def diagnose_recordings(
 
 
 def _find_run(log: Recording, store: Path) -> str:
-    """Return the id of the run that a recording is; InputError where it is none."""
+    """Return the id of the run of a recording; InputError if it is no run."""
     if is_run_id(log.id):
         run = read_run(store, log.id)
         if np.array_equal(run.t, log.t) and np.array_equal(run.tau, log.tau):
             return run.id
     raise InputError(
-        f"{log.id} is no whole run of {store}, expected runs of the store. Store its "
-        "file by mg.import_logs, then read the id by mg.read_logs; or give no store."
+        f"{log.id} is no complete run of {store}, expected runs of the store. Store its "
+        "file with mg.import_logs, then read the id with mg.read_logs; or give no store."
     )
 
 
 def store_diagnosis(
     request: Diagnose, logs: LogSets, result: Diagnosis, seconds: float
 ) -> tuple[str, str]:
-    """Store a diagnosis of runs; one on the same runs that says the same is kept once.
+    """Store a diagnosis of runs; an equal one of the same runs is stored once.
 
     Args:
         logs: The runs, called by their whole ids (`resolve_whole_runs`).

@@ -110,8 +110,8 @@ def plan_experiments(
 def store_campaign(planned: Sequence[PlannedExperiment], file: str, store: Path) -> str | None:
     """Put the record of a campaign into the store, before its runs; return its id.
 
-    It has the open points of all its runs, also of those that fail; of the sealed ones
-    nothing, neither in a label.
+    It has the open points of all its runs, also of those that fail; it has no sealed
+    point, not even in a label.
     """
     if not planned:
         return None
@@ -150,9 +150,9 @@ def _point_row(axis: str, value: object, spec: ExperimentSpec) -> dict:
 
 
 def name_arm(spec: ExperimentSpec, robot: Robot) -> str | None:
-    """Return the serial number of a simulated arm, by what makes it another one.
+    """Return the serial number of a simulated arm, derived from its definition.
 
-    None where neither a serial nor the seed of the plant says which arm it is.
+    None if neither a serial number nor a seed of the plant identifies the arm.
     """
     plant = spec.plant
     if spec.serial is not None or plant.seed is None:
@@ -180,7 +180,7 @@ def simulate_and_store(spec: ExperimentSpec, store: Path, campaign: str | None =
 
     Raises:
         InputError: If the motion breaks a limit of the arm (which joint, when, by how
-            much) or the simulation diverges; nothing is stored then.
+            much) or the simulation diverges; then nothing is stored.
     """
     spec = resolve_controller_model(spec, store)
     id = compute_run_id(spec)
@@ -233,10 +233,10 @@ def store_experiment(
 
 
 def build_public_record(spec: ExperimentSpec, robot: Robot) -> dict:
-    """Return what everybody may know of an experiment, as its record has it."""
+    """Return the public half of an experiment, for its record."""
     reference, driver = spec.reference(), {}
-    # What came in later versions stands there only where it says something, so that
-    # the ids of runs are those that they always had.
+    # Keys of later versions are written only if they differ from the default, so that
+    # the ids of runs do not change.
     if spec.controller.model != NOMINAL:
         usual = ControllerTable()
         late = ("encoder_step", "rise")
@@ -260,10 +260,10 @@ def build_public_record(spec: ExperimentSpec, robot: Robot) -> dict:
 
 
 def build_sealed_record(plant: PlantSpec) -> dict:
-    """Return what the diagnosis must find out by itself, as it is sealed.
+    """Return the sealed half, hidden from the diagnosis.
 
-    What came in later versions is left out where it says nothing, so that a seal of
-    an earlier one is still the same.
+    Keys of later versions are omitted at their defaults, so that seals of earlier
+    versions stay valid.
     """
     later = {name: getattr(PlantSpec(), name) for name in _LATER}
     half = asdict(plant)
@@ -276,8 +276,8 @@ def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
         plant = _PLANT.validate_python(sealed)
     except ValueError:
         plant = None
-    # A key too many or too few would be another arm, and nobody would see it. What is
-    # hidden stays hidden: the message has no values, and no error that has some.
+    # An extra or missing key would silently give another arm. The hidden values stay
+    # hidden: neither the message nor its cause contains any.
     whole = [] if plant is None else [build_sealed_record(plant), asdict(plant)]
     if convert_to_json_types(sealed) not in map(convert_to_json_types, whole):
         raise InputError(
@@ -288,7 +288,7 @@ def parse_sealed_plant(sealed: Mapping) -> PlantSpec:
 
 
 def load_spec_robot(spec: ExperimentSpec) -> Robot:
-    """Return the arm, once it is known to fit what the spec hides in it."""
+    """Return the arm, checked against the hidden half of the spec."""
     robot = _robot(spec.robot)
     for effect in spec.plant_spec().effects:
         check_effect(effect, robot)
@@ -329,7 +329,7 @@ def _simulate(spec: ExperimentSpec, robot: Robot, store: Path | None) -> tuple:
 
 @lru_cache(maxsize=12)
 def plan_reference(robot: Robot, spec: TrajectorySpec, rate: float) -> ReferenceMotion:
-    """Return a motion; kept, since many arms may be asked to do the same."""
+    """Return a motion; cached, since many arms may run the same one."""
     return plan_reference_motion(robot, spec, rate)
 
 
@@ -338,8 +338,8 @@ def explain_infeasible_motion(planned: PlannedExperiment) -> str | None:
 
     Returns:
         Why it would fail: the limit of range, speed, acceleration or torque that its
-        motion breaks. None where the motion is possible; that the arm then diverges,
-        only the run itself shows.
+        motion breaks. None where the motion is possible; only the run itself shows
+        whether the arm diverges.
     """
     spec = planned.spec
     try:
@@ -363,7 +363,7 @@ def format_reference_csv(reference: ReferenceMotion) -> str:
 def add_twin_errors(robot: Robot, runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]:
     """Return runs with their errors against a twin on their own reference.
 
-    Those that have a twin, and those that have no reference, stay as they are.
+    Runs that have a twin, or no reference, are unchanged.
     """
     return tuple(
         run
@@ -393,7 +393,7 @@ Runs = dict[str, list[str]]  # ids by role
 
 @dataclass(frozen=True, slots=True)
 class CampaignSummary:
-    """What became of a campaign."""
+    """The result of a campaign."""
 
     planned: tuple[PlannedExperiment, ...]  # all experiments, in order
     # What failed and why, by the id of its run; all others are in the store.
@@ -421,13 +421,13 @@ def run_campaign_experiments(
     """Run what is not in the store, in as many processes as there are cores.
 
     Returns:
-        What became of them; a failure is in it and raises nothing.
+        Their results; a failure is a result and raises nothing.
 
     Raises:
         InputError: If the engine of simulated arms is not installed.
     """
     missing = [p for p in planned if not p.stored]
-    if missing and find_spec("pybullet") is None:  # said once, not of each
+    if missing and find_spec("pybullet") is None:  # reported once, not per experiment
         raise build_missing_package_error("pybullet")
     begun, failed = perf_counter(), {}
     if missing and executor is None:
@@ -451,7 +451,7 @@ def advise_on_failures(summary: CampaignSummary) -> str:
     return (
         f"{len(summary.failed)} of {len(summary.planned)} experiments failed (see "
         "above). A spec that cannot run fails again: change or remove it. The same "
-        "command reruns what a lost process, disk or network stopped."
+        "command reruns those that a lost process, disk or network interrupted."
     )
 
 
@@ -525,9 +525,9 @@ def run_planned_experiment(planned: PlannedExperiment, store: str) -> str:
 
 def explain_missing_run(planned: PlannedExperiment, run_id: str, store: Path) -> str:
     """Return why a run that was stored is not where it should be; "" where it is."""
-    # A process loads the code anew, and the id of a run is also that of its code.
+    # A process loads the code again, and the id of a run depends on the code.
     if run_id != planned.run_id:
-        return f"stored as {run_id}: the code was changed since the start"
+        return f"stored as {run_id}: the code has changed since the start"
     if not is_stored(store, planned.spec, run_id):
         return (
             f"stored elsewhere than in {format_store_name(store)}: a cluster needs a store on "

@@ -91,13 +91,13 @@ def describe_models(prediction: Prediction, without: Sequence[str]) -> list[str]
 
 
 def build_error_tables(prediction: Prediction) -> ErrorTables:
-    """Return the errors against what was measured, by model [%]."""
+    """Return the errors against the measured torque, by model [%]."""
     ids = [log.id for log in prediction.logs]
     return tabulate_errors(dict(prediction.errors), prediction.cutoff, ids)
 
 
 def build_prediction_document(prediction: Prediction, without: Sequence[str]) -> dict:
-    """Return errors as plain values, in the form that a verdict has them."""
+    """Return errors as plain values, in the form of a verdict."""
     return {
         "schema": 1,
         "model": repr(prediction.models[WHOLE]),
@@ -121,7 +121,7 @@ def build_sample_table(prediction: Prediction) -> pa.Table:
 
 
 def encode_samples(prediction: Prediction, path: Path) -> bytes:
-    """Return the samples in the form that a file name asks for."""
+    """Return the samples in the format of a file name."""
     sink = io.BytesIO()
     if path.suffix == ".csv":
         pc.write_csv(build_sample_table(prediction), sink)
@@ -166,7 +166,7 @@ def build_rerun_recording(source: AnyModel, log: Recording | None = None) -> Mod
 
 
 def _torque(source: AnyModel, state) -> dict[str, Array]:
-    """Torque of the model [N m], and what it is the sum of. Shapes (n, dof)."""
+    """Torque of the model [N m], and its summands. Shapes (n, dof)."""
     model, total = remove_tables(source), source.torque_of_state(state)
     parts = {"model": total, "of/rigid_body": state.regressor @ model.inertial}
     for term in model.terms:
@@ -181,7 +181,7 @@ def _draw(rr, stream, source: AnyModel, t: Array, q: Array, torque: Mapping[str,
     clock = [rr.TimeColumn(CLOCK, duration=t)]
     for name, values in torque.items():
         for j, column in enumerate(values.T):
-            # What acts on other joints alone would be a flat line here.
+            # An effect on other joints only would be a flat line here.
             if column.any() or not name.startswith("of/"):
                 path = f"torque/joint_{j + 1}/{name}"
                 stream.send_columns(path, clock, rr.Scalars.columns(scalars=column))
@@ -225,7 +225,7 @@ def list_export_targets() -> Mapping[str, Writer]:
         if name in result or not callable(write):
             raise InputError(
                 f"The plug-in '{name}' (modelgap.exporters): expected a function that "
-                "takes a model, called as no other target is."
+                "takes a model, under a name that no other target has."
             )
         result[name] = write
     return result
@@ -269,7 +269,7 @@ def export_model(model: AnyModel, to: str, log: Recording | None = None) -> Mode
     """Write a model in the form of another program."""
     write = list_export_targets()[_check_target(to)]
     if log is not None and write is not build_rerun_recording:
-        raise InputError(f"A log is of no use for {to}: it goes with rrd alone.")
+        raise InputError(f"{to} takes no log; only rrd does.")
     return write(model) if log is None else build_rerun_recording(model, log)
 
 

@@ -95,7 +95,7 @@ def build_identification_document(outcome: ValidatedIdentification) -> dict:
 
 
 def build_parameter_rows(outcome: ValidatedIdentification) -> list[dict]:
-    """Return the base parameters: value, standard deviation, and what they are."""
+    """Return the base parameters: value, standard deviation, definition."""
     found, estimate, other = outcome.free, outcome.free.estimate, outcome.consistent
     consistent = other and found.base.mapping @ other.model.coefficients()
     rows = []
@@ -125,10 +125,10 @@ def read_identification_logs(request: Identify, robot: Robot | None = None) -> L
 
 @one_blas_thread
 def identify(request: Identify, logs: LogSets) -> tuple[ValidatedIdentification, str | None]:
-    """Identify, prove it, and keep the model if it is from runs or a store was named.
+    """Identify, validate, and store the model if it is from runs or a store is named.
 
     Returns:
-        What was identified, and the id of the model; None where it is not stored.
+        The identification, and the id of the model; None where it is not stored.
     """
     known, begun = request.declared, perf_counter()
     if request.model:
@@ -153,7 +153,7 @@ def _store_identification(
     seconds: Mapping[str, float],
 ) -> str:
     """Put an identified model into the store; the same of the same runs has the same id."""
-    # A held-out part of a fitted run is no run of its own.
+    # A held-out part of a fitted run is no separate run.
     roles = {"fit": result.fit, "held_out": () if result.same_run else result.held_out}
     by_role = {role: [runs[i] for i in ids if i in runs] for role, ids in roles.items()}
     if request.model:
@@ -190,7 +190,7 @@ def _store_identification(
 
 
 def _whole(word: str, runs: Mapping[str, str]) -> str:
-    """The whole id of a run; of a file its name, not where it lies."""
+    """The complete id of a run; of a file its name without its folder."""
     found = [id for id in runs.values() if is_run_id(word) and id.startswith(word)]
     return found[0] if found else Path(word).name
 
@@ -201,7 +201,7 @@ KIND, CALIBRATED = "calibration", "calibrated"
 def build_calibration_document(
     calibration: Calibration, words: Sequence[str], warnings: Sequence[str], kept: Mapping[str, str]
 ) -> dict:
-    """Return all figures of a calibration; what is not known is null."""
+    """Return all figures of a calibration; unknown ones are null."""
     rows, sweep = calibration.rows, calibration.sweep
     sizes = [len(axis.edges) + 1 for axis in calibration.paper.axes]
     options = zip(rows.joints, calibration.chosen, strict=True)
@@ -268,7 +268,7 @@ def _numbers(values: Iterable[float]) -> list[float | None]:
 
 
 def build_calibration_files(calibration: Calibration) -> dict[str, bytes]:
-    """Return what a calibration is exported as, content by file name.
+    """Return the exported files of a calibration, content by file name.
 
     Returns:
         The tables and their evaluator (`build_lookup_files`); where they correct a
@@ -288,8 +288,8 @@ def store_calibration(
     """Put the tables and the errors into the store.
 
     Args:
-        request: What was asked for, so that it can be made again: `logs`, the ids of
-            the runs it is from, in order.
+        request: The request, to make the record again: `logs` has the ids of its runs,
+            in order.
     """
     ids = request["logs"]
     model = {
@@ -342,11 +342,11 @@ def _rows(score: ModelScore, ids: Sequence[str]) -> Iterator[dict]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StoredCalibration:
-    """A calibration, and where it is kept.
+    """A calibration, and its records.
 
     Attributes:
         calibration: The calibration.
-        warnings: What is odd but usable.
+        warnings: Warnings about odd but usable logs.
         stored: Ids of the records by kind; empty where nothing was stored.
     """
 
@@ -408,7 +408,7 @@ def calibrate(
 def read_controller_model(
     store: Path, word: str, robot: Robot, nominal: Model | None = None
 ) -> AnyModel:
-    """Return the model that a controller is to have.
+    """Return the model of a controller.
 
     Args:
         word: Id of a diagnosis (its augmented model, tables included), of a model, or
@@ -432,7 +432,7 @@ def read_controller_model(
         own, hash = of.name, of.content_hash
     if hash != robot.content_hash:
         raise InputError(
-            f"The model of {word} is of {own} as it was described then, the robot is "
-            f"{robot.name} as it is described now. Give a model of this one."
+            f"The model of {word} is of {own} as described then, the robot is "
+            f"{robot.name} as described now. Give a model of this robot."
         )
     return model

@@ -36,7 +36,7 @@ class ImportedLog:
 
 
 def read_logs(request: Import) -> tuple[Robot, tuple[ImportedLog, ...]]:
-    """Read logs and say which runs they are; nothing is written."""
+    """Read logs and determine their run ids; nothing is written."""
     require_logs(request.logs, "to import", "import")
     for what, word in (("trajectory", request.trajectory), ("kind", request.kind)):
         if word is not None and not is_short_word(word):
@@ -100,10 +100,10 @@ def check_logs(
 
 
 def store_log(log: ImportedLog, request: Import, robot: Robot) -> str:
-    """Put a log that was read into the store; one that is there stays."""
+    """Store a log; one that is already stored is unchanged."""
     store = resolve_store_folder(request.store)
     if log.stored:
-        # Nothing is to be written, so it may be a store that one can only read.
+        # Nothing is written, so the store may be read-only.
         read_manifest(store, log.run_id)
         with suppress(PermissionError):
             store_robot_description(store, request.robot, robot)
@@ -113,7 +113,7 @@ def store_log(log: ImportedLog, request: Import, robot: Robot) -> str:
 
 
 def _printable(value: object) -> object:
-    """Return what is kept of a stranger's file so that no terminal obeys it."""
+    """Return text of a foreign file without control characters for a terminal."""
     if isinstance(value, dict):
         return {key: _printable(item) for key, item in value.items()}
     if isinstance(value, list):
@@ -122,7 +122,7 @@ def _printable(value: object) -> object:
 
 
 def _about(summary: LogSummary, columns: ColumnMap | None) -> dict:
-    """What the file was and how it was read; its name, not where it lay."""
+    """Facts about the file and how it was read; its name without its folder."""
     path = Path(summary.file)
     return {
         "file": path.name,

@@ -154,7 +154,7 @@ def strip_option_hints(reason: str) -> str:
         return reason
     reason = re.sub(r"(with )?--map( COLUMNS\.toml)?", r"\1COLUMNS.toml", reason)
     return (
-        f"{reason}\nThe inbox reads that file where modelgap.toml says so under "
+        f"{reason}\nAn inbox reads that file if modelgap.toml names it under "
         '[[inbox]]: map = "COLUMNS.toml". Then put the log into the inbox again.'
     )
 

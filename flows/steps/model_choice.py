@@ -52,13 +52,13 @@ AUGMENTED = "augmented"
 class ModelChoice:
     """The model that a command uses."""
 
-    # Id of the diagnosis that it is from, None for the nominal model.
+    # Id of its diagnosis, None for the nominal model.
     diagnosis: str | None = None
     line: str | None = None  # what to print about it; None where there is no choice
 
     @property
     def lines(self) -> tuple[str, ...]:
-        """The line, as what is printed first."""
+        """The line, printed first."""
         return () if self.line is None else (self.line,)
 
 
@@ -71,13 +71,13 @@ def choose_model(
 ) -> ModelChoice:
     """Return the model that a command uses.
 
-    The store is asked where the logs are runs of it, or where --store names it; what is
-    in it has no say about files alone.
+    The store counts if the logs are runs of it, or if --store names it; it does not
+    influence commands on files alone.
 
     Args:
         model: Value of --model: "nominal", an id, or None.
         store: Value of --store, None where it is not given.
-        instead: The option that says by itself what the nominal model is, such as
+        instead: The option that itself determines the nominal model, such as
             "--baseline"; None for none.
 
     Raises:
@@ -98,14 +98,14 @@ def choose_model(
                 f"{robot.serial or 'without a number'}. Give a model of this arm, or "
                 "--model nominal."
             )
-        return ModelChoice(id, f"model: that of diagnosis {id[:8]}, as --model says")
+        return ModelChoice(id, f"model: diagnosis {id[:8]} (--model)")
     in_store = store is not None or (logs and all(map(is_run_id, logs)))
     last = in_store and find_last_adoption(place, robot.name, robot.serial)
-    if not last:  # nothing is said of a robot that never had another model
+    if not last:  # a robot that never had another model needs no line
         return ModelChoice()
     number, adoption = last
     if adoption.diagnosis_id is None:
-        back = f"the nominal one, to which adoption {int(number)} went back"
+        back = f"the nominal one, restored by adoption {int(number)}"
         return ModelChoice(line=f"model: {back}")
     serial = f" {robot.serial}" if robot.serial else ""
     name = (
@@ -119,13 +119,13 @@ def choose_model(
 
 
 def choose_request_model(request: Diagnose | Identify, robot: Robot) -> ModelChoice:
-    """Return the model that a request goes by, as `choose_model` does."""
+    """Return the model of a request, as `choose_model` does."""
     logs = (*request.logs, *request.held_out)
     return choose_model(robot, request.model, request.store, logs, request.instead)
 
 
 def resolve_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
-    """Return the model that the robot of some runs of a store has."""
+    """Return the adopted model of the robot of some runs of a store."""
     robot = load_run_robot(read_run_robot(runs, store), runs, store)
     return choose_model(robot, None, store, tuple(runs))
 
@@ -133,7 +133,7 @@ def resolve_adopted_model(runs: Sequence[str], store: Path) -> ModelChoice:
 def choose_monitor_model(
     word: str, store: Path, nominal: bool, runs: Sequence[str] = ()
 ) -> ModelChoice:
-    """Return the model to watch by; no choice where a word names it by an id.
+    """Return the model to monitor with; no choice where a word is an id.
 
     Raises:
         InputError: If the word is neither an id nor a robot.
@@ -151,7 +151,7 @@ def choose_monitor_model(
 
 
 def resolve_diagnosis_id(store: Path, word: str) -> str:
-    """Return the whole id of the diagnosis that a word stands for.
+    """Return the complete id of the diagnosis that a word stands for.
 
     Args:
         word: Id of a diagnosis, of its proof, of the model that it ended with, or of
@@ -163,7 +163,7 @@ def resolve_diagnosis_id(store: Path, word: str) -> str:
     if found.kind == "adoptions":
         id = read_record(store, found.id)["diagnosis_id"]
         if id is None:
-            raise InputError(f"Adoption {found.id} went back to the nominal model.")
+            raise InputError(f"Adoption {found.id} restored the nominal model.")
         return id
     if found.kind == "validations" and (id := read_record(store, found.id).get("diagnosis")):
         return id
@@ -202,7 +202,7 @@ def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
             f"{word} is one of {found.kind}, which hold no model. Name a diagnosis or "
             "a model: modelgap sql 'SELECT model_id, robot, stage FROM models'."
         )
-    # As calibrate, diagnose or identify kept it.
+    # As calibrate, diagnose or identify stored it.
     if (found.folder / CORRECTED).is_file():
         return load_model(found.folder / CORRECTED)
     record = read_record(store, found.id)
@@ -211,7 +211,7 @@ def read_model(store: Path, word: str, which: str | None = None) -> AnyModel:
     content = record.get("model") or record.get("nominal")
     if content is None:
         raise InputError(
-            f"Model {word} was kept without its numbers. Make it again with this version."
+            f"Model {word} was stored without its values. Make it again with this version."
         )
     return model_from_record(content)
 
@@ -221,11 +221,11 @@ def _one_of(models: Mapping[str, AnyModel], which: str | None) -> AnyModel:
 
 
 def check_description(robot: Robot, run: Recording, manifest: Mapping, by: str | None) -> None:
-    """Refuse a robot that is described otherwise than when a run was made."""
+    """Refuse a robot whose description differs from that of a run."""
     if robot.content_hash != manifest.get("robot_hash"):
         raise InputError(
             f"Run {run.id} was made with another description of {run.robot} than "
-            f"{by} has now. Put back the URDF and robot.toml of that time."
+            f"{by} has now. Restore the URDF and robot.toml of that time."
         )
 
 
@@ -240,25 +240,25 @@ def _check_robot(robot: Robot, store: Path, diagnosis: str) -> None:
     if own.joints != robot.joints:
         raise InputError(
             f"The model {about} is of the chain {', '.join(own.joints)}, this is "
-            f"{', '.join(robot.joints)}. Choose that one with --chain, or go on with "
+            f"{', '.join(robot.joints)}. Choose that one with --chain, or continue with "
             "--model nominal."
         )
     if own.content_hash != robot.content_hash:
         raise InputError(
             f"The model {about} was made with another description of {robot.name} than "
-            "it has now. Put back the URDF and robot.toml of that time, or go on with "
+            "it has now. Restore the URDF and robot.toml of that time, or continue with "
             "--model nominal."
         )
 
 
-# Times the error of the baseline's own model: what a model may leave of its logs once
-# what was found is taken out again.
+# Largest error of a model on the baseline logs once its findings are removed, as a
+# multiple of the error of the baseline's own model.
 EDITED = 2.0
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Judgment:
-    """The judgment of the gate on a model: what speaks for it and against it."""
+    """The judgment of the gate on a model, with the reasons."""
 
     diagnosis: str  # id of the diagnosis that found it
     verdict: Verdict
@@ -272,7 +272,7 @@ class Judgment:
     doubts: tuple[str, ...] = ()
 
     def as_record(self) -> dict:
-        """Return what the gate saw as JSON can hold it."""
+        """Return the judgment as JSON values."""
         check = asdict(self.check) if self.check else {}
         check.pop("doubts", None)
         return {"held_out": check, "doubts": list(self.doubts)}
@@ -298,7 +298,7 @@ class Judgment:
 
 @one_blas_thread
 def judge_adoption(store: Path, word: str) -> Judgment:
-    """Hold the model of a diagnosis against the one that its robot has.
+    """Compare the model of a diagnosis with the current model of its robot.
 
     The logs are those that the diagnosis held out; the model before it is the adopted
     one, else the one that the diagnosis started from.
@@ -323,7 +323,7 @@ def judge_adoption(store: Path, word: str) -> Judgment:
 
 
 def _of_verdict(verdict: Verdict) -> list[str]:
-    """Return what in a verdict speaks against its model."""
+    """Return the reasons in a verdict not to adopt its model."""
     out = []
     if not verdict.trusted:
         out.append("its logs have a certain fault")
@@ -352,13 +352,13 @@ def adopt(
     """Let a model be the nominal one of its robot in this store; by force against the gate.
 
     Returns:
-        The number of the adoption, and what the gate saw.
+        The number of the adoption, and the judgment of the gate.
     """
     place = resolve_store_folder(store)
     judgment = judge_adoption(place, word)
     robot, parent = judgment.model.robot, judgment.parent
     if parent and parent[1].model_id == judgment.model_id:
-        raise InputError(f"{robot.name} has that model already, by adoption {int(parent[0])}.")
+        raise InputError(f"{robot.name} already has that model, by adoption {int(parent[0])}.")
     if judgment.doubts and not force:
         raise InputError(
             f"Refused: {'; '.join(judgment.doubts)}. {robot.name} keeps the model that "
@@ -385,7 +385,7 @@ def adopt(
 def roll_back(
     word: str | None, note: str = "", store: str | Path | None = None
 ) -> tuple[str, ModelAdoption]:
-    """Give a robot the model back that it had before, by one more record.
+    """Restore the previous model of a robot, by one more record.
 
     Args:
         word: The robot, with its serial number where several have its name; None where

@@ -35,16 +35,16 @@ MOST_HEALTHY = 12  # of them are read
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MonitoringResult:
-    """A calibrated monitor, and the alarms of the runs that it watched."""
+    """A calibrated monitor, and the alarms of the monitored runs."""
 
     monitor: Monitor  # the monitor, calibrated
     calibration: tuple[str, ...]  # ids of the healthy runs
-    alarms: Mapping[str, tuple[Alarm, ...]]  # alarms of each watched run, by its id
+    alarms: Mapping[str, tuple[Alarm, ...]]  # alarms of each monitored run, by its id
     seconds: float  # length of all watched runs [s]
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What to know about it, a line each."""
+        """Remarks on the result, a line each."""
         out, hours = [], self.monitor.hours
         if self.monitor.per_hour * hours < 1:
             out.append(
@@ -58,7 +58,7 @@ class MonitoringResult:
 
 @one_blas_thread
 def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recording]]:
-    """Calibrate a monitor, watch runs, and store the alarms.
+    """Calibrate a monitor, monitor runs, and store the alarms.
 
     Returns:
         The id of the record, the result, and the watched runs by their id.
@@ -69,7 +69,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
     healthy = read_usable_runs(store, good)
     watched = read_usable_runs(store, request.runs)
     if not watched:
-        raise InputError("No run to watch. Name it: modelgap monitor MODEL RUN ...")
+        raise InputError("No run to monitor. Give one: modelgap monitor MODEL RUN ...")
     if not healthy:
         whose = f"diagnosis {diagnosis} has" if diagnosis else "there are"
         raise InputError(
@@ -78,7 +78,7 @@ def monitor(request: Request) -> tuple[str, MonitoringResult, dict[str, Recordin
         )
     if both := sorted(set(healthy) & set(watched)):
         raise InputError(
-            f"Run {both[0]} is to be watched and to calibrate on. Watch another, or "
+            f"Run {both[0]} is both monitored and used to calibrate. Monitor another, or "
             "name the healthy runs with --calibrate."
         )
     if diagnosis:
@@ -142,7 +142,7 @@ def monitor_recordings(
     watched: Mapping[str, Recording],
     per_hour: float,
 ) -> MonitoringResult:
-    """Calibrate a monitor and watch runs, each by its id; nothing is stored."""
+    """Calibrate a monitor and monitor runs, each by its id; nothing is stored."""
     made = calibrate_monitor(model, list(healthy.values()), per_hour)
     return MonitoringResult(
         monitor=made,
@@ -175,11 +175,11 @@ def monitor_new_runs(
     healthy_ids: Sequence[str] = (),
     tag: str = HEALTHY,
 ) -> NewRunsMonitoring:
-    """Watch new runs of one robot, against its adopted model or its last diagnosis.
+    """Monitor new runs of one robot, with its adopted model or its last diagnosis.
 
     Args:
-        model: Id of a diagnosis, or a robot; None for what the robot has, else what was
-            found of it last.
+        model: Id of a diagnosis, or a robot; None for the adopted model, else the
+            latest diagnosis.
         healthy_ids: Ids of the healthy runs; empty for those with the tag, or where
             these are too few for those of the diagnosis.
     """

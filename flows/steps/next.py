@@ -1,4 +1,4 @@
-"""Which built-in motion settles soonest what a verdict leaves open."""
+"""The built-in motion that settles the open question of a verdict soonest."""
 
 import json
 from collections.abc import Iterator
@@ -45,8 +45,8 @@ SHORTEST, LONGEST = 4.0, 600.0  # s, of a motion
 FOURIER, MOVES = "fourier", "move_stop_move"
 PERIODS = (2.5, 5.0, 10.0)  # s, of the motions, about
 WAVES, PLACES = 8, 4  # motions of each period, of either family
-LOOKS = 3  # motions that are looked at closely
-# Samples of a motion per row of a log: where it is one of many, and looked at closely.
+LOOKS = 3  # motions that are evaluated closely
+# Samples of a motion per row of a log: as one of many, and evaluated closely.
 COARSER, FINER = 0.5, 2
 
 
@@ -62,7 +62,7 @@ class ReopenedDiagnosis:
 
     @property
     def reproduced(self) -> bool:
-        """Whether the logs gave the verdict again."""
+        """Whether the logs reproduced the verdict."""
         both = (self.verdict, self.diagnosis.verdict)
         one, other = ({(f.name, f.joints) for f in v.effects} | {v.verdict} for v in both)
         return one == other
@@ -81,7 +81,7 @@ def reopen_diagnosis(request: Next, progress: Progress | None = None) -> Reopene
 def diagnose_open_question(
     request: Diagnose, logs: LogSets, progress: Progress | None = None
 ) -> tuple[Diagnosis, OpenQuestion | None]:
-    """Diagnose logs, and return the question that they leave; None for none.
+    """Diagnose logs, and return the open question, if any.
 
     A comparison with a baseline leaves none: then the new logs are diagnosed alone.
     """
@@ -92,7 +92,7 @@ def diagnose_open_question(
 
 
 def check_duration(seconds: float) -> None:
-    """Raise InputError unless a motion may be so long [s]."""
+    """Raise InputError for a duration out of range [s]."""
     if not SHORTEST <= seconds <= LONGEST:
         raise InputError(f"--seconds {seconds:g}: expected {SHORTEST:g} to {LONGEST:g}.")
 
@@ -102,15 +102,15 @@ def _of_store(request: Next) -> tuple[Verdict, Diagnose, LogSets]:
     given |= {"--holdout": request.held_out, "--baseline": request.baseline}
     if extra := [name for name, value in given.items() if value]:
         raise InputError(
-            f"{', '.join(extra)}: a diagnosis in the store knows its own. Leave it "
-            "out, or name the JSON file of a verdict."
+            f"{', '.join(extra)}: a stored diagnosis has its own. Leave it "
+            "out, or give the JSON file of a verdict."
         )
     store = resolve_store_folder(request.store)
     id = resolve_diagnosis_id(store, request.verdict)
     record = read_record(store, id)
     kept = record.get("request") or {}
     if kept.get("step") != "diagnose":
-        raise InputError(f"{id} does not say how it was made. Diagnose its runs again.")
+        raise InputError(f"{id} has no record of its request. Diagnose its runs again.")
     word = find_used_robot(store, kept["robot"], kept.get("robot_hash"))
     again = Diagnose.from_record({**kept, "robot": word}, store)
     return read_verdict(store, id), again, read_stored_runs(again)
@@ -184,8 +184,8 @@ class Ranking:
     """Motions for a question, the best first."""
 
     question: OpenQuestion
-    twins: frozenset[Pair]  # pairs that no motion tells apart
-    ranked: tuple[RankedMotion, ...]  # those that were looked at closely, the best first
+    twins: frozenset[Pair]  # pairs that no motion separates
+    ranked: tuple[RankedMotion, ...]  # those that were evaluated closely, the best first
 
     @property
     def best(self) -> RankedMotion:
@@ -210,8 +210,8 @@ def rank_motions(
 ) -> Ranking | None:
     """Rank motions of both families; None where nothing is open, or none is found.
 
-    Each is weighed by the evidence that it brings at the sizes that were found; of the
-    best few drawn logs say after how long they settle the question surely.
+    Each is rated by its expected evidence at the identified sizes; for the best few,
+    simulated logs give the time after which they settle the question.
     """
     if not question.contests:
         return None
@@ -222,7 +222,7 @@ def rank_motions(
         tell("motions", i / len(every))
         try:
             course = _course(question, robot, spec, COARSER)
-        except InputError:  # the arm finds no room for it
+        except InputError:  # no feasible place for it
             continue
         weighed.append((-expect_separation(question, course.gram(seconds), twins).share, i))
     looked = []

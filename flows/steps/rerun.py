@@ -71,7 +71,7 @@ from warehouse.verification import (
 from warehouse.view_schema import INDEX, LOGGED, SAMPLES_FILE, SEALED
 
 _CODE = ("commit", "dirty", "code_hash", "program_hash", "lock_hash", "machine")
-# What a manifest says of values and of how it was made: both stand by themselves.
+# Keys of a manifest on values and origin, which are compared separately.
 _APART = ("provenance", "data_hash", "truth_hash", "timings", "spec", "robot_hash")
 
 
@@ -151,7 +151,7 @@ def _pairs(first: Mapping, second: Mapping) -> tuple[tuple[str, object, object],
 
 
 def find_damaged_files(place: Path) -> Iterator[str]:
-    """Read a store and say what is not as it was written, a line each.
+    """Read a store and yield a line for each damaged or missing file.
 
     Raises:
         InputError: If there is none.
@@ -168,20 +168,20 @@ def find_damaged_files(place: Path) -> Iterator[str]:
     summary = ", ".join(f"{count} {kind}" for kind, count in counts.items())
     yield f"verified {summary or 'an empty store'}"
     if find_store_bucket(place) is None and place.stat().st_mode & 0o077:
-        yield f"note: other users of this machine may look into it: chmod 700 {place}"
+        yield f"note: other users of this machine can read the store: chmod 700 {place}"
     index = f", and {INDEX}" if find_store_bucket(place) else ""
     if damaged:
         raise RunError(
-            f"{damaged} of {counts.total()} are damaged. Take their folders out of the "
-            f"store{index}; what can be made again is, by the same command as before."
+            f"{damaged} of {counts.total()} are damaged. Remove their folders from the "
+            f"store{index}; the commands that made them can make most of them again."
         )
 
 
 KIND = "rerun"
 _MOST_PACKAGES = 6  # that are named; the others are counted
-_MOST_DIFFERENCES = 50  # that are kept on record
+_MOST_DIFFERENCES = 50  # that are stored
 _OTHER = (
-    "its spec is of another version of this program than this one. Check out the "
+    "its spec is of another version of this program. Check out the "
     "commit that 'modelgap show' names."
 )
 
@@ -204,11 +204,11 @@ class Rerun:
     differences: tuple[ChannelDifference, ...]
     same_code: bool  # whether the code is the one that made the record
     cause: DifferenceCause | None  # why values differ; None where they do not
-    changes: str  # which uncommitted change of the code the record was made with
+    changes: str  # uncommitted changes of the code that made the record
     new_id: str | None = None  # id of the new record; None where nothing new was stored
-    # Id of the validation that says what differs; None where there is none.
+    # Id of the validation with the differences; None where there is none.
     note_id: str | None = None
-    # Whether it was measured: then its values were checked, not made.
+    # Whether it was measured: then its values were checked, not recomputed.
     imported: bool = False
 
     @property
@@ -218,7 +218,7 @@ class Rerun:
 
     @property
     def verdict(self) -> str:
-        """What differs and why, in one line."""
+        """The differences and their cause, in one line."""
         if self.cause is None:
             return "same, bit for bit"
         where = self.differences[0].words if self.differences else "the stored record is damaged"
@@ -228,17 +228,17 @@ class Rerun:
 
 
 def rerun(id: str, store: Path, verify: bool = False) -> Rerun:
-    """Make a record again from what it says of itself.
+    """Make a record again from its stored request.
 
     Args:
-        verify: Only compare; else a record by other code is stored, and a difference.
+        verify: Only compare; otherwise a record by other code and a difference are stored.
     """
     record = find_record(store, id)
     if record.kind == "runs":
         return _rerun_run(record, store, verify)
     if record.kind == "reports":
         raise InputError(
-            f"{record.id} is a report: a page about a diagnosis. Make that one again: "
+            f"{record.id} is a report: a page about a diagnosis. Rerun the diagnosis: "
             "modelgap lineage names it."
         )
     row, id = read_catalogue_row(record), None
@@ -267,13 +267,13 @@ def _rerun_run(record: StoredRecord, store: Path, verify: bool) -> Rerun:
         known = format_uncommitted_change(then)
         return Rerun(record.id, record.kind, (), True, cause, known, imported=True)
     simulated = rerun_experiment(store, record.id, manifest)
-    # Past the check of the hash: what was changed is to be found, not only refused.
+    # Without the check of the hash: the change is to be located, not only refused.
     stored = table_to_arrays(read_parquet(record.folder / SAMPLES_FILE))
     logged = {name: getattr(simulated.log, name) for name in LOGGED}
     logged = {name: values for name, values in logged.items() if values is not None}
     differences = compare_channels(stored, {**logged, **simulated.twin})
     if hash_arrays(simulated.truth) != manifest["truth_hash"]:
-        # Which of its channels would tell what is hidden.
+        # Its channels, which would reveal the hidden effect.
         hidden = ChannelDifference("hidden truth", "", False, note="other values")
         differences = (*differences, hidden)
     outcome = _outcome(record, store, then, differences)
@@ -299,7 +299,7 @@ def _outcome(
 
 
 def _with_note(outcome: Rerun, store: Path, robot: str, new: str | None) -> Rerun:
-    """Keep on record that a rerun did not reproduce; of one that did, nothing."""
+    """Store that a rerun did not reproduce a record; nothing if it did."""
     if outcome.cause is None:
         return replace(outcome, new_id=new)
     record = {
@@ -327,7 +327,7 @@ def find_cause(
 
     Args:
         key: Which hash of code counts: code_hash for runs, program_hash for others.
-        faults: What is not as it was committed
+        faults: Deviations from the committed record
             (``warehouse.verification.find_record_faults``).
         store: The store, which may have the list of packages of that time.
     """
@@ -357,7 +357,7 @@ def list_package_changes(
 ) -> dict[str, tuple[str | None, str | None]]:
     """Return the packages whose version differs: then and now, by name."""
     other = then.get("environment_hash") != now.get("environment_hash")
-    # The versions of those that compute come first: the others seldom change a number.
+    # Numerical packages first: the others seldom change a number.
     before, after = (dict(side.get("versions") or {}) for side in (then, now))
     listed = [read_package_versions(store, side) for side in (then, now) if other]
     if listed and None not in listed:
@@ -414,9 +414,8 @@ def rebuild_spec(manifest: Mapping, hidden: Mapping) -> ExperimentSpec:
 
 # A model, diagnosis or validation once more, from its request and its ancestors.
 #
-# It is made in a store of its own for the time being, in which there is nothing but
-# what the first one was made from: so it can depend on nothing else, and nothing is
-# written where the first one is.
+# It is made in a temporary store that contains only the ancestors of the first one: so
+# it can depend on nothing else, and nothing is written into the store of the first one.
 
 
 def _identify(request: Identify) -> None:
@@ -437,7 +436,7 @@ def _calibrate(request: Calibrate) -> None:
     fit.calibrate(request, logs, runs)
 
 
-# Of each verb its request, and what does it.
+# The request and the function of each verb.
 _STEPS: Mapping[str, tuple[type[Request], Callable]] = {
     "diagnose": (Diagnose, diagnose_stored_runs),
     "identify": (Identify, _identify),
@@ -454,14 +453,14 @@ def remake_record(store: Path, record: StoredRecord) -> Iterator[tuple[Path, Sto
     request = content.get("request") or {}
     if request.get("step") not in _STEPS:
         raise InputError(
-            f"{record.id} ({record.kind}) does not say how it was made, so it cannot "
+            f"{record.id} ({record.kind}) has no record of its request, so it cannot "
             "be made again. Records of identify, calibrate, diagnose, validate and "
-            "monitor by this version do."
+            "monitor by this version have one."
         )
     verb, step = _STEPS[request["step"]]
     before = [each for each in list_record_ancestry(store, record.id) if each.id != record.id]
     runs = [read_manifest(store, each.id) for each in before if each.kind == "runs"]
-    # Where to load each robot from, such that it is the one that was used.
+    # Where to load each robot from, so that it is the one that was used.
     robots = {
         each["robot"]: find_used_robot(store, each["robot"], each.get("robot_hash"))
         for each in (*runs, request)

@@ -4,7 +4,7 @@ Of the nominal model, as root mean square per joint:
 
 - open loop: the model alone under the logged torque, minus what was measured;
 - feed-forward: how the arm tracks its reference when the model's torque drives it.
-  It needs the arm, so only a simulated run whose sealed half is there has it.
+  It needs the arm, so it exists only for a simulated run with its sealed half.
 
 Of every model of the robot (nominal, identified, augmented, adopted) both ways: torque
 from motion, acceleration from torque, and whether its mass matrix is positive definite
@@ -70,20 +70,20 @@ OPEN_LOOP, FEED_FORWARD = "rms_open_loop_q", "rms_feed_forward_q"
 TORQUE, ACCELERATION = "percent_moving_tau", "percent_moving_qdd"
 TRACKING = "rms_tracking_q"
 _RATE = 1000.0  # Hz, about: the step of the engine, whatever the rate of the log
-_SHORTEST = 0.01  # s: a window must have time to stray in
+_SHORTEST = 0.01  # s: a shorter window shows no deviation
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ModelValidation:
-    """What one model makes of a run, on samples where the joint moves.
+    """Errors of one model on a run, on samples where the joint moves.
 
     Attributes:
         torque: 100 ||tau - tau_hat|| / ||tau||, from motion [%]. Shape (dof,).
-        acceleration: The same of qdd, from torque [%]; None where there is none.
+        acceleration: The same for qdd, from torque [%]; None where there is none.
             Shape (dof,).
         least_mass: Smallest eigenvalue of M(q) over random poses [kg m^2].
-        tracking: Root mean square of read minus wanted position, where the torque of
-            the model drives the arm [rad]; None where there is no arm. Shape (dof,).
+        tracking: Root mean square of measured minus reference position, where the torque
+            of the model drives the arm [rad]; None without an arm. Shape (dof,).
     """
 
     torque: Array
@@ -94,15 +94,15 @@ class ModelValidation:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Validation:
-    """What was found on one run.
+    """The validation of models on one run.
 
     Attributes:
-        window: Length of the windows that were run free [s].
+        window: Length of the simulated windows [s].
         open_loop: Error of the nominal model under the logged torque [rad]. (dof,)
         nominal: Tracking error with the nominal torque [rad]. (dof,) or None.
         arm: Tracking error with the arm's own torque [rad]. (dof,) or None.
-        notes: What to know about it, a line each.
-        models: What each model makes of the run, by its name.
+        notes: Remarks, a line each.
+        models: Errors of each model on the run, by its name.
     """
 
     window: float
@@ -114,13 +114,13 @@ class Validation:
 
     @property
     def kind(self) -> str:
-        """How it was done, as the store has it."""
+        """The kind of validation, as in the store."""
         return "open_loop" if self.nominal is None else "open_loop,feed_forward"
 
 
 @one_blas_thread
 def validate(request: Request) -> tuple[str, Validation]:
-    """Validate models on a run, and store what was found.
+    """Validate models on a run, and store the result.
 
     Returns:
         The id of the validation, the same for the same run and window; and the errors.
@@ -151,12 +151,12 @@ def validate(request: Request) -> tuple[str, Validation]:
     both = {name: validate_model(model, log) for name, model in models.items()}
     tracked = {}
     notes = ["No feed-forward: no simulated arm is sealed with the run."]
-    # A seal that was taken out is no error, one that is broken is.
+    # A missing seal is no error, a broken one is.
     if manifest["sealed_sha256"] and record_exists(build_seal_path(store, log.id)):
         notes = _notes(manifest)
-        # The arm's own torque is what the closed loop of the paper gave it on this
-        # motion: about the best that a model could compute. It is no bound, since it
-        # has feedback in it, which the drives then add once more.
+        # The arm's own torque is that of the paper's closed loop on this motion: about
+        # the best that a model could compute. It is no bound, since it contains
+        # feedback, which the drives then add once more.
         plant = parse_sealed_plant(open_seal(store, log.id).spec)
         reference = _reference(robot, manifest)
         sources = (
@@ -173,7 +173,7 @@ def validate(request: Request) -> tuple[str, Validation]:
             error = measure_tracking_errors(robot, reference, plant, torque)
             both[name] = replace(both[name], tracking=_rms(error))
     if used < window:
-        notes.insert(0, f"The model diverges in windows of {window:g} s; they last {used:g} s.")
+        notes.insert(0, f"The model diverges in windows of {window:g} s; shortened to {used:g} s.")
     notes += [
         f"M(q) of the {name} model is not positive definite: {each.least_mass:.3g} "
         f"kg m^2 at some pose of {POSES}. It predicts torque, but cannot be simulated."
@@ -206,14 +206,14 @@ def build_nominal_model(robot: Robot, logs: Sequence[Recording]) -> Model:
     """Return the robot as described, with the effects that it declares.
 
     Args:
-        logs: What counts as standing is learnt from them.
+        logs: Logs that set the threshold of standstill.
     """
     prepared = prepare_fit_logs(robot, logs, None, FilterSettings())
     return build_free_nominal(prepared, choose_declared_effects(robot, None)).model
 
 
 def validate_model(model: AnyModel, log: Recording) -> ModelValidation:
-    """Return what a model makes of a log: torque of motion, motion of torque."""
+    """Return the errors of a model on a log: torque from motion, motion from torque."""
     body = remove_tables(model)
     errors, _ = compute_model_errors({NOMINAL: model}, prepare_held_out([log], body), body.filters)
     torque = errors[NOMINAL].per_joint("moving")
@@ -225,7 +225,7 @@ def validate_model(model: AnyModel, log: Recording) -> ModelValidation:
 
 
 def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
-    """Return a request with whole ids, and with the model that the robot has."""
+    """Return a request with complete ids, and with the adopted model."""
     if request.model == NOMINAL:
         return replace(request, model=None, adopted=NOMINAL)
     now = request.adopted
@@ -240,10 +240,10 @@ def _with_ids(request: Request, store: Path, robot: Robot) -> Request:
 
 
 def compute_open_loop_error(robot: Robot, log: Recording, window: float) -> tuple[Array, float]:
-    """Return how far the model strays in free windows, each begun as measured.
+    """Return the error of simulated windows, each started at the measured state.
 
-    Where much is missing, a light wrist may turn right over within a window. Such
-    windows are halved until the model stays near, for all joints alike.
+    A poor model may turn a light wrist right over within a window. Windows are then
+    halved, for all joints alike, until the model stays near the measured motion.
 
     Args:
         window: Length of a window [s].
@@ -257,7 +257,7 @@ def compute_open_loop_error(robot: Robot, log: Recording, window: float) -> tupl
     if not _SHORTEST <= window <= log.duration:
         raise InputError(
             f"--window {window:g}: expected {_SHORTEST:g} s to the length of the run, "
-            f"{log.duration:g} s; 0.25 is usual."
+            f"{log.duration:g} s; the default is 0.25."
         )
     motion, torque = _measured(log)
     while window >= _SHORTEST:
@@ -274,7 +274,7 @@ def compute_open_loop_error(robot: Robot, log: Recording, window: float) -> tupl
 def _measured(log: Recording) -> tuple[ReferenceMotion, Array]:
     """Return the motion and torque of a log, at the step of the engine.
 
-    The motion is that of the diagnosis, low-passed, made finer by a cubic spline: then
+    The motion is that of the diagnosis, low-passed, interpolated by a cubic spline: then
     velocities and accelerations are exactly those of its positions.
     """
     (track,), _ = build_tracks((log,), FilterSettings(), full_rate=True)
@@ -307,7 +307,7 @@ def _notes(manifest: Mapping) -> list[str]:
     if manifest["provenance"]["code_hash"] != hash_plant_code():
         notes.append(
             "The plant code has changed since this run: feed-forward drives the arm of "
-            "today's code, not exactly the logged one."
+            "the present code, not exactly the logged one."
         )
     if start > 0:
         notes.append(

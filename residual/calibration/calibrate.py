@@ -1,10 +1,10 @@
 """The paper's chapter on a set of runs: every model under every scheme.
 
-Which states the robot was in, what its model leaves there, and how well that is
-predicted: on rows of a motion that was seen, and on motions that were not. (Sections
-2.4 to 2.6 of the paper; docs/calibration.md.)
+States of the robot, residual of its model, and how well a correction predicts that
+residual: on rows of a fitted motion, and on unseen motions. (Sections 2.4 to 2.6 of the
+paper; docs/calibration.md.)
 
-A correction that is judged on unseen runs starts from a model that has not seen them
+A correction that is judged on unseen runs starts from a model that was not fitted to them
 either: declared effects and rigid body under a prior whose width the logs choose.
 """
 
@@ -99,13 +99,13 @@ _CUT = "one log only: it was cut into parts, so unseen parts are of the same run
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PreparedRuns:
-    """All logs, ready for as many identifications as there are folds.
+    """All logs, prepared for one identification per fold.
 
     Attributes:
         logs: Signals and the range of motion.
-        nominal: Where every identification starts.
+        nominal: Start of every identification.
         blocks: Blocks of the logs, which identifications may leave out.
-        places: Place of each log's rows in them.
+        places: Place of each log's rows in the blocks.
         design: Columns of the nominal model; its folds are those places.
     """
 
@@ -141,7 +141,7 @@ def identify_without_blocks(prepared: PreparedRuns, left_out: Collection[int] = 
     first = fit_nominal(design, wide[-1])
     fits = [fit_jointly(design, p, (), first.counted, None, rounds=4) for p in wide]
     best = build_fitted_model(nominal, max(fits, key=lambda f: f.score))
-    tracks = []  # what is left of each log
+    tracks = []  # remaining rows of each log
     for track, places in zip(prepared.logs.tracks, prepared.places, strict=True):
         kept = prepared.blocks.mask_kept_rows(places, left_out)
         if kept.all():
@@ -155,15 +155,15 @@ def identify_without_blocks(prepared: PreparedRuns, left_out: Collection[int] = 
 
 @dataclass(frozen=True, slots=True)
 class CalibrationSettings:
-    """How a calibration is done.
+    """The settings of a calibration.
 
     Attributes:
         paper: The paper's regressors and twin error, in place of measured motion.
         declared: Effects that the nominal model has; None for the robot's own list.
-        form: Levels of the paper's form, and components: at most so many are tried.
-        exact_components: Whether the exported tables have just so many components.
+        form: Levels of the paper's form, and its largest number of components.
+        exact_components: Whether the exported tables have exactly that number.
         joints: Joints of X and Y, from 1; None for all, or the paper's.
-        with_figures: Whether to compute what only figures need.
+        with_figures: Whether to compute the data of figures too.
         schemes: Schemes to report; None for all that the rows allow.
     """
 
@@ -178,21 +178,21 @@ class CalibrationSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Calibration:
-    """Look-up tables, and what each form is worth.
+    """Look-up tables, and the errors of each form.
 
     Attributes:
         robot: Name of the robot.
         rows: The rows.
-        scores: The table.
-        chosen: What the default form takes for each joint.
-        proven: Whether there were enough runs to choose by.
+        scores: The table of errors.
+        chosen: Option of the default form for each joint.
+        proven: Whether there were enough runs for the choice.
         default: The default form on all rows, as tables.
         paper: The paper's form on all rows, as tables.
         components: Its number of components.
         nominal: Nominal model identified from all runs; None in paper mode.
         declared: Effects that the nominal model has.
-        blocks, sweep, unseen: For the figures; None or empty where they are not there.
-        notes: What to know about it, a line each.
+        blocks, sweep, unseen: For the figures; None or empty without them.
+        notes: Remarks, a line each.
     """
 
     robot: str
@@ -225,8 +225,8 @@ def calibrate(
     """Fit and validate every model under every scheme.
 
     Args:
-        runs: Its logs; a single one is cut into parts. Of more than 15 min all identify
-            the model, and tables take every second row, or third, or fewer.
+        runs: Its logs; a single one is cut into parts. Beyond 15 min the model is
+            identified from all rows, and the tables from every k-th row.
 
     Raises:
         InputError: If a log does not suit the mode, a column is constant, or there
@@ -306,7 +306,7 @@ def _table(
 ) -> tuple[tuple[ModelScore, ...], tuple[CorrectionOption, ...], int, UnseenRun | None]:
     """Return the cells, and by the first scheme each joint's option and A_opt.
 
-    Last comes a run that no model has seen, None where no run was left out.
+    The last value is a run that no model was fitted to, None if no run was left out.
     """
     shown = find_median_error_run(rows)
     options = list_correction_options(len(rows.names))
@@ -347,8 +347,8 @@ def _table(
 def build_corrected_model(calibration: Calibration) -> CorrectedModel | None:
     """Return model and tables as one model, which predicts a torque.
 
-    The model that was identified from all logs with the tables on top; None where they
-    correct a simulated twin, or torque as a sensor reports it.
+    It is the model identified from all logs plus the tables; None where they correct a
+    simulated twin, or torque as a sensor reports it.
     """
     model, lookup = calibration.nominal, calibration.lookup
     if calibration.rows.mode == PAPER or model is None:
@@ -359,7 +359,7 @@ def build_corrected_model(calibration: Calibration) -> CorrectedModel | None:
 
 
 def add_correction_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -> CorrectedModel:
-    """Put the tables of a calibration on a model; its joints are from 1."""
+    """Add the tables of a calibration to a model; its joints are from 1."""
     columns, tables = [], []
     for name in lookup.names:  # a column of the state: q1, qd1, qdd1, or tau1
         on, number, _ = re.split(r"(\d+)", name)
@@ -374,7 +374,7 @@ def add_correction_tables(model: Model, lookup: Lookup, joints: Sequence[int]) -
 
 
 def _of_joint(lookup: Lookup, m: int) -> Lookup:
-    """The same for one response alone; tables that are zero for it are left out."""
+    """Return the tables of one response, without those that are zero for it."""
     tables = [t for t in lookup.tables if t.values[..., m].any()]
     used = sorted({axis for t in tables for axis in t.axes})
     place = {axis: k for k, axis in enumerate(used)}

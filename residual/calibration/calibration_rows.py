@@ -1,14 +1,14 @@
-"""Rows for the data-driven correction: states X, what a model leaves Y, torque Y*.
+"""Rows for the data-driven correction: states X, residual Y, torque Y*.
 
 Two modes. The paper's: X(t) is the reference of joints 1 to 3 with its derivatives,
 Y(t + 1) the torque of the arm minus that of its simulated twin (section 2.4). Ours: X
 is the measured motion of all joints, Y the residual of a nominal model that was
 identified without the held-out runs.
 
-Where runs are few, blocks within them are left out. Of three runs one can be left out,
-but then two are left to choose tables by, and two agree by chance. Consecutive blocks
-of each run are more, but weaker proof: the other blocks of the run are of the same
-motion, drives as warm and payload.
+With few runs, blocks within them are left out. Of three runs one can be left out, but
+then only two remain to choose tables, and two agree by chance. Consecutive blocks of each
+run are more, but weaker evidence: the other blocks of the run share the motion, the
+temperature of the drives and the payload.
 """
 
 from collections.abc import Collection, Mapping, Sequence
@@ -32,12 +32,12 @@ from residual.signals.splitting import slice_recording
 from residual.signals.track import FilterSettings, Track, estimate_sample_rate, interpolate_signals
 
 BLOCKS = 4  # of a run
-FEW = 4  # runs under which leaving one out leaves fewer than three
-GUARD = 0.25  # s, beside a block that is left out: filters and friction remember
+FEW = 4  # least number of runs of which three remain when one is left out
+GUARD = 0.25  # s, next to a left-out block: filters and friction have memory
 PAPER, MEASURED = "paper", "measured"
 PAPER_JOINTS = 3  # section 2.4 of the paper
 PAPER_HZ, MEASURED_HZ = 125.0, 60.0  # a higher rate repeats rows and changes nothing
-_ENOUGH = 10  # rows per variable from which on a joint has rows in motion to learn from
+_ENOUGH = 10  # least number of moving rows per variable
 PARTS = 5  # of a single log
 MOST = 900.0  # s of logs in all
 
@@ -49,13 +49,13 @@ def name_state_columns(joints: Sequence[int]) -> tuple[str, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RunBlocks:
-    """Blocks of all runs, numbered through; rows have a place in one.
+    """Blocks of all runs, numbered consecutively; each row has a place in one.
 
     A place is 3 times the block's number, and 0, 1 or 2 for rows close to the block
     before, to none and to the block after.
     """
 
-    cut_times: tuple[Array, ...]  # where each run is cut, on the log's own clock [s]
+    cut_times: tuple[Array, ...]  # edges of the blocks of each run, on the log's own clock [s]
 
     @property
     def runs(self) -> Array:
@@ -72,7 +72,7 @@ class RunBlocks:
         return 3 * (first + block) + 1 + beside
 
     def kept(self, left_out: Collection[int]) -> Array:
-        """Return the places that are in no block that is left out, nor close to it."""
+        """Return the places outside of the left-out blocks and not close to them."""
         gone, runs = np.isin(np.arange(len(self.runs)), list(left_out)), self.runs
         same = runs[1:] == runs[:-1]
         before = np.r_[False, gone[:-1] & same]
@@ -81,12 +81,12 @@ class RunBlocks:
         return np.flatnonzero(free.ravel())
 
     def mask_kept_rows(self, places: Array, left_out: Collection[int]) -> Array:
-        """Whether rows stay where some blocks are left out. Shape (n,), bool."""
+        """Return which rows remain when some blocks are left out. Shape (n,), bool."""
         return np.isin(places, self.kept(left_out))
 
 
 def cut_runs_into_blocks(times: Sequence[Array]) -> RunBlocks:
-    """Cut every run into blocks of equally many rows, given at their times [s]."""
+    """Cut every run into blocks with equal numbers of rows, given their times [s]."""
     inner = [t[np.arange(1, BLOCKS) * len(t) // BLOCKS] for t in times]
     return RunBlocks(tuple(map(make_read_only, inner)))
 
@@ -98,11 +98,11 @@ def compute_row_times(track: Track) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CalibrationRun:
-    """One log, and what is known beside it.
+    """One log of a calibration, with its family and twin.
 
     Attributes:
-        log: What was measured.
-        family: Kind of motion, None where it is not known.
+        log: The measured log.
+        family: Kind of motion, None if unknown.
         twin: Errors against the simulated twin, by name. Shapes (n, dof).
     """
 
@@ -113,22 +113,22 @@ class CalibrationRun:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CalibrationRows:
-    """Rows of all runs under each other.
+    """Rows of all runs, stacked.
 
     Attributes:
         mode: "paper" or "measured".
         joints: Joints of Y, from 1.
         names: Columns of X, as q1, qd1, qdd1.
         X: States [rad, rad/s, rad/s^2]. Shape (n, d).
-        Y: What the model leaves [N m]. Shape (n, j).
+        Y: Residual of the model [N m]. Shape (n, j).
         tau: Measured torque Y* [N m]. Shape (n, j).
         run: Number of the run of each row. Shape (n,).
         labels: Name of each run.
-        families: Kind of motion of each run; "" where it is not known.
+        families: Kind of motion of each run; "" if unknown.
         rates: Rows per second of each run [Hz].
         blocks: Blocks of the runs.
-        place: Place of each row in them. Shape (n,).
-        moving: Whether a row counts for a joint: it moves there. Shape (n, j), bool.
+        place: Place of each row in the blocks. Shape (n,).
+        moving: Whether a joint moves on a row, so that it counts. Shape (n, j), bool.
     """
 
     mode: str
@@ -153,7 +153,7 @@ class CalibrationRows:
 
     @property
     def second(self) -> Array:
-        """Second of its run that each row is in, numbered through all runs. (n,)."""
+        """Second of its run of each row, numbered over all runs. (n,)."""
         out, start = np.zeros(len(self.run), int), 0
         for number, rate in enumerate(self.rates):
             in_run = self.run == number
@@ -167,7 +167,7 @@ def build_paper_rows(
 ) -> CalibrationRows:
     """Return the rows of the paper: X of the reference, Y the twin's error one ahead.
 
-    Of joints from 1, or of the paper's first three.
+    For given joints (from 1), or the paper's first three.
     """
     for run in runs:
         lacks = [] if run.log.q_ref is not None else ["reference (q_ref)"]
@@ -203,12 +203,11 @@ def build_measured_rows(
     joints: Sequence[int] | None = None,
     thinning_factor: int = 1,
 ) -> CalibrationRows:
-    """Return rows on measured motion, of some joints from 1 or of all.
+    """Return rows on measured motion, for given joints (from 1) or all.
 
     Args:
-        model: What it leaves of the torque is Y.
-        thinning_factor: Take every so manieth row, where there are more than tables
-            can use.
+        model: The model whose residual is Y.
+        thinning_factor: Take every k-th row, if there are more than tables can use.
     """
     joints = _joints(joints, runs[0].log.dof, runs[0].log.dof)
     columns = [j - 1 for j in joints]
@@ -226,7 +225,7 @@ def build_measured_rows(
 
 
 def select_row_samples(track: Track, thinning_factor: int = 1) -> Array:
-    """Samples of a track that become rows: neither its ends nor gaps. Numbers."""
+    """Return the indices of the samples of a track used as rows: no ends, no gaps."""
     inner = np.repeat(track.valid, track.step)[: len(track.t)]
     edge = round(FilterSettings().edge * track.rate)
     inner[:edge] = inner[len(inner) - edge :] = False
@@ -253,10 +252,10 @@ def _stacked(
     runs: Sequence[CalibrationRun],
     rates: Sequence[float],
 ) -> CalibrationRows:
-    """Rows of all runs: of each its X, Y, torque, whether it moves, and times."""
+    """Stack the rows of all runs: X, Y, torque, moving joints, and times of each."""
     *sides, times = zip(*of_runs, strict=True)
     X, Y, tau, moving = map(np.concatenate, sides)
-    # Of a joint that hardly moves, what it holds is all that there is.
+    # For a joint that hardly moves, use its rows at standstill.
     moving = moving | (moving.sum(axis=0) < _ENOUGH * X.shape[1])
     run = np.repeat(np.arange(len(runs)), [len(t) for t in times])
     blocks = cut_runs_into_blocks(times)
@@ -276,7 +275,7 @@ def _stacked(
 
 
 def cut_single_run(runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]:
-    """Cut a single log into parts, so that there is something to leave out."""
+    """Cut a single log into parts, so that parts can be left out."""
     if len(runs) != 1:
         return tuple(runs)
     (run,) = runs
@@ -290,7 +289,7 @@ def cut_single_run(runs: Sequence[CalibrationRun]) -> tuple[CalibrationRun, ...]
 
 
 def choose_thinning_factor(runs: Sequence[CalibrationRun]) -> tuple[int, tuple[str, ...]]:
-    """Return every how manieth row tables take of all logs, and that, a line.
+    """Return the thinning factor k of the rows of tables, and a note on it.
 
     The model is identified from all of them, piece by piece.
     """
@@ -305,9 +304,9 @@ def choose_thinning_factor(runs: Sequence[CalibrationRun]) -> tuple[int, tuple[s
 
 
 LEAST_DRAWS = 20  # a 95 % limit from fewer is their maximum
-_QUANTILE = 0.95  # of the surrogates, that chance may not exceed
+_QUANTILE = 0.95  # quantile of the surrogates, the limit of chance
 INPUT, TWIN, WHITE, LEFT = "input", "twin error", "white noise", "residual"
-_DRAWS, _MOST_ROWS = 40, 1500  # of surrogates; more rows do not move the limit
+_DRAWS, _MOST_ROWS = 40, 1500  # rows of surrogates; more do not change the limit
 _TWIN_STATE = ("e_q", "e_qd", "e_qdd")
 
 
@@ -319,7 +318,7 @@ class PrincipalComponents:
         names: The columns.
         loadings: Orthonormal loadings P, by column. Shape (k, k).
         explained: Share of the variance per component [%]. Shape (k,).
-        limit: What 95 of 100 surrogates with the same spectra do not exceed [%]. (k,).
+        limit: 95 % quantile of surrogates with the same spectra [%]. (k,).
         family, block: Kind of motion and block of a calibration.
     """
 
@@ -360,10 +359,10 @@ def fit_pca(
     angles, speeds and accelerations have different units. The largest loading of each
     component is positive. Surrogates are drawn within runs.
 
-    How many components are more than chance: parallel analysis (Horn 1965,
+    The number of components beyond chance: parallel analysis (Horn 1965,
     Psychometrika 30) compares with white noise. Rows of a log are autocorrelated: two
-    slow signals of no relation correlate by chance. So chance is drawn with the
-    spectrum of every variable kept (Theiler et al. 1992, Physica D 58).
+    unrelated slow signals correlate by chance. So the surrogates keep the spectrum
+    of every variable (Theiler et al. 1992, Physica D 58).
     """
     X = check_block(X, "X")
     least = max(2, X.shape[1])
@@ -403,7 +402,7 @@ def analyze_principal_components(
 ) -> tuple[PrincipalComponents, ...]:
     """Principal components of input, error and white noise, family by family.
 
-    Where the logs do not say their family, all runs are one.
+    Logs without a family count as one family.
     """
     out = []
     families = rows.families if all(rows.families) else ("all runs",) * len(runs)
@@ -429,9 +428,9 @@ def analyze_principal_components(
 def _error_block(
     rows: CalibrationRows, runs: Sequence[CalibrationRun], taken: Mapping[int, Array]
 ) -> dict[str, tuple[Array, tuple[str, ...]]]:
-    """The twin's errors of state at equally many times as rows were taken of each run.
+    """Return the twin's errors of state, at as many times as each run has rows.
 
-    What a model leaves on these rows where there is no twin.
+    Without a twin, return the residual of the model on these rows.
     """
     if not all(set(_TWIN_STATE) <= set(runs[i].twin) for i in taken):
         residual = rows.Y[np.concatenate([*taken.values()])]

@@ -1,10 +1,10 @@
-"""Which correction each joint gets: what leaves least on runs or blocks left out.
+"""The correction of each joint: the one with the least error on left-out runs or blocks.
 
 One joint gets one of: nothing, PLSR of the states with some components (with none it is
 a constant), least squares, a table for each variable, these with one of speed and load.
 Each is fitted to the other runs and judged on the one left out, with a nominal model
-that has not seen it: what a model leaves on runs that it was identified from is
-smaller, and of another shape, than what it leaves on others.
+that was not fitted to it: the residual of a model on runs that it was identified from is
+smaller, and of another shape, than on others.
 """
 
 from collections.abc import Sequence
@@ -20,45 +20,45 @@ from residual.model.lookup import NONE, LevelAxis, Lookup, LookupTable
 from residual.quantity import check_column_names, make_read_only
 from residual.recording import Array
 
-LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; levels that are one in each width
+LEVELS, WIDTHS = 20, (1, 2, 4)  # of a variable; number of levels merged in each width
 PAIR_LEVELS, PAIR_WIDTHS = 12, (1, 2)  # of speed and of load
 RIDGES = (20.0, 200.0, 2000.0)  # per ROWS rows
 ROWS = 20_000
 LEAST_SQUARES, PLSR = "least squares", "plsr"
 MAIN, PAIRS = "main effects", "main effects and load"
-# How surely a correction is better than nothing, one-sided. To take nothing has its
-# price too, so one in ten by chance, and not the hundredth that a model is blamed at.
+# One-sided significance of a correction over none. Omitting one has a price too, so one
+# in ten by chance, instead of the hundredth for naming an effect.
 LIKELY = 0.9
-# What a model without the tables must leave more, so that the tables are no ornament: a
-# residual that time drives follows the state by a few thousandths all the same.
+# Least saving of the tables: even a residual driven by time follows the state by a few
+# thousandths.
 WORTH = 0.02  # of its squared error
 
 
 # Our form is a table for each variable, and one of speed and load for each joint.
 # Friction is a function of one variable: a table of the velocity holds it on any path,
-# while the paper's pair tables would have to see it beside every value of the others. The
-# one pair of variables that has a name is speed and load: friction of a gear grows with
-# the torque that it carries, and that torque is known, since it is the model's. Its table
-# is fitted together with the others: fitted after them it would find that they have
-# already learnt the load as a function of the path.
+# while the paper's pair tables would need data at every value of the others. The one
+# pair of variables with a physical reason is speed and load: friction of a gear grows with
+# the torque that it carries, which is known from the model. Its table is fitted together
+# with the others: fitted after them, it would find the load already explained as a
+# function of the path.
 #
 # All tables are fitted by one ridge regression on levels of several widths at once:
 #
 #     min |Y - ybar - (Z - zbar) g|^2 + ridge n / 20000 g' K^-1 g
 #
-# with Z a column per level and K the number of widths in which two levels are one. Where
-# rows are few the wide levels speak, where they are many the narrow ones do.
+# with Z a column per level and K the number of widths in which two levels are merged. Wide
+# levels dominate where rows are few, narrow ones where they are many.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TableColumns:
-    """The tables that are fitted: levels of the variables, and of speeds and loads.
+    """The columns of fitted tables: levels of the variables, and of speeds and loads.
 
     Columns of Z are the levels of the variables, then the cells of each joint's table.
     """
 
     states: VariableLevels
-    load_levels: VariableLevels  # speed and load of each joint by turns
+    load_levels: VariableLevels  # speed and load of each joint, alternating
     speed_columns: tuple[int, ...]  # column of each joint's speed
     state_penalty: Array  # penalty on the levels of the variables, (k, k)
     paired: tuple[Array, ...]  # ... and on the cells of each joint's table
@@ -88,11 +88,11 @@ def choose_table_levels(
     names: Sequence[str],
     velocities: Sequence[int] | None = None,
 ) -> TableColumns:
-    """Choose levels by rows of states and loads; they say nothing of the responses.
+    """Choose levels from rows of states and loads, independent of the responses.
 
     Args:
         X: States. Shape (n, d).
-        loads: Torque that each joint carries by the model [N m]. Shape (n, j).
+        loads: Model torque of each joint [N m]. Shape (n, j).
         speeds: Column of each joint's speed.
         names: Of the states, then of the loads.
         velocities: Columns that hold velocities; those of the joints if None.
@@ -119,10 +119,10 @@ def _by_turns(speeds: Array, loads: Array) -> Array:
 
 
 def _shared(edges: Array, width: int) -> Array:
-    """Whether two levels are one where so many neighbours are. Shape (k, k)."""
+    """Return which levels are merged for a given width. Shape (k, k)."""
     level, still = np.arange(len(edges) + 1), np.flatnonzero(edges == -DWELL)
     group = level // width
-    if len(still):  # either direction, and standing still, stay apart
+    if len(still):  # the two directions, and standstill, stay separate
         level = level - (still[0] + 1)
         group = np.sign(level) * np.ceil(np.abs(level) / width)
     return (group[:, None] == group[None, :]).astype(float)
@@ -138,7 +138,7 @@ class CorrectionOption:
 
 
 def list_correction_options(variable_count: int) -> tuple[CorrectionOption, ...]:
-    """Return what a joint may get of so many states, nothing first."""
+    """Return the options of a joint for a number of states, nothing first."""
     lines = [CorrectionOption(PLSR, count=a) for a in range(variable_count)]
     tables = [CorrectionOption(kind, ridge) for kind in (MAIN, PAIRS) for ridge in RIDGES]
     return (CorrectionOption(NONE), *lines, CorrectionOption(LEAST_SQUARES), *tables)
@@ -150,10 +150,10 @@ class TrainingRows:
 
     Attributes:
         X: States. Shape (n, d).
-        Y: What the nominal model leaves [N m]. Shape (n, j).
+        Y: Residual of the nominal model [N m]. Shape (n, j).
         tau: Measured torque [N m]. Shape (n, j).
-        second: Second that each row is in, through all runs. Shape (n,).
-        Z: Columns of the tables that the rows are in (`TableColumns`).
+        second: Second of each row, numbered over all runs. Shape (n,).
+        Z: Columns of the tables (`TableColumns`) on the rows.
         moving: Whether a row counts for a joint; None where all do. Shape (n, j), bool.
     """
 
@@ -165,7 +165,7 @@ class TrainingRows:
     moving: Array | None = None
 
     def rows(self, chosen: Array) -> "TrainingRows":
-        """Return some of the rows."""
+        """Return a selection of the rows."""
         parts = (self.X, self.Y, self.tau, self.second, self.Z, self.counted)
         return TrainingRows(*(part[chosen] for part in parts))
 
@@ -180,13 +180,12 @@ class TrainingRows:
         return (self.Y - predicted) ** 2 * self.counted
 
     def with_fitted_standstill(self) -> "TrainingRows":
-        """Return the same where a joint that stands says what it does in motion.
+        """Return the rows with values at standstill replaced by a fit in motion.
 
         Friction at standstill may take any value up to breakaway: from such rows a
-        table of speed learns one reversal by heart, and an arm that it drives gets that
-        at every other one. A line and a step in the joint's own speed, fitted to the
-        rows in motion, stand in for them: tables that share such rows with others lean
-        on what friction mostly is.
+        table of speed memorizes one reversal, and applies it at every other one. They
+        are replaced by a line and a step in the joint's own speed, fitted to the rows
+        in motion, so that tables follow the typical friction there.
         """
         if self.moving is None or self.moving.all():
             return self
@@ -203,7 +202,7 @@ class TrainingRows:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CorrectionFits:
-    """All forms, fitted to the same rows; a ridge is solved for when it is asked for."""
+    """All forms, fitted to the same rows; each ridge is solved on demand."""
 
     line: tuple[Array, Array]  # least squares: constant (j,), slope (d, j)
     pls: PlsModel
@@ -216,7 +215,7 @@ class CorrectionFits:
     solved: dict[float, tuple[Array, Array]] = field(default_factory=dict)
 
     def forecasts(self, rows: TrainingRows, options: Sequence[CorrectionOption]) -> Array:
-        """Return the corrections of rows if all joints take each of some options.
+        """Return the corrections of rows for each option, the same on all joints.
 
         In N m. Shape (options, m, j).
         """
@@ -233,7 +232,7 @@ class CorrectionFits:
     def lookup(self, options: Sequence[CorrectionOption]) -> Lookup:
         """Return the correction with an option for each joint, as tables.
 
-        Loads become variables, after all states, only if a joint takes them.
+        Loads become variables, after all states, only if a joint uses them.
         """
         states, loads, joints = self.tables.states, self.tables.load_levels, len(options)
         offset, slope = np.zeros(joints), np.zeros((len(states.names), joints))
@@ -254,7 +253,7 @@ class CorrectionFits:
         return Lookup(names, responses, tuple(axes), tuple(tables), *linear)
 
     def _line(self, option: CorrectionOption) -> tuple[Array, Array]:
-        """What is not in tables: constant (j,) and slope (d, j)."""
+        """Return the part outside of tables: constant (j,) and slope (d, j)."""
         if option.kind == LEAST_SQUARES:
             return self.line
         if option.kind == PLSR:
@@ -275,7 +274,7 @@ class CorrectionFits:
         """Coefficients without the tables of speed and load, and with them.
 
         With A = L L' the system of the variables alone and B that part of a joint's
-        cells, the cells solve a Schur complement of their own size.
+        cells, the cells solve a Schur complement of the size of B.
         """
         count, starts = len(self.tables.state_penalty), self.tables.starts
         A = self.gram[:count, :count] + stiff * self.tables.state_penalty
@@ -325,7 +324,7 @@ class CorrectionFits:
 
 
 def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionFits:
-    """Fit all forms to rows as taught."""
+    """Fit all forms to training rows."""
     lines = [
         fit_linear(rows.X[moves], rows.Y[moves][:, [j]]) for j, moves in enumerate(rows.counted.T)
     ]
@@ -340,7 +339,7 @@ def fit_all_corrections(rows: TrainingRows, tables: TableColumns) -> CorrectionF
 def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
     """Least squares of Y: a constant (j,), and coefficients of X's columns (d, j).
 
-    From products of columns: a tenth of the time, half of the digits.
+    Uses products of columns: a tenth of the time, half of the digits.
     """
     mean, scale = X.mean(axis=0), X.std(axis=0)
     scale = np.where(scale > 0, scale, 1.0)
@@ -352,12 +351,12 @@ def fit_linear(X: Array, Y: Array) -> tuple[Array, Array]:
 def choose_joint_options(
     squared_errors: Array, options: Sequence[CorrectionOption], least_saving: float = 0.0
 ) -> tuple[CorrectionOption, ...]:
-    """Return the best option of each joint; the first, nothing, where it may be chance.
+    """Return the best option of each joint; nothing, the first, if its gain may be chance.
 
     Args:
         squared_errors: Squared errors on rows left out, per second. (options, seconds,
             j).
-        least_saving: Share of the error of nothing that the best has to save at least.
+        least_saving: Least share of the error without correction that the best saves.
     """
     total, chosen = squared_errors.sum(axis=1), []
     for j, i in enumerate(total.argmin(axis=0)):
@@ -370,7 +369,7 @@ def choose_joint_options(
 def fit_chosen_tables(
     rows: TrainingRows, group: Array, tables: TableColumns
 ) -> tuple[Lookup, tuple[CorrectionOption, ...]]:
-    """Fit what leaves least on groups left out, in turn; nothing depends on a model.
+    """Fit the options with the least error on left-out groups; uses no nominal model.
 
     Args:
         group: Log, or block of it, of each row; two at least. Shape (n,).
@@ -386,6 +385,6 @@ def fit_chosen_tables(
 
 
 def add_errors_by_second(error_sums: Array, rows: TrainingRows, forecasts: Array) -> None:
-    """Add squared errors of rows to those of each second. (options, seconds, j)."""
+    """Sum squared errors of rows per second. (options, seconds, j)."""
     for sums, forecast in zip(error_sums, forecasts, strict=True):
         np.add.at(sums, rows.second, rows.squared_errors(forecast))

@@ -98,7 +98,7 @@ def accumulate_component_scores(codes, sizes, count, v, middle, p):
 
 @njit(cache=True, fastmath=True)
 def deflate_by_component(S, v, p, middle, energy, total):
-    """Finish loading p, return q, and take the component out of S = Y'X.
+    """Finish loading p, return q, and deflate S = Y'X by the component.
 
     Step 4 and 5: p = (X'(n t) - xbar sum(n t)) / t't, q = S v / t't, S -= t't q p'.
     Shapes (j, p), (p,), (p,), (p,).

@@ -1,11 +1,11 @@
 """Levels of variables, and partial least squares regression (PLSR) of states and levels.
 
 Kernel PLS: Dayal and MacGregor (1997), algorithm 1 (paper, eq. 14 to 27). The paper's
-modified PLSR (eq. 30) is of levels with interactions: each variable becomes a column
-per level, each two columns of different variables their product: 36 tables for 9
-variables, 17 424 columns at 22 levels. No column is formed: the number of a level says
-the same in two bytes (section 2.6.1), and compiled loops read and add there
-(`residual/calibration/kernels.py`). Rows that share all levels count as one.
+modified PLSR (eq. 30) uses levels with interactions: each variable becomes a column per
+level, and each pair of columns of different variables a product: 36 tables for 9
+variables, 17 424 columns at 22 levels. No column is formed: the number of a level encodes
+it in two bytes (section 2.6.1), and compiled loops work on these numbers
+(`residual/calibration/kernels.py`). Rows that share all levels are merged.
 """
 
 from collections.abc import Collection, Sequence
@@ -29,13 +29,13 @@ from residual.recording import Array
 
 # Covariance below this share of the first one is rounding: nothing is left to explain.
 EXHAUSTED = 1e-12
-MOST = 4096  # levels of one variable; no encoder of ours resolves more in a log
+MOST = 4096  # levels of one variable; more than an encoder resolves in a log
 DWELL = 1e-3  # rad/s: a joint slower than this stands still
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlsModel:
-    """A fitted regression; any number of leading components is a model of its own."""
+    """A fitted regression; any number of leading components is a separate model."""
 
     # Mean and standard deviation of X (paper, eq. 18), (k,).
     x_mean: Array
@@ -104,7 +104,7 @@ def _components(G: Array, S: Array, count: int) -> tuple[Array, Array]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class VariableLevels:
-    """Intervals of each variable, with the range that they were made for."""
+    """Intervals of each variable, with their calibrated range."""
 
     names: tuple[str, ...]
     # Inner edges of each variable, increasing; a value at an edge belongs above it. One
@@ -146,16 +146,15 @@ def build_levels(
     """Levels that hold about equally many calibration rows each, or are equally wide.
 
     Equal edges, which many equal values make, are merged, so a variable may get fewer
-    levels. Velocities that go both ways get a level of standing still and half of the
-    levels on either side: friction jumps there, and a level that straddles zero cannot
-    tell one side from the other.
+    levels. Velocities of both signs get a level for standstill and half of the levels on
+    either side: friction jumps there, and a level that straddles zero cannot separate
+    the sides.
 
     Args:
         count: Levels of all variables, or of each, at least 2.
         equally_wide: Whether all levels of a variable are (paper, section 2.6.1).
         velocities: Columns (from 0) that hold velocities [rad/s].
-        allow_constant: Whether a column may be constant; all of it is then in one
-            level.
+        allow_constant: Whether a column may be constant; it then has one level.
     """
     X = check_block(X, "X")
     names = check_column_names(names, X.shape[1], "x")
@@ -212,10 +211,10 @@ class LevelCells:
 
 
 def merge_equal_rows(codes: Array, sizes: Sequence[int]) -> LevelCells:
-    """Merge rows that have all levels in common: levels (n, d), and their numbers.
+    """Merge rows with equal levels (n, d); return them with their numbers.
 
-    Neighbours share their first variables, so that tables that are read one after the
-    other lie close in memory.
+    Neighbours share their first variables, so that successive tables are close in
+    memory.
     """
     wide = np.ascontiguousarray(codes.astype(">u2"))  # whose bytes are in that order
     key = wide.view(np.dtype((np.void, 2 * wide.shape[1]))).ravel()
@@ -236,12 +235,12 @@ class NominalPlsForm:
 
     # Levels of all variables, or of each; the paper's figure 12 chose 22.
     levels: int | tuple[int, ...] = 22
-    components: int = 15  # components A; the paper does not say, 15 is a budget
+    components: int = 15  # components A; the paper gives none, 15 is a budget
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class NominalPls:
-    """A fitted model; any number of leading components is a model of its own.
+    """A fitted model; any number of leading components is a separate model.
 
     The p columns are the pairs of levels in the order of eq. 30.
     """
@@ -254,7 +253,7 @@ class NominalPls:
 
     @property
     def components(self) -> int:
-        """Number of components A; fewer than asked for where nothing was left."""
+        """Number of components A; fewer than requested if nothing is left to explain."""
         return len(self.V)
 
     @property
@@ -298,7 +297,7 @@ class NominalPls:
         )
 
     def _read(self, X: Array, table: Array) -> Array:
-        """X's columns, which nobody forms, times a table. Shapes (m, d), (p, k)."""
+        """Return the implicit columns of X times a table. Shapes (m, d), (p, k)."""
         from residual.calibration.kernels import gather_pairs
 
         codes, sizes = self.levels.encode(X), np.array(self.levels.sizes, np.int64)
@@ -308,7 +307,7 @@ class NominalPls:
 
 
 def fit_nominal_pls(X: Array, Y: Array, form: NominalPlsForm | None = None) -> NominalPls:
-    """Fit the paper's modified PLSR, with fewer components where rows bear no more.
+    """Fit the paper's modified PLSR, with fewer components if the rows support fewer.
 
     Args:
         X: Variables, such as q, qd, qdd of joints 1 to 3. Shape (n, d), d at least 2.
@@ -330,7 +329,7 @@ def fit_nominal_pls(X: Array, Y: Array, form: NominalPlsForm | None = None) -> N
     form = form or NominalPlsForm()
     levels = build_levels(X, form.levels, equally_wide=True)
     cells = merge_equal_rows(levels.encode(X), levels.sizes)
-    # The centred indicators have no more rank than there are cells less one, and than
+    # The rank of the centred indicators is at most the number of cells less one, and the
     # main effects and interactions of the visited levels have dimensions.
     visited = np.array([len(np.unique(c)) - 1 for c in cells.codes.T])
     inner = (visited.sum() ** 2 - (visited**2).sum()) // 2

@@ -6,7 +6,7 @@ joint has rows only where it moves (`TrainingRows.with_fitted_standstill` says w
 
 The paper's systematic and random schemes hold out rows whose neighbors, or whose
 repetition a period later, stay in the training set: they measure memory of the path.
-Runs and families held out measure what the model knows of motion that it never saw.
+Held-out runs and families measure the error on unseen motion.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -79,14 +79,14 @@ class ValidationScheme:
 
     @property
     def unseen(self) -> bool:
-        """Whether nominal model and choice have not seen what is held out."""
+        """Whether nominal model and choice are independent of the held-out rows."""
         return any(self.left_out)
 
     def split(self, rows: CalibrationRows) -> Iterator[tuple[Array, Array]]:
-        """Yield the rows that each fold fits, and those that it holds out. (n,)."""
+        """Yield the fitted and the held-out rows of each fold. (n,)."""
         for fold, left_out in enumerate(self.left_out):
             held_out = self.fold == fold
-            # What is close to a block is neither.
+            # Rows close to a block are neither.
             kept = rows.blocks.mask_kept_rows(rows.place, left_out) if left_out else ~held_out
             yield kept, held_out
 
@@ -94,7 +94,7 @@ class ValidationScheme:
 def build_validation_schemes(
     rows: CalibrationRows, rng: np.random.Generator
 ) -> tuple[tuple[ValidationScheme, ...], tuple[str, ...]]:
-    """Return the schemes that these rows allow, and why others are left out."""
+    """Return the schemes that these rows allow, and why others are omitted."""
     if len(rows.labels) < 2:
         raise InputError("One run: expected two or more to leave one out.")
     for number, label in enumerate(rows.labels):
@@ -126,7 +126,7 @@ def build_validation_schemes(
         unknown = "the kind of motion of the logs is not known"
         notes.append(f"no family left out: {'all runs are of one' if only else unknown}")
     blocks, drawn = np.arange(count) * BLOCKS // count, rng.permutation(count) % BLOCKS
-    # A few dozen parameters from thousands of rows do not know one block of them.
+    # A block of rows hardly affects a few dozen parameters from thousands of rows.
     nothing = (frozenset(),) * BLOCKS
     out.append(ValidationScheme(SYSTEMATIC, blocks, nothing))  # paper, section 2.5.2
     out.append(ValidationScheme(RANDOM, drawn, nothing))  # paper, section 2.5.3
@@ -139,14 +139,14 @@ class SchemeErrors:
 
     Attributes:
         scheme: The scheme.
-        options: What a joint may get, then the paper's form with 0 to A components
-            where that was fitted.
+        options: Options of a joint, then the paper's form with 0 to A components if
+            fitted.
         fitted, held_out: On rows fitted and held out, by option. (folds, options, j).
         fitted_power, power: Squared torque of the rows. (folds, j).
-        seconds: On rows held out, per second, of what a joint may get. (options,
+        seconds: On rows held out, per second, of the options of a joint. (options,
             seconds, j).
-        forecasts: Corrections of the rows of one fold, by option; None where no fold
-            was asked for.
+        forecasts: Corrections of the rows of one fold, by option; None unless
+            requested.
     """
 
     scheme: ValidationScheme
@@ -171,10 +171,10 @@ def cross_validate_corrections(
     """Fit all forms without each fold, and judge them on that fold.
 
     Args:
-        compute_residuals: What a nominal model leaves on all rows that was identified
-            without some blocks. Shape (n, j).
-        options: What a joint may get.
-        paper_form: The paper's form; None to leave it out.
+        compute_residuals: Residual on all rows of a nominal model identified without
+            some blocks. Shape (n, j).
+        options: Options of a joint.
+        paper_form: The paper's form; None to omit it.
         shown_fold: A fold whose corrections are kept.
     """
     errors, power_fitted, forecasts = [], [], None
@@ -184,7 +184,7 @@ def cross_validate_corrections(
         Y = compute_residuals(scheme.left_out[fold])
         if every is None or scheme.unseen:
             every = build_training_rows(rows, Y, tables)
-            # What stands says what all rows in motion say, where rows are held out.
+            # Values at standstill come from all moving rows, where rows are held out.
             once = (
                 None if scheme.unseen or paper_form is not None else every.with_fitted_standstill()
             )
@@ -222,15 +222,15 @@ def cross_validate_corrections(
 
 
 def build_training_rows(rows: CalibrationRows, Y: Array, tables: TableColumns) -> TrainingRows:
-    """Return all rows with what some nominal model leaves [N m]. Shape (n, j)."""
+    """Return all rows with the residual of a nominal model [N m]. Shape (n, j)."""
     Z = tables.encode(rows.X, rows.tau - Y)
     return TrainingRows(rows.X, Y, rows.tau, rows.second, Z, rows.moving)
 
 
 def fit_paper_forecast(rows: TrainingRows, form: NominalPlsForm) -> Callable[[TrainingRows], Array]:
-    """Fit the paper's form to rows as taught; predict by 0 to A components.
+    """Fit the paper's form to training rows; predict with 0 to A components.
 
-    Where the rows bear fewer, the last comes again. Shapes (A + 1, m, j).
+    If the rows support fewer, the last one is repeated. Shapes (A + 1, m, j).
     """
     model = fit_nominal_pls(rows.X, rows.Y, form)
 
@@ -250,9 +250,9 @@ class ModelScore:
     Attributes:
         scheme, model: Their names.
         rmsec, rmsev: Pooled over folds [%]. Shapes (j,).
-        mean: RMSEV as the paper takes it, the mean over folds [%]. Shape (j,).
-        components: Components A_opt, None for a model that has none.
-        curve: RMSEV over components, from none on [%]. Shape (A + 1, j), or None.
+        mean: RMSEV as in the paper, the mean over folds [%]. Shape (j,).
+        components: Components A_opt, None for a model without components.
+        curve: RMSEV over 0 to A components [%]. Shape (A + 1, j), or None.
         miss, power: Squared error and squared torque per fold [N^2 m^2]. (folds, j).
     """
 
@@ -275,11 +275,11 @@ class ModelScore:
 def choose_fold_options(
     trial: SchemeErrors, deciding_trial: SchemeErrors, rows: CalibrationRows
 ) -> list[tuple[CorrectionOption, ...]]:
-    """Return each fold's option of each joint: chosen by what others were held out.
+    """Return each fold's option of each joint, chosen on the other held-out folds.
 
     Args:
-        deciding_trial: The trial to choose by, which left out runs, or blocks of few
-            of them.
+        deciding_trial: The trial for the choice, which left out runs, or blocks if
+            runs are few.
     """
     out = []
     for left_out in trial.scheme.left_out:
@@ -333,17 +333,17 @@ def _score(trial: SchemeErrors, model: str, fitted: Array, unseen: Array) -> Mod
 
 
 def find_model_score(scores: Sequence[ModelScore], scheme: str, model: str) -> ModelScore | None:
-    """Return one cell of the table, None where it is not there."""
+    """Return one cell of the table, None if missing."""
     same = (s for s in scores if (s.scheme, s.model) == (scheme, model))
     return next(same, None)
 
 
-# What the paper's figures show beside the table: levels, and one run (figures 9 and 12).
+# Further figures of the paper: levels, and one run (figures 9 and 12).
 
 
 SWEEP = (2, 4, 8, 15, 22, 40)  # levels
-_COMPONENTS, _FOLDS = 15, 4  # of the sweep; so many folds say what all do
-_MOST = 600  # rows of a picture
+_COMPONENTS, _FOLDS = 15, 4  # folds of the sweep, which represent all
+_MOST = 600  # rows of a figure
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -363,12 +363,12 @@ class LevelSweep:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UnseenRun:
-    """A run that no model has seen, over time (paper, figure 9).
+    """A run that no model was fitted to, over time (paper, figure 9).
 
     Attributes:
         label: The run.
         t: Time from its first row [s]. Shape (n,).
-        residual: Of a nominal model that has not seen the run [N m]. Shape (n, j).
+        residual: Of a nominal model not fitted to the run [N m]. Shape (n, j).
         corrections: Torque of each model's correction [N m]. Shapes (n, j).
     """
 
@@ -379,7 +379,7 @@ class UnseenRun:
 
 
 def find_median_error_run(rows: CalibrationRows) -> int:
-    """Return the number of the run of the middle error."""
+    """Return the number of the run with the median error."""
     runs = range(len(rows.labels))
     size = [float((rows.Y[rows.run == run] ** 2).mean()) for run in runs]
     return int(np.argsort(size)[len(size) // 2])
@@ -392,11 +392,11 @@ def build_unseen_run(
     residual: Array,
     chosen: Sequence[CorrectionOption],
 ) -> UnseenRun:
-    """Return a run with its corrections by models that were fitted without it.
+    """Return a run with its corrections by models fitted without it.
 
     Args:
         trial: By run; its forecasts are of this one.
-        residual: Of a nominal model that has not seen it, on all rows. (n, j).
+        residual: Of a nominal model not fitted to it, on all rows. (n, j).
         chosen: Option of each joint, chosen without it.
     """
     in_run, place = rows.run == number, trial.options.index
@@ -418,7 +418,7 @@ def sweep_level_counts(
     tables: TableColumns,
     components: int,
 ) -> LevelSweep:
-    """Validate every number of levels, on what the first folds of schemes hold out."""
+    """Validate every number of levels, on the first folds of each scheme."""
     every, torque = (build_training_rows(rows, rows.Y, tables), (rows.tau * rows.moving) ** 2)
     count = min(components, _COMPONENTS)
     errors: dict[str, list[Array]] = {scheme.name: [] for scheme in schemes}

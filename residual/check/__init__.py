@@ -1,1 +1,1 @@
-"""Is a log what it says it is: faults of logs, column maps and robot files."""
+"""Faults of logs, column maps and robot files."""

@@ -55,8 +55,8 @@ _LIMITS = (
 def check_logs(robot: Robot, recordings: Sequence[Recording]) -> LogCheck:
     """Check that units, signs, order and timing of logs are consistent.
 
-    A fault that others follow from is reported alone: with a wrong unit of time no
-    speed is too high, and with a wrong robot file nothing fits.
+    A fault that causes others is reported alone: a wrong unit of time also makes speeds
+    too high, and a wrong robot file fits nothing.
     """
     if not recordings:
         raise InputError("No log to check: expected at least one recording, got none.")
@@ -90,21 +90,21 @@ def _faults(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     for log in logs:
         faults += find_uneven_time_steps(log) + find_frozen_signals(log)
     speeds = _with_references(find_velocity_faults(logs), logs)
-    # Mend units of time and angle that the velocities gave away.
+    # Repair units of time and angle that the velocities reveal.
     for repair in (r for fault in speeds for r in fault.repairs):
         if repair.signal in ("t", "q", "q_ref") and isinstance(repair.scale, float):
             logs = [scale_signal(r, repair.signal, repair.scale) for r in logs]
     turned = find_joints_in_degrees(robot, logs)
     if turned or dead:
-        # Nothing more is known of an arm without one of its angles.
+        # Without one of its angles, nothing else of the arm can be checked.
         return faults + dead + extend_repairs_to_velocities(turned, speeds, logs)
     return faults + _of_the_arm(robot, logs, speeds)
 
 
 def _of_the_arm(robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]) -> list[Fault]:
-    """What the file, the motion and its physics say; the first that is certain wins.
+    """Faults by the file, the motion and its physics; the first certain one wins.
 
-    Physics is the same all along a log: of long ones seven minutes are looked at.
+    Physics does not change along a log: long ones are cut to seven minutes.
     """
     driven, logs = find_drive_faults(robot, logs)
     faults, whole = find_robot_file_faults(robot) + driven, logs
@@ -121,7 +121,7 @@ def _of_the_arm(robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
         robot, motion, [r for f in columns for r in f.repairs if r.gravity]
     )
     columns += find_commanded_torque(as_it_stands, logs)
-    # In another unit anything is beyond its limit.
+    # In a wrong unit everything exceeds its limit.
     mended = any(f.certain or f.kind in UNITS for f in (*columns, *speeds))
     faults += extend_repairs_to_velocities(columns, speeds, logs)
     return faults if mended else faults + find_limit_violations(robot, whole)
@@ -130,10 +130,10 @@ def _of_the_arm(robot: Robot, logs: Sequence[Recording], speeds: Sequence[Fault]
 def extend_repairs_to_velocities(
     faults: Sequence[Fault], speeds: Sequence[Fault], logs: Sequence[Recording]
 ) -> list[Fault]:
-    """Carry repairs of angles to velocities and references, and join both checks.
+    """Extend repairs of angles to velocities and references, and join both checks.
 
-    A velocity that runs against an angle is no fault of the velocity where it is the
-    angle that counts backwards.
+    A velocity with the opposite sign of its angle is no fault if the angle itself has
+    the wrong sign.
     """
     with_speed = any(r.qd is not None for r in logs)
     of_speed = [(f, r) for f in speeds if f.kind == _VELOCITY for r in f.repairs]
@@ -163,7 +163,7 @@ def extend_repairs_to_velocities(
 
 
 def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list[Fault]:
-    """Mend references with their angles, where they are logged alike, all channels."""
+    """Repair references with their angles, if all channels are logged alike."""
     both = [r for r in logs if r.q_ref is not None]
     if not both:
         return list(faults)
@@ -179,7 +179,7 @@ def _with_references(faults: Sequence[Fault], logs: Sequence[Recording]) -> list
 
 
 def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recording]:
-    """Return the logs that miss more of one common arm than the others do."""
+    """Return the logs that fit a common arm worse than the others do."""
     with np.errstate(all="ignore"):
         motion = filter_check_motion(recordings)
         if motion is None:
@@ -189,7 +189,7 @@ def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recordi
         fit = fit_arm(sums, as_given, sums.deviations(ROUGH))
         rest = compute_residual(robot, motion, fit.at)
         squares, counts = np.nan_to_num(rest**2), np.isfinite(rest)
-        rms = []  # not a number where a joint stands all along a log
+        rms = []  # NaN where a joint stands still in the whole log
         for k in range(len(recordings)):
             own = motion.log == k
             mean = squares[own].sum(axis=0) / counts[own].sum(axis=0)
@@ -206,10 +206,10 @@ def list_odd_logs(robot: Robot, recordings: Sequence[Recording]) -> list[Recordi
 def confirm_repairs(
     robot: Robot, log: Recording, others: Sequence[Recording], repairs: Iterable[Repair]
 ) -> bool:
-    """Whether one log, read as repairs say, is of the same arm as the other logs.
+    """Whether one log, after repairs, is of the same arm as the other logs.
 
-    A short log alone may fit a wrong reading better; with the others it must, too. Both
-    evidences are of one body and of the torques in the unit of the file.
+    A short log alone may fit a wrong reading better, so it must also do so with the
+    others. Both evidences use one body and the torques in the unit of the file.
     """
     repairs = [r for r in repairs if r.signal in ("q", "t", "tau")]
     with np.errstate(all="ignore"):
@@ -241,7 +241,7 @@ def check_robot(robot: Robot) -> LogCheck:
 
 
 def find_robot_file_faults(robot: Robot) -> list[Fault]:
-    """Find masses, lengths, moments and gravity that no arm has."""
+    """Find impossible masses, lengths, moments and gravity."""
     out = find_wrong_units(robot) + find_wrong_gravity(robot)
     if robot.flaws and not out:
         joints = tuple(sorted({flaw.joint for flaw in robot.flaws}))
@@ -253,7 +253,7 @@ def find_robot_file_faults(robot: Robot) -> list[Fault]:
 def find_insufficient_motion(
     recordings: Sequence[Recording], motion: CheckMotion | None
 ) -> list[Fault]:
-    """Find logs that are too short, and joints that do not move on their own."""
+    """Find logs that are too short, and joints that do not move independently."""
     seconds, out = sum(r.duration for r in recordings), []
     if seconds < CHECK.shortest_s:
         words = f"The logs last {seconds:.3g} s together; below {CHECK.shortest_s:g} s the "

@@ -1,18 +1,18 @@
 """Torque that follows from a goal: a drive's chain, and commands logged as measurements.
 
-What stands between goal and torque of a drive is searched on a free refit.
+The chain from goal to torque of a drive is searched with a free refit.
 
-An arm without torque sensors has the torque of its drives (`residual.drive`), which is
-right as far as their chain is. Of a wrong chain no body, friction and offset leave
-little: each joint's torque, in units of its gain, is refitted on the inertial
-regressor, the rotor, friction while the drive is on and off, and a constant, and the
-chain that leaves least is the one of the drive. Rows at the limit are not fitted but
-count, so that no limit is bought by leaving out rows; rows at rest count too, since a
-goal that has set off already would push the joint. By how much each part of the chain
-is better than the one of the map is told in nats, with the range of values as good.
+An arm without torque sensors has the torque of its drives (`residual.drive`), which
+depends on their chain. With a wrong chain, bodies, friction and offset cannot explain the
+torque: each joint's torque, in units of its gain, is refitted on the inertial regressor,
+the rotor, friction while the drive is on and off, and a constant, and the chain with the
+least residual is chosen. Rows at the limit are not fitted but count, so that a limit
+cannot win by leaving out rows; rows at rest count too, since a goal that has already
+changed would move the joint. The gain of each part of the chain over the one of the map
+is stated in nats, with the range of equally good values.
 
-The gain follows at last, from the torque of the bodies in the robot file with their
-known load: it is as right as their masses are.
+The gain follows last, from the torque of the bodies in the robot file with their known
+load: it is as accurate as their masses.
 """
 
 from collections.abc import Mapping, Sequence
@@ -45,13 +45,13 @@ from residual.signals.track import (
     interpolate_signals,
 )
 
-_SECONDS = 120.0  # of logs that are looked at
-_RIDGE = 1e-3  # of a column's power: directions that move no torque stay at zero
-_APART = 0.1  # s: rows nearer to each other count as one: the filter's own memory
-_SHARP = 0.25  # of the speed floor, over which dry friction turns
+_SECONDS = 120.0  # largest length of logs used
+_RIDGE = 1e-3  # of a column's power: directions without torque stay at zero
+_APART = 0.1  # s: rows closer together count as one: memory of the filter
+_SHARP = 0.25  # of the speed floor, over which dry friction reverses
 _FEWEST = 20  # rows of a joint
-# Where each part is looked for: of the joint's speed; s; of the largest distance of
-# goal and position. Then nearer and nearer around the best.
+# Search grids of each part: of the joint's speed; s; of the largest distance of goal and
+# position. Then refined around the best.
 _GRIDS = {
     "goal_speed": np.geomspace(0.3, 3.0, 24),
     "delay": np.arange(0.0, 0.16, 0.01),
@@ -61,7 +61,7 @@ _FINER = {"goal_speed": 0.025, "delay": 0.0025, "limit": 0.04}
 _SHIFTS = np.array([-0.01, 0.0, 0.01])  # s: of the delay, with each other value
 # Values that are the same: relative, the delay in seconds.
 _ALIKE = {"goal_speed": 0.1, "delay": 0.015, "limit": 0.25, "gain": 0.1}
-_UNSURE = 0.1  # relative error of a gain from which on nothing is said of it
+_UNSURE = 0.1  # relative error from which a gain is not reported
 # Columns: torque of the file, rotor, friction twice, dry and of the load, a constant.
 _LOCAL, _BRAKES = 7, slice(2, 6)
 Chain = Mapping[str, Array]  # parts by name, (dof,); limits in units of the gain [rad]
@@ -79,8 +79,8 @@ class ChainRows:
     logs: tuple[Recording, ...]
     tracks: tuple[Track, ...]
     columns: tuple[Array, ...]  # of each joint, the torque of the file first, (m, k)
-    use: Array  # which rows of the logs these are. Shape (n,), bool
-    spread: float  # independent rows for each row that is there
+    use: Array  # which rows of the logs are used. Shape (n,), bool
+    spread: float  # independent rows per row
 
     def score(self, chain: Chain) -> Array:
         """Return the log evidence of one chain on every joint, up to a constant.
@@ -99,7 +99,7 @@ class ChainRows:
         return out
 
     def limit_goals(self, speed: Array) -> "ChainRows":
-        """Return the same rows with goals that travel at a speed, once for all."""
+        """Return the rows with goals limited to a speed, applied once."""
         drive = Drive(goal_speed=tuple(map(float, speed)))
         logs = (replace(r, q_ref=limit_goal(drive, r.q_ref, r.t)) for r in self.logs)
         return replace(self, logs=tuple(logs))
@@ -121,7 +121,7 @@ class ChainRows:
         ]
 
     def estimate_gains(self, chain: Chain) -> tuple[Array, Array]:
-        """Return each joint's gain [N m/rad] by the file's bodies; its relative sd."""
+        """Return each joint's gain [N m/rad] from the file's bodies, and its relative sd."""
         gains, errors = np.ones((2, len(self.columns)))
         for j, (columns, y, clipped) in enumerate(self._rows_of(chain)):
             x = columns[:, :_LOCAL]
@@ -139,7 +139,7 @@ class ChainRows:
 
 
 def _refit(columns: Array, y: Array, kept: Array, ridge: float = _RIDGE) -> tuple[Array, float]:
-    """Fit the kept rows; return the coefficients, and the rms that all rows leave."""
+    """Fit the kept rows; return the coefficients, and the rms residual of all rows."""
     size = compute_row_rms(columns[kept]) + 1e-12
     x = columns / size
     gram = x[kept].T @ x[kept] + ridge * kept.sum() * np.eye(x.shape[1])
@@ -157,7 +157,7 @@ def _as_parts(chain: Chain) -> dict[str, tuple[float, ...]]:
 
 
 def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | None:
-    """Return the rows of some logs of an arm with drives; None where nothing moves."""
+    """Return the rows of logs of an arm with drives; None if nothing moves."""
     logs = tuple(pick_spread_pieces(logs, _SECONDS, _SECONDS))
     tracks, floor = build_tracks([replace(r, masked=None) for r in logs], FilterSettings())
     parameters = _known_parameters(robot)
@@ -184,7 +184,7 @@ def build_chain_rows(robot: Robot, logs: Sequence[Recording]) -> ChainRows | Non
 
 
 def _known_parameters(robot: Robot) -> Array:
-    """Inertial parameters of the file, with the load that is known [SI]. (10 dof,)."""
+    """Inertial parameters of the file, with the known load [SI]. (10 dof,)."""
     out = read_inertial_parameters(robot.model)
     mass = robot.known_values.get("payload.mass", 0.0)
     if mass:
@@ -196,18 +196,17 @@ def _known_parameters(robot: Robot) -> Array:
 
 
 def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Chain]:
-    """Return the chain that leaves least of every joint, and what its parts are worth.
+    """Return the chain with the least residual of every joint, and the gain of its parts.
 
-    Joints have nothing to do with each other, so that one value is tried on all of
-    them at a time. Goal speed goes first, without a limit, which could pass for it;
-    then all parts are sought together.
+    Joints are independent, so each value is tried on all of them at once. Goal speed is
+    searched first, without a limit, which could imitate it; then all parts together.
 
     Args:
         first: The chain of the map. Shapes (dof,); limits in units of the gain.
 
     Returns:
-        Values, shapes (dof,); how much better they are than the map's [nats], the
-        same; and the least and the largest value that is as good, shapes (2, dof).
+        Values, shapes (dof,); their gain over the map's [nats], the same; and the
+        smallest and the largest equally good value, shapes (2, dof).
     """
     dof = len(rows.columns)
     speed = np.max([np.quantile(np.abs(t.qd), 0.99, axis=0) for t in rows.tracks], 0)
@@ -222,8 +221,8 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Cha
     chain, free = _improve(rows, chain, "delay", grids["delay"])
     without = chain | {"goal_speed": first["goal_speed"]}
     worth = {"goal_speed": free - _try(rows, without, "delay", grids["delay"])[0].max(0)}
-    # A limit passes for a speed, and a delay for a limit: from the map's chain, from
-    # this speed and from none, limit and delay at once, then the speed once more.
+    # A limit imitates a speed, and a delay a limit: from the map's chain, from this
+    # speed and from none, search limit and delay together, then the speed again.
     shifts, start = np.linspace(-0.04, 0.04, 9), chain
     chain, top = first, rows.score(first)
     for speed in (start["goal_speed"], np.full(dof, IDEAL["goal_speed"])):
@@ -245,7 +244,7 @@ def search_drive_chain(rows: ChainRows, first: Chain) -> tuple[Chain, Chain, Cha
         ranges[name] = _find_range(tries, scores, np.maximum(top, scores.max(0)))
     for name in ("delay", "limit"):
         worth[name] = top - rows.score(chain | {name: first[name]})
-    # A speed without an upper end is no more than a bound.
+    # A speed without an upper end is only a bound.
     low, high = ranges["goal_speed"]
     chain["goal_speed"] = np.where(
         np.isinf(high) & np.isfinite(chain["goal_speed"]), low, chain["goal_speed"]
@@ -259,14 +258,14 @@ def _try(
     """Return the score of each value of a part, with the best of some delays.
 
     Args:
-        shifts: Of the delay [s].
+        shifts: Values of the delay [s].
 
     Returns:
         Scores [nats] and delays [s]. Shapes (tries, dof).
     """
     scores, delays = np.empty((2, len(tries), len(rows.columns)))
     still = {"goal_speed": np.full_like(chain["delay"], IDEAL["goal_speed"])}
-    limited = rows.limit_goals(chain["goal_speed"])  # it takes the longest
+    limited = rows.limit_goals(chain["goal_speed"])  # the slowest step
     for i, value in enumerate(tries):
         if name == "goal_speed":
             limited = rows.limit_goals(value)
@@ -298,7 +297,7 @@ def _near(chain: Chain, name: str, step: int) -> Array:
 
 
 def _find_range(tries: Array, scores: Array, top: Array) -> Array:
-    """Return the first and the last value that is as good as the best. (2, dof)."""
+    """Return the first and the last value as good as the best. (2, dof)."""
     out = np.empty((2, tries.shape[1]))
     for j, (values, below) in enumerate(zip(tries.T, (top - scores).T, strict=True)):
         good = np.flatnonzero(below <= CHECK.odds_nats)
@@ -313,11 +312,11 @@ def _find_range(tries: Array, scores: Array, top: Array) -> Array:
 def find_drive_faults(
     robot: Robot, logs: Sequence[Recording]
 ) -> tuple[list[Fault], list[Recording]]:
-    """Find parts of the chain that the map lacks or has wrong.
+    """Find missing or wrong parts of the chain in the map.
 
     Returns:
-        One fault with the line that mends it, or none; and the logs with the torque of
-        the chain that was found.
+        One fault with the line that repairs it, or none; and the logs with the torque
+        of the found chain.
     """
     drive = logs[0].drive
     if drive is None or any(r.drive != drive or r.q_ref is None for r in logs):
@@ -334,13 +333,13 @@ def find_drive_faults(
     wrong = {}
     for name, values in chain.items():
         least = _ALIKE[name] * (1.0 if name == "delay" else np.minimum(values, 1e9))
-        with np.errstate(invalid="ignore"):  # two without an end are the same
+        with np.errstate(invalid="ignore"):  # two infinite values are equal
             far = ~(np.abs(values - first[name]) <= least) & (values != first[name])
         wrong[name] = (worth[name] > CHECK.odds_nats) & far
         chain[name] = np.where(wrong[name], values, first[name])
     gain, error = rows.estimate_gains(chain)
     far = np.abs(np.log(gain / given)) > np.maximum(_ALIKE["gain"], 3 * error)
-    # A gain of the map stands against the file's masses, not against a weighed one.
+    # A gain of the map is compared with the file's masses, unless a load was weighed.
     asked = not drive.gain or "payload.mass" in robot.known_values
     wrong["gain"] = far & (error < _UNSURE) & asked
     gain = np.where(wrong["gain"], gain, given)
@@ -351,8 +350,8 @@ def find_drive_faults(
     ranges |= {"limit": ranges["limit"] * gain}
     parts = {n: v for n, v in chain.items() if np.any(v != IDEAL[n])}
     found = Drive(**_as_parts(parts), enabled=drive.enabled)
-    # Certain is what the map leaves out, where it halves what is left of the torque:
-    # another value may be a change of the arm, and less what an effect does.
+    # A part missing in the map is certain if it halves the residual: another value may
+    # be a change of the arm, and a smaller gain an effect.
     left_out = {n: wrong[n] & (first[n] == IDEAL[n]) & halved for n in worth}
     certain = [w[left_out[n]].sum() > CHECK.certain_nats for n, w in worth.items()]
     words = _describe(robot, wrong, worth, chain, ranges, given)
@@ -364,7 +363,7 @@ def find_drive_faults(
 def _describe(
     robot: Robot, wrong: Chain, worth: Chain, chain: Chain, ranges: Chain, given: Array
 ) -> str:
-    """Return what is wrong with a chain in words."""
+    """Return the faults of a chain in words."""
     parts = []
     for name in worth:
         joints = wrong[name]
@@ -395,21 +394,21 @@ def _describe(
     return " ".join(out)
 
 
-# Torque that was computed, and logged in place of a measured one.
+# Computed torque, logged in place of a measured one.
 #
-# A command follows from the reference alone: it is the same in every repeat, down to the
-# last bit, and the model of whoever made it explains all of it. A measured torque has the
-# noise of its sensor, and what no model has.
+# A command follows from the reference alone: it is the same in every repetition, to the
+# last bit, and a model explains all of it. A measured torque has sensor noise and a
+# residual.
 
 
 _FILTERS = FilterSettings(kinematics=25.0)  # Hz: derivatives of a reference have no noise
 _EDGE = 0.5  # s
-_ROWS, _PER_COLUMN = 900, 4  # rows to use, and rows for each column at least
+_ROWS, _PER_COLUMN = 900, 4  # rows to use, and least number of rows per column
 _SLOW = 0.1  # of the largest speed: nearer to a reversal friction differs
 
 
 def find_commanded_torque(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find torque that was computed, and logged in place of a measured one."""
+    """Find computed torque, logged in place of a measured one."""
     return _repeated(recordings) or _followed(robot, recordings)
 
 
@@ -456,7 +455,7 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
         nearest = min(nearest, float(np.std(tau - moved)) / size)
     if not worst:
         return []
-    # Where the arm follows its reference well, a quiet measurement looks the same.
+    # If the arm follows its reference well, a quiet measurement looks the same.
     certain = bool(nearest > max(CHECK.command_ratio * worst, CHECK.command_residual))
     words = (
         f"Expected torque with noise and with what no model has, got one that follows "
@@ -470,7 +469,7 @@ def _followed(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
 
 
 def _signal_rows(logs: Sequence[Recording], signal: str) -> tuple[Array, Array]:
-    """Angles, speeds and accelerations by that signal, (3, n, dof), and torque."""
+    """Angles, speeds and accelerations from a signal, (3, n, dof), and torque."""
     parts, torques = [], []
     every = max(1, sum(len(r.t) for r in logs) // _ROWS)
     for log in logs:

@@ -1,13 +1,13 @@
 """The evidence of one arm in the torques of all joints, on one Gram matrix.
 
-Before a log is believed its torque may be made of the bodies of the robot file within a
+Before a log is trusted, its torque may consist of the bodies of the robot file within a
 rough prior, a load on the flange, friction, a tilted base, a force at the tool, and one
-broad column for each other cause. All of these are linear in what is unknown:
+broad column for each other cause. All of these are linear in the unknowns:
 
     tau_j ~ N(Y_j pi_0, sigma_j^2 1 + A_j S A_j^T)
 
-The sums of the columns A serve every order, sign and factor of the torques, every size
-of the priors S, and so every cause that explains a log as well as a fault does.
+The Gram matrix of the columns A serves every order, sign and factor of the torques, and
+every size of the priors S, and so every cause that explains a log as well as a fault.
 """
 
 from collections.abc import Sequence
@@ -38,8 +38,8 @@ from residual.signals.track import FilterSettings, build_tracks
 
 _FILTERS = FilterSettings(5.0, 5.0, 60.0)  # Hz: on angles, on torque, of the rows
 _MOST_ROWS = 360
-_APART = 0.3  # s: rows nearer to each other count as one in evidence
-# What a torque may be made of before a log is believed: priors, one deviation each.
+_APART = 0.3  # s: rows closer together count as one in the evidence
+# Possible parts of a torque before a log is trusted: priors, one deviation each.
 _BODY = 0.3  # relative, of the inertial parameters
 _TILT = 0.1  # rad
 _LOAD, _STRANGE, _LEVER = 0.05, 0.005, 0.15  # of the arm's mass; of its reach
@@ -48,11 +48,11 @@ _LEAST_SIZE = 0.05  # of the strongest joint's torque
 _OUTER = 5  # columns of the world around the arm: two tilts, a force in three axes
 _LOCAL = 10  # columns of one joint alone
 _FRICTION, _WEIGHT = (1, 2, 7, 8), 9  # of these
-_SHARE = 0.1  # of the weight that a joint may miss
+_SHARE = 0.1  # largest missing share of a joint's weight
 _ROUNDS = 2
 # Times the prior of the bodies, which is 30 %: as given, a rough file, hardly a file.
 GIVEN, ROUGH, LOOSE = 0.2, 1.0, 10.0
-_STRONG = 6.0  # times the prior of what one joint may have
+_STRONG = 6.0  # times the prior of the columns of one joint
 _NOTHING = 1e-300
 _PLAIN = [0, *_FRICTION[:2], 3]  # rotor, friction and offset of a joint
 
@@ -71,9 +71,9 @@ class CheckMotion:
     qd: Array
     qdd: Array
     tau: Array  # torque behind the same filter [N m], (n, dof)
-    moving: Array  # joint moves, beyond what its noise does. Shape (n, dof), bool
-    log: Array  # which of the recordings a row is of, (n,), int
-    spread: float  # independent rows for each row that is there
+    moving: Array  # joint moves beyond its noise. Shape (n, dof), bool
+    log: Array  # number of the recording of each row, (n,), int
+    spread: float  # independent rows per row
 
     @property
     def dof(self) -> int:
@@ -93,13 +93,13 @@ class CheckMotion:
         return {f.name: getattr(self, f.name) for f in fields(self)[:-1]}
 
     def sketch(self) -> "CheckMotion":
-        """Return the motion by rows that are independent of each other."""
+        """Return the motion thinned to independent rows."""
         every = max(1, int(1 / self.spread))
         parts = {name: rows[::every] for name, rows in self._list_rows().items()}
         return CheckMotion(**parts, spread=min(1.0, every * self.spread))
 
     def join(self, other: "CheckMotion | None") -> "CheckMotion":
-        """Return the rows of both, of their mean spread."""
+        """Return the rows of both, with their mean spacing."""
         if other is None:
             return self
         more = other._list_rows()
@@ -109,7 +109,7 @@ class CheckMotion:
 
 
 def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
-    """Filter and thin logs; None where nothing is left of them."""
+    """Filter and thin logs; None if nothing remains."""
     long = [r for r in recordings if len(r.t) > 20]
     tracks, _ = build_tracks(long, _FILTERS) if long else ((), None)
     total = sum(int(track.valid.sum()) for track in tracks)
@@ -128,23 +128,23 @@ def filter_check_motion(recordings: Sequence[Recording]) -> CheckMotion | None:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PriorColumns:
-    """The columns of one joint, each of the size of its prior, on its moving rows."""
+    """The columns of one joint, each scaled by its prior, on its moving rows."""
 
     nominal: Array  # torque of the robot file [N m], (n,)
-    values: Array  # torque of each coefficient of one [N m], (n, p)
-    brake: Array  # power that friction takes, per coefficient of one [W], (p,)
+    values: Array  # torque per unit coefficient [N m], (n, p)
+    brake: Array  # friction power per unit coefficient [W], (p,)
     weight: Array  # torque of gravity on the bodies of the file [N m], (n,)
 
 
 def compute_gravity_axes(robot: Robot) -> tuple[Array, Array]:
-    """Return gravity, and as much of it along the other two axes. (3,), (2, 3)."""
+    """Return gravity, and vectors of its size along the other two axes. (3,), (2, 3)."""
     down = np.asarray(robot.model.gravity.linear)
     across = np.delete(np.eye(3), np.argmax(np.abs(down)), axis=0)
     return down, float(np.linalg.norm(down)) * across
 
 
 def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]:
-    """Return the columns of every joint: its own, those of the world, the bodies'."""
+    """Return the columns of every joint: local, of the surroundings, of the bodies."""
     y = compute_robot_regressor(robot, motion.q, motion.qd, motion.qdd)
     nominal = y @ read_inertial_parameters(robot.model)
     size = compute_row_rms(nominal)
@@ -169,9 +169,9 @@ def build_prior_columns(robot: Robot, motion: CheckMotion) -> list[PriorColumns]
 
 
 def compute_residual(robot: Robot, motion: CheckMotion, at: Array) -> Array:
-    """Return what coefficients of all joints leave of the torques [N m]. (n, dof).
+    """Return the residual of the coefficients of all joints [N m]. (n, dof).
 
-    Not a number where a joint stands.
+    NaN where a joint stands still.
     """
     out = np.full(motion.tau.shape, np.nan)
     common = at[_LOCAL * motion.dof :]
@@ -184,7 +184,7 @@ def compute_residual(robot: Robot, motion: CheckMotion, at: Array) -> Array:
 
 @lru_cache(maxsize=4)
 def get_inertial_root(robot: Robot) -> Array:
-    """What a rough robot file leaves open, and a load that it may not have at all.
+    """Return the uncertainty of a rough robot file, and of an undescribed load.
 
     The lower root of the covariance of its parameters; motions and readings share it.
     """
@@ -203,13 +203,13 @@ def _mass(robot: Robot) -> float:
 
 @cached(LRUCache(64), key=build_motion_key, lock=Lock())
 def _compute_outer_torques(robot: Robot, q: Array) -> tuple[Array, Array]:
-    """Torques that hold the arm in fields of 1 m/s^2, of 1 N on the flange. (n, dof, 3)."""
+    """Return torques against fields of 1 m/s^2, and 1 N on the flange. (n, dof, 3)."""
     pulls = compute_flange_jacobian(robot.model, q)[:, :3].transpose(0, 2, 1)
     return compute_weight_torques(robot.model, q), pulls
 
 
 def _local(motion: CheckMotion, j: int, use: Array) -> Array:
-    """Rotor, friction in several forms, and what follows the angle. Shape (n, 9)."""
+    """Return columns of rotor, friction in several forms, and the angle. Shape (n, 9)."""
     q, qd, qdd = (x[use, j] for x in (motion.q, motion.qd, motion.qdd))
     turn = q - q.mean() if len(q) else q
     speed, hard, wide = (
@@ -223,7 +223,7 @@ def _local(motion: CheckMotion, j: int, use: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Torques:
-    """Which channel (from 0) is the torque of each joint, and times what."""
+    """Channel (from 0) of the torque of each joint, and its factor."""
 
     order: Array  # (dof,), int
     factor: Array  # (dof,)
@@ -240,7 +240,7 @@ class ArmSums:
     cross: Array  # each channel times the torque of the file, (dof, dof)
     model_power: Array  # (dof,)
     rows: Array  # independent rows, (dof,)
-    brake: Array  # power that friction takes, by coefficient, (dof, p)
+    brake: Array  # friction power, by coefficient, (dof, p)
     root: Array  # of the covariance of the bodies, (10 dof, 10 dof)
     bodies: Array  # parameters of the file, (10 dof,)
     gravity: Array  # (3,)
@@ -257,7 +257,7 @@ class ArmSums:
         return np.sqrt(self.model_power / np.maximum(self.rows, 1e-9))
 
     def local(self, j: int) -> slice:
-        """Columns that joint j (from 0) alone has."""
+        """Columns of joint j (from 0) only."""
         return slice(_LOCAL * j, _LOCAL * (j + 1))
 
     @property
@@ -271,16 +271,16 @@ class ArmSums:
         return slice(first, first + PER_LINK)
 
     def deviations(self, scale: float) -> Array:
-        """Deviation of each coefficient where bodies are off by that much. (p,)."""
+        """Prior deviation of each coefficient for a given error of the bodies. (p,)."""
         out = np.ones(self.gram.shape[1])
-        out[self.outer][:2] = 0.3  # more of a tilt is another mounting
+        out[self.outer][:2] = 0.3  # a larger tilt is another mounting
         out[self.outer.stop :] = scale
         out[self.link(self.dof - 1)] = max(scale, 3.0)  # a load
         return out
 
 
 def sum_arm(robot: Robot, motion: CheckMotion, weightless: bool = False) -> ArmSums:
-    """Sum up a motion; ``weightless``: the driver took the arm's weight out."""
+    """Sum up a motion; ``weightless``: the driver removed the arm's weight."""
     dof = robot.dof
     size = _LOCAL * dof + _OUTER + PER_LINK * dof
     sums = np.zeros((dof, size + 1 + dof, size + 1 + dof))  # the file's torque, channels last
@@ -310,17 +310,17 @@ def sum_arm(robot: Robot, motion: CheckMotion, weightless: bool = False) -> ArmS
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ArmFit:
-    """One arm as the torques have it."""
+    """One arm fitted to the torques."""
 
     nats: float  # log evidence of the torques as logged
-    at: Array  # coefficients, in deviations of the priors at one, (p,)
-    sigma: Array  # what is left of each torque [N m], (dof,)
+    at: Array  # coefficients, in deviations of the unit priors, (p,)
+    sigma: Array  # residual of each torque [N m], (dof,)
     size: Array  # rms of each torque [N m], (dof,)
-    braking: Array  # power that friction takes, in its deviations, (dof,)
+    braking: Array  # friction power, in its standard deviations, (dof,)
 
 
 def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
-    """Fit one arm to all torques, by turns with what it leaves of each."""
+    """Fit one arm to all torques, alternating with their noise."""
     joints = np.arange(sums.dof)
     f, order = torques.factor, torques.order
     power = f**2 * sums.power[joints, order]
@@ -328,7 +328,7 @@ def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
     size = np.abs(f) * logged
     square = power - 2 * f * sums.cross[joints, order] + sums.model_power
     target = f[:, None] * sums.channel[joints, :, order] - sums.model
-    # Noise is of the channel as it is logged: no factor makes it smaller.
+    # The noise is that of the logged channel: no factor makes it smaller.
     floor = np.maximum(CHECK.least_rest * logged, 0.001 * logged.max())
     floor = np.maximum(np.abs(f) * floor, 1e-12)
     sigma = 2 * floor
@@ -363,14 +363,14 @@ def fit_arm(sums: ArmSums, torques: Torques, deviations: Array) -> ArmFit:
 
 
 def measure_strain(sums: ArmSums, fit: ArmFit) -> Array:
-    """Return how far the robot file must bend to each torque, and still misses it.
+    """Return the deviation from the robot file and the misfit of each torque.
 
-    Half the square of the bodies' coefficients, shared by the joints behind which they
-    are, what friction gives instead of taking, and a remainder of more than a rough
-    model leaves [nats]. Shape (dof,).
+    Half the square of the bodies' coefficients, shared by the joints that carry them,
+    friction that gives power, and a residual larger than that of a rough model [nats].
+    Shape (dof,).
 
     Args:
-        fit: Under a rough file.
+        fit: The fit under a rough file.
     """
     bend = np.array([0.5 * np.sum((fit.at[sums.link(j)] / ROUGH) ** 2) for j in range(sums.dof)])
     bend[-1] *= (ROUGH / 3.0) ** 2
@@ -380,7 +380,7 @@ def measure_strain(sums: ArmSums, fit: ArmFit) -> Array:
 
 
 def find_tilted_gravity(sums: ArmSums, torques: Torques) -> Array:
-    """Return gravity as the torques turn it, within the tilt of a base. (3,)."""
+    """Return gravity as tilted by the fit, within the tilt of a base. (3,)."""
     deviations = sums.deviations(GIVEN)
     deviations[sums.outer][:2] = 3.0
     fit = fit_arm(sums, torques, deviations)
@@ -391,24 +391,24 @@ def find_tilted_gravity(sums: ArmSums, torques: Torques) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class NominalShares:
-    """Shares of the file's torque that each torque has, friction and offset apart."""
+    """Shares of the file's torque in each torque, apart from friction and offset."""
 
     ratio: Array  # (dof,)
     ratio_sd: Array  # (dof,)
-    # What the file explains of what friction leaves, 0 to 1, (dof,).
+    # Share explained by the file after friction, 0 to 1, (dof,).
     explained: Array
     load: Array  # size of the file's torque [N m], (dof,)
 
     def loaded(self, least_share: float = 0.1) -> Array:
-        """Which joints carry the arm: others are off by any factor. (dof,), bool."""
+        """Which joints carry the arm: on others the share is unreliable. (dof,), bool."""
         return self.load > least_share * self.load.max()
 
 
 def fit_nominal_shares(sums: ArmSums, order: Array) -> NominalShares:
     """Fit tau = share * nominal + friction + offset + rotor, joint by joint.
 
-    A rough file, a load or a gear's losses leave the shares near one on the joints that
-    carry the arm; torque in another unit, or without a part, does not.
+    With a rough file, a load or gear losses the shares stay near one on the joints that
+    carry the arm; torque in another unit, or without a part, changes them.
     """
     joints, size = np.arange(sums.dof), len(_PLAIN) + 1
     use = _LOCAL * joints[:, None] + _PLAIN
@@ -427,7 +427,7 @@ def fit_nominal_shares(sums: ArmSums, order: Array) -> NominalShares:
     at = np.einsum("jab,jb->ja", inverse, right)
     power = sums.power[joints, order]
     left = np.maximum(power - np.sum(at * right, axis=1), 0.0)
-    # What the file alone explains: its coefficient over its own precision.
+    # Share explained by the file alone: its coefficient over its own precision.
     beside = left + at[:, 0] ** 2 / inverse[:, 0, 0]
     spread = np.sqrt(inverse[:, 0, 0] * left / np.maximum(sums.rows - size, 1e-9))
     explained = 1 - left / np.maximum(beside, _NOTHING)
@@ -440,10 +440,10 @@ def fit_nominal_shares(sums: ArmSums, order: Array) -> NominalShares:
 
 
 def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:
-    """Return what else may explain a log, as deviations of the coefficients.
+    """Return other causes that may explain a log, as deviations of the coefficients.
 
-    Each effect of the library is among the columns of a joint, a tool or a base; flaws
-    of the file are bodies of any size.
+    The effects of the library are covered by columns of a joint, a tool or a base, flaws
+    of the file by bodies of any size.
     """
     out = {}
     base = sums.deviations(scale)
@@ -463,7 +463,7 @@ def list_other_causes(sums: ArmSums, scale: float) -> dict[str, Array]:
 
 
 def is_possible(sums: ArmSums, fit: ArmFit) -> bool:
-    """Whether no mass of a fit is clearly negative, and no weight turned over."""
+    """Whether no mass of a fit is clearly negative, and no weight reversed."""
     first = sums.outer.stop
     given = sums.bodies[::PER_LINK]
     masses = given + (sums.root @ fit.at[first:])[::PER_LINK]

@@ -1,4 +1,4 @@
-"""Whether a log has the weight that its file says is held beside the drives."""
+"""Whether a log contains the weight that the file declares as compensated."""
 
 from dataclasses import replace
 
@@ -10,16 +10,16 @@ from residual.errors import join_with_commas
 from residual.robot.dynamics import PER_LINK, compute_robot_regressor, read_inertial_parameters
 from residual.robot.robot import Robot
 
-_FEWEST_ROWS = 10  # of a joint that tells which weight its drive carries
-_NEAR = 0.2  # of that weight: a share so near to all or none of it is sure
+_FEWEST_ROWS = 10  # of a joint that shows the weight on its drive
+_NEAR = 0.2  # of that weight: distance from all or none of it that is certain
 
 
 def find_weight_in_torque(robot: Robot, motion: CheckMotion) -> tuple[Robot, list[Fault]]:
-    """Return the arm whose drives carry what the logs show, and the fault if other.
+    """Return the arm with the weight that the logs show, and the fault if different.
 
-    A file may say that a force beside the drives holds a part of the weight; whether a
-    log was taken so, only its torque says: beside friction and rotors it lacks a share
-    of that part, near one or near none.
+    A file may declare that a force other than the drives carries a part of the weight;
+    only the torque shows whether this held for a log: apart from friction and rotors it
+    lacks a share of that part, near one or near zero.
     """
     if robot.carried is None:
         return robot, []
@@ -33,7 +33,7 @@ def find_weight_in_torque(robot: Robot, motion: CheckMotion) -> tuple[Robot, lis
         use, tau = motion.moving[:, j], motion.tau[:, j]
         qd, qdd = motion.qd[use, j], motion.qdd[use, j]
         drive = np.stack([np.ones_like(qd), qd, np.sign(qd), qdd], axis=1)
-        load = regressor[use, j, -PER_LINK:]  # a tool that the file does not have
+        load = regressor[use, j, -PER_LINK:]  # a tool missing in the file
         part = np.column_stack([held[use, j], (whole[:, j] - tau)[use], load])
         part -= drive @ np.linalg.lstsq(drive, part, rcond=None)[0]
         parts.append(part / max(float(np.sqrt(np.mean(tau[use] ** 2))), 1e-9))

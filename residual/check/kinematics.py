@@ -1,4 +1,4 @@
-"""Whether time, angles and velocities go together and within limits, and a file's units.
+"""Consistency of time, angles and velocities, limits, and units of a robot file.
 
 Over windows of a fifth of a second the angle must change by the integral of the
 velocity: no derivative of a noisy signal is taken.
@@ -18,9 +18,9 @@ from residual.robot.dynamics import compute_last_joint_distance
 from residual.robot.robot import Robot
 
 _VELOCITY = "velocity_mismatch"
-_SHARE, _USUAL = 0.99, 0.95  # of the samples, so that single ones do not count
+_SHARE, _USUAL = 0.99, 0.95  # of the samples, to ignore single ones
 _EARTH = (9.6, 10.0)  # m/s^2
-_WINDOW = 0.2  # s over which angles and velocities are compared
+_WINDOW = 0.2  # s, window for comparing angles and velocities
 _TIME_UNITS = {
     1e-3: "milliseconds",
     1e-6: "microseconds",
@@ -28,7 +28,7 @@ _TIME_UNITS = {
     1e3: "seconds that were taken for milliseconds",
     1e6: "seconds that were taken for microseconds",
 }
-# Velocity over change of the angle: which signal is in which unit.
+# Ratio of velocity to change of the angle, by the faulty unit.
 _UNITS = {
     180 / np.pi: ("qd", "the velocities are in deg/s"),
     30 / np.pi: ("qd", "the velocities are in turns per minute"),
@@ -38,12 +38,12 @@ _UNITS = {
 
 
 def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | None:
-    """Find a time that no logger keeps, and the unit in which one would."""
+    """Find an implausible time column, and the unit in which it is plausible."""
     logs = [r for r in recordings if len(r.t) > 2]
     if not logs:
         return None
     rate = float(np.median([1 / np.median(np.diff(r.t)) for r in logs]))
-    # In steps of twenty samples: seconds are not known yet.
+    # Over twenty samples: the unit of time is unknown yet.
     fastest = [compute_speed_quantile(r, max(1, min(20, len(r.t) // 10)), _USUAL) for r in logs]
     speed = float(np.max(fastest / robot.velocity_limit))
     usual = CHECK.slowest_hz <= rate <= CHECK.fastest_hz
@@ -63,10 +63,10 @@ def find_time_unit(robot: Robot, recordings: Sequence[Recording]) -> Fault | Non
 
 
 def find_impossible_sample_rate(recordings: Sequence[Recording]) -> list[Fault]:
-    """Find times that lie closer together than any logger's, in whatever unit.
+    """Find sample times too close together in any unit.
 
-    Nothing is computed of such logs: a filter of a tenth of a second would have more
-    values than any memory.
+    Such logs are not evaluated: a filter of a tenth of a second would not fit into
+    memory.
     """
     rate = max((1 / np.median(np.diff(r.t)) for r in recordings if len(r.t) > 1), default=0.0)
     if rate <= CHECK.fastest_hz:
@@ -127,7 +127,7 @@ def _windows(recording: Recording) -> tuple[Array, Array]:
 
 
 def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
-    """Velocities of other joints: each angle finds its own among them."""
+    """Find exchanged velocities, by matching each angle with its velocity."""
     own, same = np.diag(related), np.arange(len(related))
     value = np.abs(related) + 0.2 * np.eye(len(own))
     if np.all(value.argmax(axis=1) == same):
@@ -149,7 +149,7 @@ def _order(related: Array, moving: Array) -> tuple[Array, list[Fault]]:
 
 
 def _slopes(change: Array, integral: Array, related: Array, moving: Array) -> list[Fault]:
-    """Velocities of another sign or size than the change of their angles."""
+    """Find velocities whose sign or scale differs from the change of their angles."""
     own, power = np.diag(related), np.sum(change**2, axis=0)
     slope = np.sum(change * integral, axis=0) / np.maximum(power, 1e-300)
     good = moving & (np.abs(own) > CHECK.velocity_correlation)
@@ -183,7 +183,7 @@ def _slopes(change: Array, integral: Array, related: Array, moving: Array) -> li
 
 
 def _common(size: float) -> Fault:
-    """One factor between all velocities and angles: a unit, else the clock."""
+    """Find a common factor of all velocities: a unit, else the clock."""
     for unit, (signal, name) in _UNITS.items():
         if abs(size / unit - 1) < CHECK.velocity_spread:
             words = f"All velocities are {size:.4g} times what the angles do: {name}."
@@ -200,8 +200,8 @@ def _common(size: float) -> Fault:
 def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
     """Find joints beyond the limits of the robot file.
 
-    Several samples in a row at five times a limit of speed or torque are certain: no
-    arm makes them.
+    Several successive samples at five times a limit of speed or torque are certain,
+    since they are impossible.
     """
     share, words, joints, certain = _SHARE, [], set(), False
     low = np.min([np.quantile(r.q, 1 - share, axis=0) for r in recordings], axis=0)
@@ -223,8 +223,8 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
         ("joint {} moves at", speeds, usual_speed, robot.velocity_limit, "rad/s"),
         ("tau{} reaches", torques, tau, robot.torque_limit, "N m"),
     ):
-        # What outlives a running median. Of what is large all along the unit is wrong,
-        # and other checks say so.
+        # Values that survive a running median. If they are large throughout, the unit is
+        # wrong, which other checks report.
         peak = np.max([np.abs(x).max(axis=0) for x in signals], axis=0)
         if (far := peak > CHECK.certain_ratio * limit).any():
             smooth = [compute_running_median(np.abs(x[:, far])).max(axis=0) for x in signals]
@@ -242,7 +242,7 @@ def find_limit_violations(robot: Robot, recordings: Sequence[Recording]) -> list
 
 
 def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> list[Fault]:
-    """Find single joints whose angles can be degrees but no radians."""
+    """Find single joints whose angles are plausible in degrees but not in radians."""
     speed = compute_usual_speeds(recordings, _SHARE) / robot.velocity_limit
     reach = np.max([np.abs(r.q).max(axis=0) for r in recordings], axis=0)
     limit = np.maximum(np.abs(robot.lower), np.abs(robot.upper))
@@ -251,8 +251,7 @@ def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> lis
     inside = speed * turned < CHECK.limit_ratio
     inside &= reach * turned < limit + CHECK.range_rad
     joints = list_true_joints(far & inside)
-    # Where most are far out, or the others are too, it is one thing for all, and
-    # physics tells which.
+    # If most joints are out of range, the cause is common to all, and physics decides.
     others = np.delete(speed, [j - 1 for j in joints])
     most = 2 * len(joints) > robot.dof
     if not joints or most or np.any(others > CHECK.limit_ratio):
@@ -267,14 +266,14 @@ def find_joints_in_degrees(robot: Robot, recordings: Sequence[Recording]) -> lis
 
 
 def find_wrong_units(robot: Robot) -> list[Fault]:
-    """Find masses or lengths of a whole robot file that are in another unit."""
+    """Find a wrong unit of all masses or lengths of a robot file."""
     bodies = list(robot.model.inertias)[1:]
     mass, last = sum(b.mass for b in bodies), bodies[-1]
     reach = compute_last_joint_distance(robot.model) + np.linalg.norm(last.lever)
     if not reach:  # a wheel: its radius
         reach = np.sqrt(np.trace(last.inertia) / max(last.mass, 1e-9))
     density = mass / max(reach, 1e-6) ** 3  # kg/m^3 of the cube of the reach
-    # A weight at the end of a lever is as dense as a ball of steel about the joint.
+    # A weight at the end of a lever has the density of a steel ball about the joint.
     densest = 1e3 if len(bodies) > 2 else 3e4
     for there, sizes, unit, scale in (
         (reach > 50.0, "lengths", "millimetres", 1e-3),
@@ -292,7 +291,7 @@ def find_wrong_units(robot: Robot) -> list[Fault]:
 
 
 def find_wrong_gravity(robot: Robot) -> list[Fault]:
-    """Find gravity of another size than the earth's in a robot file."""
+    """Find gravity in a robot file that differs in size from the earth's."""
     size = float(np.linalg.norm(robot.model.gravity.linear))
     if not size or _EARTH[0] < size < _EARTH[1]:
         return []

@@ -1,13 +1,13 @@
-"""How a log is to be read: the slips that explain it best, and what else may.
+"""The reading of a log: the slips that explain it best, and rival causes.
 
 The log as given is scored first. Readings of the torques alone (signs, units, factors,
 exchanged channels) share its Gram matrix. Other arrangements of angles, clock and
-gravity are tried only where some joint strains the robot file; the best is completed by
-another until none is better.
+gravity are tried only where some joint strains the robot file; slips are added to the
+best until none improves it.
 
-A fault is certain only where its reading wins under a rough file and under hardly any,
-over the log as given with every other cause; where friction takes power then; and where
-the log so read strains nothing. Else it is suspected, with its rivals.
+A fault is certain only if its reading wins under a rough file and under an almost free
+one, over the log as given with every other cause; if friction then dissipates power; and
+if the log in that reading does not strain the file. Else it is suspected, with its rivals.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -59,12 +59,12 @@ from residual.recording import Array
 from residual.robot.robot import Robot
 
 _DEPTH = 2  # slips of an arrangement at most
-_POLISHED = 3  # arrangements whose torques are read by turns
-_BRAKES = 2.0  # deviations: friction that takes power
-_ALIKE = 3.0  # nats: readings that these logs do not tell apart
-_EQUAL = 0.05  # nats: readings that no log does, as of an arm and its mirror image
-_ZERO_STEPS = (0.2, 0.1, 0.05, 0.025)  # rad, by which a zero is moved
-# What a file, a balanced arm or an effect may always be, too.
+_POLISHED = 3  # arrangements with torques read in turn
+_BRAKES = 2.0  # deviations: friction that dissipates power
+_ALIKE = 3.0  # nats: readings that these logs do not separate
+_EQUAL = 0.05  # nats: readings that no log separates, such as an arm and its mirror image
+_ZERO_STEPS = (0.2, 0.1, 0.05, 0.025)  # rad, step of a zero
+# Kinds that may also be due to a file, a balanced arm or an effect.
 _NEVER_CERTAIN = ("time_unit", REMOVED, "torque_scale")
 _SCALED = ("torque_unit", "gear_ratio")
 _BY_VALUE, _BY_SKETCH = attrgetter("value"), attrgetter("sketched")
@@ -72,14 +72,14 @@ _BY_VALUE, _BY_SKETCH = attrgetter("value"), attrgetter("sketched")
 
 @dataclass(frozen=True, eq=False)
 class Reading:
-    """A log as slips have it."""
+    """A log under a set of slips."""
 
     slips: tuple[Slip, ...]
     sums: ArmSums
     torques: Torques
 
     def fit(self, scale: float) -> ArmFit:
-        """Return one arm in its torques, bodies of that prior."""
+        """Return the arm fitted to its torques, with a prior on the bodies."""
         return fit_arm(self.sums, self.torques, self.sums.deviations(scale))
 
     @cached_property
@@ -89,30 +89,30 @@ class Reading:
 
     @cached_property
     def filed(self) -> ArmFit:
-        """One arm in its torques under the file as it is given."""
+        """The arm fitted to its torques under the file as given."""
         return self.fit(GIVEN)
 
     @cached_property
     def rough(self) -> ArmFit:
-        """One arm in its torques under a rough file."""
+        """The arm fitted to its torques under a rough file."""
         return self.fit(ROUGH)
 
     @cached_property
     def shares(self) -> NominalShares:
-        """Shares of the file's torque that the channels have."""
+        """Shares of the file's torque in the channels."""
         return fit_nominal_shares(self.sums, self.torques.order)
 
     @property
     def explains(self) -> bool:
-        """Whether the torques that carry the arm have that of the file in them."""
+        """Whether the torques that carry the arm contain that of the file."""
         part = self.shares.explained[self.shares.loaded()]
         return bool(np.median(part) > CHECK.explained_least)
 
     @cached_property
     def share_odds(self) -> float:
-        """Log odds against the shares that the loaded joints have of their torques.
+        """Log odds against the shares of the file's torque on the loaded joints.
 
-        A rough file, a load and a gear's losses are factors, too.
+        A rough file, a load and gear losses also change the shares.
         """
         shares = self.shares
         ratio = shares.ratio * self.torques.factor
@@ -138,29 +138,29 @@ class Reading:
 
     @cached_property
     def strain(self) -> Array:
-        """How far the file must bend, joint by joint [nats]. Shape (dof,)."""
+        """Deviation from the file, joint by joint [nats]. Shape (dof,)."""
         return measure_strain(self.sums, self.rough)
 
     @property
     def bend(self) -> float:
-        """By how much a rough file is likelier than the one that is given [nats]."""
+        """Evidence of a rough file over the one given [nats]."""
         return max(self.rough.nats - self.filed.nats, 0.0) + self.share_odds
 
     @property
     def bends(self) -> bool:
-        """Whether the file is far from the log: a rough one likelier, or far, too."""
+        """Whether the file is far from the log: a rough one is likelier, or also far."""
         far = bool(self.strain.sum() > CHECK.certain_nats)
         return far or self.rough.nats - self.filed.nats > CHECK.suspect_nats
 
     @property
     def strained(self) -> bool:
-        """Whether the bodies of the file have to bend."""
+        """Whether the log strains the bodies of the file."""
         nats = self.strain.sum() + 0.5 * self.share_odds
         return self.rough.nats > self.filed.nats or bool(nats > CHECK.odds_nats)
 
     @property
     def arranged(self) -> set[str]:
-        """Kinds of its slips that are not of the torques alone."""
+        """Kinds of its slips that concern more than the torques."""
         return {slip.kind for slip in self.slips if not slip.of_torques}
 
     @property
@@ -192,7 +192,7 @@ class Search:
         return Reading(slips, self.arms[key], torques)
 
     def complete(self, slips: Sequence[Slip]) -> Reading:
-        """Return an arrangement with the signs and factors that its torques show."""
+        """Return an arrangement with the signs and factors of its torques."""
         base = self.read(slips)
         shares, signs = base.shares, np.sign(base.torques.factor)
         turned = (shares.ratio * signs < 0) & (shares.explained > CHECK.explained_least)
@@ -200,18 +200,18 @@ class Search:
         tried = [base, self._turn(base, joints)] if joints else [base]
         units = self._list_factors(slips, shares)
         tried += [self.read([*reading.slips, u]) for reading in tried for u in units]
-        for reading in tuple(tried):  # torques whose friction gives power, all at once
+        for reading in tuple(tried):  # torques whose friction gives power, all together
             giving = list_true_joints(reading.rough.braking < -_BRAKES)
             tried += [self._turn(reading, giving)] if giving else []
         return max(tried, key=_BY_SKETCH)
 
     def _turn(self, reading: Reading, torques: Sequence[int]) -> Reading:
-        """Return a reading with some torques turned as well."""
+        """Return a reading with the sign of some torques reversed."""
         signs = build_sign_slips(set(), set(torques), self.robot.dof)
         return self.read([*reading.slips, *signs])
 
     def polish(self, reading: Reading) -> Reading:
-        """Change signs, then units and channels of torques, while it gains."""
+        """Change signs, then units and channels of torques, while the evidence rises."""
         for _ in range(2 * self.robot.dof):
             for changes in (self._list_signs, self._list_torques):
                 tried = list(changes(reading))
@@ -224,7 +224,7 @@ class Search:
         return reading
 
     def _list_signs(self, reading: Reading) -> Iterator[Reading]:
-        # Of joints whose friction takes power nothing is to be said.
+        # Joints whose friction dissipates power are correct.
         odd = list_true_joints(reading.rough.braking < _BRAKES)
         yield from (self._turn(reading, [j]) for j in odd)
 
@@ -248,14 +248,14 @@ class Search:
                 yield self.read([build_order_slip(order, ("tau",)), *slips])
 
     def _list_factors(self, slips: Sequence[Slip], shares: NominalShares) -> list[Slip]:
-        """Return slips of units; a factor beside a clock could hide the weight."""
+        """Return slips of units; a factor with a clock slip could hide the weight."""
         clock = any(slip.kind == "time_unit" for slip in slips)
         return [] if clock else list_factor_slips(self.robot, shares)
 
     def _list_signs_elsewhere(self, reading: Reading) -> Iterator[Reading]:
-        """Turned angles in place of turned torques: friction shows both alike.
+        """Yield reversed angles in place of torques: friction shows both alike.
 
-        Or the arm's mirror image.
+        Also the arm's mirror image.
         """
         angles, torques, rest = split_signs(reading.slips)
         one = angles ^ torques
@@ -265,10 +265,10 @@ class Search:
                 yield self.read([*rest, *build_sign_slips(*signs, self.robot.dof)])
 
     def best(self) -> tuple[Reading, list[Reading]]:
-        """Return the best reading, and those that were tried beside it."""
+        """Return the best reading, and the others tried."""
         reading = self._in_unit(self.polish(self.complete(())))
         others = [self.read(())]
-        if not reading.strained:  # what a rough file bends to
+        if not reading.strained:  # strain under a rough file
             bent = [*self._inclined(reading), *list_removals(self.robot)]
             tried = [self._turned(self.read([*reading.slips, s])) for s in bent]
             others += [reading, *tried]
@@ -287,9 +287,9 @@ class Search:
             reading = max(better, key=_BY_VALUE)
 
     def _arranged(self, reading: Reading) -> tuple[Reading, list[Reading]]:
-        """Return the best arrangement of some slips, and those tried beside it.
+        """Return the best arrangement of some slips, and the others tried.
 
-        Of two mistakes one may explain much, and the file still bends as far.
+        One of two mistakes may explain much while the strain stays as large.
         """
         sketch = Search(self.robot, self.motion.sketch(), self.speeds_agree)
         ahead, others = reading, []
@@ -317,9 +317,9 @@ class Search:
         return (ahead if _beats(ahead, reading) else reading), others
 
     def _in_unit(self, reading: Reading) -> Reading:
-        """Read torques by the factor that all joints under load have alike.
+        """Read torques with the factor common to all loaded joints.
 
-        To a rough prior of small masses it is hardly worth a mistake.
+        Under a rough prior of small masses the evidence hardly favours it.
         """
         if any(slip.kind in _SCALED for slip in reading.slips):
             return reading
@@ -349,7 +349,7 @@ class Search:
         return np.asarray(self.robot.model.gravity.linear)
 
     def _turned(self, reading: Reading) -> Reading:
-        """Turn gravity until no tilt is left that explains more."""
+        """Turn gravity until no further tilt explains more."""
         if not any(slip.kind == MOUNTING for slip in reading.slips):
             return reading
         for _ in range(12):
@@ -361,7 +361,7 @@ class Search:
             if turn < 2e-3 or other.nats < reading.nats - 2.0:
                 break
             reading = other
-        # Arms are mounted along an axis; a load turns what the torques say a little.
+        # Arms are mounted along an axis; a load turns the estimate a little.
         gravity = reading.sums.gravity
         size = float(np.linalg.norm(gravity))
         axis = size * np.sign(gravity) * (np.abs(gravity) > 0.9 * size)
@@ -373,10 +373,10 @@ class Search:
         return reading
 
     def _moved(self, reading: Reading) -> tuple[Reading, list[Reading]]:
-        """Move zeros while that explains more: a quarter turn is one of many.
+        """Shift zeros while that explains more: a quarter turn is one of many.
 
         Returns:
-            The reading, and those beside it by which a zero may be elsewhere.
+            The reading, and others with another value of a zero.
         """
         others = []
         for slip in [s for s in reading.slips if s.repairs and s.repairs[0].zero]:
@@ -399,25 +399,25 @@ class Search:
 
 
 def _beats(reading: Reading, other: Reading) -> bool:
-    """Whether a reading replaces another: one more mistake has to be worth a word."""
+    """Whether a reading replaces another: one more mistake must be significant."""
     if len(reading.slips) <= len(other.slips):
         return reading.value > other.value
     more = {slip.kind for slip in reading.slips} - {slip.kind for slip in other.slips}
     gain = reading.value - other.value + CHECK.odds_nats
-    # What bends the file as far explains nothing: it is another cause that is missing.
+    # A reading with the same strain explains nothing: another cause is missing.
     left, before = (np.minimum(each.strain, CHECK.certain_nats).sum() for each in (reading, other))
     eased = left < max(0.8 * before, CHECK.odds_nats)
     return gain > _find_least_gain(more) and bool(eased)
 
 
 def _find_least_gain(kinds: Iterable[str]) -> float:
-    """Return what is worth a word [nats]: of sound arms gravity gains 5 at most."""
+    """Return the least significant gain [nats]: gravity of sound arms gains 5 at most."""
     of_gravity = bool(kinds) and set(kinds) <= {MOUNTING, REMOVED}
     return 2 * CHECK.odds_nats if of_gravity else CHECK.suspect_nats
 
 
 def find_misreadings(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> list[Fault]:
-    """Find what is wrong with the columns, the clock, or how the arm stands."""
+    """Find faults of the columns, the clock, or the mounting of the arm."""
     search = Search(robot, motion, speeds_agree)
     best, others = search.best()
     if wrong := _find_wrong_robot(best):
@@ -427,11 +427,11 @@ def find_misreadings(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> l
     ]
     decided = (_decide(search, best, others, group) for group in groups)
     faults = [fault for fault in decided if fault is not None]
-    # An arrangement beside numbers of no name fits much.
+    # An arrangement with unnamed factors fits too much.
     arranged, rough = len(best.arranged), [slip for slip in best.slips if slip.rough]
     if all(fault.certain for fault in faults) and not (arranged and rough):
         return faults
-    # What is certain has to leave a clean log.
+    # A certain fault has to leave a clean log.
     free = arranged > 1 or any(slip.of_torques for slip in rough)
     if arranged and (best.bend > CHECK.certain_nats or (free and best.strained)):
         words = f"No single fault makes this log fit the robot: another robot file, or {best.name}"
@@ -442,7 +442,7 @@ def find_misreadings(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> l
 def _decide(
     search: Search, best: Reading, others: Sequence[Reading], group: Sequence[Slip]
 ) -> Fault | None:
-    """Return the fault of slips of one kind; None where they are not worth a word."""
+    """Return the fault of slips of one kind; None if not significant."""
     kind, own = group[0].kind, {slip.words for slip in group}
     without = search.read([slip for slip in best.slips if slip not in group])
     gain = best.nats - without.nats
@@ -470,14 +470,14 @@ def _decide(
         tuple(r for slip in other.slips if slip.words not in told for r in slip.repairs)
         for other in same[:1]
     )
-    # Of the same joints they are one fault with two lines; of others they are rivals.
+    # On the same joints they are one fault with two lines; on others they are rivals.
     where = {o: {j for s in o.slips if s.words not in told for j in s.joints} for o in same}
     one = [o for o in same if where[o] == set(joints) or abs(o.nats - best.nats) < _EQUAL]
     apart = [other for other in near if other not in one]
     rivals = [o.name if o.name != best.name else "another number of it" for o in apart]
     rivals += _list_rivals(best, without, kind)
     far, rough = True, any(slip.rough for slip in group)
-    if kind in _SCALED:  # whether no file of this arm is off by such factors
+    if kind in _SCALED:  # whether a wrong file cannot cause such factors
         factors = [np.log(np.abs(repair.scale)) for repair in repairs if repair.scale]
         most = np.log(CHECK.certain_ratio)
         far = max(abs(np.mean(each)) for each in factors) > most
@@ -523,11 +523,11 @@ _SETTLE = {
 
 
 def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
-    """Name the causes by which the log as given is explained nearly as well."""
+    """List the causes that explain the log as given nearly as well."""
     out = []
     scales = {ROUGH: CHECK.suspect_nats, LOOSE: CHECK.odds_nats}
     if kind in _SCALED:
-        del scales[LOOSE]  # bodies of any size have any unit
+        del scales[LOOSE]  # bodies of any size fit any unit
     for scale, least in scales.items():
         reached = best.fit(scale).nats - least
         for name, deviations in list_other_causes(without.sums, scale).items():
@@ -538,19 +538,19 @@ def _list_rivals(best: Reading, without: Reading, kind: str) -> list[str]:
 
 
 def _count_strain(strain: Array) -> float:
-    """By how much a robot file must bend, its worst joint left out [nats]."""
+    """Strain of a robot file, without its worst joint [nats]."""
     most = np.minimum(strain, CHECK.one_joint_nats)
     return float(most.sum() - most.max())
 
 
 def _find_wrong_robot(best: Reading) -> Fault | None:
-    """Another arm, where even the best reading bends the file beyond a rough one.
+    """Find another arm: even the best reading strains the file beyond a rough one.
 
-    Two joints may be odd, or hide an effect; more are another arm.
+    Two joints may be odd, or have an effect; more mean another arm.
     """
     nats = _count_strain(best.strain)
-    # What a log may strain as given, it may with other units and signs of its torques;
-    # beside another arrangement, or where the torque of the file is not in them, less.
+    # The allowed strain is the same with other units and signs of the torques; it is
+    # lower with another arrangement, or if they lack the torque of the file.
     more = len(best.arranged) + (0 if best.explains else 2)
     least = CHECK.certain_nats * (1.0, 0.5, 0.2)[min(more, 2)]
     if nats < least or not nats:
@@ -566,7 +566,7 @@ def _find_wrong_robot(best: Reading) -> Fault | None:
 
 
 def _suspect_robot(best: Reading, words: str) -> Fault:
-    """Another arm is never certain: several effects, or faults, look like one."""
+    """Return the suspected fault: several effects, or faults, look like another arm."""
     rivals = (best.name,) if best.slips else ()
     settle = "Compare the joints' names, and the arm's type, with the robot file."
     return Fault("wrong_robot", (), False, words, rivals=rivals, settle=settle)

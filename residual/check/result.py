@@ -12,7 +12,7 @@ from residual.quantity import convert_to_plain_values
 SCHEMA = 1
 MOUNTING, INTERLEAVED, REMOVED = "mounting", "interleaved", "gravity_removed"
 UNITS = ("torque_unit", "gear_ratio", "angle_unit", "time_unit")
-# Kinds of stored checks that are no longer looked for: the diagnosis names them.
+# Kinds in stored checks that are now named by the diagnosis.
 FORMER = ("friction_removed", "delay", "filtered")
 KINDS: tuple[str, ...] = (
     MOUNTING,
@@ -27,38 +27,38 @@ KINDS: tuple[str, ...] = (
 
 @dataclass(frozen=True, slots=True)
 class Repair:
-    """How a signal of the log, or the robot file, has to be read; None: as it is."""
+    """The correct reading of a signal, or of the robot file; None: unchanged."""
 
     signal: str  # "q", "qd", "tau", "q_ref", "t", "robot" or "drive"
-    joints: tuple[int, ...] = ()  # that it concerns, from 1; () for all
+    joints: tuple[int, ...] = ()  # its joints, from 1; () for all
     sign: tuple[int, ...] | None = None  # of each of the joints
     # Factor on the signal, one for all or one for each of the joints.
     scale: tuple[float, ...] | float | None = None
-    # The log's channel (from 1) that is the signal of joint 1, 2, ...
+    # The log's channel (from 1) of the signal of joint 1, 2, ...
     order: tuple[int, ...] | None = None
     gravity: tuple[float, ...] | None = None  # in the base frame [m/s^2]
-    gravcomp: bool | None = None  # whether what an MJCF states of it holds
-    # Angle of each of the joints at its zero, as it is logged [rad].
+    gravcomp: bool | None = None  # whether the declaration of an MJCF holds
+    # Logged angle of each of the joints at its zero [rad].
     zero: tuple[float, ...] | None = None
-    unwrap: bool = False  # whole turns between two samples are to be undone
+    unwrap: bool = False  # whether to unwrap whole turns
     drive: Drive | None = None  # how torque follows from the goal
 
 
 @dataclass(frozen=True, slots=True)
 class Fault:
-    """One thing that is wrong with a log or with the robot file."""
+    """One fault of a log or of the robot file."""
 
     kind: str  # one of KINDS (docs/check.md)
     joints: tuple[int, ...]  # from 1; () for all
-    certain: bool  # the reading given is excluded; else it is a warning
+    certain: bool  # the given reading is excluded; else it is a warning
     evidence: str  # one or two sentences, with numbers
     repairs: tuple[Repair, ...] = ()  # until `repair` has them as lines
     log: str = ""  # id of the recording, until it is in the evidence; "" for all
-    # Lines for COLUMNS.toml or robot.toml, each a whole repair: any of them serves.
+    # Lines for COLUMNS.toml or robot.toml, each a complete repair: any of them works.
     repair: tuple[str, ...] = ()
-    rivals: tuple[str, ...] = ()  # what explains the log nearly as well
-    settle: str = ""  # what would tell them apart
-    # Other repairs that serve as well.
+    rivals: tuple[str, ...] = ()  # causes that explain the log nearly as well
+    settle: str = ""  # how to separate them
+    # Other repairs that work as well.
     alternatives: tuple[tuple[Repair, ...], ...] = ()
 
     @property
@@ -91,7 +91,7 @@ _TOLD = ("kind", "joints", "certain", "evidence", "repair", "rivals", "settle")
 
 @dataclass(frozen=True, slots=True, repr=False)
 class LogCheck:
-    """What is wrong with the logs of one command."""
+    """The faults of the logs of one command."""
 
     faults: tuple[Fault, ...] = ()  # certain ones first
 
@@ -104,7 +104,7 @@ class LogCheck:
 
     @property
     def certain(self) -> tuple[Fault, ...]:
-        """The faults that exclude the reading given."""
+        """The faults that exclude the given reading."""
         return tuple(fault for fault in self.faults if fault.certain)
 
     @property

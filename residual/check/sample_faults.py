@@ -1,8 +1,7 @@
 """Impossible samples: spikes, jumps, constant or coarse values.
 
-A joint that is held has an angle of one value too. It feels the others: its torque is
-what the robot file, bent as far as a rough one may be, gives for a standing joint.
-Torque beyond that is a moving joint's.
+A joint that is held also has a constant angle. It reacts to the others: its torque is
+that of a standing joint by a rough robot file. Torque beyond that shows a moving joint.
 """
 
 from dataclasses import replace
@@ -25,22 +24,22 @@ from residual.robot.robot import Robot
 
 _NOTHING = 1e-12
 _WINDOW = 7  # samples of the running median
-_TURN = 0.3  # rad off a whole turn: what the joint moved meanwhile
+_TURN = 0.3  # rad off a whole turn: motion of the joint within a step
 
 
 def find_spikes(recording: Recording) -> list[Fault]:
-    """Find single samples that leave their neighbours by far, and come back."""
+    """Find single samples far from both neighbours."""
     out = []
     for name in ("q", "qd", "tau"):
         signal = getattr(recording, name)
         if signal is None or len(signal) < 10:
             continue
         signal = signal / 4  # the difference of two must not overflow
-        # What the arm's joints do: a held one shows bits of its sensor only.
+        # Typical motion of the joints: a held one shows single bits of its sensor.
         largest = float(np.max(np.quantile(np.abs(signal), 0.99, axis=0)))
         for j, x in enumerate(signal.T):
             away = np.abs(x - compute_running_median(x))
-            # Of what samples do but for one in a hundred: noise stays below.
+            # Relative to the 99 % quantile of the deviations: noise stays below.
             usual = np.quantile(away, 0.99, method="lower")
             usual = max(usual, np.quantile(np.abs(np.diff(x)), 0.99), 1e-12)
             high = away > max(CHECK.spike_ratio * usual, CHECK.outlier_share * largest)
@@ -57,7 +56,7 @@ def find_spikes(recording: Recording) -> list[Fault]:
 
 
 def find_least_step(x: Array) -> float:
-    """Return the least distance of two values of a signal; 0 where there is one."""
+    """Return the least distance of two values of a signal; 0 for a single value."""
     steps = np.diff(np.unique(x))
     return float(steps.min()) if len(steps) else 0.0
 
@@ -74,7 +73,7 @@ def find_encoder_wraps(recording: Recording, robot: Robot) -> list[Fault]:
     leap = np.diff(recording.q, axis=0)
     whole = np.abs(np.abs(leap) - 2 * np.pi) < _TURN
     far = 2 * np.pi - _TURN > 10 * np.outer(np.diff(recording.t), robot.velocity_limit)
-    # Of an angle in other units many steps are large, and of any size.
+    # An angle in other units has many large steps, of any size.
     large = np.abs(leap) > np.pi
     joints = list_true_joints((whole & far).any(axis=0) & (whole == large).all(axis=0))
     if not joints:
@@ -86,7 +85,7 @@ def find_encoder_wraps(recording: Recording, robot: Robot) -> list[Fault]:
 
 
 def scale_signal(recording: Recording, signal: str, scale: float) -> Recording:
-    """Return a log with one of its signals, if it has that, times a factor."""
+    """Return a log with one of its signals scaled, if present."""
     values = getattr(recording, signal)
     if values is None:
         return recording
@@ -94,7 +93,7 @@ def scale_signal(recording: Recording, signal: str, scale: float) -> Recording:
 
 
 def smooth_spikes(recording: Recording) -> Recording:
-    """Return a log smoothed by a running median, which no single sample survives."""
+    """Return a log smoothed by a running median, which removes single samples."""
     signals = {name: getattr(recording, name) for name in ("q", "qd", "tau")}
     smooth = {k: compute_running_median(x) for k, x in signals.items() if x is not None}
     return replace(recording, **smooth)
@@ -110,7 +109,7 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
     """Find frozen, saturated and coarse signals of one log."""
     if len(recording.t) < 50:
         return []
-    # The way from a drive's goal to its position is its torque.
+    # The distance from a drive's goal to its position is its torque.
     driven = recording.drive is not None
     out, reference = [], None if driven else recording.q_ref
     for j in range(recording.dof):
@@ -124,7 +123,7 @@ def find_frozen_signals(recording: Recording) -> list[Fault]:
         run = None if driven else _longest(recording, tau)
         if np.ptp(tau) == 0 and np.ptp(q) > CHECK.moving_rad:
             run = slice(0, len(tau))
-        # Coarse values stand by themselves.
+        # Coarse values are an independent fault.
         if run and not clipped and not coarse and np.ptp(q[run]) >= CHECK.moving_rad:
             out.append(_frozen(recording, "tau", j, run, "its joint moves"))
         run = _longest(recording, q)
@@ -191,7 +190,7 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
     if step and np.ptp(q) > CHECK.moving_rad:
         stride = max(1, round(rate / (2 * cutoff)))
         bend = np.diff(q[::stride], 2) * (rate / stride) ** 2
-        # Noise of steps, evenly over their band, behind two derivatives.
+        # Noise of steps, uniform over their band, after two derivatives.
         noise = step / np.sqrt(12) * np.sqrt(min(1.0, 2 * cutoff / rate))
         noise *= (2 * np.pi * cutoff) ** 2 / np.sqrt(5)
         if noise > CHECK.angle_step_ratio * float(np.sqrt(np.mean(bend**2))):
@@ -202,7 +201,7 @@ def _coarse(recording: Recording, j: int) -> list[Fault]:
 
 
 def _step(x: Array) -> float:
-    """Step of a signal that comes in steps, else 0."""
+    """Step of a quantized signal, else 0."""
     values = np.unique(x)
     if not 2 < len(values) < len(x) / 3:
         return 0.0
@@ -218,7 +217,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
     still = np.flatnonzero(span == 0)
     if len(recording.t) < 50 or not len(still) or span.max() < CHECK.moving_rad:
         return []
-    # Where one joint moves, the others are held on purpose.
+    # If one joint moves, the others are held on purpose.
     jointwise = np.sum(span > CHECK.moving_rad) == 1
     out, silent = [], []
     for j in map(int, still):
@@ -233,7 +232,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
         return out
     shares = fit_nominal_shares(sum_arm(robot, motion), np.arange(robot.dof))
     if list_factor_slips(robot, shares):
-        return out  # in another unit a held joint's torque is any joint's
+        return out  # in a wrong unit the torque of a held joint is not recognizable
     motion = replace(motion, moving=np.ones_like(motion.moving))
     every = build_prior_columns(robot, motion)
     for j in silent:
@@ -242,7 +241,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
         noise = float(np.median(np.abs(np.diff(recording.tau[:, j])))) / 0.95
         noise = max(noise, find_least_step(recording.tau[:, j]))
         feels = float(np.sqrt(np.var(nominal) + np.var(values, axis=0).sum()))
-        # Other friction and a load leave up to half of it; friction that holds, more.
+        # Other friction and a load leave up to half of it unexplained; static friction, more.
         if residual < 5 * noise or residual < min(0.5 * size, 2 * feels):
             continue
         why = (
@@ -256,7 +255,7 @@ def find_constant_angles(robot: Robot, recording: Recording) -> list[Fault]:
 
 
 def _moves_elsewhere(recording: Recording, j: int) -> str:
-    """Say where else the joint moves; "" if nowhere."""
+    """Return where else the joint moves, in words; "" if nowhere."""
     reference, qd = recording.q_ref, recording.qd
     if reference is not None and np.ptp(reference[:, j]) > CHECK.moving_rad:
         return f"its reference moves by {np.ptp(reference[:, j]):.3g} rad"
@@ -264,14 +263,14 @@ def _moves_elsewhere(recording: Recording, j: int) -> str:
         steps = np.diff(recording.t) * (qd[1:, j] + qd[:-1, j]) / 2
         way = float(np.ptp(np.cumsum(steps)))
         smooth = np.std(np.diff(qd[:, j])) < 0.5 * np.std(qd[:, j])
-        # What an offset and noise of a velocity add up to is no motion.
+        # The integral of offset and noise of a velocity is no motion.
         if way > CHECK.moving_rad + 3 * abs(float(steps.sum())) and smooth:
             return f"its velocity adds up to {way:.3g} rad"
     return ""
 
 
 def _residual_rms(spread: float, y: Array, a: Array) -> float:
-    """What a held joint's torque has beside a bent robot file [N m rms]."""
+    """Residual torque of a held joint under a rough robot file [N m rms]."""
     residual, sigma = y, max(0.05 * float(np.std(y)), _NOTHING)
     for _ in range(4):
         weight = spread / sigma**2

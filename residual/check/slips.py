@@ -1,7 +1,7 @@
-"""The mistakes of a column map or a robot file that a log may show, one by one.
+"""Possible mistakes of a column map or a robot file, one by one.
 
-Each is a hypothesis: what it does to the data is its repair, and the same repair is the
-line that a user is told.
+Each is a hypothesis: its repair is applied to the data, and is also the line that the
+user receives.
 """
 
 from collections.abc import Iterator, Sequence
@@ -22,8 +22,8 @@ from residual.robot.dynamics import build_motion_key
 from residual.robot.robot import Robot
 
 SIGNS = ("angle_sign", "torque_sign")
-GEAR = 100.0  # a usual ratio: motors' torques are so much smaller
-_TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over the one given
+GEAR = 100.0  # a typical gear ratio: motor torques are smaller by this factor
+_TIMES = (0.1, 0.5, 2.0, 10.0)  # true time over given time
 _TURNS = (-np.pi / 2, np.pi / 2, np.pi)
 _ANGLE_UNITS = {np.pi / 180: "degrees", 180 / np.pi: "radians that were taken for degrees"}
 # N m per unit: N mm, kN m, N cm, kgf cm.
@@ -32,18 +32,18 @@ TORQUE_UNITS = (1e-3, 1e3, 1e-2, 0.0980665)
 
 @dataclass(frozen=True, slots=True)
 class Slip:
-    """One mistake, by what repairs it."""
+    """One mistake, with its repair."""
 
     kind: str  # of the fault
     joints: tuple[int, ...]  # from 1; () for all
-    words: str  # a clause that says it
+    words: str  # a clause that describes it
     repairs: tuple[Repair, ...]
-    odds: float = 1.0  # against it, in multiples of those of one mistake
-    rough: bool = False  # whether its numbers are too rough to be a line of a map
+    odds: float = 1.0  # log odds against it, in multiples of those of one mistake
+    rough: bool = False  # whether its numbers are too rough for a line of a map
 
     @property
     def of_torques(self) -> bool:
-        """Whether torques alone are read otherwise, so that one Gram serves."""
+        """Whether it concerns torques only, so that the Gram matrix is reused."""
         return all(repair.signal == "tau" for repair in self.repairs)
 
 
@@ -76,7 +76,7 @@ def repair_motion(
 
 
 def repair_torques(repairs: Sequence[Repair], dof: int) -> Torques:
-    """Return how torques are read with repairs."""
+    """Return the reading of torques with repairs."""
     order, factor = np.arange(dof), np.ones(dof)
     for repair in repairs:
         if repair.signal == "tau":
@@ -96,13 +96,13 @@ def compute_factors(repair: Repair, dof: int) -> Array:
 
 
 def list_arrangement_slips(robot: Robot, motion: CheckMotion, speeds_agree: bool) -> Iterator[Slip]:
-    """Yield other orders, signs, units, zeros, clocks and directions of gravity.
+    """Yield slips of order, sign, unit, zero, clock and direction of gravity.
 
     Args:
-        speeds_agree: Whether logged speeds are those of the angles on the clock.
+        speeds_agree: Whether logged speeds match the derivative of the angles.
     """
     dof = robot.dof
-    # Of joints of which one stands, other rows would be asked: they show no order.
+    # If one of two joints stands still, they show no order.
     stands = ~motion.moving.any(axis=0)
     for slip in _list_orders(robot):
         if not stands[[j - 1 for j in slip.joints]].any():
@@ -134,7 +134,7 @@ def list_arrangement_slips(robot: Robot, motion: CheckMotion, speeds_agree: bool
 
 
 def list_removals(robot: Robot) -> Iterator[Slip]:
-    """Yield the slip of a driver that takes the arm's weight out of the torque."""
+    """Yield the slip of a driver that removes the arm's weight from the torque."""
     if np.linalg.norm(robot.model.gravity.linear):
         words = (
             "Without the weight that the robot file gives the arm the torques are its "
@@ -146,13 +146,13 @@ def list_removals(robot: Robot) -> Iterator[Slip]:
 
 
 def measure_angle(a: Array, b: Array) -> float:
-    """Angle between two directions [rad]; none where one is nothing."""
+    """Angle between two directions [rad]; zero if one vanishes."""
     size = float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.arccos(np.clip(a @ b / size, -1, 1))) if size else 0.0
 
 
 def build_mounting_slip(file: Array, gravity: Array) -> Slip:
-    """Return the slip of an arm that stands otherwise than its file says."""
+    """Return the slip of an arm mounted differently from its file."""
     angle = measure_angle(file, gravity)
     way = f"stands inclined by {np.degrees(angle):.0f} degrees"
     for at, words in ((np.pi, "hangs from a ceiling"), (np.pi / 2, "is on a wall")):
@@ -167,7 +167,7 @@ def build_mounting_slip(file: Array, gravity: Array) -> Slip:
 
 
 def _list_orders(robot: Robot) -> Iterator[Slip]:
-    """Two joints exchanged, all reversed, shifted by one, or named by alphabet."""
+    """Yield orders: two joints exchanged, all reversed, shifted by one, or alphabetic."""
     names, same = robot.joints, tuple(range(robot.dof))
     places = sorted(names)
     orders = {swap_channels(same, *pair) for pair in combinations(same, 2)}
@@ -185,7 +185,7 @@ _SIGNALS = (("q", "tau"), ("tau",), ("q",))
 
 
 def build_order_slip(order: Sequence[int], signals: Sequence[str]) -> Slip:
-    """Return the slip of signals that are those of other joints (channels from 0)."""
+    """Return the slip of signals in the columns of other joints (channels from 0)."""
     by_name = tuple(int(i) + 1 for i in order)
     joints = tuple(j for j, i in enumerate(by_name, 1) if i != j)
     words = (
@@ -193,17 +193,17 @@ def build_order_slip(order: Sequence[int], signals: Sequence[str]) -> Slip:
         f"joints; in the order {join_with_commas(by_name)} they fit"
     )
     repairs = tuple(Repair(signal, order=by_name) for signal in signals)
-    # Angle and torque of a joint moved together are one mistake, not two.
+    # Angle and torque of a joint exchanged together are one mistake, not two.
     return Slip("joint_order", joints, words, repairs, _count_order_odds(joints))
 
 
 def _count_order_odds(joints: Sequence[int]) -> float:
-    """Odds against an order: there are more of them the more joints it moves."""
+    """Odds against an order, which grow with the number of moved joints."""
     return 1.5 + 0.25 * len(joints)
 
 
 def _merge_orders(slips: Sequence[Slip]) -> list[Slip]:
-    """Return slips with all exchanges of channels as one, or none."""
+    """Return slips with all exchanges of channels merged into one, or none."""
     orders = {"q": None, "tau": None}
     for slip in slips:
         for repair in slip.repairs if slip.kind == "joint_order" else ():
@@ -225,7 +225,7 @@ def _merge_orders(slips: Sequence[Slip]) -> list[Slip]:
 
 
 def build_zero_slip(joint: int, zero: float, exact: bool = True) -> Slip:
-    """Return the slip of a joint (from 1) whose angle is that at its zero [rad]."""
+    """Return the slip of a joint (from 1) with a given angle at its zero [rad]."""
     about = "" if exact else "about "
     words = (
         f"The zero of joint {joint} is {about}{abs(np.degrees(zero)):.0f} degrees off; "
@@ -236,7 +236,7 @@ def build_zero_slip(joint: int, zero: float, exact: bool = True) -> Slip:
 
 
 def _list_shifts(robot: Robot, motion: CheckMotion) -> Iterator[Slip]:
-    """Other zeros of the one joint whose angles are beyond their range."""
+    """Yield other zeros of the only joint whose angles exceed their range."""
     low, high = motion.q.min(axis=0), motion.q.max(axis=0)
     beyond = np.maximum(robot.lower - low, high - robot.upper) > CHECK.range_rad
     fits = high - low < robot.upper - robot.lower + CHECK.range_rad
@@ -257,9 +257,9 @@ def swap_channels(order: Sequence[int], a: int, b: int) -> tuple[int, ...]:
 
 
 def build_sign_slips(angles: set[int], torques: set[int], dof: int) -> list[Slip]:
-    """Return the slips of angles and torques that count the other way round.
+    """Return the slips of angles and torques with the opposite sign.
 
-    A joint whose angle and torque both do is turned over: one mistake.
+    A joint with both is mounted upside down: one mistake.
     """
     both = angles & torques
     parts = (
@@ -276,16 +276,16 @@ def build_sign_slips(angles: set[int], torques: set[int], dof: int) -> list[Slip
                 "would give power, or weight pull upwards); turned, it fits"
             )
             repairs = tuple(Repair(x, where, sign=(-1,) * len(where)) for x in signals)
-            # Several joints, or all, turned in one signal are one mistake.
+            # Reversing several or all joints of one signal is one mistake.
             odds = 0.5 + 0.5 * min(len(where), 1 + dof - len(where)) + extra
             out.append(Slip(kind, where, words, repairs, odds))
     return out
 
 
 def split_signs(slips: Sequence[Slip]) -> tuple[set[int], set[int], list[Slip]]:
-    """Return the joints with turned angles, with turned torques, and other slips.
+    """Return the joints with reversed angles, with reversed torques, and other slips.
 
-    Joints are those after all exchanges of channels, which may follow on a sign.
+    Joints are numbered after all exchanges of channels, which may follow a sign.
     """
     turned: dict[str, set[int]] = {"q": set(), "tau": set()}
     for slip in slips:
@@ -300,13 +300,13 @@ def split_signs(slips: Sequence[Slip]) -> tuple[set[int], set[int], list[Slip]]:
 
 
 def merge_slips(slips: Sequence[Slip], dof: int) -> tuple[Slip, ...]:
-    """Return the same with all orders as one, and first, and all signs at last."""
+    """Return the slips with all orders merged and first, and all signs last."""
     angles, torques, rest = split_signs(slips)
     return (*_merge_orders(rest), *build_sign_slips(angles, torques, dof))
 
 
 def list_torque_units(robot: Robot) -> Iterator[Slip]:
-    """Yield units of all torques that have a name, and those that the file knows."""
+    """Yield named units of all torques, and those by factors of the file."""
     for unit in TORQUE_UNITS:
         words = (
             f"The torques are about {1 / unit:g} times what this arm takes for this "
@@ -323,11 +323,11 @@ def list_torque_units(robot: Robot) -> Iterator[Slip]:
 
 
 def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
-    """Return the slips of torques in another unit, as far as their shares say so.
+    """Return the slips of torques in another unit that their shares suggest.
 
-    Units that have a name and are near, one factor for all, and a factor of each drive.
-    The joints that carry the arm decide: at a wrist a rough file is off by any factor.
-    None where some of them has the share that it should have.
+    Named units nearby, one factor for all, and a factor of each drive. The joints that
+    carry the arm decide: at a wrist a rough file may be off by any factor. None if one
+    of them has the right share.
     """
     sharp = shares.ratio_sd < CHECK.ratio_sd * np.abs(shares.ratio)
     shows = sharp & (shares.explained > CHECK.explained_least)
@@ -348,7 +348,7 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
         if np.median(away[strong]) < np.log(CHECK.unit_ratio):
             out.append(unit)
     if any(unit.repairs[0].joints for unit in out):
-        return out  # what the robot file states needs no estimate
+        return out  # factors in the robot file need no estimate
     if each[shown].max() < CHECK.factor_spread * each[shown].min():
         told = f"about {float(f'{middle:.2g}'):g}"
     else:
@@ -359,8 +359,8 @@ def list_factor_slips(robot: Robot, shares: NominalShares) -> list[Slip]:
     out.append(_build_factor_slip(np.full(len(each), middle), told, 1.5))
     in_place = np.abs(np.log(each[shown])) < np.log(CHECK.unit_ratio)
     if each[shown].max() > CHECK.factor_spread * each[shown].min() and not any(in_place):
-        # Factors of their own are more to ask for than one; beside a drive that is in
-        # its unit they are those of single drives.
+        # Separate factors are less likely than a common one; next to a drive with the
+        # right unit they are those of single drives.
         out.append(_build_factor_slip(each, told, 3.0))
     return out
 
@@ -380,7 +380,7 @@ def _build_factor_slip(factors: Array, told: str, odds: float) -> Slip:
 
 
 def list_scale_slips(shares: NominalShares) -> Iterator[Slip]:
-    """Yield a factor of the torque of one joint beside others that have theirs."""
+    """Yield a factor of the torque of one joint while others have the right one."""
     sharp = shares.ratio_sd < CHECK.ratio_sd * np.abs(shares.ratio)
     shows = sharp & (shares.explained > CHECK.explained_well) & shares.loaded()
     for j in np.flatnonzero(shows & (shares.ratio > 0)):

@@ -1,1 +1,1 @@
-"""What a model lacks: search, gate, proof, and the verdict."""
+"""The effects that a model lacks: search, gate, held-out test, and the verdict."""

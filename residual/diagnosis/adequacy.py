@@ -1,4 +1,4 @@
-"""What a fit leaves of the torque, compared with the noise of torque and angles."""
+"""The residual of a fit, compared with the noise of torque and angles."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -15,29 +15,28 @@ from residual.signals.track import Track
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Adequacy:
-    """What the model leaves unexplained on each joint, as a share of torque rms."""
+    """The unexplained torque of each joint, as a share of torque rms."""
 
     structured_share: Array  # root of (residual variance minus noise variance), (dof,)
-    before: Array  # the same without the names, (dof,)
+    before: Array  # the same without the findings, (dof,)
     noise: Array  # noise level, (dof,)
     # Per joint "repeatable" or "time-driven"; None without repeats.
     kind: tuple[str | None, ...]
-    # Joints (from 0) on which so much remains that names are void.
+    # Joints (from 0) with too large a residual for any name.
     flagged: tuple[int, ...]
-    # Joints on which more than noise remains; the flagged ones among them.
+    # Joints with a residual above noise, including the flagged ones.
     doubted: tuple[int, ...]
 
 
 def assess_adequacy(
     design: Design, tracks: tuple[Track, ...], before: Fit, after: Fit, angles: Array | None = None
 ) -> Adequacy:
-    """Compare what is left on the moving rows with the noise of torque and angles.
+    """Compare the residual on moving rows with the noise of torque and angles.
 
-    That of the torque is measured above the identification filter and taken as white,
-    that of the angles is given as the torque it makes [N m]. A joint
-    is flagged above 5 % of torque rms, unless the names halved it, and above 10 % in
-    any case. More than 1.5 % of torque rms and twice the noise is not nothing, and is
-    said.
+    The noise of the torque is measured above the identification filter and assumed to be
+    white, that of the angles is given as the torque that it causes [N m]. A joint is
+    flagged above 5 % of torque rms, unless the findings halved it, and above 10 % in any
+    case. More than 1.5 % of torque rms and twice the noise is reported.
     """
     squares = np.mean([t.torque_noise**2 for t in tracks], axis=0)
     if angles is not None:
@@ -69,7 +68,7 @@ def _structured(design: Design, fitted: Fit, noise: Array) -> Array:
 def _residual_kind(
     design: Design, periods: list[int | None], fitted: Fit, noise: Array, j: int
 ) -> str | None:
-    """Whether the residual of a log that repeats itself repeats with it."""
+    """Whether the residual of a periodic log repeats with the motion."""
     residuals = design.series(j, design.residual(j, fitted.ids, fitted.theta))
     same = other = count = 0.0
     for period, residual in zip(periods, residuals, strict=True):
@@ -87,7 +86,7 @@ def _residual_kind(
 
 
 def find_motion_period(track: Track) -> int | None:
-    """Rows after which the motion repeats, found from q itself; None where it never."""
+    """Period of the motion in rows, from q itself; None if it does not repeat."""
     q = track.q[:: track.step]
     m = len(q)
     spread = np.maximum(q.std(axis=0), 1e-6)
@@ -103,10 +102,10 @@ def find_motion_period(track: Track) -> int | None:
 def torque_from_angle_noise(
     model: Model, tracks: Sequence[Track], noisy_tracks: Sequence[Track]
 ) -> Array:
-    """Torque noise that the angles' noise makes of a model, on moving rows.
+    """Torque noise of a model caused by noise of the angles, on moving rows.
 
-    Effective variance (Orear 1982): what scatters about a model is the noise of what is
-    measured and that of what it is held against.
+    Effective variance (Orear 1982): the scatter about a model has the noise of the
+    measured torque and that of the regressor.
 
     Args:
         noisy_tracks: The same, ``shaken``.

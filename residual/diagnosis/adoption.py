@@ -1,9 +1,9 @@
-"""What a model is worth on motion that it was not fitted to: may it be adopted?
+"""The gate for adoption: the error of a model on motion that it was not fitted to.
 
-Each effect that is new in it is taken out again, and nothing is refitted. Held-out
-motion must then show it, on that joint and of about that size: the part of it that
-lowers the error most is 1 for a right one, 0 on a wrong joint, -1 with a wrong sign,
-and 0.5 where it is twice as large as it should be. With that the proof is spent.
+Each new effect is removed from it without a refit. Held-out motion must then show the
+effect, on that joint and of about that size: the fraction of it that lowers the error
+most is 1 for a right one, 0 on a wrong joint, -1 with a wrong sign, and 0.5 if it is
+twice too large. After that the held-out logs are used up.
 """
 
 from collections.abc import Sequence
@@ -26,16 +26,16 @@ from residual.recording import Array, Recording
 
 @dataclass(frozen=True, slots=True)
 class VisibleShare:
-    """How much of a new effect held-out motion shows."""
+    """The fraction of a new effect that held-out motion confirms."""
 
     name: str  # the effect
     joints: tuple[int, ...]  # joints from 1; empty for the whole arm
-    # 1 where it is there as the model has it; None where the motion does not show it.
+    # 1 if it is as in the model; None if the motion does not excite it.
     part: float | None
 
     @property
     def doubt(self) -> str | None:
-        """Why it is not as the model has it, None where nothing speaks against it."""
+        """Why the effect is doubtful, None if it is not."""
         if (
             self.part is None
             or THRESHOLDS.min_shown_share <= self.part <= THRESHOLDS.max_shown_share
@@ -51,18 +51,18 @@ class VisibleShare:
 
 @dataclass(frozen=True, slots=True)
 class AdoptionCheck:
-    """What a model is worth beside the one before it."""
+    """A model compared with its predecessor."""
 
     # Error of all joints on held-out moving samples [%].
     before: float
     after: float
-    effects: tuple[VisibleShare, ...]  # what is new in it
-    # Why it should not be adopted, in sentences; empty for a model that may.
+    effects: tuple[VisibleShare, ...]  # new effects
+    # Why it should not be adopted, in sentences; empty if it may be.
     doubts: tuple[str, ...]
 
 
 def check_adoption(model: Model, before: Model, held_out: Sequence[Recording]) -> AdoptionCheck:
-    """Hold a model against the one before it, on logs that neither was fitted to.
+    """Compare a model with its predecessor, on logs that neither was fitted to.
 
     Raises:
         InputError: If there is no log.
@@ -76,7 +76,7 @@ def check_adoption(model: Model, before: Model, held_out: Sequence[Recording]) -
     new = [t for t in model.terms if (t.effect.name, t.joints) not in had]
     effects = tuple(_visible_share(model, term, logs) for term in new)
     figures = [100 * float(np.sqrt(e.sum() / power.sum())) for e in (then, after)]
-    # What a name must lower an error by at least, a model may raise one by.
+    # A model may raise an error by as much as a finding must lower one.
     larger = compute_joint_error_rises(after, then, power, THRESHOLDS.min_fall)
     doubts = [
         *_no_better(after, then),
@@ -113,7 +113,7 @@ def _visible_share(model: Model, term: Term, logs: Sequence[HeldOutLog]) -> Visi
         torques.append((with_term - without) * track.moving)
         residuals.append((track.tau - without) * track.moving)
     effect, gap = np.concatenate(torques), np.concatenate(residuals)
-    # Each joint counts by how well the model knows it.
+    # Each joint counts by the accuracy of the model on it.
     weight = 1 / np.maximum(np.mean((gap - effect) ** 2, axis=0), 1e-12)
     torque = np.sqrt(compute_moving_power(logs) / len(effect))
     visible = np.sqrt(np.mean(effect**2, axis=0)) > THRESHOLDS.silent_torque_share * np.maximum(

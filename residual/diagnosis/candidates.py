@@ -1,4 +1,4 @@
-"""Which effects may be named, on which joints, and what a wider choice costs."""
+"""The effects that may be named, on which joints, and the price of the choice."""
 
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
@@ -24,8 +24,8 @@ class Candidates:
     # All of them: each shape of each effect on each joint, then the effects that are
     # also tried on all joints at once.
     groups: tuple[CandidateColumns, ...]
-    price: Mapping[tuple, float]  # what choosing one of so many costs [nats], by key
-    # Of each group its key, whether it is one of several joints, and its price [nats].
+    price: Mapping[tuple, float]  # price of the choice [nats], by key
+    # Key of each group, whether it is on several joints, and its price [nats].
     keys: tuple[tuple, ...] = field(init=False)
     unions: Array = field(init=False)
     costs: Array = field(init=False)
@@ -37,24 +37,24 @@ class Candidates:
         object.__setattr__(self, "costs", np.array([self.cost(g) for g in every]))
 
     def cost(self, group: CandidateColumns) -> float:
-        """Price of a group [nats]; joints that came together share one price."""
+        """Price of a group [nats]; joints added together share one price."""
         return self.price[group.key] / group.fellows
 
     def beside(self, more: Sequence[CandidateColumns]) -> "Candidates":
-        """The same with more of them."""
+        """The candidates with more groups."""
         price = float(np.log(len({*self.price, *(g.key for g in more)})))
         priced = {**self.price, **{g.key: price for g in more}}
         return replace(self, groups=(*self.groups, *more), price=priced)
 
     def without(self, names: Sequence[str]) -> "Candidates":
-        """The same without some effects; itself where it has none of them."""
+        """The candidates without some effects; unchanged if it has none of them."""
         if not any(g.effect.name in names for g in self.groups):
             return self
         kept = tuple(g for g in self.groups if g.effect.name not in names)
         return replace(self, groups=kept)
 
     def exclude_joints(self, joints: Collection[int], bodies: bool = True) -> "Candidates":
-        """The same without what sits on some joints, alone or among others.
+        """The candidates without those on some joints, alone or among others.
 
         Args:
             joints: The joints, from 0.
@@ -73,8 +73,8 @@ def collect_candidates(
 ) -> Candidates:
     """Append the columns of all candidates to the design.
 
-    A key costs the logarithm of the number of keys, and its shapes that of their
-    number: the evidence of the best of many is worth so much less.
+    A key costs the logarithm of the number of keys, and its shapes that of their number,
+    since the best of many candidates gains evidence by chance.
     """
     placed = []
     for effect in effects:
@@ -91,8 +91,8 @@ def collect_candidates(
     together = [merge_groups(parts) for parts in single.values() if len(parts) == dof > 1]
     groups += together
     price = price_keys(groups, dof)
-    # A model that lacks all that every drive has must gain it in one step, since each
-    # alone leaves a residual in which the others cannot be seen.
+    # A model without the basic drive effects must gain all of them in one step, since
+    # each alone leaves a residual that hides the others.
     drive_groups = [g for g in together if g.effect.drive_order]
     for count in range(2, len(drive_groups) + 1):
         for some in combinations(drive_groups, count):
@@ -104,11 +104,11 @@ def collect_candidates(
 
 
 def price_keys(groups: Sequence[CandidateColumns], dof: int) -> dict[tuple, float]:
-    """What one of so many keys, and one of so many shapes, costs [nats].
+    """Return the price of one of the keys, and of one of its shapes [nats].
 
-    A link that differs from its given body is one of ``dof`` that are all in doubt: it
-    costs as many choices more than what no model has. Without that price values that
-    are exact but for one link outdo values that are all a little wrong.
+    A link that differs from its given body is one of ``dof`` doubtful ones: it costs that
+    many choices more than an undeclared effect. Without that price, exact values with
+    one wrong link would win over values that are all slightly wrong.
     """
     variants = Counter(g.key for g in groups)
     price = {k: float(np.log(len(variants)) + np.log(n)) for k, n in variants.items()}
@@ -118,7 +118,7 @@ def price_keys(groups: Sequence[CandidateColumns], dof: int) -> dict[tuple, floa
 
 
 def list_present_effects(span: MotionSpan, clocked: bool) -> list[Effect]:
-    """Effects of which logs can tell, by their clock and by their drives."""
+    """List the effects that logs can show, by their clock and their drives."""
     absent = EffectTrait.NONE if clocked else EffectTrait.NEEDS_CLOCK
     if span.one_drive:
         absent |= EffectTrait.CHAIN
@@ -126,9 +126,9 @@ def list_present_effects(span: MotionSpan, clocked: bool) -> list[Effect]:
 
 
 def recompute_candidates(design: Design, candidates: Candidates) -> Candidates:
-    """The same candidates, seen with the model that the design looks with now.
+    """Recompute the candidates with the present torque model of the design.
 
-    Only columns that read the model's torque are made anew.
+    Only columns that depend on the model's torque are recomputed.
     """
     reading = [
         g for g in candidates.groups if EffectTrait.USES_MODEL in g.effect.traits and not g.parts
@@ -152,7 +152,7 @@ def _place(group: CandidateColumns) -> tuple:
 def build_candidates(
     design: Design, nominal: NominalModel, span: MotionSpan, clocked: bool
 ) -> Candidates:
-    """Append the columns of all effects that some prior allows.
+    """Append the columns of all effects allowed by some prior.
 
     Args:
         clocked: Whether the order of the logs in time is known.
@@ -161,11 +161,11 @@ def build_candidates(
     barred = [list_forbidden_effects(p, nominal) for p in list_first_priors(design, nominal)]
     allowed = [e for e in effects if not all(e.name in b for b in barred)]
     candidates = collect_candidates(design, allowed, span, design.dof)
-    # Where all values of a kind are off, that is how good they are, and no effect.
+    # If all values of a kind are off, this is their accuracy, not an effect.
     kinds = nominal.kinds
     groups = [g for g in candidates.groups if not any(p.effect.name in kinds for p in g.parts)]
     candidates = replace(candidates, groups=tuple(groups))
-    # Of joints that hardly move the logs say nothing.
+    # Joints that hardly move give no information.
     return candidates.exclude_joints(
         np.flatnonzero(design.rows < THRESHOLDS.min_rows), bodies=False
     )

@@ -1,4 +1,4 @@
-"""The verdict on two epochs: what changed, by how much, and what would have shown."""
+"""The verdict on two epochs: the changes, their sizes, and detectable sizes."""
 
 from collections.abc import Iterator, Sequence
 
@@ -45,9 +45,9 @@ def build_change_verdict(
 
     Args:
         named: The changes, most torque first.
-        suspected: What is less sure or refuted, and in no model.
-        rivals: Sets that the logs cannot tell from the one that is named.
-        epochs: Fits of both epochs by themselves.
+        suspected: Less certain or refuted changes, in no model.
+        rivals: Sets that the logs cannot separate from the named one.
+        epochs: Separate fits of both epochs.
         notes: Warnings on the logs, which come first.
         doubts: Why the named changes do not explain the second epoch.
     """
@@ -121,8 +121,8 @@ def _describe_drift(outcome: EpochOutcome) -> Drift:
 def _compare_values(first: EpochFit, second: EpochFit, outcome: EpochOutcome) -> Iterator[Change]:
     """Declared values of separate fits of both epochs, with both deviations.
 
-    Two fits may share out the same friction otherwise. So a value is off only where the
-    comparison of both epochs says so too.
+    Two fits may distribute the same friction differently. So a value is reported as off
+    only if the comparison of both epochs agrees.
     """
     named = {(m.group.effect.name, m.group.joints) for m in outcome.named}
     robot, size = first.model.robot, len(first.model.inertial)

@@ -1,7 +1,7 @@
-"""What changed since an earlier state of an arm: two epochs, one search, one proof.
+"""Changes since an earlier state of an arm: two epochs, one search, one held-out test.
 
-The first epoch's fit is the nominal model; what both epochs have is shared, however
-large; only what the second has beyond it is a finding (docs/changes.md).
+The first epoch's fit is the nominal model; effects of both epochs are shared, however
+large; only additional effects of the second are findings (docs/changes.md).
 """
 
 from collections.abc import Mapping, Sequence
@@ -44,19 +44,19 @@ def compare_epochs(
     check: LogCheck | None = None,
     warnings: Sequence[str] = (),
 ) -> Diagnosis:
-    """Say what changed between two epochs, and prove it on held-out logs.
+    """Find the changes between two epochs, and test them on held-out logs.
 
     Args:
         held_out: Further logs of the second epoch.
         declared: Effects that the model has, None for the robot's own list; or the
             adopted model.
-        same_run: Whether the held-out logs are a part of one of the second.
+        same_run: Whether the held-out logs are part of a log of the second epoch.
         check: Faults of the logs.
-        warnings: Sentences on the logs that the verdict is to repeat.
+        warnings: Sentences on the logs that the verdict repeats.
     """
     tell("search", 0.0)
     logs, count = _prepare(robot, first, second)
-    # The model that the arm is said to have; its values are what the logs show.
+    # The declared model, with values from the logs.
     model = start_model(logs, declared)
     nominal = NominalModel(model, (None,) * len(model.terms))
     epochs, run = search_epochs(logs, count, nominal, lambda x: tell("search", x))
@@ -74,7 +74,7 @@ def compare_epochs(
     suspected = merge_into_findings(outcome, outcome.selection.fit, suspects)
     augmented = outcome.model(outcome.fit)
     models = {"nominal": before.model, "identified": after.model}
-    # Where nothing changed the contract of the verdict has both alike.
+    # Without a change, both models of the verdict are equal by contract.
     models["augmented"] = augmented.model if found else after.model
     errors, proofs = compute_model_errors(models, held, logs.filters)
     verdict = build_change_verdict(
@@ -110,10 +110,10 @@ def _without_epoch(log: Array) -> Array:
 
 
 def _unexplained_sentences(errors: Mapping[str, ErrorSums]) -> tuple[str, ...]:
-    """Say so where what changed leaves far more on a joint than a refit.
+    """Warn where the changes leave a far larger error on a joint than a refit.
 
-    A name that is confirmed against the first epoch's model may still be the wrong
-    one: then the model with it is worse than a refit without any name.
+    A confirmed change may still be the wrong one: then the model with it is worse than
+    a refit without it.
     """
     after, refit = (errors[k].per_joint("moving") for k in ("augmented", "identified"))
     over = np.flatnonzero(after > THRESHOLDS.unlike_refit_ratio * refit)
@@ -138,7 +138,7 @@ def _prepare(
     if clock is not None:
         later = clock - starts[1]
         sketches[1] = [replace(r, t=r.t + later) for r in sketches[1]]
-    # The same name in both epochs is not the same log.
+    # Logs of the same name in both epochs are different logs.
     named = [
         replace(r, id=f"{name}/{r.id}")
         for name, epoch in zip(("first", "second"), sketches, strict=True)

@@ -1,8 +1,8 @@
-"""The smallest effect that these logs would have shown, and what it resembles.
+"""The smallest detectable effects in some logs, and what they resemble.
 
-The evidence of an effect theta is a function of W = theta' K theta, with K what the
-logs tell of it beyond the fit: the size at which that reaches what a name must have is
-had in closed form, but for the mixture over sizes of the prior.
+The evidence of an effect theta is a function of W = theta' K theta, with K its
+information beyond the fit: the size at which the evidence suffices for a name has a
+closed form, except for the mixture over sizes of the prior.
 """
 
 from collections.abc import Sequence
@@ -24,31 +24,31 @@ from residual.verdict.result import Detectable, Place
 
 @dataclass(frozen=True, eq=False, slots=True)
 class DetectionModel:
-    """A fit of the logs, ready to be asked about effects."""
+    """A fit of the logs, prepared for detectable sizes."""
 
     search: Search
-    fitted: Fit  # the fit to which an effect would come
+    fitted: Fit  # the fit that an effect would be added to
     weight: Array  # information of a unit of squared error, (dof,)
     half: Array  # products of its columns with all, by its lower factor, (m, size)
 
     @classmethod
     def of(cls, search: Search, fitted: Fit) -> "DetectionModel":
-        """Solve once what all effects have in common."""
+        """Solve the part common to all effects."""
         design = search.score.design
         weight = fitted.weight
         system = FitEquations.of(design, search.score.prior, fitted.members)
         return cls(search, fitted, weight, project_columns(design, system, weight))
 
     def information(self, group: CandidateColumns) -> Array:
-        """What the logs tell of a group beyond the fit. Shape (k, k)."""
+        """Information of the logs on a group beyond the fit. Shape (k, k)."""
         (stack,) = stack_groups(self.search.score.design, [group])
         half = self.half
-        if half.shape[1] <= group.ids.max():  # columns that were added since
+        if half.shape[1] <= group.ids.max():  # columns added since
             half = DetectionModel.of(self.search, self.fitted).half
         return stack.beyond(self.weight, half)[0]
 
     def smallest(self, group: CandidateColumns, direction: Array) -> float:
-        """Least size along a direction that is named in half of the draws."""
+        """Least size along a direction that is named in half of the cases."""
         design, known = self.search.score.design, self.information(group)
         along = float(direction @ known @ direction)
         torque = 0.0
@@ -73,21 +73,21 @@ class DetectionModel:
         part = (THRESHOLDS.named_nats - low) / max(high - low, 1e-9) if i else 0.0
         ratio = WIDEST ** (1 / (STEPS - 1))
         size = sizes[max(i - 1, 0)] * ratio ** float(np.clip(part, 0.0, 1.0))
-        # It must be worth a name by its torque, or by the error it leaves otherwise.
+        # It must be large enough for a name by its torque, or by the error without it.
         left = float(np.max(design.rms**2 / np.maximum(self.fitted.variance, 1e-300)))
         share = np.sqrt(torque * max(1.0, left * THRESHOLDS.min_share))
         return max(float(size), THRESHOLDS.min_share / share)
 
 
-FLAT = 1e-9  # of the largest information of a group: a direction that does nothing
+FLAT = 1e-9  # of the largest information of a group: a direction without effect
 
 
 def find_lookalikes(
     bench: DetectionModel, effects: Sequence[tuple[CandidateColumns, Array]]
 ) -> list[tuple[Place, ...]]:
-    """Candidates that would explain each effect within 6 nats.
+    """Find the candidates that would explain each effect within 6 nats.
 
-    The nominal model bends with them. Of several shapes of a candidate the best counts;
+    The nominal model is refitted. Of several shapes of a candidate the best counts;
     effects on all joints at once are left out.
 
     Args:
@@ -112,8 +112,8 @@ def find_lookalikes(
                 key = (other.effect.name, other.joints)
                 lost[key] = min(lost.get(key, np.inf), 0.5 * float(every - part))
         place = (group.effect.name, group.joints)
-        # To a hundredth of a nat: what is lost to twins is rounding, and would order
-        # them otherwise on another processor.
+        # To a hundredth of a nat: the loss of twins is rounding, which would order them
+        # differently on another processor.
         near = sorted(
             (round(x, 2), key)
             for key, x in lost.items()
@@ -144,16 +144,16 @@ def _root(information: Array) -> Array:
     return vectors * root[:, None, :] / size[:, :, None]
 
 
-WIDEST, STEPS = 300.0, 24  # times the size that is worth a nat: where to look
+WIDEST, STEPS = 300.0, 24  # times the size of one nat: search grid
 CLIPS = (0.95, 0.9, 0.8, 0.7, 0.6, 0.5)  # of the largest torque: plateaus to try
 
 
 def find_detectable_sizes(search: Search, fitted: Fit) -> list[Detectable]:
-    """Size that would be named in half of the draws of the noise, by effect and joint.
+    """Return the size that is named in half of the cases, by effect and joint.
 
     Returns:
         One entry per effect and joints. Of several parameters of one unit the value is
-        the length (cos and sin), of a searched shape the usual one counts.
+        the length (cos and sin); of a searched shape the typical one counts.
     """
     bench = DetectionModel.of(search, fitted)
     design = search.score.design
@@ -189,7 +189,7 @@ def find_detectable_sizes(search: Search, fitted: Fit) -> list[Detectable]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _SmallestEffect:
-    """The smallest effect that is found: as it is told, and as coefficients."""
+    """The smallest detectable effect: as reported, and as coefficients."""
 
     value: float
     group: CandidateColumns
@@ -197,7 +197,7 @@ class _SmallestEffect:
 
 
 def _possible_size(bench: DetectionModel, least: _SmallestEffect) -> float | None:
-    """The size; None where no arm has an effect that large."""
+    """The size; None if no arm has an effect that large."""
     design, group = bench.search.score.design, least.group
     limits = find_group_limits(design, bench.fitted, group)
     shape, signs = group.shape, (least.theta, -least.theta)
@@ -213,7 +213,7 @@ def _smallest_effect(
 ) -> _SmallestEffect | None:
     effect, middle = groups[0].effect, groups[len(groups) // 2]
     if _by_shape_alone(effect, middle):
-        # The highest plateau of those tried at which a clip to its level is found.
+        # The highest of the plateaus at which a clip is detected.
         last = groups[-1]
         levels = [PlacedEffect(effect, last.joints, (c * last.shape[0],)) for c in CLIPS]
         for clip in bench.search.score.design.add(levels):
@@ -236,10 +236,10 @@ def _smallest_effect(
 def _median_shape(
     bench: DetectionModel, groups: Sequence[CandidateColumns]
 ) -> tuple[float, CandidateColumns]:
-    """Smallest coefficient that is found, and the shape that it is of.
+    """Smallest detectable coefficient, and its shape.
 
-    The usual shape, or the middle of those that an effect may hide in: friction that
-    fades below the speed at which rows count is found by its tail alone.
+    The typical shape, or the median of the least visible ones: friction that fades below
+    the speed at which rows count is detected only by its tail.
     """
     effect, joints = groups[0].effect, groups[0].joints
     shapes = [PlacedEffect(effect, joints, shape) for shape in effect.least_seen]
@@ -263,10 +263,10 @@ def _smallest(bench: DetectionModel, group: CandidateColumns) -> float:
 
 
 def unit_effect_coefficients(detection: DetectionModel, group: CandidateColumns) -> list[Array]:
-    """Coefficients of an effect of size one, in the ways that it usually comes.
+    """Coefficients of an effect of size one, in its typical directions.
 
-    Effects say so themselves where their coefficients differ in kind; those that are
-    one vector come in any direction; of others the first coefficient is the size.
+    Effects whose coefficients differ in kind define them; those that form one vector have
+    any direction; for others the first coefficient is the size.
     """
     effect, count = group.effect, len(group.ids)
     if effect.unit_directions is not None:
@@ -286,7 +286,7 @@ def _one_vector(effect: Effect, group: CandidateColumns) -> bool:
 
 
 def _of_its_own_shape(effect: Effect, group: CandidateColumns) -> bool:
-    """Whether the shape is the size (the half gap of a backlash)."""
+    """Whether the shape is also the size (the half gap of a backlash)."""
     if effect.refine is None or len(group.ids) > 1 or len(effect.parameters) > 1:
         return False
     return not _by_shape_alone(effect, group)

@@ -1,4 +1,4 @@
-"""The method on one screen: search, doubt, name, add, prove.
+"""The method on one screen: search, assess, name, add, test.
 
 residual -> undeclared effect -> augmented model -> error before and after on motion
 that was not fitted (G2017 section 1.3 and 3, with a named effect in place of PLSR).
@@ -56,18 +56,18 @@ def diagnose(
     check: LogCheck | None = None,
     warnings: Sequence[str] = (),
 ) -> Diagnosis:
-    """Find what a robot's model lacks, add it, and prove it on held-out motion.
+    """Find the effects missing from a robot model, add them, and test on held-out motion.
 
     Args:
         baseline: Logs of an earlier state of the arm: the diagnosis then finds what
             has changed since.
-        held_out: Logs for the proof. Without any, the last quarter of the longest fit
-            log is cut off and held out.
+        held_out: Logs for the test. Without any, the last quarter of the longest fit
+            log is held out.
         declared: Effects that the model has; None for the robot's own list. Or the
             adopted model (`Diagnosis.adoptable`), with its logs as the baseline.
-        ignore_baseline: Ignore the baseline, for what the fit logs by themselves leave
-            open.
-        check: Faults of the logs: what is named may be due to them.
+        ignore_baseline: Ignore the baseline, to find the open question of the fit logs
+            alone.
+        check: Faults of the logs, which may cause findings.
         warnings: Sentences on the logs that the verdict repeats first.
 
     Raises:
@@ -89,11 +89,11 @@ def diagnose(
         epochs = robot, baseline, fit, held_out
         return compare_epochs(*epochs, declared, same_run, tell, check, warnings)
 
-    # What the nominal model lacks, by the fit logs alone.
+    # Effects missing from the nominal model, from the fit logs alone.
     pieces = pick_spread_pieces(fit)
     logs = prepare_fit_logs(robot, pieces, find_session_start(fit), FilterSettings())
     outcome = search_effects(logs, _build_nominal_model(logs, declared), tell)
-    # The held-out logs are read once: a refuted name leaves the model.
+    # The held-out logs are read once: a refuted effect leaves the model.
     tell("proof", 0.0)
     held = prepare_held_out(held_out, outcome.nominal.model)
     proof = prove(outcome, held)
@@ -108,9 +108,9 @@ def diagnose(
     rivals = find_rival_sets(outcome.selection.search, outcome.fit)
     question = build_open_question(outcome, outcome.fit, named, rivals)
     augmented = models["augmented"]
-    if remains.correction is not None:  # tables for the rest are a model too
+    if remains.correction is not None:  # tables of the residual are a model too
         models["plsr"] = remains.correction
-    # The error of every model on the held-out logs, beside plain least squares.
+    # The error of every model on the held-out logs, next to plain least squares.
     filters = logs.filters
     errors, proofs = compute_model_errors(models, held, filters)
     plain = {PLAIN: fit_least_squares_model(logs)}
@@ -150,7 +150,7 @@ def diagnose(
 
 
 def _build_nominal_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> NominalModel:
-    """Return what the search starts from: the declared effects or an adopted model."""
+    """Return the start of the search: the declared effects or an adopted model."""
     if isinstance(declared, Model):
         return NominalModel(start_model(logs, declared), (GIVEN,) * len(declared.terms))
     return add_joint_constants(logs, choose_declared_effects(logs.robot, declared))

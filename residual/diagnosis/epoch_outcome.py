@@ -1,4 +1,4 @@
-"""What two epochs say: the named changes, what has no name, and the models."""
+"""The outcome of two epochs: named changes, unnamed changes, and models."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -36,11 +36,11 @@ from residual.robot.robot import Robot
 from residual.signals.splitting import find_session_start, pick_spread_pieces
 from residual.signals.track import FilterSettings
 
-# The models of two epochs: the arm as it was, as it is, and as it was with the change.
+# The models of two epochs: the arm before, after, and before with the change added.
 #
-# The nominal model is the first epoch's fit with all that any arm has a little of, the
-# identified one the same of the second epoch, the augmented one the fit of both with
-# what changed.
+# The nominal model is the first epoch's fit with the small effects of any arm, the
+# identified one the same for the second epoch, the augmented one the fit of both with the
+# changes.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -48,8 +48,8 @@ class EpochFit:
     """One epoch's fit."""
 
     logs: FitLogs  # its logs
-    model: Model  # the model that came out
-    joint: CommonModelFit  # the fit behind it
+    model: Model  # the fitted model
+    joint: CommonModelFit  # its fit
 
 
 def fit_epoch(
@@ -58,8 +58,8 @@ def fit_epoch(
     """Fit the logs of one epoch.
 
     Args:
-        like: An earlier epoch's, to begin with: what these logs do not show is as it
-            was, and so is how the arm stands.
+        like: The fit of an earlier epoch, as the start: parameters that these logs do
+            not determine, and the standstill, stay unchanged.
     """
     clock, pieces = find_session_start(recordings), pick_spread_pieces(recordings)
     logs = prepare_fit_logs(robot, pieces, clock, FilterSettings())
@@ -69,7 +69,7 @@ def fit_epoch(
     rough = build_fitted_model(nominal, joint.fitted)
     rough = fit_possible_bodies(joint.design, joint.fitted, rough).model
     if like is None:
-        # What brakes decides how a joint stands; the rest only takes time.
+        # Dissipating effects determine the standstill; others are omitted to save time.
         kept = [t for t in rough.terms if _brakes(t) or t.effect.carries]
         still = choose_standstill_behaviour(replace(rough, terms=tuple(kept)), logs.tracks)
         rough = replace(rough, standstill=still.standstill)
@@ -81,7 +81,7 @@ def _brakes(term: Term) -> bool:
 
 
 def _with_tables(rough: Model, nominal: NominalModel) -> Model:
-    """Move the effects that any arm has into the model's tables, without names."""
+    """Move the small effects of any arm into the model's tables, without names."""
     start = nominal.model
     count = len(start.terms)
     terms = tuple(term.as_nominal() for term in rough.terms[:count])
@@ -90,7 +90,7 @@ def _with_tables(rough: Model, nominal: NominalModel) -> Model:
 
 
 def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
-    """Add up terms of one effect, place and shape."""
+    """Merge terms of the same effect, joints and shape."""
     out: dict[tuple, Term] = {}
     for term in terms:
         key = term.effect.name, term.joints, term.shape
@@ -101,17 +101,17 @@ def _merge_terms(terms: Sequence[Term]) -> tuple[Term, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True, kw_only=True)
 class EpochOutcome(Outcome):
-    """What two epochs say."""
+    """The outcome of two epochs."""
 
     epochs: Epochs
-    like: Model  # the first epoch's, whose standstill all models have
+    like: Model  # the first epoch's, whose standstill all models share
 
     def error(self, fitted: Fit, held_out: Sequence[HeldOutLog]) -> Array:
         """Squared error of the augmented model on moving rows by second."""
         return compute_moving_error(self._augment(fitted, False).model, held_out)
 
     def assess(self, fitted: Fit) -> Adequacy:
-        """What the second epoch leaves beyond the first."""
+        """The residual of the second epoch beyond the first."""
         return _assess_second_epoch(self.epochs, fitted, self.selection.curves)
 
     def possible(self) -> PossibleModel:
@@ -119,20 +119,20 @@ class EpochOutcome(Outcome):
         return self.model(self.fit)
 
     def fit_at_nominal(self, member: Member) -> Fit | None:
-        """Nothing: no value was given of what changed."""
+        """None: a change has no given value."""
         return None
 
     def model(self, fitted: Fit, like: Model | None = None) -> PossibleModel:
-        """The arm of both epochs, with what changed: warmth of all joints included."""
+        """The arm of both epochs, with the changes, including warmth of all joints."""
         return self._augment(fitted, True)
 
     def _augment(self, fitted: Fit, corrects: bool) -> PossibleModel:
-        """What did not change is fitted to both epochs, the second less what did.
+        """Fit the unchanged part to both epochs, the second less its changes.
 
-        Either epoch alone knows less of it.
+        Either epoch alone determines it less well.
 
         Args:
-            corrects: Whether its bodies are moved to what can exist.
+            corrects: Whether impossible bodies are replaced by the nearest possible.
         """
         groups = fitted.members
         changed = [Term(g.effect, g.joints, g.shape, fitted.of(g)) for g in groups]
@@ -169,15 +169,15 @@ class EpochOutcome(Outcome):
         possible = fit_possible_bodies(design, common, full, apart)
         if possible.correction is None:
             return possible
-        # A drive may misreport what a body weighs: that contradicts none.
+        # A drive may misreport a weight, which contradicts no body.
         large = max(possible.correction.price) > THRESHOLDS.gain_share
         return replace(possible, contradicted=possible.contradicted and large)
 
     @property
     def drift(self) -> float:
-        """Friction of all joints over the first epoch's, less one; 0 by chance.
+        """Friction of all joints over the first epoch's, less one; 0 if by chance.
 
-        Beyond what joints agree on, and what they differ by anyway.
+        Accounts for the spread between joints.
         """
         found, sure = self.epochs.drift, THRESHOLDS.drift_deviations
         least = max(sure * found.deviation, THRESHOLDS.friction_spread)
@@ -186,8 +186,8 @@ class EpochOutcome(Outcome):
     def _friction_factors(self, fitted: Fit, common: Fit, torques: Sequence[Array]) -> Array:
         """Friction of the second epoch over the joint fit's, less one. Shape (dof,).
 
-        The joint fit lies between the epochs, by how much of each there is; from what
-        all joints have in common each differs as much as its rows say.
+        The joint fit lies between the epochs, by their lengths; each joint deviates from
+        the common factor as far as its rows show.
         """
         epochs, raw = self.epochs, self.epochs.common.design
         places = epochs.design.epochs
@@ -211,7 +211,7 @@ def _scale_friction(terms: Sequence[Term], factor: Array) -> tuple[Term, ...]:
 
 
 def conclude_epochs(epochs: Epochs, run: SearchRun, like: Model) -> EpochOutcome:
-    """The names that are sure enough, with all that is known of the others."""
+    """Return the certain changes, with the data on the others."""
     search = epochs.search
     members = judge_members(search, run, Weighted((run,), (1.0,)), set(), {})
     score = run.score
@@ -234,15 +234,15 @@ def conclude_epochs(epochs: Epochs, run: SearchRun, like: Model) -> EpochOutcome
     return leave_out_impossible_bodies(outcome)
 
 
-# What changed and has no name: more than in the first epoch remains, or a curve.
+# Unnamed changes: a larger residual than in the first epoch, or a curve.
 #
-# Every block is predicted by a fit that left it out, in both epochs. Where blocks of
-# the second are missed by more than those of the first, and by more than its logs
-# differ among themselves, something is there that no name of ours explains.
+# Every block is predicted by a fit without it, in both epochs. If the errors of blocks of
+# the second epoch exceed those of the first, and the differences between its logs, there
+# is a change that no known effect explains.
 
 
 def _assess_second_epoch(epochs: Epochs, fitted: Fit, curves: Members) -> Adequacy:
-    """What each joint keeps in the second epoch beyond the first."""
+    """Excess residual of each joint in the second epoch over the first."""
     design = epochs.design
     left = epochs.search.score.left_out(fitted).errors
     share, floor = np.zeros((2, design.dof))
@@ -269,15 +269,15 @@ def _assess_second_epoch(epochs: Epochs, fitted: Fit, curves: Members) -> Adequa
 
 
 def _excess_chance(before: Array, after: Array, logs: Array, fresh: Array) -> float:
-    """Chance that the second epoch's blocks are missed by so much more.
+    """Probability of such an excess of the second epoch's errors by chance.
 
-    On logarithms, which are nearly normal; logs that differ widen what is usual.
+    Uses logarithms, which are nearly normal; differences between logs widen the limit.
     """
     a, b = np.log(before + 1e-300), np.log(after + 1e-300)
     free = len(a) + len(b) - 2
     within = (a.var() * len(a) + b.var() * len(b)) / free
     means = np.array([a[logs == i].mean() for i in np.unique(logs)])
-    # Few logs say little of how logs differ: drawn towards what is usual.
+    # With few logs the spread is shrunk towards a typical one.
     spread = float(((means - means.mean()) ** 2).sum())
     usual, known = THRESHOLDS.usual_logs, len(means) - 1
     between = (spread + usual * THRESHOLDS.usual_log_spread**2) / (known + usual)

@@ -1,10 +1,10 @@
 """Two epochs of an arm as one design (``evidence.epoch_design``), and their search.
 
-What one arm has in both epochs is shared: its bodies and declared effects, and a little
-of what any arm has (friction by speed, load and position, a few waves, a constant). So
-is what logs of an unchanged arm differ by: the friction of a joint from log to log, and
-of all joints together, which is warmth. How much they differ beyond that, the logs of
-the first epoch say, joint by joint.
+Both epochs share the bodies and declared effects of the arm, and small effects of any arm
+(friction by speed, load and position, a few waves, a constant). They also share the
+differences between logs of an unchanged arm: the friction of a joint from log to log, and
+of all joints together (warmth). Further differences are estimated from the logs of the
+first epoch, joint by joint.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -38,19 +38,19 @@ from residual.model.nominal import FitLogs, NominalModel
 from residual.recording import Array
 
 LOOSE = 10.0  # relative scale of the bodies: a tool may weigh more than any link
-FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of what any arm has a little of
-RIDGE = 1e-5  # of the rows: keeps what no motion shows where the joint fit has it
-CLEAR = 0.2  # deviation from which friction of a joint says nothing
+FIRM = (1.0, 10.0, 100.0, 1000.0)  # times the precision of the small effects of any arm
+RIDGE = 1e-5  # of the rows: keeps unexcited parameters at the joint fit
+CLEAR = 0.2  # deviation from which friction of a joint gives no information
 FEWEST = 50  # rows of a log that can be compared
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CommonModelFit:
-    """One arm fitted to logs, with all that any arm has a little of."""
+    """One arm fitted to logs, with the small effects of any arm."""
 
     design: Design  # the columns
     fitted: Fit  # the fit
-    common: tuple[CandidateColumns, ...]  # its effects beside the nominal model's
+    common: tuple[CandidateColumns, ...]  # its effects besides those of the nominal model
     prior: NominalPrior  # of the nominal coefficients
 
     def without(self, torques: Sequence[Array]) -> tuple[Design, "CommonModelFit"]:
@@ -68,10 +68,10 @@ class CommonModelFit:
 def fit_common_model(
     logs: FitLogs, nominal: NominalModel, scales: Sequence[float], labels: Sequence[Array] = ()
 ) -> CommonModelFit:
-    """Fit one arm to logs: its model, and what any arm has a little of.
+    """Fit one arm to logs: its model, and the small effects of any arm.
 
-    How far the bodies are from the model's, and how little of the rest there is, the
-    evidence chooses: a short log must not fill what it did not see.
+    The evidence chooses the scales of the bodies and of the small effects, so that short
+    logs do not overfit.
     """
     design = Design(logs.tracks, nominal.model, labels=labels)
     own_features, loaded = _common_effects(logs, nominal.model)
@@ -88,7 +88,7 @@ def fit_common_model(
 
 
 def _common_effects(logs: FitLogs, model: Model) -> tuple[list[PlacedEffect], list[PlacedEffect]]:
-    """Effects that any arm has: those without and with the model's torque."""
+    """Small effects of any arm: those without and with the model's torque."""
     has = {(t.effect.name, t.joints, t.shape) for t in model.terms}
     out: tuple[list[PlacedEffect], list[PlacedEffect]] = ([], [])
     for effect in load_effects().values():
@@ -108,25 +108,25 @@ def _fit(design: Design, prior: NominalPrior, groups: Sequence[CandidateColumns]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FrictionSpread:
-    """By how much friction differs without any other change."""
+    """The spread of friction without any other change."""
 
     # Of each joint, second epoch over first, less one; NaN where it has none, (dof,).
     moved: Array
     spread: Array  # standard deviation from log to log, (dof,)
-    # Of all joints together, a median; None of fewer than three. Its deviation, by how
-    # much joints agree.
+    # Median of all joints; None for fewer than three. Its deviation, from the spread of
+    # the joints.
     warmth: float | None
     deviation: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Epochs:
-    """Two epochs, ready to be searched."""
+    """Two epochs, prepared for the search."""
 
     logs: FitLogs  # all logs, those of the first epoch first
     first: int  # number of logs of the first epoch
-    nominal: NominalModel  # the model that the arm is said to have
-    common: CommonModelFit  # one arm fitted to both, without what is known to change
+    nominal: NominalModel  # the declared model
+    common: CommonModelFit  # one arm fitted to both, without known changes
     # Torque of all its friction on each joint's rows [N m], (rows,).
     friction: tuple[Array, ...]
     drift: FrictionSpread
@@ -138,11 +138,11 @@ class Epochs:
         return self.search.score.design
 
     def fit_without(self, changes: Sequence[Term]) -> tuple[Design, Fit, tuple[Array, ...]]:
-        """One arm fitted to both epochs, the second without what changed.
+        """Fit one arm to both epochs, the second without its changes.
 
         Returns:
-            The rows that are left, the fit, and the torque of the changes on the rows
-            of each joint [N m], (rows,).
+            The remaining rows, the fit, and the torque of the changes on the rows of
+            each joint [N m], (rows,).
         """
         torques = _sum_torques(self.common.design, self.design.epochs, changes)
         remaining, common = self.common.without(torques)
@@ -164,18 +164,18 @@ def _sum_torques(
 def search_epochs(
     logs: FitLogs, first: int, nominal: NominalModel, progress: Callable[[float], None]
 ) -> tuple[Epochs, SearchRun]:
-    """Search two epochs for what changed.
+    """Search two epochs for changes.
 
-    A large change presses on the gears, shifts the joint fit and what each drive
-    reports: what was found is taken out of the fit once, and searched again.
+    A large change loads the gears, and shifts the joint fit and the report of each
+    drive: the changes are removed from the fit once, and the search is repeated.
 
     Args:
-        first: The first logs so many are of the first epoch.
+        first: Number of logs of the first epoch, which come first.
     """
     labels = label_blocks(logs.tracks)
     common = fit_common_model(logs, nominal, (LOOSE,), labels)
     seen = common
-    if logs.span.one_drive:  # of several times its gain the mean of both is no arm
+    if logs.span.one_drive:  # with a very different gain the mean of both epochs is no arm
         seen = fit_common_model(replace(logs, tracks=logs.tracks[:first]), nominal, (LOOSE,))
     model = build_fitted_model(nominal, seen.fitted)
     common.design.set_torque_model(model)
@@ -204,8 +204,8 @@ def _build_epochs(
     """Whiten both epochs, and append every candidate.
 
     Args:
-        model: What effects see the logs with.
-        changes: What is known to have changed.
+        model: Model whose torque the effects depend on.
+        changes: Known changes.
     """
     raw, rows = common.design, locate_rows(common.design, first)
     reported: tuple[Array, ...] = ()
@@ -233,7 +233,7 @@ def _build_epochs(
     candidates = _build_candidates(design, logs, list(joints))
     curves = add_curves(design, logs.tracks, centred=True)
     design.unrest = _measure_unrest(design, candidates.groups, joints, whiten, residuals, first)
-    # Of fewer than three joints nobody can say what they have in common.
+    # Fewer than three joints give no common factor.
     width = THRESHOLDS.friction_spread if drift.warmth is None else THRESHOLDS.warmth
     precision = np.array([[width**-2]])
     prior = NominalPrior(precision, float(np.log(precision[0, 0])), LOOSE, {})
@@ -249,9 +249,9 @@ def _see_changes(
     groups: Sequence[CandidateColumns],
     changes: Sequence[Term],
 ) -> tuple[CandidateColumns, ...]:
-    """Let the second epoch be seen by the changed model; what any arm has, anew."""
+    """Recompute the second epoch with the changed model, and the small effects."""
     terms = [t for t in changes if EffectTrait.PARAMETER in t.effect.traits]
-    if logs.span.one_drive:  # which of it is the gain, it does not split
+    if logs.span.one_drive:  # the share of the gain is not determined
         terms = [t for t in terms if EffectTrait.MOTOR not in t.effect.traits]
     bodies = [t for t in terms if t.effect.carries == "body"]
     others = [t for t in terms if t.effect.carries != "body"]
@@ -283,24 +283,24 @@ def _friction_torque(raw: Design, fitted: Fit, model: Model) -> tuple[Array, ...
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _SharedColumns:
-    """What one joint has in both epochs, beside the joint fit."""
+    """The shared columns of one joint in both epochs, besides the joint fit."""
 
     rows: EpochRows
     columns: Array  # (rows, p)
     precision: Array  # in units of the noise, (p,)
     noise: float  # variance of independent rows [N^2 m^2]
-    weight: Array | float  # of the rows: the usual deviation over theirs, (rows,)
+    weight: Array | float  # of the rows: the typical deviation over theirs, (rows,)
 
     @classmethod
     def of(cls, raw: Design, ids: Array, rows: EpochRows, j: int, uneven: bool) -> "_SharedColumns":
-        """Columns of the joint fit, each with the same freedom of torque.
+        """Columns of the joint fit, scaled to equal torque.
 
-        The noise is of each epoch by itself: no change can be in it, as it may be in
-        what a fit of both epochs leaves.
+        The noise is estimated within each epoch, so that it contains no change, unlike
+        the residual of a fit of both.
 
         Args:
-            uneven: Whether blocks have noise of their own. What the chain of a drive
-                leaves is many times larger where the drive can do no more.
+            uneven: Whether blocks have separate noise levels. The residual of a drive's
+                chain is many times larger at its limit.
         """
         columns = raw.columns(j, raw.present(j, ids)[0])
         power = (columns**2).mean(axis=0)
@@ -318,7 +318,7 @@ class _SharedColumns:
             line[rows.second], more = _fit_alone(unit, raw.target[j], rows.second)
             usual = float(line @ line) / max(degrees + more, 1.0) + floor
             square, count = np.bincount(rows.block, line**2), np.bincount(rows.block)
-            # The usual noise counts as one independent row more.
+            # The typical noise counts as one more independent row.
             own = (square + slow * usual) / (count + slow)
             weight = own[rows.block] ** -0.5
             weight /= np.sqrt((weight**2).mean())
@@ -327,13 +327,13 @@ class _SharedColumns:
     def whiten(
         self, friction: Array, drift: FrictionSpread, j: int, reported: Array | None
     ) -> Whitening:
-        """With the friction of each log, its slope, and that of the second epoch.
+        """Whiten with the friction of each log, its slope, and that of the second epoch.
 
         Args:
             friction: Torque of all friction [N m]. Shape (rows,).
             j: The joint, from 0.
-            reported: Torque of a large change, of which each drive reports what it
-                bears with a gain of its own; None without one. Shape (rows,).
+            reported: Torque of a large change, which each drive reports with a separate
+                gain; None without one. Shape (rows,).
         """
         spread, warmth = float(drift.spread[j]), abs(drift.warmth or 0.0)
         numbers = np.unique(self.rows.log)
@@ -341,7 +341,7 @@ class _SharedColumns:
         ramp = np.zeros(len(friction))
         for mask in own.T:
             ramp[mask] = np.linspace(-1, 1, int(mask.sum()))
-        # Friction that is more one way than the other warms as well.
+        # Asymmetric friction varies with temperature too.
         epoch = np.column_stack([friction, abs(friction)]) * self.rows.second[:, None]
         columns = [friction[:, None] * own, (friction * ramp)[:, None] * own, epoch]
         sd = [spread] * len(numbers) + [THRESHOLDS.ramp_share] * len(numbers)
@@ -357,7 +357,7 @@ class _SharedColumns:
 
 
 def _fit_alone(unit: Array, y: Array, kept: Array) -> tuple[Array, float]:
-    """What a free fit of some rows leaves of them, and its degrees of freedom."""
+    """Return the residual of a free fit of some rows, and its degrees of freedom."""
     x, y = unit[kept], y[kept]
     inverse = np.linalg.inv(x.T @ x + np.diag(np.full(x.shape[1], RIDGE * len(x))))
     left = y - x @ (inverse @ (x.T @ y))
@@ -367,9 +367,9 @@ def _fit_alone(unit: Array, y: Array, kept: Array) -> tuple[Array, float]:
 def _contrast(
     whiten: Whitening, columns: Array, y: Array, block: Array, mask: Array
 ) -> list[tuple[float, float, int] | None]:
-    """Each column on some rows beyond all of them: value, deviation, blocks.
+    """Contrast of each column on some rows with all rows: value, deviation, blocks.
 
-    None where nearly all of it is shared.
+    None if nearly all of it is shared.
 
     Args:
         columns: Shape (k, rows).
@@ -398,10 +398,10 @@ def _measure_friction(
     friction: Sequence[Array],
     first: int,
 ) -> FrictionSpread:
-    """By how much friction of joints differs from log to log, and of all together.
+    """Measure the spread of friction from log to log, per joint and of all together.
 
-    Joints warm by different amounts, and few of them say by how different: a robust
-    spread of the second epoch over the joints, and of the first over its logs.
+    Joints warm by different amounts, and few joints determine the spread poorly: use a
+    robust spread of the second epoch over the joints, and of the first over its logs.
     """
     moved, sd = np.full((2, len(friction)), np.nan)
     within = np.zeros(len(friction))
@@ -441,11 +441,11 @@ def _measure_unrest(
     residuals: Sequence[Array],
     first: int,
 ) -> Array:
-    """By how much logs of the first epoch differ beyond their noise, by joint.
+    """Measure the differences of logs of the first epoch beyond noise, by joint.
 
-    A factor on standard deviations, of all plain candidates and logs together: three
-    logs give a score of values, and no single one decides. Of fewer logs, thirds of the
-    epoch are compared. Shape (dof,).
+    A factor on standard deviations, from all plain candidates and logs together: three
+    logs give about twenty values, of which no single one decides. With fewer logs, thirds
+    of the epoch are compared. Shape (dof,).
     """
     plain = [g for g in groups if g.effect.scope == "local" and g.shape == ()]
     plain = [g for g in plain if len(g.ids) == 1]
@@ -470,7 +470,7 @@ def _measure_unrest(
             for value, deviation, blocks in filter(None, found):
                 free = max(blocks - 1, 2)
                 square = np.log1p((value / deviation) ** 2 / free)
-                # Of Student's t with so many degrees the logarithm is this on average.
+                # Mean logarithm of Student's t with these degrees of freedom.
                 ratios.append(square / (psi((free + 1) / 2) - psi(free / 2)))
         kept = np.sort(ratios)[: max(1, int(THRESHOLDS.kept_ratios * len(ratios)))]
         seen = float(np.sqrt(np.mean(kept))) if ratios else 2.0
@@ -479,7 +479,7 @@ def _measure_unrest(
 
 
 def _build_candidates(design: EpochDesign, logs: FitLogs, live: Sequence[int]) -> Candidates:
-    """Every effect that may have changed, on each joint and in each shape."""
+    """Append every effect that may have changed, on each joint and in each shape."""
     placed = []
     for effect in list_present_effects(logs.span, logs.clock is not None):
         for on in effect.candidates(design.dof, logs.span.prismatic):
@@ -492,9 +492,9 @@ def _build_candidates(design: EpochDesign, logs: FitLogs, live: Sequence[int]) -
 
 
 def _extend(effect: Effect, shapes: Sequence[Shape]) -> list[Shape]:
-    """Shapes on a grid of ratios, up to the largest that the effect can have.
+    """Extend shapes on a grid of ratios, up to the largest possible.
 
-    A change may be larger than what an arm is delivered with.
+    A change may exceed the effects of a new arm.
     """
     out, how = list(shapes), effect.refine
     if how is None or how.step != "ratio" or len(out) < 2 or not np.isfinite(how.upper):

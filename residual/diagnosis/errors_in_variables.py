@@ -1,12 +1,12 @@
 """Noise of the angles in the regressor: what it does to a fit, and the remedy.
 
-Least squares takes the regressor for exact. It is made of measured angles, so it holds
-their noise, and where a controller fed that noise back, so does the torque. A reference
-knows nothing of either: columns made of it are instruments (two-stage least squares;
-Janot, Vandanjon, Gautier 2014), and where both estimates differ by more than chance
-least squares was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference
-the noise is redrawn as it was measured and taken out of the normal equations; what that
-moves is counted as doubt (effective variance).
+Least squares treats the regressor as exact. It is computed from measured angles and
+contains their noise, and with noise in the feedback so does the torque. A reference is
+independent of both: columns computed from it are instruments (two-stage least squares;
+Janot, Vandanjon, Gautier 2014), and if both estimates differ beyond chance, least squares
+was biased (Durbin, Wu, Hausman; Janot et al. 2016). Without a reference the measured
+noise is redrawn and removed from the normal equations; the resulting shift counts as
+uncertainty (effective variance).
 """
 
 from collections.abc import Sequence
@@ -33,37 +33,37 @@ from residual.recording import Array, Recording
 from residual.signals.track import build_tracks, keep_measured_rows
 
 INSTRUMENTS, EFFECTIVE = "instruments", "effective variance"
-FLAT = 1e-9  # of the largest singular value or correlation: what moves nothing
-LEAST = 1e-3  # of its variance: what a difference is never known better than
+FLAT = 1e-9  # of the largest singular value or correlation: less is zero
+LEAST = 1e-3  # of its variance: least variance of a difference
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class AngleNoiseCheck:
-    """A fit, held against the noise of the angles."""
+    """A fit, checked against the noise of the angles."""
 
     method: str  # "instruments" or "effective variance"
     fit: Fit  # the fit that was checked
-    # Coefficients by instruments; without them the fit's own, rid of what the noise
-    # took, (m,).
+    # Coefficients by instruments; without them those of the fit, corrected for the
+    # noise, (m,).
     theta: Array
     covariance: Array  # of ``theta``, (m, m)
-    spread: Array  # by how much it exceeds that of the fit, (m, m)
-    # Part of each joint's residual variance that the angles' noise makes; NaN with
+    spread: Array  # excess over that of the fit, (m, m)
+    # Share of each joint's residual variance due to noise of the angles; NaN with
     # instruments, (dof,).
     share: Array
 
     def differs(self, tested: Member) -> bool:
-        """Whether the fit without the noise is another one, beyond chance."""
+        """Whether the fit without the noise differs beyond chance."""
         shift, slots = self._shift(tested)
         spread = self.spread[np.ix_(slots, slots)]
         spread = spread + LEAST * np.diag(np.diag(self.covariance)[slots])
         return compute_zero_chance(shift, spread, LEAST) < THRESHOLDS.noise_chance
 
     def estimate(self, tested: Member) -> tuple[Array, Array]:
-        """Coefficients of a member, and their doubt beside the fit's. (k,), (k, k).
+        """Coefficients of a member, and their additional covariance. (k,), (k, k).
 
-        Where the noise makes a difference they are those without it. Of what a redrawn
-        noise moves, a half is doubted.
+        If the noise matters they are those without it. Half of the shift by redrawn
+        noise counts as uncertainty.
         """
         shift, slots = self._shift(tested)
         theta, square = self.fit.theta[slots], np.outer(shift, shift)
@@ -81,7 +81,7 @@ class AngleNoiseCheck:
 def describe_angle_noise(
     checks: AngleNoiseCheck | None, tested: Sequence[Member]
 ) -> tuple[str, ...]:
-    """What noise of the angles did to the named effects: one sentence, or none."""
+    """Describe the influence of angle noise on the findings: one sentence, or none."""
     if checks is None:
         return ()
     corrected = ", ".join(sorted({t.group.effect.name for t in tested if checks.differs(t)}))
@@ -110,7 +110,7 @@ def describe_angle_noise(
 def check_angle_noise(
     outcome: Outcome, fitted: Fit, recordings: Sequence[Recording]
 ) -> AngleNoiseCheck:
-    """Check a fit by its reference where every log has one, else by redrawn noise.
+    """Check a fit with references if every log has one, else with redrawn noise.
 
     Args:
         recordings: The fit logs, or pieces of long ones, in the diagnosis' order.
@@ -147,14 +147,14 @@ def _by_instruments(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
 
 
 def _by_redrawing(outcome: Outcome, fitted: Fit, tracks) -> AngleNoiseCheck:
-    """The normal equations without the noise that one more helping of it shows.
+    """Solve the normal equations corrected for noise, measured by redrawing it.
 
-    Least squares solves (S + N) x = S b, with S what exact columns would give and N the
-    noise's own: b is had back where N is known.
+    Least squares solves (S + N) x = S b, with S from exact columns and N from the noise:
+    b follows if N is known.
     """
     design, other, ids = outcome.design, *_design_with(outcome, fitted, tracks)
     if any(EffectTrait.USES_MODEL in g.effect.traits for g in fitted.members):
-        # Seen with the same model, else what it changed would be taken for noise.
+        # Use the same model, since a changed one would look like noise.
         design, own = _design_with(outcome, fitted, outcome.logs.tracks)
     else:
         own = fitted.ids
@@ -197,7 +197,7 @@ def _design_with(outcome: Outcome, fitted: Fit, tracks) -> tuple[Design, Array]:
 
 
 def _project(x: Array, y: Array, z: Array) -> tuple[Array, Array]:
-    """Products of what of the columns x (n, k) lies in the span of the instruments z.
+    """Products of the projection of columns x (n, k) on the span of instruments z.
 
     Returns:
         x'Px and x'Py, P the projection on z (n, m). Shapes (k, k), (k,).

@@ -29,11 +29,11 @@ STEP = 1e-3  # relative step of the numerical derivatives
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MemberUncertainty:
-    """How well a member is known."""
+    """The uncertainty of a member."""
 
     std: Array  # standard deviation of each parameter, (parameters,)
-    prior: Array  # the same before the logs spoke, (parameters,)
-    theta: Array  # standard deviation of each coefficient, and before, (2, k)
+    prior: Array  # the same before the logs, (parameters,)
+    theta: Array  # standard deviation of each coefficient, after and before, (2, k)
 
 
 def estimate_uncertainties(
@@ -41,16 +41,16 @@ def estimate_uncertainties(
 ) -> dict[CandidateColumns, MemberUncertainty]:
     """Standard deviation of every parameter of every member.
 
-    The largest of three: by the noise, by how much logs disagree, and by other forms of
-    the effect. A searched shape is uncertain too: its derivative columns join the fit
+    The largest of three: by the noise, by the disagreement of logs, and by other forms
+    of the effect. A searched shape is uncertain too: its derivative columns join the fit
     (Gauss-Newton), and the parameters' covariance follows by linearisation.
 
     Args:
-        sizes: For each member its coefficients and what is doubtful of them
-            beside the noise. Shapes (k,), (k, k).
+        sizes: For each member its coefficients and their covariance beyond the noise.
+            Shapes (k,), (k, k).
 
     Returns:
-        What is known of each member.
+        The uncertainty of each member.
     """
     design, robot = outcome.design, outcome.logs.robot
     extra = {g: _slope(design, g, fitted.of(g)) for g in fitted.members}
@@ -77,9 +77,9 @@ def estimate_uncertainties(
 
 
 def rougher_body_prior(outcome: Outcome) -> NominalPrior:
-    """The prior that a wrong value must stand out from: bodies one step rougher.
+    """The prior for the test of wrong values: bodies one step rougher.
 
-    Their scale is an estimate from few sums of many parameters, good to such a step.
+    Their scale is an estimate from few base parameters, accurate to one step.
     """
     prior, wide = outcome.prior, outcome.selection.wide
     if prior.scale >= wide.scale:
@@ -116,11 +116,11 @@ def _prior_std(group: CandidateColumns, slope: CandidateColumns | None, jacobian
 
 
 def covariance_between_logs(design: Design, full: Fit) -> Array:
-    """Covariance by how much the logs disagree on the coefficients. Shape (m, m).
+    """Covariance from the disagreement of logs on the coefficients. Shape (m, m).
 
-    No effect has the very form of a textbook, and what is left of it pulls each log its
-    own way: a sandwich of the scores of the folds (Liang & Zeger 1986). Of so few, two
-    standard deviations are made to hold what Student's t holds.
+    No effect has exactly the form of a textbook, and the misfit differs from log to log:
+    a sandwich of the scores of the folds (Liang & Zeger 1986). With few folds, two
+    standard deviations are widened to the coverage of Student's t.
     """
     weight, label = full.weight, design.label_logs()
     count = int(label.max()) + 1
@@ -129,7 +129,7 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
         place, have = design.present(j, full.ids)
         own = design.fold_pulls(j, place, full.theta[have])
         np.add.at(pulls, (label[:, None], have), weight[j] * own)
-    pulls -= pulls.mean(axis=0)  # the prior's own pull is shared by all
+    pulls -= pulls.mean(axis=0)  # the pull of the prior is shared by all
     moved = pulls @ full.covariance()
     free = max(count - 1, 1)
     wider = float(stdtrit(free, USUAL) / ndtri(USUAL))
@@ -137,10 +137,10 @@ def covariance_between_logs(design: Design, full: Fit) -> Array:
 
 
 def _form_doubt(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> Array:
-    """Half of what another form of the same effect would change. Shape (parameters,).
+    """Half of the change by another form of the same effect. Shape (parameters,).
 
-    Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: what
-    logs hold of it does not reach down to standstill, where its level is said.
+    Stribeck's curve falls as exp(-x) in one textbook and as exp(-x^2) in another: logs do
+    not cover standstill, where its level is defined.
     """
     score, effect = outcome.score, group.effect
     robot = outcome.logs.robot
@@ -175,7 +175,7 @@ def _slope(design: Design, group: CandidateColumns, theta: Array) -> CandidateCo
 
     derivative = Effect(effect.name, "", {}, columns, scope=effect.scope)
     (steps,) = design.add([PlacedEffect(derivative, group.joints, ())])
-    # The search was confined to the shape's own scale: 100 % of it, one sigma.
+    # The search was limited to the scale of the shape: 100 % of it, one sigma.
     width = abs(x)
     return CandidateColumns(
         derivative, group.joints, (), steps.ids, np.eye(1) / width**2, -2 * np.log(width)
@@ -211,14 +211,14 @@ def values_jacobian(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MemberConfidence:
-    """How sure one member of a finding is."""
+    """The confidence in one member of a finding."""
 
-    probability: float  # of its class against all other names and against none
-    doubt: MemberUncertainty  # what is known of its parameters
+    probability: float  # of its class against all other names and none
+    doubt: MemberUncertainty  # uncertainty of its parameters
 
     @property
     def determined(self) -> Array:
-        """Which parameters are known better than before the logs. (parameters,)."""
+        """Which parameters the logs determine better than the prior. (parameters,)."""
         return self.doubt.std < THRESHOLDS.determined_share * self.doubt.prior
 
 
@@ -232,11 +232,11 @@ class NamedEffect:
     # Per key: values and standard deviations of the members, unit, and whether the
     # motion determines them.
     parameters: dict[str, tuple[Array, Array, str, bool]]
-    # (name, joints from 1) of what cannot be told from it there.
+    # (name, joints from 1) of its equivalents there.
     equivalent: tuple[tuple[str, tuple[int, ...]], ...]
-    confidences: tuple[MemberConfidence, ...]  # how sure each member is
-    # What the motion determines where it does not determine all of these: value,
-    # standard deviation and unit, by formula.
+    confidences: tuple[MemberConfidence, ...]  # confidence in each member
+    # Determined combinations if some of these are undetermined: value, standard
+    # deviation and unit, by formula.
     combined: dict[str, tuple[float, float, str]]
     # Rms torque of each member, as a share of that of the joint on which it is most,
     # (members,).
@@ -264,10 +264,10 @@ def merge_into_findings(
     tested: Sequence[Member],
     noise_check: AngleNoiseCheck | None = None,
 ) -> list[NamedEffect]:
-    """Merge members of one name into one finding; what has most torque comes first.
+    """Merge members of one name into one finding, sorted by torque.
 
     Args:
-        noise_check: What noise of the angles does to the fit; None where nobody looked.
+        noise_check: Influence of angle noise on the fit; None if not checked.
     """
     if not tested:
         return []
@@ -298,10 +298,10 @@ def merge_into_findings(
 
 
 def _order_riding(findings: Sequence[NamedEffect]) -> list[NamedEffect]:
-    """The same, but what rides on another of its size comes before it.
+    """Reorder findings: one that rides on another of its size comes first.
 
-    Friction that yields is told on top of a constant level: a contact that the model
-    lacks is both, and only the one name says what it is.
+    Presliding friction is reported on top of a constant level: a missing contact is
+    both, and the former name describes it.
     """
     out = list(findings)
     for rider in findings:
@@ -334,7 +334,7 @@ def _torque(outcome: Outcome, fitted: Fit, group: CandidateColumns) -> float:
 
 
 def _size(fitted: Fit, tested: Member, checks: AngleNoiseCheck | None) -> tuple[Array, Array]:
-    """Reported coefficients of a member, and the covariance of their doubt."""
+    """Reported coefficients of a member, and their additional covariance."""
     if checks:
         return checks.estimate(tested)
     theta = fitted.of(tested.group)
@@ -365,9 +365,9 @@ def _merge_joints(tested: Sequence[Member], robot: Robot) -> list[list[Member]]:
 
 
 def _equivalents(members, near) -> tuple:
-    """What could stand in the place of a finding; of several members, on which joints.
+    """The equivalents of a finding; for several members, with their joints.
 
-    A constant may as well be a spring on one joint and a gas spring on the next.
+    A constant may be a spring on one joint and a gas spring on the next.
     """
     if len(members) == 1:
         return tuple(dict.fromkeys((g.effect.name, joint_numbers(g)) for g in near[0]))
@@ -390,7 +390,7 @@ def _parameters(outcome: Outcome, members, sizes, sure) -> dict:
     keys = list(effect.units(members[0].group.joints, robot).items())
     clear = np.array([s.determined for s in sure]).all(axis=0)
     if effect.combined is not None and np.any(np.abs(values[:, 0]) < 2 * sds[:, 0]):
-        # The others are ratios to a first that may as well be nothing.
+        # The others are ratios to a first one that may be zero.
         clear[:] = False
     return {
         key: (values[:, i], sds[:, i], unit, bool(clear[i]))
@@ -400,10 +400,10 @@ def _parameters(outcome: Outcome, members, sizes, sure) -> dict:
 
 
 def _combined(outcome: Outcome, member: Member, sizes, sure, parameters) -> dict:
-    """What the motion determines of a member whose parameters it does not. By formula.
+    """Determined combinations of a member with undetermined parameters. By formula.
 
     Returns:
-        Value, standard deviation and unit of those known better than before.
+        Value, standard deviation and unit of those better known than by the prior.
     """
     effect, robot = member.group.effect, outcome.logs.robot
     theta, _ = sizes[member.group]
@@ -424,8 +424,8 @@ def residual_clouds(
 ) -> tuple[FindingScatter, ...]:
     """One cloud per finding and joint on which it acts most.
 
-    Of an effect that no one variable explains, one on every joint that it moves, over
-    the torque that it explains.
+    An effect without a single explaining variable has one on every joint that it moves,
+    over its torque.
     """
     return tuple(
         _cloud(outcome, fitted, tested, j)
@@ -465,9 +465,9 @@ def _cloud(outcome: Outcome, fitted: Fit, tested: Member, j: int) -> FindingScat
 def _variable(
     outcome: Outcome, effect: Effect, anchor: int, j: int
 ) -> tuple[Array | None, str, Array]:
-    """The explaining variable on the rows of joint j, and which log each is of.
+    """The explaining variable on the rows of joint j, and the log of each row.
 
-    None where that is the torque that it explains.
+    None if that is its own torque.
     """
     prismatic = outcome.logs.robot.prismatic[j]
     values, labels, label = ([], [], convert_to_sliding_unit(EXPLAINED) if prismatic else EXPLAINED)
@@ -484,13 +484,13 @@ def _variable(
 def split_background(
     named: Sequence[NamedEffect], dof: int
 ) -> tuple[tuple[NamedEffect, ...], tuple[NamedEffect, ...]]:
-    """Part the findings into those to be listed and those to be folded.
+    """Split the findings into listed and folded ones.
 
-    Folded is friction or ripple of a size that the joints have anyway, beside something
-    much larger, where half of the joints have such: one alone is a finding.
+    Friction or ripple of a size common to joints is folded next to a much larger finding,
+    if half of the joints have it: a single one is listed.
 
     Returns:
-        What is listed, and what is folded, in the same order.
+        The listed ones, and the folded ones, in the same order.
     """
     if not named:
         return tuple(named), ()

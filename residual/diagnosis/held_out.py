@@ -1,4 +1,4 @@
-"""The held-out logs, read once, after every choice: errors, and a word on each name."""
+"""The held-out logs, read once, after every choice: errors, and a test of each name."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -31,18 +31,18 @@ ROUND = 3  # gains are compared to 0.1 %
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Proof:
-    """What the held-out logs say of the names: nothing is searched again."""
+    """The test of the names on held-out logs, without a new search."""
 
-    outcome: Outcome  # without the refuted names, the rest refitted on the fit logs
-    # Part of its joint's error on held-out moving samples that vanishes with each name.
+    outcome: Outcome  # without the refuted names, the others refitted on the fit logs
+    # Share of its joint's error on held-out moving samples that each name removes.
     gains: dict[Member, float]
     refuted: tuple[Member, ...]
 
 
 def prove(outcome: Outcome, held_out: Sequence[HeldOutLog]) -> Proof:
-    """Drop each name alone, refit the rest on the fit logs, predict the held-out logs.
+    """Drop each name alone, refit the others on the fit logs, predict the held-out logs.
 
-    The worst refuted name leaves the model first, then all are judged again.
+    The worst refuted name leaves the model first, then all are tested again.
     """
     gains: dict[Member, float] = {}
     refuted: list[Member] = []
@@ -59,7 +59,7 @@ def prove(outcome: Outcome, held_out: Sequence[HeldOutLog]) -> Proof:
 
 
 def classify_gain(gain: float) -> str:
-    """The verdict's word for a gain."""
+    """Return the class of a gain: confirmed, neutral or refuted."""
     if gain < 0:
         return "refuted"
     return "confirmed" if gain >= THRESHOLDS.confirmed_gain else "neutral"
@@ -68,9 +68,9 @@ def classify_gain(gain: float) -> str:
 def _gain(
     outcome: Outcome, member: Member, held_out: Sequence[HeldOutLog], with_it: Array
 ) -> float:
-    """What of the error vanishes with a name, on joints where it acts or shows.
+    """Share of the error that a name removes, on joints where it acts or shows.
 
-    Where the refit imitates a wrong value it is held against the value as given.
+    If the refit imitates a wrong value, it is compared with the value as given.
     """
     rest = [m for m in outcome.named if m is not member]
     without = outcome.error(outcome.refit(rest), held_out)
@@ -83,8 +83,8 @@ def _gain(
 def _error_fall(design: Design, member: Member, with_it: Array, without: Array) -> float:
     """1 - error with over error without, where the effect acts and where it shows.
 
-    Parameters that bend without the name may predict the same: a rise by chance is
-    none.
+    Refitted parameters may predict as well without the name: a chance rise counts as
+    zero.
     """
     effect = member.group.effect
     joints = sorted({*effect.rows(member.group.joints, design.dof), member.shown_joint})
@@ -120,7 +120,7 @@ def tabulate_held_out_errors(
     Args:
         errors: Of each model on the held-out logs.
         held: These logs, prepared.
-        same_run: Whether they are a part of a fit log.
+        same_run: Whether they are part of a fit log.
     """
     return tabulate_errors(
         {name: errors.get(name) for name in (*STAGES, PLAIN)},
@@ -133,7 +133,7 @@ def tabulate_held_out_errors(
 
 
 def describe_unproven_joints(outcome: Outcome, augmented: ErrorSums) -> list[str]:
-    """Sentences on joints of which the logs prove nothing, or less than it seems."""
+    """Sentences on joints for which the held-out logs are a weak or no test."""
     out = []
     design, tracks = outcome.design, outcome.logs.tracks
     samples = sum(int(t.valid.sum()) for t in tracks)
@@ -160,12 +160,11 @@ def describe_unproven_joints(outcome: Outcome, augmented: ErrorSums) -> list[str
     return out
 
 
-# The yardstick that anyone has at hand: plain least squares, on the same logs.
+# The common reference: plain least squares, on the same logs.
 #
 # All inertial parameters, the drive's rotor, Coulomb and viscous friction and a
-# constant torque of every joint, all free, every joint's error weighed alike. A
-# diagnosis that predicts worse than that is not worth its names, so it is held against
-# it on the held-out logs.
+# constant torque of every joint, all free, with equal weights of all joints. A diagnosis
+# that predicts worse has no useful names, so both are compared on the held-out logs.
 
 
 def fit_least_squares_model(logs: FitLogs) -> Model:

@@ -1,4 +1,4 @@
-"""What is left open after some logs: rival models, and what is known of each."""
+"""The open question after some logs: rival models, and their posteriors."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -24,7 +24,7 @@ from residual.planning.next_experiment import (
 from residual.recording import Array
 from residual.verdict.result import Place
 
-CANDIDATES = 3  # of a joint that keeps more than noise: how many are looked at
+CANDIDATES = 3  # candidates considered on a joint with a residual above noise
 PAUSE = 10.0  # s between the logs so far and the next
 
 Groups = tuple[CandidateColumns, ...]
@@ -32,11 +32,11 @@ Groups = tuple[CandidateColumns, ...]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MemberSwap:
-    """Some of the named effects, and what could stand in their place.
+    """Some of the named effects, and their possible replacement.
 
     Attributes:
         gone: The named ones.
-        instead: What stands in their place; an empty one for nothing.
+        instead: Their replacement; empty for nothing.
     """
 
     gone: Groups
@@ -48,10 +48,10 @@ def find_member_swaps(
     named: Sequence[tuple[CandidateColumns, Sequence[CandidateColumns]]],
     rivals: Sequence[RivalSet],
 ) -> list[MemberSwap]:
-    """Return what other sets differ by that a motion may tell, each difference once.
+    """Return the differences of other sets that a motion may separate, each once.
 
     Args:
-        named: Named effects with their equivalents, which are no news here.
+        named: Named effects with their equivalents, which are skipped.
         rivals: The other sets within 6 nats.
     """
     known = {(group.key, other.key) for group, near in named for other in near}
@@ -80,7 +80,7 @@ class SharedColumns:
         outcome: The diagnosis.
         fitted: The fit with all that it names.
         groups: Groups of columns after those of the nominal model.
-        place: Where a design's column stands among the shared ones.
+        place: Position of a design's column among the shared ones.
     """
 
     outcome: Outcome
@@ -114,10 +114,10 @@ class SharedColumns:
         deciding: Sequence[CandidateColumns],
         without: Fit,
     ) -> Rival:
-        """Return what is known of one set of effects.
+        """Return the posterior of one set of effects.
 
         Args:
-            deciding: Those that make the difference; empty for none.
+            deciding: The effects that differ; empty for none.
             without: The fit without them.
         """
         system = FitEquations.of(self.outcome.design, self.outcome.prior, members)
@@ -125,7 +125,7 @@ class SharedColumns:
         nats, at = 0.0, np.zeros(0, dtype=int)
         if deciding:
             big = self.outcome.score.fit_like(members, self.fitted)
-            # Every name after the first has to pass the threshold of a name, too.
+            # Every name after the first has to pass the threshold of a name too.
             more = (len(deciding) - 1) * self.search.least
             cost = sum(self.search.cost(g) for g in deciding) + more
             nats = big.score - without.score - cost
@@ -142,7 +142,7 @@ class SharedColumns:
     def contest(
         self, shared: Sequence[CandidateColumns], options: Sequence[Groups], enough: float
     ) -> RivalContest:
-        """Return the contest of some sets beside a set of other effects.
+        """Return the contest of some sets, with a set of other effects in common.
 
         Args:
             options: The sets; an empty one for nothing.
@@ -156,15 +156,15 @@ class SharedColumns:
 def build_open_question(
     outcome: Outcome, fitted: Fit, named: Sequence[NamedEffect], rivals: Sequence[RivalSet]
 ) -> OpenQuestion:
-    """Return what a diagnosis leaves open.
+    """Return the open question of a diagnosis.
 
-    A finding, its equivalents and what could stand in its place together are one
-    contest, and so are several findings and what could stand in theirs. Where nothing
-    is named and a joint keeps more than noise, the strongest candidates there are
-    rivals of one another and of nothing, although none of them could be named.
+    A finding, its equivalents and its replacements are one contest, and so are several
+    findings with their replacements. If nothing is named and a joint has a residual
+    above noise, its strongest candidates are rivals of each other and of nothing,
+    although none of them could be named.
 
     Args:
-        rivals: Sets that the logs cannot tell from the one that is named.
+        rivals: Sets that the logs cannot separate from the named one.
     """
     equal = [(t.group, t.equivalent) for finding in named for t in finding.tested if t.equivalent]
     classes: dict[tuple, MemberSwap] = {
@@ -195,12 +195,12 @@ def build_open_question(
 
 
 def list_places(groups: Sequence[CandidateColumns]) -> list[Place]:
-    """Return where some groups of columns sit."""
+    """Return the places of some groups of columns."""
     return [Place(g.effect.name, joint_numbers(g)) for g in groups]
 
 
 def build_question(basis: SharedColumns, contests: Sequence[RivalContest]) -> OpenQuestion:
-    """Return contests with all that it takes to look at a motion."""
+    """Return contests with the data for evaluating a motion."""
     outcome, model = basis.outcome, basis.outcome.nominal.model
     terms = [PlacedEffect(t.effect, t.joints, t.shape) for t in model.terms]
     groups = [g.placed for g in basis.groups]
@@ -216,8 +216,8 @@ def build_question(basis: SharedColumns, contests: Sequence[RivalContest]) -> Op
 def _has_spread(rival: Rival) -> bool:
     """Whether the precision of a rival can be inverted in double precision.
 
-    Of logs that no arm of that description gives it may not: then what another log of
-    it would bring cannot be computed, and nothing is promised.
+    With logs that do not fit the description it may not: then the value of another log
+    cannot be computed.
     """
     scale = 1 / np.sqrt(np.diag(rival.precision))
     scaled = rival.precision * np.outer(scale, scale)
@@ -243,8 +243,7 @@ def _signals(basis: SharedColumns) -> SignalSettings:
 def _strongest(outcome: Outcome, fitted: Fit, joint: int) -> list[CandidateColumns]:
     """The candidates with the most evidence on a joint, one shape of each.
 
-    None that has no evidence beyond its price: where nothing speaks for a candidate, no
-    motion could choose among them.
+    Only those with evidence beyond their price: no motion could choose among others.
     """
     search, design, dof = outcome.selection.search, outcome.design, outcome.design.dof
     groups = [

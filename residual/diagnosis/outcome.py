@@ -1,4 +1,4 @@
-"""What one set of logs says: the named effects, the fits with and without them."""
+"""The outcome of one set of logs: the named effects, the fits with and without them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
@@ -29,16 +29,16 @@ Progress = Callable[[str, float], None]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Outcome:
-    """What one set of logs says."""
+    """The outcome of one set of logs."""
 
     logs: FitLogs  # the fit logs
-    nominal: NominalModel  # where it started from
+    nominal: NominalModel  # the nominal model
     selection: Selection  # data, prior, candidates and all names with probability
     plain: Fit  # fit of the nominal structure alone
     fit: Fit  # fit with the named effects
-    named: tuple[Member, ...]  # those sure enough to be in the model
-    adequacy: Adequacy  # what remains
-    # The model with names of bodies, where no body can be what the logs give.
+    named: tuple[Member, ...]  # those certain enough for the model
+    adequacy: Adequacy  # the residual
+    # The model with names of bodies, if the logs contradict every possible body.
     impossible: PossibleModel | None = None
 
     @property
@@ -58,12 +58,12 @@ class Outcome:
 
     @property
     def candidates(self) -> Candidates:
-        """What may be named under that prior."""
+        """The candidates under that prior."""
         return self.selection.search.candidates
 
     @property
     def suspected(self) -> tuple[Member, ...]:
-        """Names that are likelier than not, and in no model."""
+        """Names more likely than not, but in no model."""
         return tuple(
             m
             for m in self.selection.members
@@ -81,25 +81,25 @@ class Outcome:
         return self.score.fit([m.group for m in members], self.fit)
 
     def with_names(self, named: Sequence[Member]) -> "Outcome":
-        """The same with other names in the model."""
+        """The outcome with other names in the model."""
         fitted = self.refit(named)
         adequacy = self.assess(fitted)
         return replace(self, named=tuple(named), fit=fitted, adequacy=adequacy)
 
     def assess(self, fitted: Fit) -> Adequacy:
-        """What a fit leaves."""
+        """Assess the residual of a fit."""
         return _assess(self.logs, self.nominal, self.design, self.plain, fitted)
 
     def possible(self) -> PossibleModel:
-        """The fit with the named effects, its bodies moved to what can exist."""
+        """The fit with the named effects, with the nearest possible bodies."""
         model = build_fitted_model(self.nominal, self.fit)
         return fit_possible_bodies(self.design, self.fit, model)
 
     def fit_at_nominal(self, member: Member) -> Fit | None:
-        """The fit without a wrong value, that value and no other held as it was given.
+        """The fit without a wrong value, with only that value held as given.
 
-        Of a body all bodies are held: its neighbours would say what it may not. None
-        where the name is no value that the model has.
+        For a body all bodies are held, since its neighbours would imitate it. None if
+        the name is no value of the model.
         """
         slots = list_contradicted_coefficients(self.nominal.model, member.group)
         if not len(slots):
@@ -112,8 +112,8 @@ class Outcome:
         """A fit as a model of possible bodies, with the standstill of the fit logs.
 
         Args:
-            like: A model whose standstill to take over, so that two models differ by
-                nothing but their effects.
+            like: A model whose standstill to copy, so that two models differ only in
+                their effects.
         """
         rough = build_fitted_model(self.nominal, fitted)
         if like is None:
@@ -121,7 +121,7 @@ class Outcome:
         else:
             rough = replace(rough, standstill=like.standstill)
         # A wide standstill changes friction on slow moving rows too, and features such
-        # as load friction read the model's torque: both are settled by one more fit.
+        # as load friction use the model's torque: one more fit settles both.
         base = replace(self.nominal.model, standstill=rough.standstill)
         design = Design(self.logs.tracks, base, seen_with=rough)
         members = design.add([g.placed for g in fitted.members])
@@ -131,7 +131,7 @@ class Outcome:
 
 
 def search_effects(logs: FitLogs, nominal: NominalModel, progress: Progress) -> Outcome:
-    """Search for what the nominal model lacks, and measure what remains."""
+    """Search for effects missing in the nominal model, and assess the residual."""
     progress("search", 0.0)
     selection = select_names(logs, nominal, lambda share: progress("search", share))
     nominal = nominal.without_constants()
@@ -147,7 +147,7 @@ def search_effects(logs: FitLogs, nominal: NominalModel, progress: Progress) -> 
 
 
 def leave_out_impossible_bodies(outcome: Outcome) -> Outcome:
-    """Without names of bodies where the logs contradict every possible body."""
+    """Remove names of bodies if the logs contradict every possible body."""
     others = [m for m in outcome.named if EffectTrait.BODY not in m.group.effect.traits]
     if len(others) == len(outcome.named):
         return outcome

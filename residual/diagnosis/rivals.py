@@ -1,10 +1,10 @@
-"""Other sets of effects that the logs cannot tell from the one that is named.
+"""Other sets of effects that the logs cannot separate from the named one.
 
 Members are swapped one for one, one for two and two for one. Every set pays alike,
 
     score(S) = ln p(y | S) - sum over S of (price + threshold),
 
-the threshold that a single name must pass, as a prior over sets.
+with the threshold of a single name as a prior over sets.
 """
 
 from collections.abc import Iterator, Sequence
@@ -23,7 +23,7 @@ from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 
 FIRST, SECOND = 2, 1  # candidates tried for the first place and for the second
-LOOKS = 4  # candidates of a quick look
+LOOKS = 4  # candidates after quick screening
 
 Members = tuple[CandidateColumns, ...]
 
@@ -31,7 +31,7 @@ Members = tuple[CandidateColumns, ...]
 def find_load_alternatives(
     search: Search, fitted: Fit, group: CandidateColumns
 ) -> list[CandidateColumns]:
-    """Loads that add the very body that a heavier last link adds.
+    """Find loads equal to the body that a heavier last link adds.
 
     Evidence prefers the name with one coefficient, but the torques are the same.
     """
@@ -56,15 +56,15 @@ def find_load_alternatives(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RivalSet:
-    """Another set that the logs cannot tell from the one named."""
+    """Another set that the logs cannot separate from the named one."""
 
     members: Members  # its effects
     nats: float  # its score over that of the named set [nats]
-    twin: bool = False  # whether the two differ by what these logs cannot show at all
+    twin: bool = False  # whether these logs contain no information on the difference
 
 
 def find_rival_sets(search: Search, fitted: Fit) -> list[RivalSet]:
-    """Return all sets within 6 nats of the one named, nearest first."""
+    """Return all sets within 6 nats of the named one, nearest first."""
     near = find_separable_sets(search, fitted)
     known = {places_of(r.members) for r in near}
     twins = _body_twins(search, fitted)
@@ -72,7 +72,7 @@ def find_rival_sets(search: Search, fitted: Fit) -> list[RivalSet]:
 
 
 def find_separable_sets(search: Search, fitted: Fit) -> list[RivalSet]:
-    """Return the sets of those that another motion may tell from the one named."""
+    """Return those sets that another motion may separate from the named one."""
     if not fitted.members or any(g.fellows > 1 for g in fitted.members):
         return []
     score, rivals = search.set_score(fitted), {}
@@ -114,7 +114,7 @@ def _additions(
     gone: Sequence[CandidateColumns],
     instead: CandidateColumns | None = None,
 ) -> list[CandidateColumns]:
-    """Single candidates beside a fit that are not those taken out, likeliest first."""
+    """Single additional candidates other than those removed, likeliest first."""
     keys = {g.key for g in gone}
     listed = search.shortlist(base, instead, LOOKS)
     return [g for g in listed if not (g.parts or is_curve(g) or g.key in keys)]
@@ -128,10 +128,10 @@ def _fit_with(
 
 
 def _body_twins(search: Search, fitted: Fit) -> list[RivalSet]:
-    """Sets with one more change of a body that the named ones take up unseen.
+    """Sets with one more changed body, which the named ones absorb.
 
-    A smaller load and a heavier link do what a load does; no evidence chooses, only
-    the price of one more name.
+    A smaller load plus a heavier link equals a load; only the price of one more name
+    decides.
     """
     bodies = [g for g in fitted.members if g.effect.portable.bodies is not None]
     taken = places_of(fitted.members)
@@ -151,7 +151,7 @@ def _body_twins(search: Search, fitted: Fit) -> list[RivalSet]:
     out = []
     for candidate, clear, left in zip(candidates, before, after, strict=True):
         cost = search.cost(candidate) + search.least
-        # Clear without the named bodies, which take it up: not to be found beside them.
+        # Evident without the named bodies, which absorb it.
         seen = 0.5 * THRESHOLDS.body_change_share**2 * clear > cost
         if seen and left < THRESHOLDS.absorbed_share * clear:
             out.append(RivalSet((*fitted.members, candidate), -cost, twin=True))

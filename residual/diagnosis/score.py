@@ -1,7 +1,7 @@
-"""How well a set of effects is borne out: evidence by blocks, and left-out blocks.
+"""The score of a set of effects: evidence by blocks, and left-out blocks.
 
-Errors within a block of some two seconds are anything, those of different blocks are
-independent. The covariance of a fit is clustered by block (Liang and Zeger 1986) and
+Errors within a block of some two seconds may be correlated, those of different blocks
+are independent. The covariance of a fit is clustered by block (Liang and Zeger 1986) and
 shrunk towards that of independent errors, since few blocks leave it uncertain. The
 evidence of a member is a mixture of g-priors over four sizes (Zellner 1986),
 
@@ -25,14 +25,14 @@ from residual.recording import Array
 from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 
-MERGES = (1, 2, 4)  # blocks that are joined: the least evidence of these counts
+MERGES = (1, 2, 4)  # numbers of merged blocks: the least evidence counts
 SQUARES = np.array([1.0, 0.3, 0.1, 0.03]) ** 2  # of the prior size of an effect
-SAME_NOISE = 0.02  # of the variance: fits from two starts have met
-FLAT = 1e-9  # of the largest eigenvalue: what no log tells
+SAME_NOISE = 0.02  # of the variance: fits from two starts have converged
+FLAT = 1e-9  # of the largest eigenvalue: undetermined directions
 
 
 def label_blocks(tracks: Sequence[Track]) -> list[Array]:
-    """Number of the block of each row of the logs; no block has parts of two logs.
+    """Number of the block of each row of the logs; no block spans two logs.
 
     Returns:
         Ascending numbers. Shapes (m,).
@@ -51,7 +51,7 @@ def label_blocks(tracks: Sequence[Track]) -> list[Array]:
 
 
 def count_merged_blocks(blocks: int) -> list[int]:
-    """Number of blocks where none, two or four of so many are joined."""
+    """Number of blocks when one, two or four are merged."""
     merged = [blocks // count for count in MERGES]
     return [n for n in merged if n in (blocks, max(n, THRESHOLDS.min_blocks))]
 
@@ -64,12 +64,12 @@ class LeftOut:
     weight: Array  # information of a unit of squared error, (dof,)
 
     def gain_over(self, other: "LeftOut") -> Array:
-        """By how much it predicts each block better than another [nats]. (blocks,)."""
+        """Gain in predicting each block over another fit [nats]. (blocks,)."""
         return 0.5 * (other.errors - self.errors) @ self.weight
 
     @property
     def total(self) -> float:
-        """All of it, weighted."""
+        """The weighted total error."""
         return float((self.errors @ self.weight).sum())
 
     def find_main_joint(self, other: "LeftOut") -> int:
@@ -77,25 +77,25 @@ class LeftOut:
         return int(np.argmax((other.errors - self.errors).sum(axis=0) * self.weight))
 
     def fall_from(self, other: "LeftOut") -> Array:
-        """Share of the other's squared error that falls, by joint. Shape (dof,)."""
+        """Share of the other's squared error that it saves, by joint. Shape (dof,)."""
         before = np.maximum(other.errors.sum(axis=0), 1e-30)
         return 1 - self.errors.sum(axis=0) / before
 
 
 def compute_scatter(gains: Array) -> float:
-    """Standard deviation of the sum of what blocks gain, each independently."""
+    """Standard deviation of the sum of independent gains of blocks."""
     return float(gains.std(ddof=1) * np.sqrt(len(gains)))
 
 
 def is_alike(gains: Array) -> bool:
-    """Whether blocks that gain so much cannot tell the better from the other."""
+    """Whether such gains of blocks are not significant."""
     scatter = THRESHOLDS.paired_deviations * compute_scatter(gains)
     return bool(gains.sum() < max(THRESHOLDS.class_nats, scatter))
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Score:
-    """A design under a prior, asked about sets of effects."""
+    """A design under a prior, for scoring sets of effects."""
 
     design: Design
     prior: NominalPrior
@@ -106,14 +106,14 @@ class Score:
         like: Fit | None = None,
         system: FitEquations | None = None,
     ) -> Fit:
-        """Fit a set with the noise of its own, from the better of two starts.
+        """Fit a set with its own noise, from the better of two starts.
 
-        Noise and coefficients have two fixed points where an effect is missing: what
-        the prior holds back is noise, or is none. The evidence chooses.
+        Noise and coefficients have two fixed points if an effect is missing: it counts
+        as noise, or as parameters. The evidence chooses.
 
         Args:
-            like: A fit whose row counts to begin with.
-            system: The normal equations of the set, where they are known.
+            like: A fit whose row counts are the start.
+            system: The normal equations of the set, if known.
         """
         design, prior = self.design, self.prior
         system = system or FitEquations.of(design, prior, members)
@@ -131,8 +131,8 @@ class Score:
         )
         if np.allclose(first.variance, second.variance, rtol=SAME_NOISE):
             return settle(first)
-        # Each is counted by its own residual, both are compared at the larger count:
-        # there the worse may come to be the better, so it is fitted on from there.
+        # Each has row counts from its own residual, both are compared at the larger
+        # count: the worse may become the better there, so it is fitted further.
         fits = settle(first), settle(second)
         rows = np.maximum(fits[0].counted, fits[1].counted)
         common = [fit_jointly(design, prior, members, rows, f.variance, 3, system) for f in fits]
@@ -144,13 +144,13 @@ class Score:
         return fit_jointly(*args, rounds=3)
 
     def covariances(self, fitted: Fit) -> list[tuple[Array, float]]:
-        """Covariances of a fit by how its blocks disagree, and their degrees.
+        """Covariances of a fit from the disagreement of blocks, and their degrees.
 
-        One for each number of blocks that are joined.
+        One for each number of merged blocks.
         """
         design, weight = self.design, fitted.weight
         merged = count_merged_blocks(design.folds)
-        if design.unrest is not None:  # it says how long errors last
+        if design.unrest is not None:  # shows the length of correlations
             weight, merged = weight * design.unrest, merged[:1]
         pulls = np.zeros((design.folds, len(fitted.ids)))
         for j in range(design.dof):
@@ -185,7 +185,7 @@ class Score:
         return min(values)
 
     def left_out(self, fitted: Fit) -> LeftOut:
-        """Errors of blocks that each was fitted without."""
+        """Errors of blocks, each predicted by a fit without it."""
         design = self.design
         system = FitEquations.of(design, self.prior, fitted.members)
         weight = fitted.weight
@@ -216,13 +216,13 @@ def mixture_evidence(
 ) -> Array:
     """Evidence under the likeliest of four sizes of the prior [nats]. Shape (s,).
 
-    A load of a tenth of the usual is no less a load: what it costs to know ten numbers
-    goes by how large they are.
+    A load of a tenth of the typical size is still a load: the price of ten parameters
+    depends on their size.
 
     Args:
-        information: Of the logs alone. Shape (k, k).
+        information: Information of the logs alone. Shape (k, k).
         pull: Information times the coefficients. Shape (k,).
-        prior: Precision of the usual prior. Shape (k, k).
+        prior: Precision of the typical prior. Shape (k, k).
         sizes: Factors on the coefficients. Shape (s,).
     """
     scale = 1 / np.sqrt(np.diag(prior))

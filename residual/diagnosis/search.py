@@ -1,10 +1,10 @@
-"""Search for the effects that blocks of the logs bear out: add, swap, drop.
+"""Search for the effects that blocks of the logs support: add, swap, drop.
 
 A candidate joins the set if its evidence by blocks (``score``) less the price of the
 choice, ln K for one of K candidates and ln V for one of V shapes, makes a false name in
-the whole diagnosis less likely than ``false_chance``, and if left-out blocks or what is
-given bear it out. Free curves over the joint's position and speed are candidates, too:
-where one leaves a quarter less than any name, the joint follows it and has no name.
+the diagnosis less likely than ``false_chance``, and if left-out blocks or the given
+values support it. Free curves over the joint's position and speed are candidates too: if
+the residual of one is a quarter smaller than that of any name, the joint gets no name.
 """
 
 from collections.abc import Sequence
@@ -36,8 +36,7 @@ Members = tuple[CandidateColumns, ...]
 def _build_curve(name: str, signal: str) -> Effect:
     """A free curve over a signal of the joint.
 
-    Its shape has the two ends and what is taken off each hat: its mean on the logs, or
-    nothing.
+    Its shape has the two ends and the offset of each hat: its mean on the logs, or zero.
     """
 
     def hats(state, joint: int, shape: tuple[float, ...]) -> list[Array]:
@@ -56,12 +55,12 @@ def _hats(values: Array, ends: tuple[float, ...]) -> Array:
 
 
 CURVES = {"q": _build_curve("curve over q", "q"), "qd": _build_curve("curve over qd", "qd")}
-CURVE_RIVALS = 3  # names of its joint that are looked at beside a curve
-ENDS = 1e-3  # quantiles of a signal where its curve ends
+CURVE_RIVALS = 3  # names of its joint that are tried next to a curve
+ENDS = 1e-3  # quantiles of a signal at the ends of its curve
 
 
 def is_curve(group: CandidateColumns) -> bool:
-    """Whether a group is a free curve, which names nothing."""
+    """Whether a group is a free curve, which has no name."""
     return group.effect in CURVES.values()
 
 
@@ -69,7 +68,7 @@ def add_curves(design: Design, tracks: Sequence[Track], centred: bool) -> list[C
     """Append the free curves of each joint that moves.
 
     Args:
-        centred: Whether the mean of a curve is in the model already: a constant.
+        centred: Whether the model already has the mean of a curve, as a constant.
     """
     placed = []
     moving = np.concatenate([track.moving for track in tracks])
@@ -87,7 +86,7 @@ def add_curves(design: Design, tracks: Sequence[Track], centred: bool) -> list[C
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SearchRun:
-    """What a search under one prior found."""
+    """The result of a search under one prior."""
 
     score: Score
     fit: Fit
@@ -95,18 +94,18 @@ class SearchRun:
 
     @property
     def named(self) -> Members:
-        """Its members but curves."""
+        """Its members except curves."""
         return tuple(g for g in self.fit.members if not is_curve(g))
 
     @property
     def curves(self) -> Members:
-        """Joints that follow a free curve, better than any name."""
+        """Joints that a free curve explains better than any name."""
         return tuple(g for g in self.fit.members if is_curve(g))
 
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """A candidate beside a set."""
+    """A set with one more candidate."""
 
     group: CandidateColumns
     fit: Fit
@@ -115,7 +114,7 @@ class Trial:
 
     @cached_property
     def left_out(self) -> LeftOut:
-        """Errors of left-out blocks, computed where they are asked for."""
+        """Errors of left-out blocks, computed on demand."""
         return self.score.left_out(self.fit)
 
 
@@ -129,7 +128,7 @@ class Search:
 
     @property
     def least(self) -> float:
-        """Evidence that a name must win beyond its price [nats]."""
+        """Evidence that a name needs beyond its price [nats]."""
         return float(np.log(1 / THRESHOLDS.false_chance))
 
     def cost(self, group: CandidateColumns) -> float:
@@ -143,7 +142,7 @@ class Search:
         return fitted.score - sum(self.cost(g) + self.least for g in fitted.members)
 
     def leads(self, fitted: Fit, other: Fit) -> bool:
-        """Whether a set has more evidence less its price, counted like another."""
+        """Whether a set has more evidence less its price, with the row counts of another."""
         rows = replace(other, counted=np.maximum(fitted.counted, other.counted))
         ours, theirs = (
             self.set_score(self.score.fit_like(f.members, rows)) for f in (fitted, other)
@@ -151,11 +150,11 @@ class Search:
         return ours > theirs
 
     def run(self, start: Members = ()) -> SearchRun:
-        """Add the best candidate while one is borne out."""
+        """Add the best candidate while one is supported."""
         fitted = self.score.fit(start)
         fitted = self._drop(fitted) if start else fitted
         left, seen = self.score.left_out(fitted), set()
-        # A member may drop what brings it back: a set that was there ends the search.
+        # A dropped member may come back: a repeated set ends the search.
         while (places := places_of(fitted.members)) not in seen:
             seen.add(places)
             best = self._choose(self.look(fitted), left)
@@ -165,17 +164,17 @@ class Search:
         return SearchRun(self.score, fitted, left)
 
     def select_allowed(self, members: Members) -> Members:
-        """Members of a search under another prior that this one may name."""
+        """Select members of another prior's search that are allowed here."""
         names = {g.effect.name for g in self.candidates.groups}
         return tuple(g for g in members if is_curve(g) or g.effect.name in names)
 
     def settle(self, members: Members) -> SearchRun:
-        """A given set without what does not carry its price."""
+        """Fit a given set, without members that do not carry their price."""
         fitted = self._drop(self.score.fit(members))
         return SearchRun(self.score, fitted, self.score.left_out(fitted))
 
     def name_plainly(self, found: SearchRun, group: CandidateColumns) -> SearchRun:
-        """The set with the plainest name that blocks cannot tell from one of its own."""
+        """Replace names by the plainest ones that blocks cannot separate from them."""
         if _complexity(group) == _PLAIN:
             return found
         rest = tuple(g for g in found.fit.members if g is not group)
@@ -189,16 +188,16 @@ class Search:
     def look(
         self, base: Fit, instead: CandidateColumns | None = None, most: int | None = None
     ) -> list[Trial]:
-        """Candidates with evidence enough beside a fit, most evidence first.
+        """Candidates with enough evidence on top of a fit, most evidence first.
 
-        Beside a curve the likeliest names of its joint, however faint.
+        On a joint with a curve also its likeliest names, however weak.
 
         Args:
-            instead: A member that was taken out: what may stand in for it.
-            most: Candidates that are fitted at most.
+            instead: A removed member, to look for its replacements.
+            most: Largest number of fitted candidates.
         """
         most, out, top, looks = most or THRESHOLDS.max_exact_looks, [], 0.0, 0
-        curved: dict[tuple[int, ...], int] = {}  # names looked at beside a curve
+        curved: dict[tuple[int, ...], int] = {}  # names tried next to a curve
         system = FitEquations.of(self.score.design, self.score.prior, base.members)
         for quick, group in self._rank(base, instead):
             faint = quick < THRESHOLDS.faint_share * top or looks >= most
@@ -223,19 +222,19 @@ class Search:
         return sorted(out, key=lambda trial: -trial.nats)
 
     def is_borne_out(self, trial: Trial, after: LeftOut, before: LeftOut) -> bool:
-        """Whether left-out blocks are predicted better, or parameters are spared."""
+        """Whether left-out blocks are predicted better, or parameters stay nearer nominal."""
         if after.gain_over(before).sum() <= -THRESHOLDS.left_out_slack:
             return False
         design, parts = self.score.design, trial.group.parts or (trial.group,)
         shares = [design.torque_shares(g, trial.fit.of(g)).max() for g in parts]
-        if design.unrest is None:  # else nothing but noise is left, and all counts
+        if design.unrest is None:  # else only noise remains, and every gain counts
             shares.append(after.fall_from(before).max())
         return bool(max(shares) >= THRESHOLDS.min_share)
 
     def shortlist(
         self, base: Fit, instead: CandidateColumns | None, most: int
     ) -> list[CandidateColumns]:
-        """The best shape of the most promising candidates, by a quick look."""
+        """The best shape of the most promising candidates, by quick screening."""
         return [group for _, group in self._rank(base, instead)[:most]]
 
     def _rank(
@@ -257,7 +256,7 @@ class Search:
     def _fits_in(
         self, group: CandidateColumns, members: Members, instead: CandidateColumns | None
     ) -> bool:
-        """Whether a candidate may stand beside some members, in place of another."""
+        """Whether a candidate may join some members, in place of another."""
         taken = {g.key for g in members if EffectTrait.PERIODIC not in g.effect.traits}
         if instead is not None:
             taken.add(instead.key)
@@ -274,7 +273,7 @@ class Search:
         )
 
     def _is_same_body(self, first: CandidateColumns, second: CandidateColumns) -> bool:
-        """Whether both are the body of one link: one of them says it all."""
+        """Whether both are the body of one link, so that one suffices."""
         groups = first, second
         if any(g.effect.portable.bodies is None for g in groups):
             return False
@@ -287,9 +286,9 @@ class Search:
         return group.effect.rows(group.joints, self.score.design.dof)
 
     def _choose(self, trials: Sequence[Trial], before: LeftOut) -> Trial | None:
-        """The most evidence that is borne out, and that no curve of its joint outdoes.
+        """Choose the most evidence that is supported and not exceeded by a curve.
 
-        Where a name explains less than three quarters of it the curve stands.
+        A curve stays if names explain less than three quarters of it.
         """
         outdone: Trial | None = None
         for trial in trials:
@@ -317,9 +316,9 @@ class Search:
     def _find_simplest(
         self, best: Trial, after: LeftOut, trials: Sequence[Trial], before: LeftOut
     ) -> Trial:
-        """The plainest name of those that blocks cannot tell from the best.
+        """The plainest name of those that blocks cannot separate from the best.
 
-        Evidence is a t statistic and saturates: the ten coefficients of a body follow
+        Evidence is a t statistic and saturates: the ten coefficients of a body imitate
         an effect of one coefficient, and fit as well.
         """
         plain = _complexity(best.group)
@@ -347,9 +346,9 @@ class Search:
         return fitted, self.score.left_out(fitted)
 
     def _split_friction(self, fitted: Fit) -> Fit:
-        """The last name as one or two plain ones of its joint, where they say more.
+        """Replace the last name by one or two plain ones of its joint, if these fit better.
 
-        More friction is a level and a slope; between the two lies many a curve.
+        More friction is a level and a slope; many curves lie between the two.
         """
         *others, last = fitted.members
         friction = EffectTrait.FRICTION
@@ -386,7 +385,7 @@ class Search:
 
 
 def refine_last_shape(score: Score, members: Sequence[CandidateColumns], like: Fit) -> Members:
-    """The set with the last member's nonlinear parameter searched off the grid."""
+    """Refine the last member's nonlinear parameter off the grid."""
     *others, last = members
     how = last.effect.refine
     if how is None:
@@ -413,7 +412,7 @@ def refine_last_shape(score: Score, members: Sequence[CandidateColumns], like: F
                 top, winner = trial.score, group
         centre = winner.shape[0]
         offsets = np.array([-0.5, -0.2, 0.2, 0.5]) * (offsets[-1] - offsets[0]) / 6
-    design.drop_newest_columns(size)  # of all that was tried one shape is kept
+    design.drop_newest_columns(size)  # keep one of the tried shapes
     if winner is not last:
         (winner,) = design.add([winner.placed])
     return (*others, replace(winner, fellows=last.fellows))
@@ -433,18 +432,18 @@ _PLAIN = 0.0, False
 
 
 def _complexity(group: CandidateColumns) -> tuple[float, bool]:
-    """How far-fetched a name is, and whether it has ten coefficients of a body."""
+    """Rank of a name by plausibility, and whether it has ten coefficients of a body."""
     body = EffectTrait.BODY in group.effect.traits
     return group.effect.far_fetched, body and len(group.ids) > 1
 
 
 def places_of(members: Sequence[CandidateColumns]) -> tuple:
-    """Effects and joints of a set, whatever their shapes and order."""
+    """Effects and joints of a set, regardless of shapes and order."""
     return tuple(sorted((g.effect.name, g.joints) for g in members))
 
 
 def _draws(curve: CandidateColumns, name: CandidateColumns) -> bool:
-    """Whether a curve draws what a name of its joint says in its own variable."""
+    """Whether a curve and a name of its joint describe the same variable."""
     if not is_curve(curve) or is_curve(name) or name.joints != curve.joints:
         return False
     by_position = name.effect.variable is against_position

@@ -1,8 +1,8 @@
-"""Names and their probability: searches under every scale of what is given, averaged.
+"""Names and their probability: an average of searches under every scale of the priors.
 
-Of the scales that predict left-out blocks as well as the best (paired by block, t < 2)
-each counts by its evidence. The probability of a name is the share of them in which it
-stands, or what blocks cannot tell from it, times what evidence of its size is worth.
+Scales that predict left-out blocks as well as the best (paired by block, t < 2) are
+weighted by their evidence. The probability of a name is the weight of those with it, or
+with an equivalent, times the reliability of evidence of its size.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -39,25 +39,25 @@ class Member:
     """One named effect on one joint, or of the whole arm."""
 
     group: CandidateColumns  # the effect, joints and shape
-    nats: float  # evidence that it carries in the whole set
+    nats: float  # its evidence within the set
     by: str  # "fit" or "plausibility"
-    joint: int  # the joint (from 0) on which it matters most
+    joint: int  # the joint (from 0) with its largest effect
     # Joint (from 0) whose left-out error falls most: without the name the parameters
-    # bend, and that may show elsewhere.
+    # adapt, which may show elsewhere.
     shown_joint: int
     probability: float  # of its class against all other names and none
-    equivalent: tuple[CandidateColumns, ...]  # what blocks cannot tell from it
-    splits: Splits  # how many thirds of the logs it is borne out without
+    equivalent: tuple[CandidateColumns, ...]  # its equivalents by blocks
+    splits: Splits  # number of thirds of the logs without which it is supported
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Selection:
-    """The likeliest set, what else is likely, and under which priors."""
+    """The likeliest set, other likely names, and their priors."""
 
     search: Search  # data, prior and candidates of the likeliest set
     fit: Fit  # its fit, curves left out
-    members: tuple[Member, ...]  # its names, surest first
-    curves: tuple[CandidateColumns, ...]  # joints that follow a curve and no name
+    members: tuple[Member, ...]  # its names, most certain first
+    curves: tuple[CandidateColumns, ...]  # joints explained by a curve without a name
     # Scale of the rigid part: the evidence-weighted median; the widest that counts.
     scale: float
     wide: NominalPrior
@@ -66,7 +66,7 @@ class Selection:
 def select_names(
     logs: FitLogs, nominal: NominalModel, progress: Callable[[float], None]
 ) -> Selection:
-    """Search the logs for what the nominal model lacks."""
+    """Search the logs for effects missing from the nominal model."""
     design = Design(
         logs.tracks,
         nominal.model,
@@ -93,14 +93,14 @@ def select_names(
             progress(len(runs) / (len(runs) + 3))
         return runs[key]
 
-    # Columns that read the model's torque see it with what a first search finds.
+    # Columns that depend on the model's torque use it with the first findings.
     if _reads_torque(found := run(first)):
         _settle_torque_model(found, nominal)
         candidates = recompute_candidates(design, candidates)
         runs.clear()
 
-    # From free to exact: where values are worse than a scale says, so is its forecast.
-    # Below the scales that are too rough for names of bodies such a name may mend it.
+    # From free to exact: if values are worse than a scale, its prediction is poor too.
+    # At scales fine enough for names of bodies, such a name may correct it.
     for rough in (True, False):
         own: list[SearchRun] = []
         for scale in reversed(space.scales):
@@ -111,12 +111,12 @@ def select_names(
     weighted = _weigh(design, candidates, list(runs.values()))
     if others := _other_widths(space, weighted):
         scales = [prior.scale for prior in weighted.list_near()]
-        # With other widths a search begins with what the best found; at another scale it
-        # does not, since a wrong set of one scale may stand at the next.
+        # With other widths a search starts from the best set; at another scale it does not,
+        # since a wrong set of one scale may persist at the next.
         near = weighted.best.fit.members
         for prior in others:
             run(prior, near)
-        # What the best widths gain beside one scale counts for its rivals, too.
+        # The gain of the best widths at one scale counts for its rivals too.
         best = _weigh(design, candidates, list(runs.values())).best
         for scale in scales:
             run(space.at(scale, best.score.prior.widths), best.fit.members)
@@ -126,14 +126,14 @@ def select_names(
 
 
 def _is_torque_shaken(logs: FitLogs, nominal: NominalModel) -> bool:
-    """Whether noise of the angles makes torque that shows beside the torque's own."""
+    """Whether noise of the angles causes torque noise comparable to that of the sensor."""
     angles = torque_from_angle_noise(nominal.model, logs.tracks, logs.shaken)
     noise = np.sqrt(np.mean([t.torque_noise**2 for t in logs.tracks], axis=0))
     return bool((angles > THRESHOLDS.shaken_share * noise).any())
 
 
 def _reads_torque(found: SearchRun) -> bool:
-    """Whether something was found that shifts what reads the model's torque."""
+    """Whether a finding shifts columns that depend on the model's torque."""
     design = found.score.design
     shares = [float(design.torque_shares(g, found.fit.of(g)).max()) for g in found.named]
     uses = [EffectTrait.USES_MODEL in g.effect.traits for g in found.named]
@@ -141,7 +141,7 @@ def _reads_torque(found: SearchRun) -> bool:
 
 
 def _settle_torque_model(found: SearchRun, nominal: NominalModel) -> None:
-    """Let the design see the torque of the named effects, iterated: Gauss-Newton."""
+    """Iterate the torque model of the design with the named effects: Gauss-Newton."""
     design, fitted, score = found.score.design, found.fit, found.score
     for _ in range(THRESHOLDS.refit_rounds):
         model = build_fitted_model(nominal, _without_curves(score, fitted))
@@ -219,7 +219,7 @@ def _falls_behind(runs: Sequence[SearchRun]) -> bool:
 
 
 def _other_widths(space: PriorSpace, weighted: Weighted) -> list[NominalPrior]:
-    """Priors with other widths of given values beside the best, one kind at a time."""
+    """Yield priors with other widths of given values, one kind at a time."""
     if not space.free or not weighted.best.score.prior.widths:
         return []
     prior = weighted.best.score.prior
@@ -240,7 +240,7 @@ def _other_widths(space: PriorSpace, weighted: Weighted) -> list[NominalPrior]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Constants:
-    """The same logs with the constants of joints as candidates, not in the model."""
+    """The design with the constants of joints as candidates, not in the model."""
 
     space: PriorSpace
     groups: tuple[CandidateColumns, ...]
@@ -250,7 +250,7 @@ class _Constants:
     def of(
         cls, design: Design, nominal: NominalModel, curves: Sequence[CandidateColumns]
     ) -> "_Constants":
-        """Take the constants out of the model; no column is computed anew."""
+        """Move the constants out of the model, without computing columns."""
         count = nominal.constants
         if not count:
             return cls(PriorSpace(design, nominal), (), curves)
@@ -302,7 +302,7 @@ def _conclude(
     scores = [constants.score(r.score.prior) for r in runs.values()]
     sure = [m.group for m in members if m.probability >= THRESHOLDS.sure_probability]
     score = _choose_predictive_scale(best, sure, scores)
-    # Sizes are freed of the noise one by one, since it may move them far.
+    # Sizes are corrected for the noise one by one, since it may shift them far.
     score = replace(score, design=score.design.keep_angle_noise())
     scales = sorted(zip([p.scale for p in priors], weighted.share, strict=True))
     middle = np.searchsorted(np.cumsum([s for _, s in scales]), 0.5)
@@ -318,10 +318,10 @@ def _conclude(
 
 
 def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
-    """The widest prior within 6 nats, and none under 10 % where the scale is open.
+    """The widest prior within 6 nats, at least 10 % if the scale is open.
 
-    How wrong given values are can be told only as far as wrong ones can be seen; what
-    trades off against a load cannot.
+    The error of given values can be estimated only for visible ones; those that trade
+    off against a load are not.
     """
     wide = max(weighted.list_near(), key=lambda prior: prior.scale)
     scale = max(wide.scale, min(THRESHOLDS.rough_scale, space.scales[-1]))
@@ -331,13 +331,13 @@ def _find_widest_prior(space: PriorSpace, weighted: Weighted) -> NominalPrior:
 def _join_constants(
     look: Search, found: Sequence[CandidateColumns], constants: Sequence[CandidateColumns]
 ) -> tuple[SearchRun, dict[CandidateColumns, Effect]]:
-    """The names with the constants that carry their price.
+    """Add the constants that carry their price to the names.
 
-    A name beside a free constant may be another one without: a balancer and a constant
-    are a spring at rest elsewhere. The set with the most evidence less its price wins.
+    Without a free constant another name may be right: a balancer and a constant equal a
+    spring with another rest position. The most evidence less its price wins.
 
     Returns:
-        The set, and of each name that so took another's place the other's effect.
+        The set, and for each name that replaced another the replaced effect.
     """
     best, former = look.settle((*found, *constants)), {}
     for group in found:
@@ -358,10 +358,10 @@ def _join_constants(
 def _replace_constants(
     look: Search, best: SearchRun, constants: Sequence[CandidateColumns]
 ) -> tuple[SearchRun, dict[CandidateColumns, Effect]]:
-    """Search on for what a free constant hid on joints whose constant is no name.
+    """Search for names hidden by a free constant, on joints without a named constant.
 
-    A spring at rest in the middle of the motion is a constant and little else: beside
-    a free constant it does not carry its price, and nor may the constant.
+    A spring at rest in the middle of the motion is close to a constant: with a free
+    constant it may not carry its price, and the constant may not either.
 
     Returns:
         The set, and of each new name the constant's effect.
@@ -375,7 +375,7 @@ def _replace_constants(
 
 
 def _find_doubted_joints(logs: FitLogs, nominal: NominalModel, best: SearchRun) -> tuple[int, ...]:
-    """Joints (from 0) on which more than noise is left beside the names."""
+    """Joints (from 0) with a residual above noise after the names."""
     named = _without_curves(best.score, best.fit)
     model = build_fitted_model(nominal, named)
     angles = torque_from_angle_noise(model, logs.tracks, logs.shaken)
@@ -386,9 +386,9 @@ def _find_doubted_joints(logs: FitLogs, nominal: NominalModel, best: SearchRun) 
 def _drop_curved_constants(
     score: Score, found: Sequence[CandidateColumns], groups: Sequence[CandidateColumns]
 ) -> list[CandidateColumns]:
-    """Constants but those of joints that follow a curve, of which they say little.
+    """Drop the constants of joints with a curve, where they are poorly determined.
 
-    A constant must explain most of what it and the curve explain together.
+    A constant must explain most of the joint explanation of it and the curve.
     """
     out = []
     for group in groups:
@@ -407,10 +407,10 @@ def _drop_curved_constants(
 def _choose_predictive_scale(
     best: SearchRun, names: Sequence[CandidateColumns], scores: Sequence[Score]
 ) -> Score:
-    """The prior under which the names predict left-out blocks best.
+    """Choose the prior under which the names predict left-out blocks best.
 
-    Evidence compares scales as if noise were all that is left; on a measured arm it is
-    not. No other prior is taken for less than ``min_share`` of the left-out error.
+    Evidence compares scales as if the residual were noise only; on a measured arm it is
+    not. Another prior must save at least ``min_share`` of the left-out error.
     """
     chosen = best.score
     fitted = chosen.fit(names, best.fit)
@@ -449,11 +449,11 @@ def judge_members(
     doubted: set[int],
     former: Mapping[CandidateColumns, Effect],
 ) -> tuple[Member, ...]:
-    """Every name of a set with its evidence and probability, surest first.
+    """Rate every name of a set by evidence and probability, most certain first.
 
     Args:
-        doubted: Joints (from 0) on which more than noise is left.
-        former: Effects whose place a name took when constants became candidates.
+        doubted: Joints (from 0) with a residual above noise.
+        former: Effects that a name replaced when constants became candidates.
     """
     parts = _fit_parts(best.score, best.fit)
     members = (
@@ -474,8 +474,8 @@ def _judge(
     """Evidence, equivalents and probability of one name.
 
     Args:
-        former: Effect whose place it took when constants became candidates: with a free
-            constant the searches have that one.
+        former: Effect that it replaced when constants became candidates: the searches
+            with a free constant contain that one.
     """
     score, fitted, left = best.score, best.fit, best.left_out
     rest = tuple(g for g in fitted.members if g is not group)
@@ -522,8 +522,8 @@ def name_probability(nats: float, doubted: bool = True) -> float:
     """Probability of a name by its evidence: logistic in ln(nats).
 
     Args:
-        doubted: Whether more than noise is left of a joint on which it acts: errors of
-            blocks are less independent then than evidence takes them for.
+        doubted: Whether a joint on which it acts has a residual above noise: errors of
+            blocks are then less independent than assumed.
     """
     even = THRESHOLDS.even_nats if doubted else THRESHOLDS.clean_even_nats
     odds = THRESHOLDS.odds_slope * np.log(max(nats, 1e-3) / even)

@@ -1,11 +1,10 @@
-"""The leftover of one examined, looked at and corrected, with the sentences on it.
+"""The residual after the findings: its dependences, its correction, and sentences on it.
 
 The default form of the data-driven tables
 (`residual/calibration/correction_choice.py`): nothing, PLSR, least squares, tables,
-whichever serves fit logs best that were left out. The variables are the joint's own
-state and what its leftover was found to depend on. "Nothing" means not correctable
-from the state. The logs held out for the proof have no part in it (G2017 eq. 31, on
-top of the named effects).
+whichever predicts left-out fit logs best. The variables are the joint's own state and the
+variables that its residual was found to depend on. "Nothing" means not correctable from
+the state. The held-out logs are not used (G2017 eq. 31, on top of the named effects).
 """
 
 from collections.abc import Sequence
@@ -42,18 +41,18 @@ from residual.signals.splitting import group_pieces_by_log
 from residual.signals.track import Track
 from residual.verdict.result import Dependence
 
-# Does a curve of one state variable, drawn on some logs, predict a leftover on others?
+# Does a curve of one state variable, fitted to some logs, predict the residual on others?
 #
-# A nonparametric look after Janot's state-dependent parameters: the leftover of a joint
-# is averaged in quantile bins of one variable at a time, plain or apart for the two
+# A nonparametric test after Janot's state-dependent parameters: the residual of a joint is
+# averaged in quantile bins of one variable at a time, plain or separately for the two
 # directions of motion (friction that depends on the variable), and over the sum and the
-# difference of two positions (what two joints share in a wrist). Whole logs, or blocks
-# of one, are left out; chance is drawn with the leftover's own spectrum (phase
-# randomisation: Theiler et al. 1992, Physica D 58).
+# difference of two positions (gearing shared by two wrist joints). Logs, or blocks of one,
+# are left out; chance is estimated from surrogates with the same spectrum (phase
+# randomization: Theiler et al. 1992, Physica D 58).
 
 
-BINS = (8, 24, 72)  # from a slope to a ripple; the chance is drawn over all of them
-DRAWS = 59  # surrogates: the best of them is a chance of 1 in 60
+BINS = (8, 24, 72)  # from a slope to a ripple; chance is estimated over all of them
+DRAWS = 59  # number of surrogates: exceeding all of them has a chance of 1 in 60
 MOST_FOLDS = 0.6  # share of left-out folds that must improve (as in the gate)
 
 PLAIN, DIRECTION, SUM = "curve", "by direction", "sum"
@@ -61,10 +60,10 @@ PLAIN, DIRECTION, SUM = "curve", "by direction", "sum"
 
 @dataclass(frozen=True, eq=False, slots=True)
 class StateVariable:
-    """Something that a leftover may depend on, on the rows of one joint."""
+    """A variable that a residual may depend on, on the rows of one joint."""
 
     on: str  # "q", "qd", "qdd" or "tau" (the model's torque)
-    of: tuple[int, ...]  # joints that it belongs to, from 0
+    of: tuple[int, ...]  # its joints, from 0
     form: str  # one of the four constants of this module
     values: Array  # , (n,)
     # Direction of motion of the joint, 0 or 1; None where it does not matter, (n,).
@@ -92,35 +91,35 @@ class StateVariable:
 class ResidualCurve:
     """A dependence that holds on left-out folds."""
 
-    variable: StateVariable  # what it is over
-    # Fall of the left-out squared error, as a share of the structured leftover.
+    variable: StateVariable  # its variable
+    # Fall of the left-out squared error, as a share of the structured residual.
     share: float
     fitted: Array  # the curve on the rows [N m], (n,)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointResidual:
-    """The leftover of one joint on the rows on which that joint moves."""
+    """The residual of one joint on the rows on which that joint moves."""
 
-    residual: Array  # leftover [N m], (n,)
+    residual: Array  # residual [N m], (n,)
     fold: Array  # fold of each row, from 0, (n,)
     log: Array  # log of each row, from 0, increasing, (n,)
-    memory: float  # rows after which the leftover forgets itself (autocorrelation time)
-    power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
+    memory: float  # autocorrelation time of the residual, in rows
+    power: float  # squared residual beyond the noise, summed over the rows [N^2 m^2]
 
 
 def fit_residual_curves(
     joint_residual: JointResidual, variables: Sequence[StateVariable]
 ) -> tuple[list[ResidualCurve], Array]:
-    """Take the best curve while one beats chance; each is drawn on what is left.
+    """Add the best curve while one is significant, each fitted to the remaining residual.
 
     Returns:
-        The curves, and what they leave [N m]. Shape (n,).
+        The curves, and the remaining residual [N m]. Shape (n,).
     """
     residual, found_curves = joint_residual.residual, []
     tables = [_CellTable.of(joint_residual, v, bins) for v in variables for bins in BINS]
     while tables and len(found_curves) < THRESHOLDS.max_curves:
-        # A mean is no dependence: what it explains is no curve's merit.
+        # A mean is no dependence: the part that it explains does not count.
         mean = _CellTable.of(joint_residual, None, 1)
         falls = np.array([t.fall(residual[:, None]) for t in tables])[:, :, 0]
         falls -= mean.fall(residual[:, None])[:, 0]
@@ -142,10 +141,10 @@ def fit_residual_curves(
 
 
 def draw_surrogate_residuals(rows: JointResidual, residual: Array) -> Array:
-    """Leftovers of the same spectrum in every log that know nothing of the motion.
+    """Surrogate residuals with the same spectrum in every log, independent of the motion.
 
     Returns:
-        Shape (n, DRAWS); the same for the same leftover.
+        Shape (n, DRAWS); the same for the same residual.
     """
     rng = np.random.default_rng(0)
     out = np.empty((len(residual), DRAWS))
@@ -159,13 +158,13 @@ def draw_surrogate_residuals(rows: JointResidual, residual: Array) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _CellTable:
-    """Cells of one variable in one width, and who is in them."""
+    """Cells of one variable in one width, and their rows."""
 
     variable: StateVariable | None  # the variable; None for a constant
     codes: Array  # cell of each row, (n,)
     gather: csr_array  # sums rows into (fold, cell), (folds cells, n)
     counts: Array  # rows of each fold and cell, (folds, cells)
-    memory: float  # weight of the belief that a cell's mean is zero, in rows
+    memory: float  # prior weight of a zero mean of a cell, in rows
 
     @classmethod
     def of(cls, rows: JointResidual, variable: StateVariable | None, bins: int) -> "_CellTable":
@@ -184,7 +183,7 @@ class _CellTable:
         """Fall of each fold's squared error by the curve of the other folds.
 
         Args:
-            block: Leftovers side by side. Shape (n, b).
+            block: Residuals side by side. Shape (n, b).
 
         Returns:
             Shape (folds, b).
@@ -201,33 +200,33 @@ class _CellTable:
         return (sums / (self.counts.sum(axis=0) + self.memory))[self.codes]
 
 
-PIECE = 20.0  # s: longest stretch over which a phase is believed to hold
-PARTS = 5  # of a piece, left out in turn
-SLOWEST = 3.0  # periods that a piece must hold at least
+PIECE = 20.0  # s: longest interval with an assumed constant phase
+PARTS = 5  # blocks of a piece, left out in turn
+SLOWEST = 3.0  # least number of periods in a piece
 FINE = 0.5  # step of the frequencies, in units of 1 / piece
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ResidualTimeSeries:
-    """A leftover on its time line."""
+    """A residual over time."""
 
     t: Array  # time of each row [s], (n,)
-    residual: Array  # leftover [N m], (n,)
+    residual: Array  # residual [N m], (n,)
     log: Array  # log of each row, from 0, (n,)
-    power: float  # squared leftover beyond the noise, summed over the rows [N^2 m^2]
-    cutoff: float  # highest frequency to look at [Hz]
+    power: float  # squared residual beyond the noise, summed over the rows [N^2 m^2]
+    cutoff: float  # highest frequency of the search [Hz]
 
 
 @dataclass(frozen=True, slots=True)
 class SpectralLine:
-    """A spectral line of a leftover."""
+    """A spectral line of a residual."""
 
-    share: float  # fall of the left-out squared error, as a share of the leftover
+    share: float  # fall of the left-out squared error, as a share of the residual
     frequency: float  # [Hz]
 
 
 def find_spectral_line(series: ResidualTimeSeries) -> SpectralLine | None:
-    """A frequency that predicts left-out blocks, beyond red noise that does not."""
+    """Find a frequency that predicts left-out blocks better than red noise does."""
     pieces = _pieces(series)
     span = max(np.ptp(series.t[p]) for p in pieces)
     low, high = SLOWEST / span, series.cutoff
@@ -250,7 +249,7 @@ def find_spectral_line(series: ResidualTimeSeries) -> SpectralLine | None:
 
 
 def _pieces(line: ResidualTimeSeries) -> list[Array]:
-    """Rows of each log, in stretches of 20 s or less."""
+    """Rows of each log, in pieces of 20 s or less."""
     out = []
     for log in np.unique(line.log):
         rows = np.flatnonzero(line.log == log)
@@ -265,10 +264,10 @@ def _pieces(line: ResidualTimeSeries) -> list[Array]:
 def _left_out_line(
     line: ResidualTimeSeries, pieces: list[Array], grid: Array, block: Array
 ) -> tuple[Array, int]:
-    """Fall of the squared error of every piece, and the frequency all rows choose.
+    """Fall of the squared error of every piece, and the best frequency of all rows.
 
-    For every turn one block of each piece is left out; the frequency is the one that
-    serves the other blocks of all pieces best, the phase each piece's own.
+    In each round one block of each piece is left out; the frequency is the best for the
+    other blocks of all pieces, with a separate phase per piece.
 
     Returns:
         Shape (pieces, b), and an index into the grid.
@@ -309,7 +308,7 @@ def _sums(t: Array, block: Array, grid: Array) -> tuple[Array, Array]:
 
 
 def _amplitudes(gram: Array, cross: Array) -> Array:
-    """Amplitudes of cosine and sine, stiffened by one part in a hundred. (2, f, b)."""
+    """Amplitudes of cosine and sine, regularized by one per cent. (2, f, b)."""
     size = 0.01 * np.trace(gram, axis1=1, axis2=2) / 2 + 1e-12
     inverse = np.linalg.inv(gram + size[:, None, None] * np.eye(2))
     return np.einsum("fij,jfb->ifb", inverse, cross)
@@ -332,27 +331,27 @@ def _red_noise(line: ResidualTimeSeries) -> Array:
 REPEATABLE, TIME_DRIVEN = "repeatable", "time-driven"
 
 
-# What remains after the findings: what it depends on, joint by joint.
+# The residual after the findings: its dependences, joint by joint.
 #
-# States come first (`curves`), since a function of the motion swings with it; a wave in
-# time is searched in what they leave (`find_spectral_line`). Where nothing beats chance
-# on left-out rows, nothing is said.
+# States come first (`curves`), since a function of the motion oscillates with it; a wave
+# in time is searched in the remaining residual (`find_spectral_line`). Only dependences
+# that are significant on left-out rows are reported.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointRemainder:
-    """What one joint keeps, on the rows on which it moves."""
+    """The residual of one joint after the findings, on the rows on which it moves."""
 
     joint: int  # from 0
     # State variables that predict it on left-out folds, best first.
     curves: tuple[ResidualCurve, ...]
-    wave: SpectralLine | None  # a spectral line of what the curves leave
-    kind: str | None  # "repeatable", "time-driven", or None where neither is known
-    cloud: FindingScatter  # leftover over the variable that it depends on most
+    wave: SpectralLine | None  # a spectral line of the residual after the curves
+    kind: str | None  # "repeatable", "time-driven", or None if unknown
+    cloud: FindingScatter  # residual over the variable that it depends on most
 
 
 def list_dependences(remainders: Sequence[JointRemainder]) -> tuple[Dependence, ...]:
-    """What each joint's leftover varies with, the largest share of a joint first."""
+    """The dependences of each joint's residual, the largest share of a joint first."""
     out = []
     for leftover in remainders:
         joint, entries = leftover.joint + 1, []
@@ -369,7 +368,7 @@ def list_dependences(remainders: Sequence[JointRemainder]) -> tuple[Dependence, 
 def analyze_joint_remainders(
     design: Design, tracks: Sequence[Track], fitted: Fit, adequacy: Adequacy
 ) -> tuple[JointRemainder, ...]:
-    """Look at every joint on which more than noise remains."""
+    """Analyze every joint with a residual above noise."""
     out, folds = [], label_folds(tracks)
     for j in adequacy.doubted:
         residual = design.residual(j, fitted.ids, fitted.theta)
@@ -384,7 +383,7 @@ def analyze_joint_remainders(
         line = ResidualTimeSeries(_stack(tracks, j, times), remaining, log, power, cutoff)
         wave = find_spectral_line(line)
         kind = _kind(adequacy.kind[j], found_curves, wave, tracks)
-        # Over the variable that it depends on most; over time where there is none.
+        # Over the variable that it depends on most, else over time.
         x, y, drawn, label = line.t, residual, np.zeros(len(line.t)), "t [s]"
         if found_curves and (wave is None or found_curves[0].share >= wave.share):
             x, drawn = found_curves[0].variable.values, found_curves[0].fitted
@@ -426,7 +425,7 @@ def _variables(design: Design, tracks: Sequence[Track], j: int) -> list[StateVar
     return [
         replace(v, slides=slides[v.of[0]])
         for v in out
-        # Of an angle and a length there is no sum.
+        # An angle and a length have no sum.
         if np.ptp(v.values) > 0 and len({slides[k] for k in v.of}) == 1
     ]
 
@@ -437,11 +436,11 @@ def _kind(
     wave: SpectralLine | None,
     tracks: Sequence[Track],
 ) -> str | None:
-    """State-driven if left-out logs are predicted from the state; else by the clock.
+    """Return "repeatable" if left-out logs are predicted from the state, else by time.
 
-    Where a motion repeats, what does not repeat with it has the say. A line that logs
-    of different motion share follows time, whatever period it happens to fit: it is
-    none of the motion's own harmonics in some of several logs.
+    For a periodic motion, the part that does not repeat decides. A line common to logs
+    of different motion follows time, even if it fits a harmonic of one motion: in other
+    logs it is no harmonic.
     """
     if wave is None or sum(c.share for c in curves_found) >= wave.share:
         return repeats or (REPEATABLE if curves_found else None)
@@ -457,7 +456,7 @@ def _kind(
 
 
 def _folded(line: ResidualTimeSeries, frequency: float) -> tuple[Array, Array]:
-    """Turns of a wave from its crest in each log, and the wave of all logs [N m]."""
+    """Phase of a wave from its crest in each log, in turns, and its fit to all logs [N m]."""
     turns = line.t * frequency
     for log in np.unique(line.log):
         own = line.log == log
@@ -472,16 +471,16 @@ def _stack(tracks: Sequence[Track], j: int, lines: Sequence[Array]) -> Array:
     return np.concatenate([x[t.moving[:, j]] for t, x in pairs])
 
 
-MOST_ROWS = 12_000  # more of the same logs change nothing but the time
+MOST_ROWS = 12_000  # more rows of the same logs only take more time
 
 
 def fit_correction(
     model: Model, tracks: Sequence[Track], remainders: Sequence[JointRemainder]
 ) -> CorrectedModel | None:
-    """Fit the correction to what a model leaves on the fit logs.
+    """Fit the correction to the residual of a model on the fit logs.
 
     Returns:
-        None where no joint moves enough for one log, or block, to check another.
+        None if no joint moves enough for a test on left-out logs or blocks.
     """
     if not remainders:
         return None
@@ -509,7 +508,7 @@ def _tables(logs, leftover: JointRemainder) -> JointCorrection | None:
     fold = _folds([track for track, _, _ in logs])
     thin = slice(None, None, 1 + len(fold) // MOST_ROWS)
     X, Y, tau, second = (np.concatenate(part)[thin] for part in (X, Y, tau, second))
-    # Every variable must vary in all folds but any one.
+    # Every variable must vary in all folds except any one.
     folds = np.unique(fold[thin])
     spread = [np.ptp(X[fold[thin] != f], axis=0) for f in folds]
     if len(folds) < 2 or not (np.array(spread) > 1e-9).all():
@@ -525,10 +524,10 @@ def _tables(logs, leftover: JointRemainder) -> JointCorrection | None:
 
 
 def _folds(tracks: Sequence[Track]) -> Array:
-    """Log of each row; blocks of it where it is the only one.
+    """Log of each row; blocks if there is a single log.
 
-    Blocks of one log are next to each other, and a table may remember the path: with a
-    second log there is something better to check it by.
+    Blocks of one log are adjacent, and a table may memorize the path: a second log is a
+    better test.
     """
     logs = group_pieces_by_log([t.id for t in tracks])
     if len(logs) > 1:
@@ -550,17 +549,17 @@ def _columns(leftover: JointRemainder) -> tuple[TableVariable, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UnexplainedAnalysis:
-    """What is known of the leftover."""
+    """The analysis of the residual."""
 
     joints: tuple[JointRemainder, ...]  # one entry per unexplained joint
-    # The model with a statistical correction; None where nothing is left, or no joint
-    # can be checked.
+    # The model with a statistical correction; None without a residual, or if no joint
+    # can be tested.
     correction: CorrectedModel | None
     sentences: tuple[str, ...]  # sentences
 
 
 def analyze_unexplained(outcome: Outcome, fitted: Fit, augmented: Model) -> UnexplainedAnalysis:
-    """Look at what the names leave on the fit logs; nothing held out has a part."""
+    """Analyze the residual of the findings on the fit logs, without held-out logs."""
     adequacy, tracks = outcome.adequacy, outcome.logs.tracks
     found = analyze_joint_remainders(outcome.design, tracks, fitted, adequacy)
     correction = fit_correction(augmented, tracks, found)

@@ -80,14 +80,14 @@ def build_verdict(
     check: LogCheck | None,
     notes: Sequence[str],
 ) -> Verdict:
-    """Return the verdict, of plain values: what is not finite is None.
+    """Return the verdict as plain values; values that are not finite are None.
 
     Args:
         named: The findings to be listed, most torque first.
         background: Those that any used arm has.
-        suspected: What is less sure or refuted, and in no model.
-        bodies: The augmented model, and what of it no body could be.
-        rivals: Sets that the logs cannot tell from the one that is named.
+        suspected: Less certain or refuted names, in no model.
+        bodies: The augmented model, and its impossible bodies before correction.
+        rivals: Sets that the logs cannot separate from the named one.
         errors: Errors of each model on the held-out logs; `tables` has them as values.
         notes: Warnings on the logs, which come first.
     """
@@ -134,7 +134,7 @@ def build_verdict(
 
 
 def list_alternatives(rivals: Sequence[RivalSet]) -> tuple[Alternative, ...]:
-    """Sets that the logs cannot tell from the one that is named, as plain values."""
+    """Sets that the logs cannot separate from the named one, as plain values."""
     return tuple(
         Alternative(
             set=tuple(Place(g.effect.name, joint_numbers(g)) for g in rival.members),
@@ -142,7 +142,7 @@ def list_alternatives(rivals: Sequence[RivalSet]) -> tuple[Alternative, ...]:
             separated_by=LOAD if rival.twin else MOTION,
         )
         for rival in rivals
-        if rival.members  # whether there is a name at all says its probability
+        if rival.members  # the probability covers whether there is a name at all
     )
 
 
@@ -151,7 +151,7 @@ def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
     prior, model = rougher_body_prior(outcome), outcome.logs.robot.model
     bodies = read_inertial_parameters(model)
     pull = compute_inertial_precision(outcome.logs.robot) @ np.diag(bodies)
-    with np.errstate(divide="ignore"):  # of a link without mass nothing is known
+    with np.errstate(divide="ignore"):  # a link without mass has no detectable size
         rough = prior.scale / np.sqrt((bodies @ pull).reshape(-1, 10).sum(axis=1))
     out = []
     for d in least:
@@ -163,7 +163,7 @@ def _clear_links(outcome: Outcome, least: list[Detectable]) -> list[Detectable]:
 
 
 def build_finding(named: NamedEffect, order: int, proof: Proof, span: MotionSpan) -> Finding:
-    """A finding as the verdict has it."""
+    """Return a finding in the form of the verdict."""
     gains = [proof.gains[m] for m in named.tested if m in proof.gains]
     gain = float(np.mean(gains)) if gains else None
     splits = [m.splits for m in named.tested]
@@ -219,20 +219,20 @@ def _unexplained(outcome: Outcome, leftovers: Sequence[JointRemainder]) -> Unexp
     )
 
 
-USED_WHOLE = 0.95  # of the seconds of the logs: all but the ends of some
-PLACES = 20  # positions at which the inertia is looked at
+USED_WHOLE = 0.95  # share of the duration of the logs: all except the ends
+PLACES = 20  # positions at which the inertia is evaluated
 
 
-# What no arm can be: a refit whose friction drives, or whose inertia is negative.
+# Impossible refits: friction that drives, or negative inertia.
 #
-# Both are sums over the motion that are linear in the coefficients, so their standard
-# deviation follows from the fit's covariance: nothing is called impossible by chance.
+# Both are sums over the motion, linear in the coefficients, so their standard deviation
+# follows from the fit's covariance, and only significant ones are reported.
 
 
 def describe_contradictions(
     outcome: Outcome, fitted: Fit, errors: dict[str, ErrorSums]
 ) -> tuple[str, ...]:
-    """Return in sentences what of a fit no arm can be; empty where nothing is."""
+    """Return the physical contradictions of a fit, a sentence each."""
     if not outcome.design.fold_rows.any():
         return (STILL,)
     friction, inertia = (_driving_friction(outcome, fitted), _negative_inertia(outcome, fitted))
@@ -308,11 +308,11 @@ def _negative_inertia(outcome: Outcome, fitted: Fit) -> list[int]:
 
 
 def collect_warnings(proof: Proof, same_run: bool, scale: float = 0.0) -> list[str]:
-    """Return what qualifies the answer: a weak proof, a rough model, refuted names.
+    """Return warnings on the verdict: a weak test, a rough model, refuted names.
 
     Args:
-        same_run: Whether the held-out logs are a part of a fit log.
-        scale: By how much the given bodies are off, where the search looked for it.
+        same_run: Whether the held-out logs are part of a fit log.
+        scale: Relative error of the given bodies, if the search estimated it.
     """
     out = []
     if same_run:
@@ -338,7 +338,7 @@ def collect_warnings(proof: Proof, same_run: bool, scale: float = 0.0) -> list[s
 
 
 def describe_used_part(logs: FitLogs, recordings: Sequence[Recording]) -> tuple[str, ...]:
-    """Say how much of long logs is used; nothing where that is all of them."""
+    """Return the used share of long logs; empty if all is used."""
     used, logged = sum(t.seconds for t in logs.tracks), sum(r.duration for r in recordings)
     if used > USED_WHOLE * logged:
         return ()
@@ -346,7 +346,7 @@ def describe_used_part(logs: FitLogs, recordings: Sequence[Recording]) -> tuple[
 
 
 def describe_signals(outcome: Outcome) -> tuple[str, ...]:
-    """Return what was understood of the signals: filter and rows."""
+    """Return notes on the signals: filter and rows."""
     logs = outcome.logs
     rows = outcome.design.rows
     every = sum(int(t.valid.sum()) for t in logs.tracks)
@@ -363,34 +363,34 @@ def describe_signals(outcome: Outcome) -> tuple[str, ...]:
     return tuple(notes)
 
 
-# Which of the values that the model was given the logs bear out, and which not.
+# The nominal values compared with the logs.
 #
-# Each is asked with its own prior taken away, the others held to be as good as their
-# kind has proved to be: what is left is what the logs themselves say of it. With V0 and
-# V1 its covariance before and after, and m1 its mean, the logs alone know it by
+# Each value is estimated without its own prior, while the others keep the accuracy found
+# for their kind: the result is the information of the logs alone. With V0 and V1 its
+# covariance before and after, and m1 its mean,
 #
 #     information = V1^-1 - V0^-1,    mean = information^-1 V1^-1 m1.
 
 
-LOOSE = 1e-4  # of the prior's information: what stays, so that nothing is infinite
+LOOSE = 1e-4  # of the prior's information: kept to avoid infinite values
 BODY = "inertial"
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Values:
-    """Values that are asked together: those of one joint, or one of the body."""
+    """Values that are compared together: those of one joint, or one of the body."""
 
     # (name, joints from 1, parameter, unit) of each.
     names: tuple[tuple[str, tuple[int, ...], str, str], ...]
     nominal: Array  # their nominal values, (k,)
-    size: Array  # what 5 % is taken of, (k,)
+    size: Array  # reference of the 5 %, (k,)
     slope: Array  # their derivative to the coefficients of the nominal model, (k, p)
-    # The same to all of the fit, findings of the same thing included, (k, m).
+    # The same for all coefficients of the fit, related findings included, (k, m).
     added: Array
 
 
 def compare_nominal_values(outcome: Outcome, fitted: Fit) -> tuple[Change, ...]:
-    """Return every value that the model was given, and what the logs make of it."""
+    """Return every nominal value, with the value from the logs."""
     groups = [*_drive_values(outcome, fitted), *_body_values(outcome, fitted)]
     count = sum(len(a.names) for a in groups)
     if not count:
@@ -402,7 +402,7 @@ def compare_nominal_values(outcome: Outcome, fitted: Fit) -> tuple[Change, ...]:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Covariances:
-    """Covariances before and after the logs, and how much logs differ. Each (m, m)."""
+    """Covariances before and after the logs, and between logs. Each (m, m)."""
 
     theta: Array
     before: Array
@@ -430,10 +430,10 @@ def _value_changes(state: _Covariances, values: _Values, sure: float) -> Iterato
     information = _positive_information(after - invert_scaled(prior), prior)
     covariance = np.linalg.inv(information)
     gap = covariance @ (after @ (a @ state.theta))
-    # Logs that disagree pull a value that its prior holds by less than a free one.
+    # Disagreeing logs shift a value with a prior less than a free one.
     freed = covariance @ after
     variance = np.diag(covariance + freed @ (a @ state.between @ a.T) @ freed.T)
-    refit_gap = values.slope @ state.theta[:p]  # of the gap what no finding says
+    refit_gap = values.slope @ state.theta[:p]  # the share of the gap that no finding explains
     for i, (name, joints, parameter, unit) in enumerate(values.names):
         sd = float(np.sqrt(variance[i]))
         least = max(THRESHOLDS.min_value_change * values.size[i], sure * sd)

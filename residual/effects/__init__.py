@@ -37,7 +37,7 @@ def load_effects() -> dict[str, Effect]:
 
 
 def find_effect(name: str) -> Effect | None:
-    """Return an effect by its name, None for none; of ours its file alone is loaded."""
+    """Return an effect by its name, None for none; loads only its file if it is ours."""
     file = f"{__name__}.{name}"
     if re.fullmatch("[a-z][a-z_]*", name) and name not in _HELPERS and find_spec(file):
         return import_module(file).EFFECT
@@ -45,7 +45,7 @@ def find_effect(name: str) -> Effect | None:
 
 
 def list_motor_alternatives(name: str, span: MotionSpan) -> tuple[str, ...]:
-    """Effects that logs of one drive do not split from one; none of other logs."""
+    """Effects that logs of one drive cannot separate from a given one; none for other logs."""
     effects, motor = load_effects(), EffectTrait.MOTOR
     if not span.one_drive or motor not in effects[name].traits:
         return ()
@@ -55,7 +55,7 @@ def list_motor_alternatives(name: str, span: MotionSpan) -> tuple[str, ...]:
         for other in effects.values()
         if motor in other.traits
         and other.name != name
-        # A drive that is off in a part splits its own damping from friction.
+        # A drive that is off in a part of the logs separates its damping from friction.
         and not (
             any(span.switched)
             and friction in other.traits & effects[name].traits
@@ -70,10 +70,10 @@ def list_effect_parameters() -> dict[str, Mapping[str, str]]:
 
 
 def map_joint_properties() -> dict[str, tuple[str, str]]:
-    """Effects that every drive has, by the property of a simulated joint that each is.
+    """Effects of every drive, by the corresponding property of a simulated joint.
 
     Returns:
-        Name and parameter of the effect, by property: what an MJCF declares.
+        Name and parameter of the effect, by property of an MJCF.
     """
     usual = (e for e in load_effects().values() if e.drive_order)
     return {
@@ -83,9 +83,9 @@ def map_joint_properties() -> dict[str, tuple[str, str]]:
 
 
 def number_reported_joints(name: str, joints: Iterable[int], dof: int) -> tuple[int, ...]:
-    """Joints (from 1) as a verdict has them: what is at the flange is on the last.
+    """Joints (from 1) as in a verdict: effects at the flange are on the last one.
 
-    What an effect that nobody looks for sits on stays where it is.
+    Joints of an unknown effect are unchanged.
     """
     effect = load_effects().get(name)
     at_flange = effect is not None and effect.scope == "flange"

@@ -1,8 +1,8 @@
 """A rigid body that a link carries besides its own: ten parameters, in some frame.
 
 The coefficients are m, m c and the inertia about the origin of the link's joint, in
-Pinocchio's order (xx, xy, yy, xz, yz, zz); what a user reads is mass, centre, and the
-inertia about that centre, in the axes of a frame that is fixed to the link.
+Pinocchio's order (xx, xy, yy, xz, yz, zz); reports give mass, centre, and the inertia
+about that centre, in the axes of a frame fixed to the link.
 """
 
 from dataclasses import replace
@@ -21,8 +21,8 @@ PARAMETERS = {
     "iyz": "kg m^2",
     "izz": "kg m^2",
 }
-LEAST = 0.01  # of the arm's mass: a body whose centre is not known from its mass
-ARM = 0.1  # m from the frame to the centre of a usual body
+LEAST = 0.01  # of the arm's mass: a lighter body has no determined centre
+ARM = 0.1  # m from the frame to the centre of a typical body
 
 
 def columns(state, joints, shape):
@@ -55,13 +55,13 @@ def values_in(placement, theta):
 
 
 def theta_from(placement, values):
-    """The way back; there is no shape."""
+    """The inverse of `values_in`; there is no shape."""
     import pinocchio as pin
 
     xx, xy, xz, yy, yz, zz = values[4:]
     inertia = np.array([[xx, xy, xz], [xy, yy, yz], [xz, yz, zz]])
     point = placement.act(pin.Inertia(values[0], values[1:4], np.zeros((3, 3))))
-    # Added by hand: a change of a load need not have the inertia of a body.
+    # Computed directly: a change of a load need not have the inertia of a body.
     own = placement.rotation @ inertia @ placement.rotation.T
     theta = point.toDynamicParameters()
     theta[4:] += own[[0, 0, 1, 0, 1, 2], [0, 1, 1, 2, 2, 2]]
@@ -78,7 +78,7 @@ def usual_in(placement):
 def prior_sd(robot):
     """Up to 8 % of the arm's mass, a fifth of a metre off the joint's origin.
 
-    Of an arm of one joint its load is the most of it: all of its mass.
+    For an arm of one joint, up to all of its mass, which is mostly the load.
     """
     share = 0.08 if robot.dof > 1 else 1.0
     mass = share * sum(body.mass for body in robot.model.inertias)
@@ -86,7 +86,7 @@ def prior_sd(robot):
 
 
 def is_parameter_reportable(key, values, stds):
-    """Inertia only where the motion shows it: positive, and known within a third."""
+    """Report inertia only if determined: positive, and known within a third."""
     if not key.startswith("i"):
         return True
     principal = [4, 7, 9]

@@ -1,9 +1,9 @@
 """Play in a gear: the link lies on the side to which its load pushes it.
 
-The encoder sits on the motor. When the load changes its side the link leaves the
-tooth and flies freely across the play, x'' = -load / inertia, until the next tooth
-catches it: a late crossing, and the later the wider the play. Where grease or a
-controller that is stiff against the link hold it, it crosses with its load, at once.
+The encoder is on the motor. When the load changes sign the link leaves the tooth and
+flies freely across the gap, x'' = -load / inertia, until it hits the next tooth: a
+delayed crossing, later for wider gaps. If grease or a stiff controller hold the link, it
+crosses with its load at once.
 """
 
 import numpy as np
@@ -17,13 +17,13 @@ from residual.effects.sensitivity import (
 )
 from residual.recording import Array
 
-# The coefficient is the half gap, the shape the one that the flight is drawn for; a
-# second number of the shape is the time of a crossing at once [s].
+# The coefficient is the half gap, the shape the half gap of the simulated flight; a second
+# number of the shape is the time of an instant crossing [s].
 LEAST, MOST = 0.5, 2.0
 TINY = 1e-7  # rad
 WIDEST = 0.02  # rad
 AT_ONCE = 64  # samples of a fall: most are shorter
-HELD = 0.01  # s: below what the identification filter lets through
+HELD = 0.01  # s: shorter than the identification filter resolves
 FUTURE = "its flight is differentiated by samples that are still to come"
 
 
@@ -41,9 +41,9 @@ def _columns(state, joints, shape):
 
 
 def _flight(push: Array, gap: float, dt: float) -> Array:
-    """Link less motor angle, between -gap and gap, of what pushes the link [rad].
+    """Link minus motor angle, between -gap and gap, under a push on the link [rad].
 
-    It lies on a tooth until the push turns round, and falls from rest to the next.
+    It rests on a tooth until the push reverses, then falls from rest to the next.
     """
     place = np.empty(len(push))
     at, i = gap * np.sign(push[0]), 0
@@ -72,7 +72,7 @@ def _fall(push: Array, start: float, gap: float, dt: float) -> Array:
 
 
 def _possible(theta, shape, limits):
-    """A flight is drawn for its gap; a crossing at once has any gap of a gear."""
+    """A flight holds near its simulated gap; an instant crossing for any gap of a gear."""
     if len(shape) > 1:
         return bool(TINY < theta[0] < WIDEST)
     return bool(LEAST < theta[0] / shape[0] < MOST)
@@ -96,7 +96,7 @@ EFFECT = Effect(
     traits=EffectTrait.USES_MODEL | EffectTrait.MEMORY,
     prior_sd=lambda robot: np.array([2e-3]),
     possible=_possible,
-    # Where the load never changes its side it is an offset of the encoder.
+    # If the load never changes sign it is an offset of the encoder.
     far_fetched=0.5,
     family="geometry",
     variable=against_load,

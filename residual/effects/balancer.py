@@ -24,7 +24,7 @@ EFFECT = Effect(
     family="static",
     inexact=0.1,
     variable=against_position,
-    # It carries what the drive need not, so it may exceed the drive's own torque.
+    # It relieves the drive, so it may exceed the drive's own torque.
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < MOST * limits.torque),
     display=describe_wave(0, 1, "N m"),
 )

@@ -1,8 +1,8 @@
-"""What an effect is: data and one pure function from motion to torque columns.
+"""The record of an effect: data and one pure function from motion to torque columns.
 
 A new effect is one new file in this folder with a module-level ``EFFECT``; the
-registry is the folder listing. What an arm can do, and the usual conditions on the
-size and sign of an effect, stand here too.
+registry is the folder listing. The limits of an arm, and common conditions on the size
+and sign of an effect, are here too.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -16,7 +16,7 @@ import numpy as np
 from residual.quantity import convert_to_sliding_unit
 from residual.recording import Array
 
-if TYPE_CHECKING:  # both load Pinocchio, which the words of an effect do not need
+if TYPE_CHECKING:  # both load Pinocchio, which the texts of an effect do not need
     from residual.robot.dynamics import LazyRegressor
     from residual.robot.robot import Robot
 
@@ -25,18 +25,18 @@ Shape = tuple[float, ...]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointLimits:
-    """What an arm can do where an effect sits; of the whole arm the largest.
+    """Limits of the arm at the joints of an effect; for the whole arm the largest.
 
     Attributes:
         torque: Largest torque of the joint, by its limit or as it was logged [N m].
         lower, upper: Ends of its range [rad].
-        speed: Speed that it was seen at, a 95 % quantile [rad/s].
+        speed: 95 % quantile of its logged speed [rad/s].
         weight: Mass of the arm [kg].
         reach: Length of the arm when it is stretched [m].
-        nominal_coefficients: Of the same effect in the model, as refitted; zero where
-            it has none. Shape (k,).
-        load_mass_seen: Whether the mass of a load moves a torque by itself; of an arm
-            of one joint only its moments do.
+        nominal_coefficients: Coefficients of the same effect in the model, as refitted;
+            zero without it. Shape (k,).
+        load_mass_seen: Whether the mass of a load affects a torque by itself; for an
+            arm of one joint only its moments do.
     """
 
     torque: float
@@ -49,18 +49,18 @@ class JointLimits:
     load_mass_seen: bool = True
 
 
-SLACK = 0.1  # of what the model has: by so much a change may overshoot it
+SLACK = 0.1  # of the model's value: allowed overshoot of a change
 
 
 def stays_within_torque(theta: Array, shape: Shape, limits: JointLimits) -> bool:
-    """Of either sign, and no larger than the torque of the joint."""
+    """Either sign, up to the torque of the joint."""
     return bool(np.linalg.norm(theta) <= limits.torque)
 
 
 def stays_positive(theta: Array, shape: Shape, limits: JointLimits) -> bool:
-    """With what the model has of it, not negative: an inertia, or a friction.
+    """Not negative in sum with the model's value: an inertia, or a friction.
 
-    A change may overshoot what the model has by a little, since both have an error.
+    A change may slightly overshoot the model's value, since both have errors.
     """
     had = limits.nominal_coefficients
     had = had if len(had) == len(theta) else np.zeros(len(theta))
@@ -69,24 +69,24 @@ def stays_positive(theta: Array, shape: Shape, limits: JointLimits) -> bool:
 
 
 def dissipates(theta: Array, shape: Shape, limits: JointLimits) -> bool:
-    """Friction takes power; and no joint moves against more than its torque."""
+    """Friction dissipates power, and does not exceed the torque of the joint."""
     positive = stays_positive(theta, shape, limits)
     return positive and stays_within_torque(theta, shape, limits)
 
 
 def dissipates_with_speed(theta: Array, shape: Shape, limits: JointLimits) -> bool:
-    """The same of friction per speed, at the speed that the joint was seen at."""
+    """The same for friction per speed, at the logged speed of the joint."""
     positive = stays_positive(theta, shape, limits)
     return positive and stays_within_torque(theta * limits.speed, shape, limits)
 
 
 Property = Literal["damping", "quadratic_damping", "friction", "armature", "stiffness", "constant"]
-BRISTLE, EARLIER = 3, 258  # numbers that each of the two has to keep in its memory
+BRISTLE, EARLIER = 3, 258  # numbers that each of the two keeps in its memory
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExportedLaw:
-    """What of an effect other programs can be told; nothing where all is empty.
+    """The law of an effect for other programs; empty if it cannot be exported.
 
     A formula is an expression of C. It may use of the joint it acts on ``q``, ``qd``,
     ``qdd``, ``sign``, ``rigid`` and ``tau`` (see ``State``), the session time ``t``,
@@ -98,17 +98,17 @@ class ExportedLaw:
     Attributes:
         formula: Torque [N m], one expression per joint that the effect acts on; a
             single one stands for all.
-        shift: By how much the angle of the joint is another than the encoder says
-            [rad], and the first and second derivative of that.
-        memory: How many numbers the formula keeps from sample to sample.
-        joint: What each coefficient is as a property of a simulated joint: torque per
+        shift: Joint angle minus encoder reading [rad], and its first and second
+            derivative.
+        memory: Number of values that the formula keeps between samples.
+        joint: Property of a simulated joint for each coefficient: torque per
             "damping" qd, "quadratic_damping" qd |qd|, "friction" sign(qd), "armature"
             qdd, "stiffness" q, or "constant".
         bodies: (theta, joints, robot) -> inertial parameters that it adds (10 dof,).
         gravity: (theta, robot) -> acceleration that it adds to gravity [m/s^2] (3,).
         force: (theta,) -> force on the flange, in the base frame [N] (3,).
-        possible: (theta, shape) -> whether the formula holds for these numbers.
-        obstacle: Why no formula can say it; empty where there is one.
+        possible: (theta, shape) -> whether the formula holds for these values.
+        obstacle: Why there is no formula; empty if there is one.
     """
 
     formula: tuple[str, ...] = ()
@@ -129,7 +129,7 @@ Joints = tuple[int, ...]
 
 
 class PlacedEffect(NamedTuple):
-    """An effect on joints (from 0), with the shape that a search tries."""
+    """An effect on joints (from 0), with a shape."""
 
     effect: "Effect"
     joints: Joints
@@ -149,7 +149,7 @@ Carried = Literal["", "body", "speed", "acceleration"]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class State:
-    """What an effect may look at on one log: motion and the model's own torque.
+    """The inputs of an effect on one log: motion and the model's torque.
 
     Attributes:
         robot: The arm.
@@ -157,13 +157,13 @@ class State:
         t: Session time [s]. Shape (n,).
         q, qd, qdd: Kinematics [rad, rad/s, rad/s^2]. Shape (n, dof).
         sign: Direction of motion, smoothed where the joint stands. Shape (n, dof).
-        regressor: Inertial regressor, made when it is read. Shape (n, dof, 10 dof).
+        regressor: Inertial regressor, computed on first use. Shape (n, dof, 10 dof).
         rigid: Rigid-body torque of the current model [N m]. Shape (n, dof).
         tau_model: Torque of the current model [N m]. Shape (n, dof).
         inertial: Inertial parameters of the current model, loads included [SI]; None
-            for those of the robot's own description. Shape (10 dof,).
-        drive: Torque that the drives themselves take per speed [N m s/rad] and per
-            acceleration [kg m^2]; None for none. Shape (2, dof).
+            for those of the robot's description. Shape (10 dof,).
+        drive: Torque of the drives per speed [N m s/rad] and per acceleration
+            [kg m^2]; None for none. Shape (2, dof).
         enabled: Share of a drive that is on; None for on. Shape (n, dof).
     """
 
@@ -184,18 +184,18 @@ class State:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MotionSpan:
-    """How far one set of logs moves each joint: what decides which shapes to try.
+    """The motion of each joint in a set of logs, which determines the shapes to try.
 
     Attributes:
         speed: 95 % quantile of |qd| [rad/s]. Shape (dof,).
         travel: Range of q [rad]. Shape (dof,).
-        duration: Session time covered, or 0 where the clock is not known [s].
+        duration: Session time covered, or 0 if the clock is unknown [s].
         cutoff: Identification cut-off [Hz].
         torque: Largest size of the logged torque, as a 99.5 % quantile [N m]; None
-            where it is not known. Shape (dof,).
+            if unknown. Shape (dof,).
         prismatic: Which joints slide; () for none.
         switched: Joints whose drive is off in a part of the logs; () for none.
-        one_drive: Torque is that of one and the same drive, not measured.
+        one_drive: Torque is computed from a single drive model, not measured.
     """
 
     speed: Array
@@ -212,7 +212,7 @@ Columns = Callable[[State, Joints, Shape], Array]
 
 
 def plot_over_signal(signal: str, label: str) -> Callable[[State, int], tuple[Array, str]]:
-    """Draw over a signal of the joint, whose number goes into the label."""
+    """Plot over a signal of the joint, whose number is part of the label."""
 
     def variable(state: State, j: int) -> tuple[Array, str]:
         text = convert_to_sliding_unit(label) if state.robot.prismatic[j] else label
@@ -229,7 +229,7 @@ against_torque = plot_over_signal("tau_model", "model torque {} [N m]")
 
 @dataclass(frozen=True, slots=True)
 class ShapeRefinement:
-    """How the first number of a shape is searched between the grid points.
+    """The search of the first number of a shape between the grid points.
 
     Attributes:
         step: "ratio" (multiply) or "shift" (add).
@@ -251,18 +251,18 @@ class ShapeRefinement:
 
 
 class EffectTrait(Flag):
-    """What the search, the report and the exporters must know of an effect."""
+    """Traits of an effect for the search, the report and the exporters."""
 
     NONE = 0
     NEEDS_TURN = auto()  # it needs an angle: no prismatic joint has it
-    PARAMETER = auto()  # it says that a parameter of the model is wrong
+    PARAMETER = auto()  # it means that a parameter of the model is wrong
     IN_EVERY_MODEL = auto()  # every model has that parameter, declared or not
     CONSTANT = auto()  # its torque is the same on every row
     # One wave of many over the position, its coefficients cos and sin. A joint may have
     # several, and many of them can fit any curve.
     PERIODIC = auto()
-    BODY = auto()  # it changes a body: barred where the bodies are hardly known
-    FRICTION = auto()  # it takes power from the motion of its joint
+    BODY = auto()  # it changes a body: excluded if the bodies are too uncertain
+    FRICTION = auto()  # it dissipates power of its joint
     NOT_NEGATIVE = auto()  # its coefficients are not negative in any real arm
     ONE_VARIABLE = auto()  # its torque is a function of its ``variable`` alone
     NEEDS_CLOCK = auto()  # it needs the order of the logs in time
@@ -271,11 +271,11 @@ class EffectTrait(Flag):
     # It distorts the report of the torque, not the torque: its columns are computed
     # from a torque without it.
     REPORT = auto()
-    POWERED = auto()  # it is there while the drive is on: its formula is of that time
+    POWERED = auto()  # it exists only while the drive is on, as does its formula
     GROUPABLE = auto()  # it is also tried on all joints at once
-    # Logs of one drive do not split what has this: a motor constant is in them all.
+    # Logs of one drive cannot separate such effects: all contain a motor constant.
     MOTOR = auto()
-    CHAIN = auto()  # the chain of a drive has it: where one is stated it is no effect
+    CHAIN = auto()  # part of the chain of a drive: no effect if the chain is given
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -286,51 +286,51 @@ class Effect:
 
     Attributes:
         name: Its name, that of its file.
-        noun: What a sentence calls it ("a spring"); empty for its name in words.
+        noun: Its noun in sentences ("a spring"); empty for its name in words.
         sentence: One sentence for a control engineer.
         equation: Its torque [N m] by its parameters, as a line of text; empty for the
             formula of ``portable``. "d tau" is a change of the reported torque.
         parameters: Parameter keys with their SI units on a revolute joint, in order.
         columns: Torque columns: (state, joints, shape) -> (n, rows, k), where the
             rows are the joints it acts on: its own, or all of them.
-        variable: (state, joint) -> what the report plots it against, with label; None
-            where no one variable explains it, as with all that has inertia.
-        portable: The same for other programs.
+        variable: (state, joint) -> the horizontal axis of plots, with label; None if no
+            single variable explains it, as for inertia.
+        portable: The law for other programs.
         traits: See `EffectTrait`.
-        scope: Which joints it belongs to.
+        scope: The joints that it may be on.
         sliding: Units on a prismatic joint that
             `residual.quantity.convert_to_sliding_unit` does not give.
-        place: Where a sentence puts it, by its ``{joints}`` or ``{links}`` in words.
+        place: Its place in sentences, with ``{joints}`` or ``{links}`` in words.
         values: (theta, shape, robot) -> one value per parameter key.
         from_values: (values, robot) -> (theta, shape): the inverse of ``values``.
         shapes: Values of the nonlinear parameters to start from.
-        refine: How the first nonlinear parameter is searched; None where linear.
-        drive_order: Its place, from 1, in the list of what every drive has and
-            a model is taken to have by default; 0 for none.
-        carries: What its coefficients are a part of, besides the torque of its columns:
+        refine: Search of the first nonlinear parameter; None if linear.
+        drive_order: Its place, from 1, in the list of default effects of every drive; 0
+            for none.
+        carries: What its coefficients add to, besides the torque of its columns:
             the inertial parameters of the last body ("body"), the drive's torque per
             "speed" or per "acceleration"; empty for nothing.
-        prior_sd: (robot,) -> prior of theta where the size is known from physics;
+        prior_sd: (robot,) -> prior of theta if physics determines the size;
             None for the default, 30 % of torque.
-        possible: (theta, shape, limits) -> whether an arm can have it so, by sign and
-            size (`residual.effects.base`).
+        possible: (theta, shape, limits) -> whether sign and size are possible
+            (`residual.effects.base`).
         reports: (key, values, stds) -> whether to report a parameter; None for always.
-        combined: (theta, robot) -> by formula, what motion may determine where it does
-            not determine the parameters: value, unit. Linear in theta.
+        combined: (theta, robot) -> by formula, combinations that motion may determine
+            if it does not determine the parameters: value, unit. Linear in theta.
         unit_directions: (states, joints) -> coefficients of an effect of size one, in
-            its usual directions; None where the first alone or a plain vector says it.
-        far_fetched: Of two that explain the same the one with less is named first.
-        inexact: One standard deviation, as a share of its size, of what other authors'
-            forms of it give where logs see only a part of its range.
+            typical directions; None for the first coefficient or any unit vector.
+        far_fetched: Rank of implausibility; of two equal explanations the lower wins.
+        inexact: One standard deviation, as a share of its size, between the forms of
+            different authors if logs cover only a part of its range.
         family: Effects of one family on one joint exclude each other.
-        outermost: How many of the last joints it is not tried on.
-        rides_on: The effect that its torque is reported on top of.
-        in_any_arm: (span, joint) -> shapes of which every arm in use has a little.
-        least_seen: Shapes, SI, in which logs show it less than in its usual one: the
+        outermost: Number of last joints that are excluded.
+        rides_on: The effect on top of which its torque is reported.
+        in_any_arm: (span, joint) -> shapes that every arm in use has in small size.
+        least_seen: Shapes, SI, that logs show less than its typical one: the
             smallest detectable size is the median of theirs.
         frame: The frame of its vectors, in words; ``{flange}`` is its name in the URDF.
-        display: (values) -> value and unit by name as a report shows them, such as
-            amplitude and angle; None for the parameters themselves.
+        display: (values) -> reported value and unit by name, such as amplitude and
+            angle; None for the parameters themselves.
     """
 
     name: str
@@ -373,12 +373,12 @@ class Effect:
 
     @property
     def law(self) -> str:
-        """Its equation, or the formula that other programs are told."""
+        """Its equation, or else its exported formula."""
         return self.equation or "; ".join(f"tau = {f}" for f in self.portable.formula)
 
     @property
     def replaces_link(self) -> bool:
-        """Whether it says that a link of every model is another."""
+        """Whether it replaces a link that every model has."""
         return EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY in self.traits
 
     def units(self, joints: Joints, robot: "Robot") -> dict[str, str]:
@@ -432,7 +432,7 @@ def build_joint_columns(feature: Callable[[State, int, Shape], Sequence[Array]])
     return columns
 
 
-# What a feature may use (`ExportedLaw`), as NumPy and a `State` have it.
+# Names that a feature may use (`ExportedLaw`), in terms of NumPy and a `State`.
 _SIGNALS = {name: name for name in ("q", "qd", "qdd", "sign", "rigid")}
 _SIGNALS["tau"] = "tau_model"
 _FUNCTIONS = {name: getattr(np, name) for name in ("sin", "cos", "tanh", "exp", "fabs")}
@@ -441,11 +441,11 @@ _FUNCTIONS |= {"sgn": np.sign, "__builtins__": {}}
 
 
 def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[str, Any]:
-    """Columns of a local effect and its formula, from the features that both are of.
+    """Build columns and formula of a local effect from the same features.
 
     Args:
         features: An expression of C for each coefficient, as in `ExportedLaw`.
-        joint: What the coefficients are to a simulated joint.
+        joint: Properties of a simulated joint for the coefficients.
 
     Returns:
         The fields ``columns`` and ``portable`` of an `Effect`.
@@ -458,7 +458,7 @@ def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[st
         names = {name: getattr(state, _SIGNALS[name])[:, j] for name in signals}
         names |= {"t": state.t, "s": shape}
         out = np.empty((len(state.t), 1, len(codes)))
-        for k, code in enumerate(codes):  # of the effects' own files
+        for k, code in enumerate(codes):  # from the files of effects
             out[:, 0, k] = eval(code, _FUNCTIONS, names)
         return out
 
@@ -467,7 +467,7 @@ def build_local_law(*features: str, joint: tuple[Property, ...] = ()) -> dict[st
 
 
 def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
-    """Tell a wave over the position by its amplitude, and where it is largest.
+    """Describe a wave over the position by its amplitude and the place of its maximum.
 
     Args:
         sin, cos: Which of the values these are.
@@ -483,5 +483,5 @@ def describe_wave(sin: int, cos: int, unit: str) -> Callable[[Array], Mapping]:
 
 
 def append_shape(values: Array, robot: "Robot") -> tuple[Array, Shape]:
-    """One coefficient, then the shape: what most parameters of a shape come to."""
+    """Return one coefficient, then the shape: the parameters of most shaped effects."""
     return values[:1], tuple(values[1:])

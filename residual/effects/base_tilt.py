@@ -1,4 +1,4 @@
-"""A base that does not stand as the model says: gravity comes from elsewhere.
+"""A base tilted against the model: gravity has another direction.
 
 The tilt is an angle of rotation of up to ten degrees; beyond, an arm is mounted
 otherwise than its file says (residual.check.slips). |g| times its tangent is added
@@ -40,7 +40,7 @@ EFFECT = Effect(
     values=_angles,
     from_values=_tangents,
     traits=EffectTrait.USES_MODEL,
-    # Two degrees: more is seen with the eye.
+    # Two degrees: more is visible.
     prior_sd=lambda robot: np.full(2, np.deg2rad(2.0)),
     variable=None,
     possible=lambda theta, shape, limits: bool(np.hypot(*theta) < np.tan(MOST)),

@@ -56,6 +56,6 @@ EFFECT = Effect(
     from_values=lambda values, robot: (values[:3], (float(values[3]), WIDTH)),
     shapes=_shapes,
     possible=_possible,
-    inexact=0.04,  # its curve is smooth at standstill, which costs 3.6 % of the level
+    inexact=0.04,  # its curve is smooth at standstill, which reduces the level by 3.6 %
     portable=ExportedLaw((DRAG, f"s[0] * ({DRAG})")),
 )

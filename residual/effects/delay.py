@@ -1,14 +1,14 @@
 """Torque that is reported later than the angles it belongs to.
 
-The column is (tau(t - a) - tau(t)) / a: its coefficient is the delay, the shape a only
-bends it as a delay of that size does.
+The column is (tau(t - a) - tau(t)) / a: its coefficient is the delay; the shape a only
+sets the curvature.
 """
 
 import numpy as np
 
 from residual.effects.base import EARLIER, Effect, EffectTrait, ExportedLaw, ShapeRefinement
 
-LARGEST = 0.05  # s: beyond it the two channels have lost each other
+LARGEST = 0.05  # s: beyond it the two channels are unrelated
 LEAST = 1e-4  # s: below it the difference is a derivative
 FIRST = (0.006, 0.02)  # s: each finds delays of up to four times its own size
 
@@ -35,7 +35,7 @@ EFFECT = Effect(
     refine=ShapeRefinement("shift", 0.015, lower=LEAST, upper=LARGEST),
     traits=(EffectTrait.USES_MODEL | EffectTrait.MEMORY | EffectTrait.REPORT | EffectTrait.CHAIN),
     prior_sd=lambda robot: np.array([0.01]),
-    # No report comes before what it reports, and the bend must be of that size.
+    # A report cannot be early, and the shape must have about that size.
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 4 * max(shape[0], LEAST)),
     variable=lambda state, j: (
         np.gradient(state.tau_model[:, j], 1 / state.rate),
@@ -44,7 +44,7 @@ EFFECT = Effect(
     portable=ExportedLaw(
         formula=("a[0] * (earlier(m, t, tau, s[0]) - tau) / s[0]",),
         memory=EARLIER,
-        # What is late to the angles looks ahead for them.
+        # If the angles are late, torque looks ahead.
         possible=lambda theta, shape: shape[0] >= LEAST,
         obstacle="a negative delay looks ahead in time",
     ),

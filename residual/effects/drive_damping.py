@@ -1,4 +1,4 @@
-"""Damping of a drive that is there while it is on: back EMF in a closed bridge."""
+"""Damping of a drive while it is on: back EMF in a closed bridge."""
 
 import numpy as np
 
@@ -29,7 +29,7 @@ EFFECT = Effect(
     | EffectTrait.MOTOR
     | EffectTrait.POWERED,
     possible=dissipates_with_speed,
-    # Of a drive that is always on it is viscous friction, and called that.
+    # With a drive that is always on it is indistinguishable from viscous friction.
     shapes=lambda span, j: ((),) if span.switched and span.switched[j] else (),
     portable=ExportedLaw(("a[0] * qd",), joint=("damping",)),
 )

@@ -13,7 +13,7 @@ from residual.effects.sensitivity import (
 )
 
 FUTURE = "its filter looks ahead in time"
-SOFT, HARD = 3e2, 1e7  # N m/rad: beyond, no gear of an arm
+SOFT, HARD = 3e2, 1e7  # N m/rad: no gear of an arm is stiffer
 
 
 def _columns(state, joints, shape):
@@ -40,7 +40,7 @@ EFFECT = Effect(
     prior_sd=lambda robot: np.array([2e-4]),
     possible=lambda theta, shape, limits: bool(1 / HARD < theta[0] < 1 / SOFT),
     family="geometry",
-    # Its column ends at 5 Hz and the torque does not: it comes out 10 to 35 % too soft.
+    # Its column ends at 5 Hz, unlike the torque: the result is 10 to 35 % too soft.
     inexact=0.3,
     variable=against_load,
     portable=ExportedLaw(obstacle=FUTURE),

@@ -5,7 +5,7 @@ import numpy as np
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
 from residual.effects.sensitivity import compute_torque_derivatives
 
-MOST = 0.5  # rad: nobody would overlook more
+MOST = 0.5  # rad: more would be noticed
 
 
 EFFECT = Effect(

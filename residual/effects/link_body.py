@@ -1,4 +1,4 @@
-"""A body on a link that the model does not have: a valve block, a dress pack."""
+"""A body on a link that the model lacks: a valve block, a dress pack."""
 
 from residual.effects import _body
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
@@ -20,7 +20,7 @@ EFFECT = Effect(
     parameters=_body.PARAMETERS,
     columns=_body.columns,
     scope="link",
-    outermost=2,  # what sits on the wrist is told as a load
+    outermost=2,  # a body on the wrist is reported as a load
     values=lambda theta, shape, robot: _body.values_in(_joint(), theta),
     from_values=lambda values, robot: _body.theta_from(_joint(), values),
     traits=EffectTrait.PARAMETER | EffectTrait.IN_EVERY_MODEL | EffectTrait.BODY,
@@ -28,7 +28,7 @@ EFFECT = Effect(
     unit_directions=lambda states, joints: _body.usual_in(_joint()),
     reports=_body.is_parameter_reportable,
     variable=None,
-    # Also lighter than nothing: a body that the model has and the link has lost.
+    # Also negative: a body in the model that has been removed from the link.
     possible=lambda theta, shape, limits: _body.possible(theta, limits, -limits.weight),
     portable=ExportedLaw(bodies=_body.bodies),
     frame="in the axes of the joint that moves the link, from its origin",

@@ -1,12 +1,12 @@
-"""A link whose mass, with all that goes with it, is another than the model says."""
+"""A link whose mass differs from the model, with centre and inertia in proportion."""
 
 import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
 
-# Of the body that the model has: what is more is a body beside it, and a flange nine
+# Limit relative to the body in the model: more is an additional body, and a flange nine
 # times as heavy is a load.
-MOST_LOAD = 10.0  # times the link of a single joint: what it carries
+MOST_LOAD = 10.0  # times the link of a single joint, which includes its load
 MOST = 1.0
 
 
@@ -31,7 +31,7 @@ def _bodies(theta, joints, robot):
 
 
 def _possible(theta, shape, limits):
-    """No body weighs less than nothing; the load of a single joint may be any."""
+    """No mass is negative; the load of a single joint may have any mass."""
     if not limits.load_mass_seen:
         return bool(abs(theta[0]) < MOST_LOAD)
     return bool(-1 < theta[0] < MOST)

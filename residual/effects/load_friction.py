@@ -10,7 +10,7 @@ EFFECT = Effect(
     parameters={"coefficient": "1"},
     **build_local_law("fabs(rigid) * sign"),
     traits=EffectTrait.USES_MODEL | EffectTrait.NOT_NEGATIVE | EffectTrait.FRICTION,
-    # A load presses teeth and bearings together; none of them runs easier for it.
+    # A load presses teeth and bearings together, which never lowers friction.
     variable=against_load,
     possible=lambda theta, shape, limits: bool(0 < theta[0] < 1),
     in_any_arm=lambda span, j: ((),),

@@ -1,4 +1,4 @@
-"""A load on the flange that the model does not have, or has wrong."""
+"""A load on the flange that is missing or wrong in the model."""
 
 from residual.effects import _body
 from residual.effects.base import Effect, EffectTrait, ExportedLaw
@@ -11,7 +11,7 @@ def _flange(robot):
 
 
 def _combined(theta, robot):
-    """First moments about the last joint, which gravity on slow motion shows."""
+    """First moments about the last joint, which slow motion determines by gravity."""
     return {
         f"mass * centre_{axis} about the last joint": (float(theta[1 + i]), "kg m")
         for i, axis in enumerate("xyz")
@@ -36,7 +36,7 @@ EFFECT = Effect(
     unit_directions=lambda states, joints: _body.usual_in(_flange(states[0].robot)),
     reports=_body.is_parameter_reportable,
     variable=None,
-    # No heavier than the arm, no lighter than the load the model has, within reach.
+    # No heavier than the arm, no lighter than the model's load removed, within reach.
     possible=lambda theta, shape, limits: _body.possible(
         theta, limits, -limits.nominal_coefficients[0] if len(limits.nominal_coefficients) else 0.0
     ),

@@ -1,7 +1,7 @@
 """Friction that yields like a spring before it slides (Dahl 1968).
 
-Its column is the state of the bristles less the direction of motion, so that with the
-Coulomb friction of the model it makes friction that takes some way to turn round.
+Its column is the state of the bristles less the direction of motion, so that together
+with the Coulomb friction of the model, friction takes some displacement to reverse.
 """
 
 from residual.effects.base import (

@@ -13,10 +13,10 @@ from residual.effects.base import (
 
 
 def _shapes(span, j):
-    """Orders that the travel can resolve and the identification filter lets pass.
+    """Orders that the travel resolves and the identification filter passes.
 
-    Two neighbours differ by at most 2.4 rad of phase over the travel: half way between
-    them a wave keeps 89 % of its power, and the search from there has one peak.
+    Two neighbours differ by at most 2.4 rad of phase over the travel: a wave half way
+    between them keeps 89 % of its power, and the search from there has one peak.
     """
     travel = max(span.travel[j], 1e-3)
     slides = span.prismatic and span.prismatic[j]

@@ -10,7 +10,7 @@ from residual.effects.base import (
     build_local_law,
 )
 
-# The coefficient is one where the clip is right; a model that is not yet may need more.
+# The coefficient is one for the right clip; an incomplete model may need more.
 LEAST, MOST = 0.5, 2.0
 
 

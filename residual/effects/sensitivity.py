@@ -24,11 +24,11 @@ from residual.robot.dynamics import (
 )
 from residual.signals.filters import filter_low_pass
 
-# A shift made of the model's torque holds qdd, and its own second derivative the fourth
-# of a noisy angle: only what is slow is told apart from noise.
+# A shift from the model's torque contains qdd, and its second derivative the fourth
+# derivative of a noisy angle: only the slow part exceeds the noise.
 SLOW = 5.0  # Hz
 
-KEPT = 1 << 27  # bytes of derivatives that are kept: they are read many times
+KEPT = 1 << 27  # bytes of cached derivatives, which are read many times
 
 
 def _key(state: State) -> tuple:
@@ -45,8 +45,8 @@ def compute_torque_derivatives(state: State) -> Array:
     mass = np.array([]) if state.inertial is None else state.inertial[::PER_LINK]
     if (np.cumsum(mass[::-1]) > 0).all():
         return _differentiate(state, build_loaded_model(state))
-    # Pinocchio sums bodies of positive mass only, and a load that went has none. Torque
-    # is linear in the parameters: what is added to every body is taken off again.
+    # Pinocchio sums bodies of positive mass only, unlike a removed load. Torque is linear
+    # in the parameters: a mass is added to every body and subtracted again.
     ballast = np.zeros_like(state.inertial)
     ballast[::PER_LINK] = 1.0 - mass.min()
     pair = (
@@ -91,7 +91,7 @@ def compute_shift_torque(
 
 
 def filter_before_differentiation(state: State, values: Array) -> Array:
-    """What of a signal is slow enough to be differentiated twice. Shape (n,)."""
+    """Low-pass a signal for two differentiations. Shape (n,)."""
     return filter_low_pass(values, min(SLOW, 0.05 * state.rate), state.rate)
 
 

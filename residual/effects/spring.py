@@ -4,7 +4,7 @@ import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, against_position, build_local_law
 
-MOST = 3.0  # times the joint's torque: what a spring that carries the arm may reach
+MOST = 3.0  # times the joint's torque: limit of a spring that carries the arm
 
 
 def _values(theta, shape, robot):
@@ -14,15 +14,15 @@ def _values(theta, shape, robot):
 
 
 def _unit_directions(states, joints):
-    """At rest in the middle of the motion, where it is least visible."""
+    """Rest in the middle of the motion, where it is least visible."""
     q = np.concatenate([s.q[:, joints[0]] for s in states])
     return [np.array([1.0, -q.mean()])]
 
 
 def _possible(theta, shape, limits):
-    """It pulls back, and is at rest somewhere near where the joint can be.
+    """It pulls back, with a rest position near the range of the joint.
 
-    One at rest turns away is no spring but a constant torque.
+    With a rest position turns away it is a constant torque, not a spring.
     """
     stiffness, constant = theta
     width = min(limits.upper - limits.lower, 2 * np.pi)

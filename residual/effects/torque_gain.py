@@ -4,7 +4,7 @@ import numpy as np
 
 from residual.effects.base import Effect, EffectTrait, against_torque, build_local_law
 
-MOST = 10.0  # beyond it the unit is another one
+MOST = 10.0  # a larger factor is a wrong unit
 
 
 EFFECT = Effect(

@@ -1,1 +1,1 @@
-"""Columns of every candidate, and how much evidence the logs give a set of them."""
+"""Columns of every candidate, and the evidence of the logs for a set of them."""

@@ -1,7 +1,7 @@
 """Columns of each joint on its rows, and their Gram matrices per fold.
 
-Both are appended to, and all designs that share these columns see it. Only the newest
-columns may be taken back, those of shapes that were tried.
+Both grow, and all designs that share these columns see it. Only the newest columns, those
+of tried shapes, may be removed.
 """
 
 from collections.abc import Iterator, Sequence
@@ -16,14 +16,14 @@ from residual.signals.track import Track
 
 
 class ColumnCache:
-    """Columns on the rows of each joint; room is made for more than there are."""
+    """Columns on the rows of each joint, with spare capacity."""
 
     def __init__(self) -> None:
         """Make an empty one."""
         self._kept: dict[int, tuple[Array, int]] = {}
 
     def copy(self) -> "ColumnCache":
-        """The same columns; what is added to one does not show in the other."""
+        """Return a copy; later additions to one do not affect the other."""
         other = ColumnCache()
         other._kept = {j: (x[:n], n) for j, (x, n) in self._kept.items()}
         return other
@@ -41,7 +41,7 @@ class ColumnCache:
         self._kept[j] = have, n + k
 
     def cut(self, j: int, count: int) -> None:
-        """Take back the newest columns of joint j, so that so many are left."""
+        """Remove the newest columns of joint j, down to a number."""
         if j in self._kept:
             self._kept[j] = self._kept[j][0], count
 
@@ -60,14 +60,14 @@ class GramSums:
 
     Attributes:
         size: Number of columns.
-        place: Per joint, where each column stands among those that act on it; -1 where
-            it does not. Shapes (size,).
+        place: Per joint, index of each column among those that act on it, else -1.
+            Shapes (size,).
         gram: Per joint, of all rows. Shapes (p, p).
         cross: Per joint, of every fold. Shapes (folds, p).
     """
 
     def __init__(self, dof: int, folds: int) -> None:
-        """Make empty sums of so many joints and folds."""
+        """Create empty sums for a number of joints and folds."""
         self.size = 0
         self.place = [np.zeros(0, dtype=int) for _ in range(dof)]
         self.gram = [np.zeros((0, 0)) for _ in range(dof)]
@@ -75,7 +75,7 @@ class GramSums:
         self._room = list(zip(self.gram, self.cross, strict=True))
 
     def with_cross(self, cross: Sequence[Array]) -> "GramSums":
-        """The same columns, that may grow on their own, for another target."""
+        """Return the same columns for another target, which may grow separately."""
         other = GramSums(len(cross), 0)
         other.size, other.place = self.size, list(self.place)
         other.gram, other.cross = list(self.gram), list(cross)
@@ -83,7 +83,7 @@ class GramSums:
         return other
 
     def reserve(self, parts: Sequence[tuple[Joints, int]]) -> list[Array]:
-        """Number new columns and make room for them."""
+        """Number new columns and reserve capacity."""
         ids, dof = [], len(self.place)
         have = [x.shape[1] for x in self.cross]
         for rows, k in parts:
@@ -100,7 +100,7 @@ class GramSums:
         return ids
 
     def grow(self, j: int, size: int) -> None:
-        """Make room for so many columns on a joint."""
+        """Reserve capacity for columns on a joint."""
         old = self.cross[j].shape[1]
         gram, cross = self._room[j]
         if size > cross.shape[1]:
@@ -111,7 +111,7 @@ class GramSums:
         self.gram[j], self.cross[j] = gram[:size, :size], cross[:, :size]
 
     def cut(self, size: int) -> list[int]:
-        """Take back the newest columns, so that so many are left."""
+        """Remove the newest columns, down to a number."""
         self.size, counts = size, []
         for j, place in enumerate(self.place):
             self.place[j] = place[:size]
@@ -138,10 +138,10 @@ class GramSums:
 
 
 class FoldGrams:
-    """Gram matrices of a joint's columns in every fold, of those that are asked for.
+    """Gram matrices of requested columns of a joint in every fold.
 
-    What all fits have, the leading columns, is kept whole; of any other its products
-    with these, since a fit has few others.
+    The leading columns, common to all fits, are stored completely; for others only their
+    products with these, since a fit has few others.
     """
 
     def __init__(self, columns: ColumnCache, j: int, labels: Array, folds: int, lead: int) -> None:
@@ -157,7 +157,7 @@ class FoldGrams:
         self._sides: dict[int, Array] = {}  # of a column with the leading ones
 
     def of(self, place: Array) -> Array:
-        """Gram of some columns, the first of which lead. Shape (folds, k, k)."""
+        """Gram matrix of some columns, leading ones first. Shape (folds, k, k)."""
         lead, sides, others = self._parts(place)
         first, out = lead.shape[1], np.empty((self._folds, len(place), len(place)))
         out[:, :first, :first], out[:, first:, first:] = lead, others
@@ -165,7 +165,7 @@ class FoldGrams:
         return out
 
     def times(self, place: Array, theta: Array) -> Array:
-        """Gram of some columns times coefficients. Shape (folds, k)."""
+        """Gram matrix of some columns times coefficients. Shape (folds, k)."""
         lead, sides, others = self._parts(place)
         first, last = np.split(theta, [lead.shape[1]])
         own = lead @ first + sides.mT @ last
@@ -189,7 +189,7 @@ class FoldGrams:
         return self._whole[:, :first, :first], sides, among
 
     def cut(self, size: int) -> None:
-        """Forget columns from a number on."""
+        """Remove columns from a number on."""
         self._sides = {i: x for i, x in self._sides.items() if i < size}
 
     def _products(self, left: Array, right: Array) -> Array:
@@ -205,9 +205,9 @@ class FoldGrams:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CandidateColumns:
-    """Columns that stand or fall together: one candidate finding."""
+    """Columns added or dropped together: one candidate finding."""
 
-    # What they are; joints from 0.
+    # Effect, joints (from 0) and shape.
     effect: Effect
     joints: Joints
     shape: Shape
@@ -216,47 +216,47 @@ class CandidateColumns:
     log_det: float  # log determinant of the precision
     # For one effect on all joints at once, the groups of the single joints.
     parts: tuple["CandidateColumns", ...] = ()
-    fellows: int = 1  # how many came together with this one in such a group
+    fellows: int = 1  # number of groups in such a common group
     label: str = ""  # name of the candidate; the effect's own where empty
-    # What is known of the coefficients for sure, beside the usual prior.
+    # Known values of the coefficients, in addition to the typical prior.
     known_prior: "KnownPrior | None" = None
 
     @property
     def prior(self) -> "KnownPrior":
-        """What its prior has beside the precision."""
+        """The parts of its prior other than the precision."""
         k = len(self.ids)
         nothing = np.zeros((k, k)), np.zeros(k), 0.0, self.log_det
         return self.known_prior or KnownPrior(*nothing)
 
     @property
     def placed(self) -> PlacedEffect:
-        """What its columns are made of."""
+        """The effect, joints and shape of its columns."""
         return PlacedEffect(self.effect, self.joints, self.shape)
 
     def scale_precision(self, times: float) -> "CandidateColumns":
-        """The same with a prior that is so many times as precise."""
+        """Return the group with a scaled prior precision."""
         log_det = self.log_det + len(self.ids) * float(np.log(times))
         return replace(self, precision=times * self.precision, log_det=log_det)
 
     @property
     def key(self) -> tuple:
-        """Identity apart from a searched shape: one candidate finding per key."""
+        """Identity without the shape: one candidate finding per key."""
         fixed = self.shape if self.effect.refine is None else ()
         return (self.label or self.effect.name, self.joints, fixed)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class KnownPrior:
-    """A prior with what is known for sure: (theta - mu)'(P + K)(theta - mu)."""
+    """A prior with known values: (theta - mu)'(P + K)(theta - mu)."""
 
-    information: Array  # k, beside the usual precision P, (k, k)
+    information: Array  # K, added to the typical precision P, (k, k)
     pull: Array  # (P + K) mu, (k,)
     level: float  # mu'(P + K) mu
     log_det: float  # of P + K
 
     @classmethod
     def of(cls, precision: Array, information: Array, pull: Array) -> "KnownPrior":
-        """What is known, as the prior of an effect that is there is the usual one."""
+        """Known values, for an effect with the typical prior."""
         both = precision + information
         return cls(
             information,
@@ -267,7 +267,7 @@ class KnownPrior:
 
 
 def regularize_precision(precision: Array) -> tuple[Array, float]:
-    """A precision that has an inverse, and its log determinant. (k, k) as given."""
+    """An invertible precision, and its log determinant. (k, k) as given."""
     scale = np.sqrt(np.maximum(np.diag(precision), 1e-12))
     precision = precision + 1e-6 * np.diag(scale**2)
     log_det = 2 * np.log(scale).sum()
@@ -300,7 +300,7 @@ BLOCKS_OF_ONE_LOG, BLOCKS_OF_A_LOG, ENOUGH_LOGS = 6, 3, 4
 
 
 def label_folds(tracks: Sequence[Track]) -> list[Array]:
-    """Fold of each row of the logs: a log, or blocks of it where logs are few."""
+    """Fold of each row of the logs: a log, or blocks of it if logs are few."""
     logs, blocks = group_pieces_by_log([track.id for track in tracks]), 1
     if len(logs) < ENOUGH_LOGS:
         blocks = BLOCKS_OF_ONE_LOG if len(logs) == 1 else BLOCKS_OF_A_LOG
@@ -308,14 +308,14 @@ def label_folds(tracks: Sequence[Track]) -> list[Array]:
     for k, pieces in enumerate(logs):
         for i, number in enumerate(pieces):
             m = len(tracks[number].tau)
-            # A piece of a log lies in one block of it (`split_long_logs`).
+            # A piece of a log lies within one block (`split_long_logs`).
             within = (np.arange(m) if len(pieces) == 1 else np.full(m, i)) * blocks
             out.append(k * blocks + within // (m if len(pieces) == 1 else len(pieces)))
     return out
 
 
 def select_moving_rows(tracks: Sequence[Track]) -> list[Array]:
-    """Rows on which each joint moves, in logs of a live torque. Shapes (m, dof)."""
+    """Rows on which each joint moves, in logs with torque. Shapes (m, dof)."""
     out = []
     for pieces in group_pieces_by_log([t.id for t in tracks]):
         own = [tracks[i] for i in pieces]
@@ -332,7 +332,7 @@ def sum_squares_per_fold(values: Sequence[Array], labels: Sequence[Array], folds
 
 
 def slice_folds(labels: Array) -> Iterator[tuple[int, slice]]:
-    """Folds of rows with their rows, which follow each other."""
+    """Folds of rows with their slices of consecutive rows."""
     folds, starts = np.unique(labels, return_index=True)
     counts = np.bincount(labels)[folds]
     for fold, start, count in zip(folds, starts, counts, strict=True):

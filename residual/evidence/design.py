@@ -30,10 +30,10 @@ from residual.recording import Array
 from residual.robot.dynamics import split_regressor_by_link
 from residual.signals.track import Track
 
-LAGS = 80  # rows over which noise is asked whether it remembers
-QUICK = 256  # a time line of a multiple of it has a quick Fourier transform
+LAGS = 80  # largest lag of the noise autocorrelation, in rows
+QUICK = 256  # time lines of a multiple of this length have a fast Fourier transform
 
-# From what is seen of a log to the joints on which columns act, and the columns.
+# From the state of a log to the joints on which columns act, and the columns.
 Made = Callable[[State], list[tuple[Joints, Array]]]
 
 
@@ -44,7 +44,7 @@ class Design:
         dof, model: Number of joints, and the nominal model.
         speed: 95 % quantile of each joint's |qd| [rad/s]. Shape (dof,).
         nominal: Column numbers of the nominal model's coefficients. Shape (p,).
-        inertial: Those of them that are inertial parameters.
+        inertial: The inertial parameters among them.
         rms, peak: Torque of each joint on its rows, rms and largest [N m]. (dof,).
         rows: Rows of each joint. Shape (dof,).
         target: Filtered torque minus nominal torque on the rows, one per joint.
@@ -56,10 +56,10 @@ class Design:
             (``evidence.priors``).
     """
 
-    # By how much logs differ beyond their noise, where that was measured, (dof,).
+    # Differences between logs beyond noise, if measured, (dof,).
     unrest: Array | None = None
     _kept: Array | None = None  # the folds of a part; None for all
-    _alone = False  # whether a part looks at its own rows only
+    _alone = False  # whether a part uses its own rows only
 
     def __init__(
         self,
@@ -70,15 +70,15 @@ class Design:
         labels: Sequence[Array] = (),
         shaken: Sequence[Track] = (),
     ) -> None:
-        """Make the nominal model's columns.
+        """Compute the nominal model's columns.
 
         Args:
-            states: What effects see of them, where that is known already.
-            seen_with: The model whose torque effects see; the nominal one where None.
-            labels: Fold of each row of each log, in ascending order; logs, or blocks
-                of few logs, where none is given. Shapes (m,).
-            shaken: The logs with one more helping of the noise of their angles: the
-                bias that this noise is to products with the target leaves them.
+            states: Their states, if known already.
+            seen_with: The model whose torque effects depend on; None for the nominal.
+            labels: Fold of each row of each log, in ascending order; None for logs, or
+                blocks if logs are few. Shapes (m,).
+            shaken: The logs with redrawn noise of their angles, to correct the bias of
+                products with the target.
         """
         self.dof, self.model = model.robot.dof, model
         self._tracks = list(tracks)
@@ -117,7 +117,7 @@ class Design:
         self.peak = np.array([np.abs(x).max(initial=0.0) for x in self.tau])
 
     def _take_nominal(self) -> None:
-        """Columns of the nominal model, and what it leaves of the torque."""
+        """Compute the columns of the nominal model, and its residual."""
         dof, model = self.dof, self.model
 
         def columns_of(state: State) -> list[tuple[Joints, Array]]:
@@ -157,7 +157,7 @@ class Design:
         """Append columns of all logs, and return their numbers part by part.
 
         Args:
-            widths: Columns of each group that acts on a joint, once they are made.
+            widths: Number of columns of each group that acts on a joint, once known.
         """
         ids: list[Array] = []
         fresh: list[list[Array]] = [[] for _ in range(self.dof)]
@@ -173,15 +173,15 @@ class Design:
             self._take_noise(i, columns_of, bodies, fresh)
         for j in (j for j in range(self.dof) if fresh[j]):
             columns = np.concatenate(fresh[j], axis=1)
-            fresh[j].clear()  # they are as much again
+            fresh[j].clear()  # they double the memory
             self._extend(j, columns, widths(j))
         return ids
 
     def _take_noise(self, i: int, columns_of: Made, bodies: bool, fresh) -> None:
-        """Append what one more helping of the angles' noise moves in a log's columns.
+        """Append the shifts of a log's columns by redrawn noise of the angles.
 
         Args:
-            fresh: Columns of each joint of which the last are this log's.
+            fresh: Columns of each joint, the last of this log.
         """
         track = self._noise.tracks.get(i)
         if track is None:
@@ -193,7 +193,7 @@ class Design:
             self._noise.extend(i, j, columns - fresh[j][-1])
 
     def _take_noise_torque(self, model: Model) -> None:
-        """Torque that one more helping of the angles' noise moves, of model and log."""
+        """Shift of model and logged torque by redrawn noise of the angles."""
         for i, track in self._noise.tracks.items():
             pair = [model.torque_on(t) for t in (track, self._tracks[i])]
             both = track.filter(pair[0] - pair[1]), track.tau - self._tracks[i].tau
@@ -252,7 +252,7 @@ class Design:
         return [groups[i] for i in range(len(candidates))]
 
     def drop_newest_columns(self, size: int) -> None:
-        """Forget the columns that were added since there were ``size`` of them."""
+        """Remove the columns beyond the first ``size``."""
         for j, count in enumerate(self._sums.cut(size)):
             self._noise.cut(j, count)
             self._blocks[j].cut(count)
@@ -288,14 +288,14 @@ class Design:
         return out
 
     def group_columns(self, term: Term, ids: Array) -> CandidateColumns:
-        """An effect on columns that are here already."""
+        """Return the group of an effect whose columns exist already."""
         placed = PlacedEffect(term.effect, term.joints, term.shape)
         return self._group(placed, term.effect.rows(term.joints, self.dof), ids)
 
     # -- other designs of the same columns ----------------------------------------
 
     def drop_last_terms(self, count: int) -> "Design":
-        """The same without the last terms of the nominal model, all of them zero."""
+        """Return the design without the last terms of the nominal model, which are zero."""
         out, terms = copy(self), self.model.terms
         width = sum(len(t.theta) for t in terms[-count:])
         out.nominal = self.nominal[:-width]
@@ -303,26 +303,26 @@ class Design:
         return out
 
     def set_torque_model(self, model: Model) -> None:
-        """From now on let effects see the logs with another model's torque."""
+        """Use another model's torque for effects from now on."""
         self._seen_with, self._states = model, [None] * len(self._tracks)
         self._take_noise_torque(model)
 
     def set_states(self, states: Sequence[State]) -> None:
-        """From now on let effects see these states of the logs, one of each."""
+        """Use these states of the logs for effects from now on."""
         self._states = list(states)
 
     def keep_angle_noise(self) -> "Design":
-        """The same with the bias that noise of the angles is to least squares."""
+        """Return the design with the bias of least squares by noise of the angles."""
         out = copy(self)
         out._noise, out._totals = AngleNoise(self.dof, {}), [None] * self.dof
         out.flat, out.stacks = {}, {}
         return out
 
     def part(self, folds: Array, detached: bool = False) -> "Design":
-        """Some folds (k,) as a design of its own; columns are shared with the whole.
+        """Return some folds (k,) as a separate design with shared columns.
 
-        How long noise remembers, the same in every part, is told by all rows; not so
-        of a part ``detached``, which nothing of the others may reach.
+        The autocorrelation of the noise comes from all rows, except for a ``detached``
+        part, which must be independent of the others.
         """
         out = copy(self)
         out._alone = detached
@@ -336,9 +336,9 @@ class Design:
         return out
 
     def with_target(self, target: Sequence[Array]) -> "Design":
-        """The same columns on the same rows, with another torque to explain.
+        """Return the same columns and rows with another target.
 
-        Torque rms, to which tolerances and priors of effects refer, stays.
+        Torque rms, the reference of tolerances and priors, is unchanged.
 
         Args:
             target: Filtered torque minus nominal torque on the rows, one per joint.
@@ -366,18 +366,18 @@ class Design:
 
     @property
     def power(self) -> Array:
-        """Sum of squares of the target, with what the angles' noise leaves of them."""
+        """Sum of squares of the target, corrected for noise of the angles."""
         if not self._noise.tracks:
             return self._squares
         return self._squares + self.fold_rows * self._noise.surplus()
 
     @property
     def place(self) -> list[Array]:
-        """Per joint, where each column stands; -1 where it does not act."""
+        """Per joint, index of each column; -1 if it does not act."""
         return self._sums.place
 
     def present(self, j: int, ids: Array) -> tuple[Array, Array]:
-        """Places of the columns that act on joint j, and which of ``ids`` they are."""
+        """Indices of the columns that act on joint j, and their positions in ``ids``."""
         place = self._sums.place[j][ids]
         have = np.flatnonzero(place >= 0)
         return place[have], have
@@ -422,7 +422,7 @@ class Design:
         return gram, self._fold_cross(j, place)
 
     def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
-        """Products of some columns with what they leave, in every fold. (folds, k)."""
+        """Products of some columns with their residual, in every fold. (folds, k)."""
         torque = self._blocks[j].times(place, theta)
         if self._kept is not None:
             torque = torque[self._kept]
@@ -441,11 +441,11 @@ class Design:
         return self._columns.read(j, len(self.target[j]))[place].T
 
     def coefficients(self, theta: Array) -> Array:
-        """Nominal coefficients as a fit moves them. Shape (p,)."""
+        """Nominal coefficients after a fit. Shape (p,)."""
         return self.model.coefficients() + theta[: len(self.nominal)]
 
     def may_fall(self, group: CandidateColumns) -> bool:
-        """Whether there may be less of an effect than there is in the model."""
+        """Whether an effect may be smaller than in the model."""
         return False
 
     def acting(self, j: int) -> Array:
@@ -467,9 +467,9 @@ class Design:
         return out
 
     def residual(self, j: int, ids: Array, theta: Array) -> Array:
-        """What the columns leave of joint j's target [N m]. (rows,)."""
+        """Residual of joint j's target after the columns [N m]. (rows,)."""
         place, have = self.present(j, ids)
-        # The nominal model's come first and lie together: no copy is made of them.
+        # The nominal model's come first and contiguously: they are not copied.
         first = int(np.cumprod(place == np.arange(len(place))).sum())
         columns = self._columns.read(j, len(self.target[j]))
         torque = theta[have[:first]] @ columns[:first]
@@ -483,7 +483,7 @@ class Design:
         return [np.concatenate([x[use[:, j], j] for x, use in pairs]) for j in range(self.dof)]
 
     def series(self, j: int, values: Array) -> list[Array]:
-        """Row values of joint j put back on each log's time line, 0 where masked."""
+        """Row values of joint j on each log's time line, 0 where masked."""
         out, start = [], 0
         for use in (own[:, j] for own in self._use):
             line = np.zeros(len(use))
@@ -496,7 +496,7 @@ class Design:
     def line(self, j: int, values: Array) -> Array:
         """Row values of joint j on one time line of all logs.
 
-        0 where masked; logs are apart by ``LAGS`` rows, and so is the end. Shape (n,).
+        0 where masked; ``LAGS`` rows separate logs, and follow the last. Shape (n,).
         """
         if j not in self._lines:
             starts = np.cumsum([0, *(len(use) + LAGS for use in self._use)])
@@ -515,7 +515,7 @@ class Design:
         return out
 
     def label_logs(self) -> Array:
-        """Of each fold its log, or the part where logs are few. Shape (folds,)."""
+        """Log of each fold, or the part if logs are few. Shape (folds,)."""
         out = np.zeros(self.folds, dtype=int)
         for own, log in zip(self._labels, label_folds(self._tracks), strict=True):
             out[own] = log
@@ -527,7 +527,7 @@ class Design:
 
     @property
     def states(self) -> list[State]:
-        """What the effects see of each log."""
+        """States of each log, the inputs of effects."""
         return [self._state_of(i) for i in range(len(self._tracks))]
 
     @property

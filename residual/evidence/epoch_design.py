@@ -1,10 +1,10 @@
-"""Rows of two epochs as one design: what both share is noise, a change is a column.
+"""Rows of two epochs as one design: shared columns are noise, a change is a column.
 
-The rows of joint j are y = M beta + 1[second] Z theta + e. What any arm has and what
-its logs differ by, M, is shared by both epochs and held to what is usual: with
-beta ~ N(0, L^-1) the rows have the covariance s^2 (I + M L^-1 M'), and rows times its
-inverse root are as good as independent (generalised least squares). What of a candidate
-may have been there before is projected out of it.
+The rows of joint j are y = M beta + 1[second] Z theta + e. M, the small effects of any arm
+and the differences between its logs, is shared by both epochs with a prior of typical
+sizes: with beta ~ N(0, L^-1) the rows have the covariance s^2 (I + M L^-1 M'), and rows
+times its inverse root are independent (generalized least squares). The part of a
+candidate that may have been present before is projected out.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,16 +20,16 @@ from residual.evidence.design import Design
 from residual.evidence.thresholds import THRESHOLDS
 from residual.recording import Array
 
-OWN = 1e-3  # of a column's square: below, it was there before
+OWN = 1e-3  # of a column's square: less means that it was present before
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Whitening:
     """The inverse root of the covariance of one joint's rows, of unit noise."""
 
-    basis: Array  # orthonormal columns of what is shared, (rows, k)
-    shrink: Array  # what goes of each, (k,)
-    weight: Array | float  # of the rows: the usual deviation over theirs, (rows,)
+    basis: Array  # orthonormal shared columns, (rows, k)
+    shrink: Array  # removed share of each, (k,)
+    weight: Array | float  # of the rows: the typical deviation over theirs, (rows,)
 
     @classmethod
     def of(cls, shared: Array, precision: Array, weight: Array | float = 1.0) -> "Whitening":
@@ -43,7 +43,7 @@ class Whitening:
 
     @property
     def degrees(self) -> float:
-        """Rows that the shared columns take."""
+        """Degrees of freedom of the shared columns."""
         return float((1 - (1 - self.shrink) ** 2).sum())
 
     def __call__(self, rows: Array) -> Array:
@@ -54,7 +54,7 @@ class Whitening:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class EpochRows:
-    """Where the rows of one joint come from."""
+    """The origin of the rows of one joint."""
 
     second: Array  # they are of the second epoch. Shape (rows,), bool
     log: Array  # number of the log, (rows,)
@@ -62,13 +62,13 @@ class EpochRows:
 
     @property
     def compared(self) -> bool:
-        """Whether both epochs have rows enough."""
+        """Whether both epochs have enough rows."""
         fewer = min(self.second.sum(), (~self.second).sum())
         return bool(fewer > THRESHOLDS.min_epoch_rows)
 
 
 def locate_rows(design: Design, first: int) -> list[EpochRows]:
-    """Rows of each joint; the first logs so many are of the first epoch."""
+    """Rows of each joint, given the number of logs of the first epoch."""
     number = [np.full((len(t.tau), design.dof), i) for i, t in enumerate(design.tracks)]
     return [
         EpochRows(log >= first, log, design.label_joint_folds(j))
@@ -77,15 +77,15 @@ def locate_rows(design: Design, first: int) -> list[EpochRows]:
 
 
 class EpochDesign(Design):
-    """Whitened rows of both epochs; what is added acts in the second alone.
+    """Whitened rows of both epochs; candidates act in the second only.
 
     Its nominal model is one column: the friction of all joints in the second epoch,
-    which warmth moves together.
+    which temperature scales together.
 
     Attributes:
-        raw: The same logs as they are, to which it adds nothing but what is asked for.
+        raw: The design of the same logs without whitening.
         epochs: Where the rows of each joint come from.
-        whiten: What whitens the rows of each joint that is compared.
+        whiten: The whitening of each compared joint.
     """
 
     @classmethod
@@ -101,9 +101,9 @@ class EpochDesign(Design):
         """Whiten a design of the logs of both epochs.
 
         Args:
-            target: What one arm leaves of the torque of both [N m]. Shapes (rows,).
+            target: Residual of one arm fitted to both epochs [N m]. Shapes (rows,).
             friction: Torque of all its friction [N m]. Shapes (rows,).
-            whiten: Of each joint that is compared.
+            whiten: Whitening of each compared joint.
         """
         out = cls.__new__(cls)
         out.__dict__.update(raw.__dict__)
@@ -128,7 +128,7 @@ class EpochDesign(Design):
         return out
 
     def _whitened(self, j: int, rows: Array) -> Array:
-        """Nothing of a joint that is not compared."""
+        """Whiten rows; a joint that is not compared has none."""
         whiten = self.whiten.get(j)
         return np.zeros_like(rows) if whiten is None else whiten(rows)
 
@@ -155,10 +155,10 @@ class EpochDesign(Design):
             self._before.cut(j, self._columns.count(j))
 
     def fold_pulls(self, j: int, place: Array, theta: Array) -> Array:
-        """Products of columns with what they leave, in every fold. Shape (folds, k).
+        """Products of columns with their residual, in every fold. Shape (folds, k).
 
-        What a change leaves has nothing of the same effect in both epochs either: of
-        all blocks that is orthogonal to it, of one it is not.
+        The residual of a change also excludes the same effect in both epochs, which is
+        orthogonal to it over all blocks, but not in a single one.
         """
         pulls, rows = super().fold_pulls(j, place, theta), len(self.target[j])
         before = self._before.read(j, rows)[place].astype(float)
@@ -180,17 +180,17 @@ class EpochDesign(Design):
         return out
 
     def _group(self, candidate, rows: Joints, ids: Array) -> CandidateColumns:
-        """A load that was hung on may be several times the usual."""
+        """Return a group; an added load may be several times the typical one."""
         group = super()._group(candidate, rows, ids)
         usual = group.effect.prior_sd is None
         return group if usual else group.scale_precision(THRESHOLDS.load_precision)
 
     def coefficients(self, theta: Array) -> Array:
-        """The arm's own; a fit moves none of them."""
+        """The nominal coefficients, which a fit does not change."""
         return self.model.coefficients()
 
     def may_fall(self, group: CandidateColumns) -> bool:
-        """A load may go as well as come, and what any arm has be less than before."""
+        """Whether it may fall: a load may be removed, and small effects may shrink."""
         anchor = group.joints[0] if group.joints else 0
         usual = group.effect.in_any_arm(self._span, anchor)
         return group.effect.scope == "flange" or bool(usual)
@@ -207,7 +207,7 @@ class EpochDesign(Design):
         return self.raw.torque(self._acting[key], theta, j)[self.acting(j)]
 
     def torque_shares(self, group: CandidateColumns, theta: Array) -> Array:
-        """Rms torque of a change, of the joint's in the second epoch. Shape (dof,)."""
+        """Rms torque of a change, as a share of the second epoch's. Shape (dof,)."""
         out = np.zeros(self.dof)
         for j in range(self.dof):
             torque, logged = self.torque(group, theta, j), self.tau[j][self.acting(j)]

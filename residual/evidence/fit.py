@@ -11,14 +11,13 @@ evidence of a set, up to a constant, is
 
 (MacKay 1992; s_j = SSE_j / N_j and theta are iterated). Rows are autocorrelated, so
 n_j = N_j / tau_j, with tau_j the integrated autocorrelation time of the residual
-(initial positive pairs, Geyer 1992). Joints weigh by their noise alone: were one on
-which much is missing to weigh less for its tau_j too, it would be fitted the worse and
-weigh less again, and which joint so loses would be chance.
+(initial positive pairs, Geyer 1992). Joints are weighted by their noise alone: if a joint
+with a missing effect lost weight by its tau_j too, it would be fitted worse and lose
+weight again, and which joint loses would be chance.
 
-Bodies that no arm can have are moved to the nearest ones that can exist; what the logs
-do not tell of a body costs no torque. Where they contradict every possible body beyond
-chance, the fit says of bodies what is not of bodies: then none is named
-(``PossibleModel.contradicted``).
+Impossible bodies are replaced by the nearest possible ones; undetermined parameters of a
+body cost no torque. If the logs contradict every possible body beyond chance, the fitted
+bodies absorb another effect: then no body is named (``PossibleModel.contradicted``).
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -40,7 +39,7 @@ from residual.model.records import BodyCorrection
 from residual.recording import Array
 from residual.robot.dynamics import compute_reach
 
-CUT = 1e-10  # eigenvalues of a scaled Gram below this share tell nothing
+CUT = 1e-10  # smaller eigenvalues of a scaled Gram matrix count as zero
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,7 +49,7 @@ class NominalPrior:
     precision: Array  # , (p, p)
     log_det: float  # its log determinant
     scale: float  # relative scale of the rigid part
-    # Relative sd of each kind of value that is given, by the effect's name.
+    # Relative sd of each kind of given value, by the effect's name.
     widths: Mapping[str, float]
 
 
@@ -65,7 +64,7 @@ class Fit:
     variance: Array  # noise variance of each joint [N^2 m^2], (dof,)
     sse: Array  # squared error on the rows [N^2 m^2], (dof,)
     counted: Array  # effective number of rows of each joint, (dof,)
-    share: Array  # of the rows that count where coefficients are fitted, (dof,)
+    share: Array  # share of the rows that count in the fit, (dof,)
     score: float  # log evidence up to a constant [nats]
     bent: float  # prior energy of the nominal coefficients [nats]
 
@@ -74,7 +73,7 @@ class Fit:
         return self.theta[self.slots(group)]
 
     def slots(self, group: CandidateColumns) -> Array:
-        """Where one member's coefficients stand. Shape (k,)."""
+        """Indices of one member's coefficients. Shape (k,)."""
         start = len(self.ids) - sum(len(g.ids) for g in self.members)
         for member in self.members:
             if member is group:
@@ -83,7 +82,7 @@ class Fit:
         raise KeyError(group.key)
 
     def place(self, group: CandidateColumns) -> Array:
-        """Where the coefficients of a group's columns stand. Shape (k,)."""
+        """Indices of the coefficients of a group's columns. Shape (k,)."""
         where = {int(column): i for i, column in enumerate(self.ids)}
         return np.array([where[int(column)] for column in group.ids])
 
@@ -112,7 +111,7 @@ def fit_jointly(
     Args:
         counted: Effective rows of each joint. Shape (dof,).
         variance: Noise variance to start from [N^2 m^2]. Shape (dof,).
-        system: The normal equations of these members, where they are known already.
+        system: The normal equations of these members, if known already.
     """
     system = system or FitEquations.of(design, prior, members)
     floor = (THRESHOLDS.noise_floor * design.rms) ** 2
@@ -137,7 +136,7 @@ def fit_jointly(
 def _share_rows(design: Design, counted: Array) -> Array:
     """Share of the rows that count, the same of all joints. Shape (dof,).
 
-    Of two epochs each has its own: logs of a joint differ by more than its noise.
+    Two epochs have separate ones: logs of a joint differ by more than its noise.
     """
     share, moving = counted / design.rows, design.rows >= THRESHOLDS.min_rows
     if design.unrest is not None or not moving.any():
@@ -151,7 +150,7 @@ class FitEquations:
 
     ids: Array  # columns, (m,)
     precision: Array  # prior precision of all of them, (m, m)
-    # Of what is known for sure (``KnownPrior``), (m,).
+    # Pull of known values (``KnownPrior``), (m,).
     pull: Array
     level: float
     log_det: float  # its log determinant
@@ -159,8 +158,8 @@ class FitEquations:
     gram: Array
     cross: Array
     power: Array  # sum of squares of the target of each joint, (dof,)
-    # Per joint, where the columns that act on it stand among its own, and which of
-    # these they are (``Design.present``).
+    # Per joint, indices of the acting columns among its own, and their positions in
+    # these (``Design.present``).
     present: tuple[tuple[Array, Array], ...]
 
     @classmethod
@@ -186,7 +185,7 @@ class FitEquations:
         return cls(ids, precision, pull, level, log_det, gram, cross, power, present)
 
     def beside(self, design: Design, group: CandidateColumns) -> "FitEquations":
-        """The same with one more effect: only what is new is gathered."""
+        """Return the equations with one more effect; only its parts are gathered."""
         m, k = len(self.ids), len(group.ids)
         precision = np.zeros((m + k, m + k))
         own = group.prior
@@ -242,8 +241,8 @@ class FitEquations:
 def solve_minimum_norm(gram: Array, cross: Array) -> Array:
     """Least squares of normal equations, without a prior. Shape (p,).
 
-    Of the many solutions where columns depend on each other it is the smallest, in
-    units of the torque that each column makes; what nothing is said of stays zero.
+    If columns are dependent it is the smallest solution, in units of the torque of each
+    column; undetermined coefficients are zero.
 
     Args:
         gram: Shape (p, p).
@@ -265,12 +264,12 @@ def invert_scaled(matrix: Array) -> Array:
 
 
 def compute_zero_chance(coefficients: Array, covariance: Array, least: float) -> float:
-    """Chance of coefficients at least so far from zero, were they zero.
+    """Probability of coefficients at least this far from zero if they are zero.
 
     Args:
         coefficients: The coefficients. Shape (k,).
-        covariance: Of them. Shape (k, k).
-        least: Least variance, of a correlation matrix, that a direction is given.
+        covariance: Their covariance. Shape (k, k).
+        least: Lower limit of the variance of a direction, of the correlation matrix.
     """
     size = np.sqrt(np.maximum(np.diag(covariance), 1e-300))
     values, vectors = np.linalg.eigh(covariance / np.outer(size, size))
@@ -321,9 +320,9 @@ BODY = 10  # inertial parameters of a link
 
 
 def is_fit_possible(design: Design, fitted: Fit, group: CandidateColumns) -> bool:
-    """Whether an arm can have an effect as it came out of a fit.
+    """Whether a fitted effect is physically possible.
 
-    Of an effect on several joints at once every part is asked later, alone.
+    For an effect on several joints every part is checked later, separately.
     """
     if group.parts:
         return True
@@ -334,14 +333,14 @@ def is_fit_possible(design: Design, fitted: Fit, group: CandidateColumns) -> boo
 
 
 def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> JointLimits:
-    """Return what the arm can do at the joints of a group.
+    """Return the limits of the arm at the joints of a group.
 
     Args:
-        fit: The fit that the group is, or would be, a member of.
+        fit: The fit with the group, or to which it would be added.
     """
     robot = design.model.robot
     on = list(group.joints) or list(range(design.dof))
-    # What was logged shows a limit wrong.
+    # The log shows that a limit is wrong.
     seen, limit = design.peak, robot.torque_limit
     known = np.isfinite(limit) & (limit > 0)
     unknown = THRESHOLDS.unknown_limit_factor * seen
@@ -349,7 +348,7 @@ def find_group_limits(design: Design, fit: Fit, group: CandidateColumns) -> Join
     weight = float(sum(body.mass for body in robot.model.inertias))
     reach = compute_reach(robot.model)
     if robot.dof == 1 and reach:
-        # What a single joint carries is its load: as much as it can hold.
+        # The load of a single joint is its body: up to what the joint can hold.
         weight = max(weight, float(torque[0]) / (9.81 * reach))
     return JointLimits(
         torque=float(torque[on].max()),
@@ -378,10 +377,10 @@ def _model_coefficients(design: Design, fitted: Fit, group: CandidateColumns) ->
 
 
 def keep_physical_terms(model: Model) -> Model:
-    """Only what has a physical parameter in it: loads, friction levels, rotors.
+    """Keep only terms with physical parameters: loads, friction levels, rotors.
 
-    A feature that reads the model's torque must not carry the shape of another finding:
-    a torque gain times a found warm-up would explain the warm-up.
+    A feature that depends on the model's torque must not contain another finding: a
+    torque gain times an identified warm-up would explain the warm-up.
     """
     terms = tuple(t for t in model.terms if EffectTrait.PARAMETER in t.effect.traits)
     return replace(model, terms=terms, tables=())
@@ -410,7 +409,7 @@ def select_coefficients(
 
     Args:
         model: The nominal model of the fit.
-        selects: Says so of an effect and its joints, from 0.
+        selects: Whether to select an effect on its joints, from 0.
     """
     marks = [np.zeros(len(model.inertial), dtype=bool)]
     for part in (*model.terms, *fitted.members):
@@ -419,23 +418,23 @@ def select_coefficients(
     return np.concatenate(marks)
 
 
-LITTLE = 0.01  # per cent of torque: less is not told
+LITTLE = 0.01  # per cent of torque: less is not reported
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PossibleModel:
-    """A model whose links and load can exist."""
+    """A model with possible links and load."""
 
     model: Model  # the model
-    # What could not exist as fitted freely; None where every body can.
+    # Impossible bodies of the free fit; None if every body is possible.
     correction: BodyCorrection | None
     # Whether the logs contradict every possible body: beyond chance, and on some joint
-    # by as much as a name must explain.
+    # by as much as a finding must explain.
     contradicted: bool = False
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What was moved, and its price; nothing where every body can exist."""
+        """The corrected bodies and their cost, in words; empty if all are possible."""
         if self.correction is None:
             return ()
         cost = 100 * max(*self.correction.price, 0.0)
@@ -449,7 +448,7 @@ class PossibleModel:
 
     @property
     def doubts(self) -> tuple[str, ...]:
-        """What no arm can be, in a sentence; nothing where that may be chance."""
+        """The contradiction, in a sentence; empty if it may be chance."""
         if self.correction is None or not self.contradicted:
             return ()
         return (
@@ -461,7 +460,7 @@ class PossibleModel:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SeparateTerm:
-    """A term that was fitted apart from the rest."""
+    """A term fitted separately."""
 
     covariance: Array  # of its coefficients, (k, k)
     columns: tuple[Array, ...]  # its torque on the rows of each joint, (rows, k)
@@ -470,12 +469,11 @@ class SeparateTerm:
 def fit_possible_bodies(
     design: Design, fitted: Fit, model: Model, separate_terms: Sequence[SeparateTerm] = ()
 ) -> PossibleModel:
-    """Move a fitted model to the nearest one whose bodies can exist.
+    """Return the nearest model to a fitted one with possible bodies.
 
     Args:
-        fitted: The fit that the model is of.
-        model: It, as a model; behind the fit's coefficients those of
-            ``separate_terms``.
+        fitted: The fit of the model.
+        model: The fit as a model; after its coefficients those of ``separate_terms``.
     """
     best = model.coefficients()
     bodies = build_body_sums(model)
@@ -489,19 +487,19 @@ def fit_possible_bodies(
         for gap in (np.zeros(len(best)), nearest - best)
     )
     price = (np.sqrt(after) - np.sqrt(before)) / design.rms
-    # Twice the fall of log likelihood is chi-square of what the bodies can be moved by.
+    # Twice the fall of log likelihood is chi-square, with the free parameters of bodies.
     fall = float(fitted.weight @ (design.rows * (after - before)))
     chance = float(chdtrc(BODY * len(impossible), max(fall, 0.0)))
     correction = BodyCorrection(impossible, tuple(float(p) for p in price), chance)
-    # No arm has quite the form of its model: what is less than a name does not count.
+    # No arm has exactly the form of its model: less than a finding does not count.
     large = (price >= THRESHOLDS.min_fall).any()
-    # Of so many bodies one is always the worst, as of links.
+    # Correct for the number of bodies, as for links.
     sure = chance < THRESHOLDS.link_zero_chance
     return PossibleModel(model.with_coefficients(nearest), correction, bool(large and sure))
 
 
 def _mean_squares(design: Design, fitted: Fit, beside: Sequence[SeparateTerm], gap: Array) -> Array:
-    """Mean square residual of each joint after a move [N^2 m^2]. (dof,)."""
+    """Mean square residual of each joint after a correction [N^2 m^2]. (dof,)."""
     ends = np.cumsum([0, *(len(b.covariance) for b in beside)])[: len(beside)]
     own, *others = np.split(gap, len(fitted.ids) + ends)
     out = np.zeros(design.dof)

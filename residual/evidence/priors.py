@@ -1,4 +1,4 @@
-"""How much the nominal model is believed, and a quick look at every candidate."""
+"""Priors of the nominal model, and quick screening of every candidate."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -27,13 +27,13 @@ from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
 
-# From values that are exact, as those of a simulation: with 1 % as the finest step one
-# link that is a tenth off makes all the others look rough, and none can be blamed.
-SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is as good as free
-# The same where names are sought: beyond three times its size a parameter follows the
+# Starts at exact values, as in a simulation: with 1 % as the finest step, one link a tenth
+# off would make all others look rough, and none could be named.
+SCALES = (0.001, 0.003, 0.01, 0.03, 0.1, 0.3, 1.0, 10.0)  # the last is practically free
+# The same for the search of names: beyond three times its size a parameter follows the
 # noise of a short log rather than the body (docs/method.md).
 OF_NAMES = (*SCALES[:-1], 3.0)
-# How good values of one kind are, given or assumed: the logs of all joints tell.
+# Accuracy of values of one kind, given or assumed: estimated from all joints.
 WIDTHS = (0.001, 0.003, 0.01, 0.03, GIVEN, 0.3, ASSUMED)
 TINY = 1e-9
 HELD = 1e6  # times a prior's precision: a thousandth of its deviation
@@ -43,8 +43,8 @@ def compute_inertial_sd(robot: Robot, scale: float = 1.0) -> Array:
     """Size of each inertial parameter, for relative priors [SI]. Shape (10 dof,).
 
     A link's centre is never known better than a share of 5 cm, its inertia of 1 dm
-    squared times its mass, so that a zero in a URDF is not taken as exact. What the
-    file cannot be right about stays as open at any scale.
+    squared times its mass, so that a zero in a URDF is not taken as exact. Parameters
+    with a flaw in the file stay as uncertain at any scale.
     """
     out = []
     for body in list(robot.model.inertias)[1 : robot.dof + 1]:
@@ -56,13 +56,13 @@ def compute_inertial_sd(robot: Robot, scale: float = 1.0) -> Array:
     return np.concatenate(out)
 
 
-@lru_cache(maxsize=16)  # of one robot, asked for under a score of priors
+@lru_cache(maxsize=16)  # for one robot, under about twenty priors
 def compute_inertial_precision(robot: Robot, scale: float = 1.0) -> Array:
     """Prior precision of the inertial parameters, to be divided by the scale squared.
 
-    Half of a link's doubt is common to its ten parameters (the density of a CAD body
-    is off), half is each one's own. Without the common half, a wrong mass would cost
-    ten times, and a payload would be blamed for it with false precision.
+    Half of a link's variance is common to its ten parameters (wrong density of a CAD
+    body), half is separate. Without the common half, a wrong mass would cost ten times,
+    and would be taken for a payload with false precision.
 
     Returns:
         Block diagonal by link. Shape (10 dof, 10 dof).
@@ -80,15 +80,15 @@ def compute_inertial_precision(robot: Robot, scale: float = 1.0) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PriorSpace:
-    """The priors that may be compared: a scale of the rigid part, widths of values.
+    """The priors to compare: a scale of the rigid part, widths of values.
 
-    So with the values of the declared effects as with the bodies: if all joints of an
-    arm bear most of them out, the one that is far off is a finding, else none can be.
+    This holds for declared effects as for bodies: if the logs of all joints confirm most
+    values, one that is far off is a finding, else none can be.
     """
 
     design: Design  # columns
     nominal: NominalModel  # the nominal model
-    ladder: tuple[float, ...] = OF_NAMES  # scales where the logs are to tell
+    ladder: tuple[float, ...] = OF_NAMES  # scales to choose from by the logs
 
     @property
     def scales(self) -> tuple[float, ...]:
@@ -97,7 +97,7 @@ class PriorSpace:
 
     @property
     def even(self) -> list[dict[str, float]]:
-        """Widths to compare first: as they were said, then one for every kind."""
+        """Widths to compare first: as given, then one common to every kind."""
         if not self.free:
             return [dict(self.nominal.widths)]
         kinds = self.nominal.kinds
@@ -114,7 +114,7 @@ class PriorSpace:
         return build_relative_prior(self.design, self.nominal, scale, widths)
 
     def list_barred_effects(self, prior: NominalPrior) -> set[str]:
-        """Effects that may not be blamed under a prior."""
+        """Effects that may not be named under a prior."""
         return list_forbidden_effects(prior, self.nominal)
 
 
@@ -130,8 +130,8 @@ def build_relative_prior(
     """Inertial parameters within a relative scale, declared effects as given.
 
     Args:
-        widths: Relative sd of the declared values, by the effect's name; None for what
-            was said of them.
+        widths: Relative sd of the declared values, by the effect's name; None for the
+            given ones.
     """
     widths = nominal.kinds if widths is None else widths
     precision = np.zeros((len(design.nominal), len(design.nominal)))
@@ -145,7 +145,7 @@ def build_relative_prior(
     for (term, own), given in zip(placed, nominal.sd, strict=True):
         ids = design.nominal[own]
         rows = term.effect.rows(term.joints, design.dof)
-        # With torque as large as the torque; under every prior the same: remembered.
+        # With torque as large as the joint torque; the same under every prior, so cached.
         key = int(ids[0]), len(ids)
         if key not in design.flat:
             flat = design.unit_information(ids, rows)
@@ -171,11 +171,11 @@ def _prior(precision: Array, scale: float, widths: Mapping[str, float]) -> Nomin
 
 
 def list_forbidden_effects(prior: NominalPrior, nominal: NominalModel) -> set[str]:
-    """Effects that may not be blamed under this prior.
+    """Effects that may not be named under this prior.
 
-    A declared effect is no candidate unless values of its kind are known, by what the
-    logs say of all of them; a body is none where the rigid part is too rough. Named by
-    an exact duplicate of a column that is free already, both would be empty words.
+    A declared effect is a candidate only if the logs show that values of its kind are
+    accurate, a body only if the rigid part is. Otherwise their columns duplicate free
+    ones, and the names would be meaningless.
     """
     out = set()
     for term, given in nominal.declared:
@@ -188,9 +188,9 @@ def list_forbidden_effects(prior: NominalPrior, nominal: NominalModel) -> set[st
 
 
 def list_contradicted_coefficients(model: Model, group: CandidateColumns) -> Array:
-    """Coefficients of the nominal model that an effect says are wrong. Shape (k,).
+    """Coefficients of the nominal model that an effect corrects. Shape (k,).
 
-    All inertial ones for a body; none where the model has no such value.
+    All inertial ones for a body; none if the model has no such value.
     """
     if EffectTrait.PARAMETER not in group.effect.traits:
         return np.zeros(0, dtype=int)
@@ -204,7 +204,7 @@ def list_contradicted_coefficients(model: Model, group: CandidateColumns) -> Arr
 
 
 def hold_coefficients(prior: NominalPrior, slots: Array) -> NominalPrior:
-    """The same prior with some coefficients held at their nominal values."""
+    """Return the prior with some coefficients held at their nominal values."""
     stiff = np.zeros(len(prior.precision))
     stiff[slots] = HELD * np.diag(prior.precision)[slots]
     return replace(prior, precision=prior.precision + np.diag(stiff))
@@ -214,10 +214,10 @@ NEARLY_ALL = 0.999  # of the squares of a joint: more is rounding
 
 
 def build_first_design(logs: FitLogs, nominal: NominalModel, named: Model | None = None) -> Design:
-    """Nominal columns, and features seen with a model that fits these logs roughly.
+    """Build nominal columns, with features from a model that fits these logs roughly.
 
     Args:
-        named: A model to see features with instead, such as one with what was named.
+        named: A model for the features instead, such as one with the findings.
     """
     design = Design(logs.tracks, nominal.model)
     if named is None:
@@ -227,7 +227,7 @@ def build_first_design(logs: FitLogs, nominal: NominalModel, named: Model | None
     return design
 
 
-# A quick look at every candidate at once, and what it shares with a fit.
+# Quick screening of every candidate at once, and its overlap with a fit.
 
 
 def screen_candidates(
@@ -235,10 +235,10 @@ def screen_candidates(
 ) -> Array:
     """Evidence gain of every group on top of a fit, by one projection [nats]. (g,).
 
-    Rows count for a quarter of their number or more: optimistic, so that nothing worth
-    an exact look is lost. With noise held at the fit's own the gain is a quadratic form
-    q, at most half of the n rows however well a group explains them; with noise taken
-    from what is left it is -n/2 log(1 - 2 q / n). Groups of one shape go as one stack.
+    Rows count for a quarter of their number or more: optimistic, so that no relevant
+    candidate is lost. With the noise of the fit the gain is a quadratic form q, at most
+    half of the n rows however well a group explains them; with noise from the remaining
+    residual it is -n/2 log(1 - 2 q / n). Groups of equal size are stacked.
     """
     counted = np.maximum(0.25 * design.rows, fitted.counted)
     weight = np.maximum(0.25, fitted.share) / fitted.variance
@@ -279,21 +279,21 @@ def weight_column_products(design: Design, system: FitEquations, weight: Array) 
 
 
 def project_columns(design: Design, system: FitEquations, weight: Array) -> Array:
-    """What a fit imitates of all columns, for `GroupStack.beyond`. (m, size)."""
+    """Projection of all columns on a fit, for `GroupStack.beyond`. (m, size)."""
     shared = weight_column_products(design, system, weight)
     return solve_triangular(system.solve(weight)[1], shared, lower=True)
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class GroupStack:
-    """Groups of as many columns."""
+    """Groups with equal numbers of columns."""
 
     members: Array  # their numbers among all groups, (g,)
     ids: Array  # their columns, (g, k)
     gram: Array  # of each by itself, joint by joint, (dof, g, k, k)
     acts: Array  # the joints on which they act. Shape (g, dof), bool
     precision: Array  # their priors, (g, k, k)
-    # What is known for sure (``KnownPrior``), (g, k), (g,).
+    # Known values (``KnownPrior``), (g, k), (g,).
     pull: Array
     level: Array
     log_det: Array  # log determinants of these, (g,)
@@ -312,7 +312,7 @@ class GroupStack:
 
 
 def stack_groups(design: Design, groups: Sequence[CandidateColumns]) -> list[GroupStack]:
-    """Return groups, put together where they are alike; kept by the design."""
+    """Return groups stacked by size; cached by the design."""
     key = tuple(groups)
     if key not in design.stacks:
         alike: dict[int, list[int]] = {}

@@ -1,1 +1,1 @@
-"""A model in the form of other programs, with what each of them has no place for."""
+"""Export of a model to other programs, with the effects that each cannot represent."""

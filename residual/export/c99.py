@@ -51,7 +51,7 @@ _ARRAYS = {
     "tau": "total",
     "tau_model": "total",
 }
-_STEP = "1e-100"  # of a complex step: its square underflows
+_STEP = "1e-100"  # size of a complex step: its square underflows
 _HEAD = """\
 static inline void @P@_torque(
     @P@_memory *memory, double t, const double *angle,
@@ -77,7 +77,7 @@ def explain_missing_formula(term: Term) -> str:
 
 
 def make_c_identifier(name: str) -> str:
-    """Return the name of a robot as C can have it."""
+    """Return the name of a robot as a C identifier."""
     word = re.sub(r"\W", "_", name)
     return word if word[0].isalpha() else f"arm_{word}"
 
@@ -206,7 +206,7 @@ def _torque(
         lines.append(_part(dof, push))
     if shifts:
         lines += _shifted(dof, shifts)
-    report = []  # what distorts the report of the torque comes last
+    report = []  # distortions of the torque report come last
     for term in model.terms:
         form = term.effect.portable
         rows = term.effect.rows(term.joints, dof) if form.formula else ()
@@ -229,7 +229,7 @@ def _part(dof: int, arguments: str) -> str:
 
 
 def _block(term: Term, row: int, formula: str, memory: int) -> str:
-    """One formula on one joint, with the names that it uses and no other."""
+    """One formula on one joint, with only the names that it uses."""
     words, lines = set(WORD.findall(formula)), []
     if "a" in words:
         lines.append(f"static const double a[] = {_list(term.theta)};")
@@ -257,7 +257,7 @@ def _braces(title: str, lines: Iterable[str]) -> str:
 
 
 def _shifted(dof: int, shifts: Sequence[Term]) -> Iterator[str]:
-    """What encoder errors change: a step along the imaginary axis is a derivative."""
+    """Torque by encoder errors: a step along the imaginary axis gives a derivative."""
     yield f"    double shift[3][{dof}] = {{{{0.0}}}};"
     for term in shifts:
         formulas, (j,) = term.effect.portable.shift or (), term.joints
@@ -291,7 +291,7 @@ def _tables(every: Sequence[JointCorrection]) -> Iterator[str]:
         reads = [*reads, f"out[{tables.joint}]"][: len(lookup.names)]
         levels = []
         for k, axis in enumerate(lookup.axes):
-            # Joints often share places among levels, and a search costs most.
+            # Joints often share level indices, whose search costs most.
             key = reads[axis.variable], axis.edges.tobytes()
             if key not in level_names:
                 level_names[key] = f"level_{len(level_names)}"
@@ -310,7 +310,7 @@ def _tables(every: Sequence[JointCorrection]) -> Iterator[str]:
             lines.append(_constant(f"cells_{number}_{k}", values.ravel()))
             lines.append(f"y += cells_{number}_{k}[{at}];")
         if tables.beyond == NOTHING:
-            # Outside the range of its data such a table adds nothing.
+            # Outside the range of its data such a table is zero.
             lines += [
                 f"const double x[] = {{{', '.join(reads)}}};",
                 _constant("low", lookup.low),
@@ -338,7 +338,7 @@ def _comment(parts: Iterable[str]) -> str:
 
 
 def fill_template(text: str, values: Mapping[str, str]) -> str:
-    """Return a text with @NAME@ replaced by what it stands for."""
+    """Return a text with each @NAME@ replaced by its value."""
     for name, word in values.items():
         text = text.replace(f"@{name}@", word)
     return text
@@ -352,22 +352,22 @@ def read_template(name: str) -> str:
 
 # Friction over speed and torque over position, as CSV with few support points.
 #
-# For controllers that take a table of compensation per joint. What depends on the speed
-# of its joint alone goes into friction.csv, what depends on its position alone into
-# position.csv; rigid body, loads and all else stay with the controller.
+# For controllers with a compensation table per joint. Terms of the speed of their joint
+# alone go into friction.csv, terms of its position alone into position.csv; rigid body,
+# loads and other terms remain with the controller.
 
 
-DENSE = 4001  # points that the curve is looked at
-ENOUGH = 1e-3  # of the largest value: more points help no controller
+DENSE = 4001  # points at which the curve is evaluated
+ENOUGH = 1e-3  # of the largest value: accuracy that suffices for a controller
 SPEED, POSITION = "friction.csv", "position.csv"
 _OF = {SPEED: {"qd", "sign"}, POSITION: {"q"}}
 _MOTION = {"q", "qd", "qdd", "sign", "rigid", "tau", "t", "m"}
-_MOST = {SPEED: 21, POSITION: 41}  # support points; controllers take some twenty
-_FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range, where points begin
+_MOST = {SPEED: 21, POSITION: 41}  # support points; controllers accept some twenty
+_FEW = (-1.0, -0.5, -0.1, 0.0, 0.1, 0.5, 1.0)  # of the range: first points
 
 
 def to_table(source: AnyModel) -> ModelExport:
-    """Return support points of each joint as CSV files; tables go along as they are."""
+    """Return support points of each joint as CSV files, look-up tables included."""
     made = split_exportable_terms(
         source,
         lambda t: "" if _file(t) else "it is not a function of one joint's speed or position",
@@ -391,7 +391,7 @@ def to_table(source: AnyModel) -> ModelExport:
 
 
 def _file(term: Term) -> str:
-    """Which table a term belongs to, "" for none; a constant goes with friction."""
+    """The table of a term, "" for none; a constant counts as friction."""
     said = term.effect.portable
     if len(said.formula) != 1 or len(term.joints) != 1:
         return ""
@@ -400,13 +400,13 @@ def _file(term: Term) -> str:
 
 
 def _csv(model: Model, file: str) -> bytes:
-    """Support points of the curves of each joint that has some, b"" for none."""
+    """Support points of the curves of each joint with any, b"" for none."""
     lower, upper, speed = fill_joint_limits(model.robot)
     text = io.StringIO()
     out = csv.writer(text, lineterminator="\n")
     over = "qd [rad/s]" if file == SPEED else "q [rad]"
     head = ["joint", over, "torque [N m]"]
-    # An arm of both kinds has rows of both units, joint by joint.
+    # An arm with both kinds of joints has rows in both units.
     slides = set(model.robot.prismatic)
     sliding = [convert_to_sliding_unit(word) for word in head]
     both = [f"{a} or {b}" if a != b else a for a, b in zip(head, sliding, strict=True)]
@@ -436,11 +436,11 @@ def place_support_points(
 ) -> tuple[Array, Array]:
     """Return places of support points of a curve, and its values there. Shapes (k,).
 
-    A point is added where the lines miss most, until they miss by next to nothing, or
-    there are as many as may be. The ends of the range are the ends of `start`.
+    A point is added where the interpolation error is largest, until it is negligible or
+    the largest number is reached. The ends of the range are the ends of `start`.
     """
     ends = np.linspace(start[0], start[-1], DENSE)
-    # What happens near zero is narrow.
+    # Features near zero are narrow.
     near = np.concatenate([-np.geomspace(1e-5, 1, DENSE), np.geomspace(1e-5, 1, DENSE)])
     size = max(abs(start[0]), abs(start[-1]))
     inside = near[(near * size > start[0]) & (near * size < start[-1])] * size

@@ -16,7 +16,7 @@ from residual.model.model import Model, Term
 from residual.recording import Array
 from residual.robot.robot import Robot
 
-DEFAULT_SPEED = 2.0  # rad/s, of a joint without a speed limit
+DEFAULT_SPEED = 2.0  # rad/s, for a joint without a speed limit
 SECONDS, RATE = 10.0, 250.0
 TRAVEL = 0.4  # of a joint's range to each side of its middle
 WAVES = ((0.5, 1.0), (0.3, 2.7), (0.2, 5.3))  # share of the amplitude, times the lowest
@@ -49,7 +49,7 @@ def build_reference_motion(robot: Robot, seconds: float = SECONDS) -> NoiselessM
     t = np.arange(round(seconds * RATE)) / RATE
     q, qd, qdd = np.zeros((3, len(t), robot.dof))
     for j in range(robot.dof):
-        # No two joints ever repeat the same pose together.
+        # Incommensurate frequencies: no pose repeats.
         lowest = 2 * np.pi * LOWEST * (1 + 0.13 * j)
         fastest = sum(share * times * lowest for share, times in WAVES)
         size = min(TRAVEL * (upper[j] - lower[j]), 0.9 * speed[j] / fastest)
@@ -69,7 +69,7 @@ def fill_joint_limits(robot: Robot) -> tuple[Array, Array, Array]:
 
 @dataclass(frozen=True, slots=True)
 class OmittedTerm:
-    """A term that the target cannot represent, and the torque that it would add."""
+    """A term that the target cannot represent, and its torque."""
 
     name: str  # the effect; "tables" on top of a model, or the "rigid body"
     joints: tuple[int, ...]  # from 1; empty for all
@@ -89,7 +89,7 @@ class ModelExport:
 
     files: Mapping[str, bytes]  # content by file name
     source: AnyModel  # the model
-    carried: AnyModel  # the part of it that the files hold
+    carried: AnyModel  # the exported part of it
     omissions: tuple[OmittedTerm, ...] = ()
     rms: float = 0.0  # torque of all omissions together, as in `OmittedTerm` [N m]
     largest: float = 0.0

@@ -1,4 +1,4 @@
-"""A model for simulators: as URDF, and as MJCF for MuJoCo 4 and what reads its files.
+"""A model for simulators: as URDF, and as MJCF for MuJoCo 4 and compatible programs.
 
 Written as text with all digits of a double; MuJoCo's own writer keeps six. Dry friction
 is a soft constraint there, and under its usual settings it reaches a per cent of its
@@ -50,7 +50,7 @@ THICK = 0.03  # m, of the lines that stand for links
 def split_joint_properties(
     source: AnyModel, target: str, supported_properties: Collection[str], gravity: bool = False
 ) -> ModelExport:
-    """Separate what the joints and bodies of a target can represent from the rest."""
+    """Separate terms that joints and bodies of a target can represent from others."""
     model = remove_tables(source)
     refuse_carried_weight(model.robot, target)
     total = sum_joint_properties(model)
@@ -70,7 +70,7 @@ def split_joint_properties(
                     f"{total[name][joint]:.3g} {unit}: `modelgap identify` gives its "
                     "standard deviation; --prior 0.03 keeps it near its nominal value"
                 )
-        # A constant torque is a spring that is at rest elsewhere.
+        # A constant torque is a spring with another rest position.
         lone = "constant" in said.joint and not total["stiffness"][joint] > 0
         return f"{target} has no constant torque on a joint" if lone else ""
 
@@ -88,7 +88,7 @@ def sum_joint_properties(model: Model) -> dict[str, Array]:
 
 
 def to_urdf(source: AnyModel) -> ModelExport:
-    """Return a model as a URDF; gravity and what the drives add is not for it to say.
+    """Return a model as a URDF, which cannot hold gravity or effects of the drives.
 
     Raises:
         InputError: If a link has no positive mass.
@@ -109,12 +109,12 @@ def to_urdf(source: AnyModel) -> ModelExport:
     return replace(made, files={f"{make_file_stem(source)}.urdf": text.encode()})
 
 
-# Twice the time step is the fastest that MuJoCo lets a constraint be.
+# Twice the time step is the smallest time constant that MuJoCo allows.
 FRICTION = {"solreffriction": f"{2 * STEP} 1", "solimpfriction": "0.9999 0.9999 0.001 0.5 2"}
 
 
 def to_mjcf(source: AnyModel, supported_properties: Collection[str] = MJCF_CAN) -> ModelExport:
-    """Return a model as an MJCF, with a motor on each joint and no shape but lines.
+    """Return a model as an MJCF, with a motor on each joint and lines as geometry.
 
     Args:
         supported_properties: Which properties of joints to use.
@@ -205,14 +205,14 @@ def _quaternion(rotation: Array) -> str:
 
 
 SOURCE = "passive.py.txt"
-# Dry friction is the callback's: a joint of MuJoCo jumps and sticks, the model's does
-# not, and over seconds the two arms would part by some tenths of a milliradian.
+# The callback computes dry friction: MuJoCo's joint friction is discontinuous and sticks,
+# the model's does not, and over seconds the arms would differ by tenths of a milliradian.
 NATIVE = tuple(name for name in MJCF_CAN if name != "friction")
 REPORT = "it distorts the torque reading only, not the motion"
-# Of the step that would outrun friction where a joint turns: an explicit force is
-# stable below 2.
+# Relative to the time constant of friction at reversals: an explicit force is stable below
+# 2.
 SHARE, SHORTEST = 1.0, 2e-5  # 1, s
-POSES = 8  # that the time step is found at
+POSES = 8  # states for finding the time step
 
 
 def to_mujoco(source: AnyModel) -> ModelExport:

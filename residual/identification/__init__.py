@@ -1,1 +1,1 @@
-"""The parameters of a model from logs, and whether a body can have them."""
+"""The parameters of a model from logs, and their physical consistency."""

@@ -1,11 +1,11 @@
-"""The rows of a fit, what their motion can tell, and one fit by the chosen method.
+"""The rows of a fit, their observability, and one fit by the chosen method.
 
 - ols: every row of every joint weighs the same;
 - wls: a joint weighs by its noise, w_j = 1 / (s_j^2 t_j), with s_j the standard
   deviation of its residual and t_j the autocorrelation time of it;
 - irls: also each row by its own residual u = r / s_j, with s_j the joint's noise by the
-  median absolute residual: weight min(1, k / |u|), k = 1.345 (Huber 1981: 5 % are lost
-  on Gaussian noise).
+  median absolute residual: weight min(1, k / |u|), k = 1.345 (Huber 1981: a loss of 5 %
+  efficiency on Gaussian noise).
 
 The covariance is the sandwich B M B, B = (sum w_j x'x + L)^-1, M = sum w_j^2 s_j^2 t_j
 x'x + L, right for each of them as long as the model is.
@@ -41,24 +41,23 @@ from residual.robot.dynamics import (
 )
 from residual.signals.track import Track
 
-# What a model can be fitted by, and what of it a motion can tell.
+# The parameters of a fit, and their observability by a motion.
 #
-# Base parameters of its body and its effects together: some effects move the same torque
-# as inertia does (the rotor of joint 1 turns about the same axis as link 1). They are
-# taken into the base parameter, so that what is fitted is independent; the mapping says
-# what was taken.
+# Base parameters of the body and its effects together: some effects have the same torque
+# as an inertia (the rotor of joint 1 turns about the same axis as link 1). They become part
+# of the base parameter, so that fitted parameters are independent; the mapping lists the
+# parts.
 #
-# The standard deviation that a parameter would have is sqrt((A^-1)_ii), with A the
-# information of the rows under the noise of each joint. A parameter cannot be told if
-# that exceeds all by which it could be off anyway: its whole nominal value and more than
-# a usual load would add.
+# The standard deviation of a parameter would be sqrt((A^-1)_ii), with A the information of
+# the rows under the noise of each joint. A parameter is unobserved if that exceeds its
+# largest plausible error: its full nominal value and more than a typical load would add.
 
 
-_AMPLITUDE = 0.3  # of torque rms: the usual size of an effect of unknown value
-_LOAD, _REACH = 0.08, 0.2  # a usual load: of the arm's mass, m off its link
-_STATES = 120  # of a motion that is tried
+_AMPLITUDE = 0.3  # of torque rms: the typical size of an effect of unknown value
+_LOAD, _REACH = 0.08, 0.2  # a typical load: of the arm's mass, m off its link
+_STATES = 120  # number of states of a tried motion
 _LIMIT = 1.0
-_FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 where a robot has no limits
+_FAST, _HARD = 1.5, 5.0  # rad/s, rad/s^2 for a robot without limits
 _LARGEST = 1e9
 
 
@@ -68,7 +67,7 @@ class JointRows:
 
     x: tuple[Array, ...]  # columns of the base parameters, per joint, (m_j, b)
     y: tuple[Array, ...]  # filtered torque, per joint [N m], (m_j,)
-    series: tuple[Array, ...]  # which log, and which of its rows, each row is, (m_j, 2)
+    series: tuple[Array, ...]  # log and row index of each row, (m_j, 2)
 
     @property
     def counts(self) -> Array:
@@ -93,7 +92,7 @@ def compute_model_base_parameters(model: Model) -> BaseParameters:
 
 
 def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
-    """Return what the coefficients of the effects stand for."""
+    """Return names of the coefficients of the effects."""
     out = []
     for term in model.terms:
         joints = [j + 1 for j in term.joints]
@@ -115,11 +114,11 @@ def name_effect_coefficients(model: Model) -> tuple[StandardParameter, ...]:
 
 
 def build_sampled_states(model: Model, q: Array, qd: Array, qdd: Array) -> State:
-    """Return single states as the effects see them, a second apart. Shapes (n, dof)."""
+    """Return single states as inputs of effects, a second apart. Shapes (n, dof)."""
     regressor = compute_robot_regressor(model.robot, q, qd, qdd)
     rigid = regressor @ model.inertial
     t = np.arange(len(q), dtype=float)
-    # A drive that is off in a part tells its damping from the joint's.
+    # A drive that is off in a part separates its damping from the joint's.
     on = np.broadcast_to((np.arange(len(q)) % 2)[:, None], q.shape)
     own = model.robot, 1.0, t, q, qd, qdd, np.sign(qd), regressor, rigid, rigid
     return State(*own, enabled=on)
@@ -147,12 +146,11 @@ def build_joint_rows(model: Model, tracks: tuple[Track, ...], base: BaseParamete
 
 
 def compute_nominal_covariance(model: Model, torque_rms: Array, columns: Array) -> Array:
-    """Return how much each nominal coefficient is doubted, at a relative scale of 1.
+    """Return the prior covariance of nominal coefficients, at a relative scale of 1.
 
-    A covariance (s, s): inertia as `compute_inertial_precision` has it; the coefficient
-    of an effect by its own size, or, where that is 0, by what would make 30 % of the
-    torque, given the torque rms of each joint [N m] and all columns on some states
-    (n, dof, s).
+    Shape (s, s): inertia as in `compute_inertial_precision`; the coefficient of an effect
+    by its size, or if that is 0, by the size that makes 30 % of the torque, given the
+    torque rms of each joint [N m] and all columns on some states (n, dof, s).
     """
     size = len(model.inertial)
     coefficients = model.coefficients()
@@ -169,7 +167,7 @@ def compute_nominal_covariance(model: Model, torque_rms: Array, columns: Array) 
 
 
 def compute_load_parameters(model: Model) -> Array:
-    """Return what a usual load adds to each coefficient, 0 for effects. Shape (s,).
+    """Return the change of each coefficient by a typical load, 0 for effects. Shape (s,).
 
     However small a link's nominal inertia is, it may carry a tool.
     """
@@ -182,24 +180,24 @@ def compute_load_parameters(model: Model) -> Array:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UnobservedParameter:
-    """A parameter that the motion does not show."""
+    """A parameter that the motion does not determine."""
 
-    index: int  # which base parameter
+    index: int  # index of the base parameter
     sd: float  # standard deviation that it would have [SI]
-    remedy: str  # which motion would show it, in words
+    remedy: str  # motion that would determine it, in words
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Observability:
-    """What a motion can tell."""
+    """The observability of parameters by a motion."""
 
-    free: Array  # parameters that the motion shows, (k,)
-    # Parameters that are better left at their nominal value.
+    free: Array  # parameters that the motion determines, (k,)
+    # Parameters that stay at their nominal value.
     fixed: tuple[UnobservedParameter, ...]
     standing: tuple[int, ...]  # joints that never move, from 1
 
     def lines(self, base: BaseParameters) -> list[str]:
-        """Say it in words, a line each."""
+        """The result in words, a line each."""
         out = []
         if self.standing:
             joints = ", ".join(map(str, self.standing))
@@ -220,12 +218,12 @@ def find_unobserved_parameters(
     parameter_scale: Array,
     joint_weights_and_counts: Array,
 ) -> Observability:
-    """Say which parameters a motion cannot tell, and which motion would.
+    """Find the parameters that a motion does not determine, and motions that would.
 
     Args:
         information: A: weighted x'x of the rows, in SI units. Shape (b, b).
-        joint_weights_and_counts: Weight w_j of one row of each joint, and how many
-            there are. (2, dof).
+        joint_weights_and_counts: Weight w_j of one row of each joint, and their
+            number. (2, dof).
     """
     size, (weights, counts) = parameter_scale, joint_weights_and_counts
     scaled = information * np.outer(size, size)
@@ -236,8 +234,8 @@ def find_unobserved_parameters(
         if doubts[worst] <= _LIMIT:
             break
         held[free.pop(worst)] = float(doubts[worst])
-    # The least motion, beside what there is, that shows each held parameter. As many rows
-    # as the logs have, so that it is the motion that counts, not time.
+    # The simplest additional motion that determines each held parameter, with as many rows as
+    # the logs, so that the motion counts and not its length.
     per_row = weights * max(counts.max(), 1.0) / _STATES
     remedies: dict[int, str] = {}
     for words, states in _motions(model):
@@ -286,18 +284,18 @@ def _motions(model: Model):
 
 
 METHODS = ("ols", "wls", "irls")
-_CUT = 1e-10  # singular values below this share tell nothing: nominal stays
-_FLOOR = 1e-7  # of torque rms: noise of logs that have none
+_CUT = 1e-10  # smaller singular values count as zero: nominal values stay
+_FLOOR = 1e-7  # of torque rms: noise of noiseless logs
 _ROUNDS, _REWEIGHTINGS = 20, 50
 _K = 1.345
-_MAD = 1.4826  # median absolute value to standard deviation, of Gaussian noise
+_MAD = 1.4826  # from median absolute value to standard deviation, for Gaussian noise
 
 Blocks = tuple[Array, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """How to identify.
+    """Options of an identification.
 
     Attributes:
         method: "ols", "wls" or "irls".
@@ -319,16 +317,16 @@ class Options:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FitStart:
-    """Where a fit starts, and what it may move."""
+    """The start and the free parameters of a fit."""
 
-    value: Array  # theta_0: what stays if the rows tell nothing, (b,)
-    size: Array  # what counts as a large change of each, (b,)
-    free: Array  # which may move, (k,)
-    precision: Array | None = None  # l over all parameters, None for a free fit, (b, b)
+    value: Array  # theta_0: values without information, (b,)
+    size: Array  # scale of a large change of each, (b,)
+    free: Array  # indices of free parameters, (k,)
+    precision: Array | None = None  # L over all parameters, None for a free fit, (b, b)
 
     @property
     def prior(self) -> Array:
-        """L of what may move, in units of size. Shape (k, k)."""
+        """L of the free parameters, in units of size. Shape (k, k)."""
         size = self.size[self.free]
         if self.precision is None:
             return np.zeros((len(size), len(size)))
@@ -374,7 +372,7 @@ def compress_joint_rows(rows: JointRows, weights: tuple[Array, ...] | None = Non
 def solve_least_squares(blocks: Blocks, joint_weights: Array, start: FitStart) -> Array:
     """Return the parameters that minimise the squares weighted by w_j. Shape (b,).
 
-    Directions that no row speaks of stay where they start.
+    Undetermined directions stay at the start.
     """
     size = start.size[start.free]
     rows = stack_weighted_blocks(blocks, joint_weights)
@@ -411,7 +409,7 @@ def compute_joint_residuals(rows: JointRows, theta: Array) -> tuple[Array, ...]:
 
 
 def compute_autocorrelation_times(rows: JointRows, residual: tuple[Array, ...]) -> Array:
-    """Return how many rows of residuals (m_j,) tell as much as one would. (dof,)."""
+    """Return the autocorrelation times of residuals (m_j,), in rows. (dof,)."""
     out = np.ones(len(residual))
     for j, (values, series) in enumerate(zip(residual, rows.series, strict=True)):
         lines = []
@@ -428,7 +426,7 @@ def compute_autocorrelation_times(rows: JointRows, residual: tuple[Array, ...]) 
 def estimate_parameters(
     rows: JointRows, blocks: Blocks, start: FitStart, options: Options
 ) -> Estimate:
-    """Fit rows, and the same compressed, by the method asked for, with covariance."""
+    """Fit rows, also given compressed, by the chosen method, with covariance."""
     free = replace(start, precision=None)
     theta = solve_least_squares(blocks, np.ones(len(rows.y)), free)
     for _ in range(_ROUNDS):
@@ -437,8 +435,8 @@ def estimate_parameters(
         theta = solve_least_squares(blocks, weight, free)
         if np.all(np.abs(theta - before) <= 1e-9 * start.size):
             break
-    # Noise is that of the free fit: a prior that binds would make its own misfit look
-    # like noise, and bind the more.
+    # Noise comes from the free fit: a tight prior would make its misfit look like noise,
+    # and become still tighter.
     theta = solve_least_squares(blocks, weight, start)
     weights, means = None, np.ones((2, len(weight)))
     outliers = np.zeros(len(weight))
@@ -486,7 +484,7 @@ def compute_joint_weights(
 
     Args:
         method: "ols" gives all joints one weight.
-        parameters: How many were fitted to these rows.
+        parameters: Number of parameters fitted to these rows.
     """
     residual = compute_joint_residuals(rows, theta)
     memory = compute_autocorrelation_times(rows, residual)

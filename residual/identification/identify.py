@@ -2,7 +2,8 @@
 
 Base inertial parameters and declared effects are fitted together, never one after the
 other, on filtered rows: torque and every column pass the same filter (`Track.filter`).
-What the motion does not show stays nominal and is reported (`Observability`).
+Parameters that the motion does not determine stay nominal and are reported
+(`Observability`).
 """
 
 from collections.abc import Mapping, Sequence
@@ -51,18 +52,18 @@ _ROWS_PER_PARAMETER = 3
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Identification:
-    """Identified parameters, and all that tells how far to trust them."""
+    """Identified parameters, with their uncertainty and observability."""
 
-    options: Options  # how it was done
-    logs: FitLogs  # the logs that were fitted
+    options: Options  # the options
+    logs: FitLogs  # the fit logs
     nominal: Model  # the model before
     model: Model  # the model after: full parameters nearest to the nominal ones
     base: BaseParameters  # base parameters over ``model.coefficients()``
     estimate: Estimate
     nominal_theta: Array  # base parameters before, (b,)
-    # How far full parameters may be from the nominal ones at all: covariance, (s, s).
+    # Prior covariance of full parameters around the nominal ones, (s, s).
     spread: Array
-    preflight: Observability  # what the motion cannot tell
+    preflight: Observability  # parameters that the motion does not determine
     # Compressed rows (`compress_joint_rows`), weighted where the method weighs rows.
     blocks: tuple[Array, ...]
 
@@ -99,8 +100,8 @@ def identify(
     nominal = start_model(logs, declared)
     base = compute_model_base_parameters(nominal)
     first = _fitted(nominal, base, logs, options)
-    # A prediction needs an answer at standstill; one that reaches into moving rows
-    # changes the fit a little, so it is done once more.
+    # A prediction needs a standstill behaviour; one that extends into moving rows changes
+    # the fit a little, so it is repeated.
     settled = choose_standstill_behaviour(first.model, logs.sketch).standstill
     return _fitted(replace(nominal, standstill=settled), base, logs, options)
 
@@ -128,7 +129,7 @@ def _fitted(
     size = np.sqrt(np.diag(base.mapping @ wide @ base.mapping.T))
     blocks = compress_joint_rows(rows)
     start = FitStart(theta, size, np.arange(len(base)))
-    # What the motion shows, under the noise of a first fit of everything.
+    # Observability, under the noise of a first fit of all parameters.
     rough = solve_least_squares(blocks, np.ones(len(rows.y)), start)
     weight, _, _ = compute_joint_weights(rows, rough, "wls")
     per_row = np.stack([weight, rows.counts])
@@ -137,8 +138,8 @@ def _fitted(
     )
     start = replace(start, free=shown.free)
     if options.prior is not None:
-        # A prior speaks for what the motion does not show: nothing need be held.
-        # Values that were never given stay free.
+        # A prior covers undetermined parameters: none is held. Values that were never given stay
+        # free.
         covariance, first = spread * options.prior**2, len(nominal.inertial)
         for i, value in enumerate(nominal.coefficients()[first:], start=first):
             sd = options.prior * abs(value) if value else 10 * np.sqrt(spread[i, i])
@@ -157,26 +158,26 @@ def _fitted(
     )
 
 
-# Full parameters that a body can have, nearest to the nominal among those that fit.
+# Physically consistent full parameters that fit, nearest to the nominal.
 #
 # min  |R (K pi - theta)|^2 + (pi - pi_0)' S^-1 (pi - pi_0)
 #
-# over bodies that can exist (``residual.model.bodies``) and friction that brakes, with
-# R'R the information of the free fit about theta, so that whatever the logs tell weighs
-# as they tell it, and the rest stays near the nominal.
+# over possible bodies (``residual.model.bodies``) and dissipating friction, with R'R the
+# information of the free fit about theta, so that determined parameters follow the logs
+# and the others stay near the nominal.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ConsistentParameters:
     """Physically consistent parameters."""
 
-    model: Model  # the model that has them
+    model: Model  # the consistent model
     # Smallest eigenvalue of each link's pseudo-inertia over that of its own scale, m
     # and m r^2, (dof,).
     least_eigenvalue: Array
     # Smallest eigenvalue of M(q), rotors included, over all poses [kg m^2].
     least_mass_matrix: float
-    poses: int  # poses at which it was looked at
+    poses: int  # number of poses
     # Rms of each joint's rows, fitted freely and consistently [N m], (2, dof).
     misfit: Array
 
@@ -187,7 +188,7 @@ def find_consistent_parameters(free: Identification) -> ConsistentParameters:
     Raises:
         InputError: If the method fails.
     """
-    # The best parameters without the cone, and U'U, the information of rows and nominal
+    # The best unconstrained parameters, and U'U, the information of rows and nominal values
     # together, in SI units.
     unit = np.sqrt(np.diag(free.spread))
     rows = stack_weighted_blocks(free.blocks, free.estimate.weight)
@@ -215,7 +216,7 @@ SAME_RUN = (
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ValidatedIdentification:
-    """What was identified, and how far it gets on held-out motion.
+    """An identification, with its errors on held-out motion.
 
     Attributes:
         robot: The arm as described.
@@ -226,8 +227,8 @@ class ValidatedIdentification:
             is not positive definite.
         least_mass_matrix: Smallest eigenvalue of M(q) over random poses, by model.
         fit, held_out: Ids of the logs.
-        same_run: Whether the held-out part is of a log that was fitted.
-        warnings: What is odd but usable.
+        same_run: Whether the held-out part is of a fit log.
+        warnings: Warnings about odd but usable logs.
     """
 
     robot: Robot
@@ -243,7 +244,7 @@ class ValidatedIdentification:
 
     @property
     def best(self) -> Model:
-        """The model to use elsewhere: the consistent one where there is one."""
+        """The model for further use: the consistent one if it exists."""
         return (self.consistent or self.free).model
 
 
@@ -258,7 +259,7 @@ def identify_and_validate(
     """Fit the parameters of a model and compare it with the nominal one.
 
     Args:
-        held_out: Logs for the proof; empty for the last quarter of the longest.
+        held_out: Logs for the test; empty for the last quarter of the longest.
         declared: Effects that the model has; None for the robot's own list; or a model
             to start from as it is.
     """

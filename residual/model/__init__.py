@@ -1,1 +1,1 @@
-"""The one model type, the nominal model, and the error of models on logs."""
+"""The model type, the nominal model, and the error of models on logs."""

@@ -1,4 +1,4 @@
-"""Bodies that can exist: the parameters nearest to a fit that links and loads can have.
+"""Possible bodies: the physically consistent parameters nearest to a fit.
 
 A body's ten parameters belong to some distribution of positive mass if and only if its
 pseudo-inertia is positive definite (Wensing, Kim, Slotine 2018, eq. 13):
@@ -7,9 +7,9 @@ J = [[tr(I) / 2 - I, h], [h', m]] > 0,    h = m c, I about the link frame
 
 min  |U (x - x_0)|^2   over x with every J(x) in the cone
 
-with U'U the information of the fit about its best x_0, prior included: what the logs do
-not tell moves first, what they tell only as far as it must. A convex problem, solved by
-Newton's method on the logarithmic barrier (Boyd and Vandenberghe 2004, section 11.3).
+with U'U the information of the fit about its best x_0, prior included: undetermined
+parameters move first, determined ones only as far as necessary. A convex problem, solved
+by Newton's method on the logarithmic barrier (Boyd and Vandenberghe 2004, section 11.3).
 """
 
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ from residual.recording import Array
 from residual.robot.dynamics import PER_LINK
 from residual.robot.robot import Robot
 
-LEAST = 1e-4  # of the body's own scale: how far inside the cone to stay
-FLOOR_SIZE = 0.05  # m: what a smaller link may have become with a tool on it
+LEAST = 1e-4  # of the body's own scale: distance inside the cone
+FLOOR_SIZE = 0.05  # m: least scale of a link, which may carry a tool
 FLOOR_MASS = 0.005  # of the arm's mass, likewise
-GAP = 1e-7  # of squared deviations: how near to the least distance is near enough
+GAP = 1e-7  # of squared deviations: tolerance of the least distance
 GROWTH = 20.0  # of the weight of the distance, from one centre to the next
-STEPS = 60  # of Newton's method per centre; ten are usual
-NEAR = 1e-6  # of the decrement squared: where a centre is reached
-CALM = 0.06  # of the same: from there full steps converge quadratically
+STEPS = 60  # of Newton's method per centre; ten are typical
+NEAR = 1e-6  # of the decrement squared: convergence to a centre
+CALM = 0.06  # of the same: limit of quadratic convergence with full steps
 ORDER = 4  # of a pseudo-inertia
 # (row, column) of the tensor of each of the last six parameters.
 _TENSOR = ((0, 0), (0, 1), (1, 1), (0, 2), (1, 2), (2, 2))
@@ -45,7 +45,7 @@ class BodySums:
     sums: Array  # ten parameters of each from ``Model.coefficients()``, (bodies, 10, s)
     # Root of the size of each pseudo-inertia: sqrt(m) (r, r, r, 1), (bodies, 4).
     scale: Array
-    start: Array  # coefficients with which every body can exist, (s,)
+    start: Array  # coefficients with possible bodies, (s,)
     not_negative: Array  # which coefficients cannot be negative, (k,)
 
     def compute_pseudo_inertias(self, coefficients: Array) -> Array:
@@ -53,19 +53,19 @@ class BodySums:
         return build_pseudo_inertias(self.sums @ coefficients) / _squares(self.scale)
 
     def list_impossible(self, coefficients: Array) -> tuple[str, ...]:
-        """The bodies that cannot exist with these coefficients."""
+        """The impossible bodies of these coefficients."""
         least = np.linalg.eigvalsh(self.compute_pseudo_inertias(coefficients))[:, 0]
         bad = least < 0.5 * LEAST
         return tuple(n for n, b in zip(self.names, bad, strict=True) if b)
 
 
 def build_body_sums(model: Model, friction: bool = False) -> BodySums:
-    """Return the bodies of a model: its links with all that terms add, and its load.
+    """Return the bodies of a model: its links with the bodies of terms, and its load.
 
-    A load of negative mass is one that went: what was taken off has to be a body.
+    A load of negative mass was removed: its negative has to be a body.
 
     Args:
-        friction: Whether coefficients that cannot be negative are to be held to that.
+        friction: Whether to enforce coefficients that cannot be negative.
     """
     robot, c = model.robot, model.coefficients()
     links = np.zeros((PER_LINK * robot.dof, len(c)))
@@ -103,7 +103,7 @@ def build_body_sums(model: Model, friction: bool = False) -> BodySums:
 
 
 def _ball(scale: Array) -> Array:
-    """A body with that pseudo-inertia on its diagonal. Shape (10,)."""
+    """A body with a given diagonal pseudo-inertia. Shape (10,)."""
     mass, turn = scale[3] ** 2, 2 * scale[0] ** 2
     return np.array([mass, 0, 0, 0, turn, 0, turn, 0, 0, turn])
 
@@ -141,15 +141,15 @@ def _squares(scale: Array) -> Array:
 
 
 def find_nearest_possible(bodies: BodySums, fitted: Array, root: Array) -> Array:
-    """Return the coefficients nearest to the best with which every body can exist.
+    """Return the coefficients nearest to the best with possible bodies.
 
     Args:
-        fitted: x_0, which stays as it is where its bodies can exist. Shape (s,).
+        fitted: x_0, unchanged if its bodies are possible. Shape (s,).
         root: U, upper triangular root of the precision: |U (x - x_0)|^2 is a distance
             in squared standard deviations. Shape (s, s).
 
     Raises:
-        InputError: If the method does not get there.
+        InputError: If the method does not converge.
     """
     across = solve_triangular(root, np.eye(len(fitted)))
     cones = _Cones.of(bodies, fitted, across)
@@ -173,7 +173,7 @@ def find_nearest_possible(bodies: BodySums, fitted: Array, root: Array) -> Array
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Cones:
-    """What must be positive, affine in the deviations e: matrices and numbers."""
+    """Positivity constraints, affine in the deviations e: matrices and numbers."""
 
     # Of the matrices, flat, less ``LEAST`` of the unit matrix, (bodies, 16, s),
     # (bodies, 16).
@@ -210,7 +210,7 @@ class _Cones:
     def centre(self, e: Array, weight: float) -> Array:
         """Minimise weight |e|^2 - sum log det - sum log, from e inside. Shape (s,).
 
-        Newton's step solves a least squares problem, so that nothing is squared:
+        Newton's step solves a least squares problem, which avoids normal equations:
         with J^-1 = W W' the barrier's Hessian is S'S, S = (W (x) W)' J', and its
         gradient -S' vec(1).
         """
@@ -228,7 +228,7 @@ class _Cones:
             decrement = float(np.sum((upper @ step) ** 2))
             if decrement < NEAR:
                 return e
-            # Damped as a self-concordant function asks for; rounding may ask for more.
+            # Damping for a self-concordant function; rounding may need more.
             length = 1.0 if decrement < CALM else 1 / (1 + np.sqrt(decrement))
             while not self.inside(e + length * step):
                 length /= 2

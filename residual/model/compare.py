@@ -1,4 +1,4 @@
-"""The error of several models on logs that no model was fitted to, and its curves."""
+"""The error of several models on unseen logs, and the curves behind it."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -18,21 +18,20 @@ from residual.signals.splitting import (
 )
 from residual.signals.track import FilterSettings, Track, build_tracks, interpolate_torque
 
-# Whether a model predicts worse than another beyond chance: one rule for all of them.
+# Whether a model predicts worse than another beyond chance: one rule for all uses.
 #
-# Names that are judged, models that are adopted, headlines that must not hide a joint:
-# all ask whether an error rose. A rise counts from a twentieth on, and where two
-# seconds paired with the same two seconds show it at p < 0.01; of a log with fewer than
-# eight such pairs the size alone decides, since nothing else can.
+# The test of findings, the gate of adoption, and the headline use it. A rise of an error
+# counts from a twentieth on, if paired blocks of two seconds show it at p < 0.01; for a
+# log with fewer than eight such pairs the size alone decides.
 
 WORSE = 1.05  # times the error
 SURE = 0.99  # one-sided, over paired blocks
 PAIRED, FEW = 2, 8  # seconds of a block; blocks
-SMALL = 1e-3  # of a joint's torque: less is within what no model is good for
+SMALL = 1e-3  # of a joint's torque: smaller differences are within model accuracy
 
 
 def compute_error_rise(after: Array, before: Array) -> float:
-    """By how much an error is larger, as a share; 0 where by chance.
+    """Return the relative rise of an error; 0 if by chance.
 
     Args:
         after: Squared errors per second. Shape (seconds,).
@@ -44,15 +43,15 @@ def compute_error_rise(after: Array, before: Array) -> float:
 
 
 def is_error_significant(after: Array, before: Array, confidence: float = SURE) -> bool:
-    """Whether blocks of two seconds, each paired, show that one error is larger.
+    """Whether paired blocks of two seconds show that one error is larger.
 
     Args:
         after: Squared errors per second. Shape (seconds,).
         before: The same of the other model. Shape (seconds,).
-        confidence: How surely, one-sided.
+        confidence: One-sided confidence.
     """
     change = _blocks(after) - _blocks(before)
-    # A block in which a joint stands says nothing.
+    # A block in which a joint stands still is ignored.
     change = change[_blocks(after) + _blocks(before) > 0]
     if len(change) < FEW:
         return bool(change.sum() > 0)
@@ -63,14 +62,14 @@ def is_error_significant(after: Array, before: Array, confidence: float = SURE) 
 def compute_joint_error_rises(
     after: Array, before: Array, power: Array, min_share: float = SMALL
 ) -> Array:
-    """By how much each joint's error is larger, as a share; 0 where by chance. (dof,).
+    """Return the relative rise of each joint's error; 0 if by chance. (dof,).
 
     Args:
         after: Squared errors per second [N^2 m^2]. Shape (seconds, dof).
         before: The same of the other model. Shape (seconds, dof).
         power: Squared torque on the same rows [N^2 m^2]; a joint without is not logged.
             Shape (dof,).
-        min_share: Share of that torque by which an error must rise to count.
+        min_share: Least rise, as a share of that torque.
     """
     now, then = np.sqrt(after.sum(axis=0)), np.sqrt(before.sum(axis=0))
     large = now - then > min_share * np.sqrt(power)
@@ -80,7 +79,7 @@ def compute_joint_error_rises(
 
 
 def _blocks(seconds: Array) -> Array:
-    """Sums of two seconds each; a last single second goes with the one before."""
+    """Sums of two seconds each; a last single second joins the block before."""
     count = max(len(seconds) // PAIRED, 1)
     starts = np.arange(count) * PAIRED
     return np.add.reduceat(seconds, starts) if len(seconds) else seconds
@@ -101,23 +100,23 @@ class LogPrediction:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FindingScatter:
-    """What one finding explains on one joint, over the variable that explains it."""
+    """The torque of one finding on one joint, over its explaining variable."""
 
     name: str  # name of the effect
     joint: int  # joint number from 1
-    variable: str  # what is on the horizontal axis, with its unit: "q2 [rad]"
+    variable: str  # label of the horizontal axis, with its unit: "q2 [rad]"
     x: Array  # values of that variable, (k,)
     residual: Array  # measured minus model torque without this effect [N m], (k,)
     fitted: Array  # contribution of the effect [N m], (k,)
     log: Array  # label of the log of each sample. Shape (k,), str; the fit logs only
 
 
-BLOCK = 1.0  # s: longer than noise remembers
+BLOCK = 1.0  # s: longer than the autocorrelation of noise
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class HeldOutLog:
-    """One held-out log, ready to be predicted."""
+    """One prepared held-out log."""
 
     recording: Recording  # the log
     track: Track  # its signals at its own rate
@@ -126,7 +125,7 @@ class HeldOutLog:
 def prepare_held_out(logs: Sequence[Recording], model: Model) -> tuple[HeldOutLog, ...]:
     """Prepare held-out logs with the signal path of a model.
 
-    Long ones are cut into pieces and looked at, at the rate of the features.
+    Long ones are cut into pieces, at the rate of the features.
     """
     pieces = split_long_logs(logs, model.filters.torque)
     long = exceed_split_length(logs)
@@ -152,7 +151,7 @@ class ErrorSums:
         return 100 * np.sqrt(self.miss[kind] / np.where(some, power, np.nan))
 
     def without(self, joints: Sequence[int]) -> "ErrorSums":
-        """The same without what some joints (from 0) have."""
+        """The sums without some joints (from 0)."""
         keep = np.ones(len(self.miss["raw"]))
         keep[list(joints)] = 0.0
         miss, power = ({k: v * keep for k, v in part.items()} for part in (self.miss, self.power))
@@ -161,8 +160,8 @@ class ErrorSums:
     def overall(self, kind: str) -> float:
         """Relative error over all joints, Frobenius norm [%].
 
-        Torques and forces have no sum: of an arm of both kinds of joints it is the root
-        mean square of the joints' own errors.
+        Torques and forces have no common norm: for an arm with both kinds of joints it
+        is the root mean square of the joints' errors.
         """
         if not self.alike:
             return float(np.sqrt(np.nanmean(self.per_joint(kind) ** 2)))
@@ -218,7 +217,7 @@ def compute_model_errors(
 def compute_moving_error(model: Model, held_out: Sequence[HeldOutLog]) -> Array:
     """Squared filtered error on moving rows, per second [N^2 m^2]. (seconds, dof).
 
-    Of long logs on pieces that are evenly spread.
+    For long logs on evenly spread pieces.
     """
     out = []
     for witness in _sketch(held_out):
@@ -276,25 +275,25 @@ Edits = Sequence[tuple[str, tuple[int, ...]]]
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Prediction:
-    """What a model says of logs."""
+    """The prediction of a model on logs."""
 
-    # "model", and "edited" where something was taken out of it.
+    # "model", and "edited" if effects were removed.
     models: Mapping[str, AnyModel]
     logs: tuple[Recording, ...]  # the logs
     # Of each log, the torque of each model at its samples, not filtered [N m], (n,
     # dof).
     torque: tuple[Mapping[str, Array], ...]
-    # Of each model over all logs, against what was measured.
+    # Errors of each model over all logs, against the measured torque.
     errors: Mapping[str, ErrorSums]
     cutoff: float  # of the identification filter [Hz]
 
 
 def predict_logs(model: AnyModel, logs: Sequence[Recording], without: Edits = ()) -> Prediction:
-    """Compute the torque of a model on logs, and with effects taken out of it.
+    """Compute the torque of a model on logs, also with effects removed.
 
     Args:
-        without: Name of each effect to take out, and joints from 1; () for all of
-            that name.
+        without: Name of each effect to remove, and joints from 1; () for all of that
+            name.
 
     Raises:
         InputError: If the model does not have such an effect there.
@@ -311,7 +310,7 @@ def predict_logs(model: AnyModel, logs: Sequence[Recording], without: Edits = ()
 
 
 def remove_effects(model: AnyModel, without: Edits) -> AnyModel:
-    """Return a model without some effects; tables on top of it stay as they are."""
+    """Return a model without some effects; its tables are unchanged."""
     edited = remove_tables(model)
     for name, joints in without:
         edited = edited.without(name, joints or None)

@@ -1,14 +1,14 @@
-"""Forward dynamics of a model, and the torque that a controller asks for by one.
+"""Forward dynamics of a model, and its torque for a controller.
 
-The second of the two directions in which G2017 section 1.3 holds a model against the
-arm: tau from q, qd and qdd is `residual.model.compare`; qdd from q, qd and tau is here,
-with a check that M(q) is positive definite on the workspace, without which there is none.
+G2017 section 1.3 compares a model with the arm in two directions: tau from q, qd and qdd
+is in `residual.model.compare`; qdd from q, qd and tau is here, with the required check
+that M(q) is positive definite on the workspace.
 
 Feed-forward and computed torque are tau = M(q) a + C(q, qd) qd + g(q) + F(qd*) +
-whatever else the model has, eq. 31 of G2017, with a = qdd* of the reference, or a_q of
-the feedback (eq. 8 and 9). Friction and every effect beside the body are taken along
-the reference, which cannot chatter: dry friction turns as fast as the controller can
-tell a joint from a standing one, and as the drive may follow.
+other effects, eq. 31 of G2017, with a = qdd* of the reference, or a_q of the feedback
+(eq. 8 and 9). Friction and every effect except the body are evaluated along the
+reference, which cannot chatter: dry friction reverses as fast as the controller resolves
+motion from standstill, and as the drive can follow.
 """
 
 import math
@@ -39,8 +39,8 @@ from residual.signals.splitting import slice_recording
 from residual.signals.track import StandstillFriction, Track, interpolate_signals
 
 POSES = 10_000
-CLOSE = 1e-9  # rad/s^2, or of the largest one: when the acceleration is found
-MOST = 60  # rounds until then; each leaves a third or less, where there is an answer
+CLOSE = 1e-9  # rad/s^2, or of the largest one: convergence of the acceleration
+MOST = 60  # largest number of iterations; each reduces the error to a third or less
 
 
 def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording]) -> ErrorSums:
@@ -67,10 +67,10 @@ def compute_acceleration_error(model: AnyModel, recordings: Sequence[Recording])
 
 
 def compute_acceleration(model: AnyModel, track: Track, tau: Array) -> Array:
-    """Return the acceleration that a torque [N m] gives the model [rad/s^2]. (n, dof).
+    """Return the acceleration of the model under a torque [N m], [rad/s^2]. (n, dof).
 
-    What remembers, distorts a report, or is a table, is taken along the measured
-    motion; of everything else the acceleration is found by which its torque is tau.
+    Effects with memory, distortions of a report, and tables are evaluated along the
+    measured motion; the acceleration solves for the other terms with torque tau.
 
     Raises:
         InputError: If M(q) is not positive definite, or there is no such acceleration.
@@ -97,8 +97,8 @@ def _of_now(term) -> bool:
 def _solved(torque: Callable[[Array], Array], mass: Array, target: Array, start: Array) -> Array:
     """Return accelerations that give a target torque, by Newton steps with M(q).
 
-    What else depends on acceleration (a load that rubs, a gain) is small beside M, so
-    that each round leaves a small share.
+    Other dependences on acceleration (load friction, a gain) are small against M, so each
+    iteration leaves a small error.
 
     Args:
         torque: From acceleration to torque [N m]. Shapes (n, dof).
@@ -127,9 +127,9 @@ def _bodies(model: Model, q: Array) -> Array:
 
 
 def compute_model_mass_matrix(model: Model, q: Array) -> Array:
-    """Return M(q) of a model at standstill, with what effects add to it [kg m^2].
+    """Return M(q) of a model at standstill, effects included [kg m^2].
 
-    Its symmetric part; what remembers or distorts a report has none.
+    Its symmetric part, without effects with memory or distortions of a report.
 
     Args:
         q: Positions [rad]. Shape (n, dof).
@@ -167,8 +167,8 @@ def _added(model: Model, terms: Sequence[Term], q: Array) -> Array:
 def find_least_mass_eigenvalue(model: Model) -> float:
     """Return the least eigenvalue of M(q) [kg m^2], rotors included, over random poses.
 
-    M is positive definite for every pose where it is for every one that was tried
-    only in all likelihood; for consistent links it is proved.
+    If M is positive definite for every tried pose, it probably is for all; for
+    consistent links this is guaranteed.
     """
     robot, rng = model.robot, np.random.default_rng(0)
     q = rng.uniform(*robot.ends, (POSES, robot.dof))
@@ -180,24 +180,24 @@ _TURN = StandstillFriction("smooth", 1.0)
 Law = Callable[[int, Array, Array, Array], Array]
 
 
-# Samples in which a joint that is not standing has gone a step of its encoder; about
-# the time in which a loop of that rate answers. 20 instead of 50 leave a quarter to two
-# thirds more of the tracking error; 100, a twentieth less.
+# Samples in which a moving joint covers one step of its encoder; about the response time of
+# a loop at that rate. 20 instead of 50 give a quarter to two thirds more tracking error;
+# 100, a twentieth less.
 SAMPLES = 50.0
 
 
 @dataclass(frozen=True, slots=True)
 class FrictionReversal:
-    """How dry friction turns where the reference reverses; measured defaults."""
+    """The smoothing of dry friction where the reference reverses; measured defaults."""
 
     encoder_step: float = 1e-4  # of every joint [rad]
-    # Time in which a drive may go from nothing to the torque limit of its joint [s],
-    # which states the torque rate; 0 for none. A tenth of a second costs no tracking;
-    # the largest step at a reversal is a fifth of that without it.
+    # Time from zero to the torque limit of a joint [s], which defines the torque rate; 0
+    # for no limit. A tenth of a second does not affect tracking; the largest step at a
+    # reversal is a fifth of that without it.
     rise: float = 0.1
 
     def width(self, rate: float) -> float:
-        """Return the speed over which friction turns [rad/s].
+        """Return the speed over which friction reverses [rad/s].
 
         Args:
             rate: Of the controller [Hz].
@@ -205,7 +205,7 @@ class FrictionReversal:
         return self.encoder_step * rate / SAMPLES
 
     def compute_torque_rate(self, robot: Robot) -> Array:
-        """Return by how much torque may change at a reversal [N m/s]. Shape (dof,)."""
+        """Return the torque rate at a reversal [N m/s]. Shape (dof,)."""
         if not self.rise:
             return np.full(robot.dof, np.inf)
         return robot.torque_limit / self.rise
@@ -227,12 +227,12 @@ def compute_feed_forward(
     rate = (len(t) - 1) / np.ptp(t)
     prepared = _used(model, reversal.width(rate))
     base = remove_tables(prepared)
-    # Of a log the session's clock is known, of a motion to come it is not.
+    # A log has a session clock, a planned motion has none.
     since = t - t[0] if base.clock is None else t
     state = base.state(rate, since, motion)
     most = reversal.compute_torque_rate(base.robot) / rate
-    # Friction turns at the torque rate at most. A reversal is known beforehand, so the
-    # ramp lies around it, half before.
+    # Friction reverses at the torque rate at most. A reversal is known beforehand, so the
+    # ramp is centred on it.
     ways = np.ones(state.q.shape), -np.ones(state.q.shape)
     ends = [base.torque_of_state(base.replace_sign(state, way)) for way in ways]
     swing = np.abs(ends[0] - ends[1]).max(axis=0)
@@ -246,10 +246,10 @@ def compute_feed_forward(
 
 
 def _ramp(steps: Array, samples: Array) -> Array:
-    """Steps as ramps of so many samples, half of each before it. Shape (n, dof)."""
+    """Return steps as centred ramps of a number of samples. Shape (n, dof)."""
     out = steps.copy()
     for j in np.flatnonzero(samples > 1):
-        # An odd number, so that it lies in the middle.
+        # An odd number, so that it is centred.
         size = 2 * int(np.ceil((samples[j] - 1) / 2)) + 1
         out[:, j] = uniform_filter1d(out[:, j], size, mode="nearest")
     return out
@@ -283,10 +283,10 @@ def build_computed_torque_law(
 
 
 def _used(model: AnyModel, width: float) -> AnyModel:
-    """The model as a controller has it: friction turns over a width, logs are not late.
+    """The model for a controller: friction reverses over a width, without log delays.
 
     Args:
-        width: Speed over which friction turns [rad/s].
+        width: Speed over which friction reverses [rad/s].
     """
     base = remove_tables(model)
     dof = base.robot.dof
@@ -301,7 +301,7 @@ def _used(model: AnyModel, width: float) -> AnyModel:
     return replace_model(model, base)
 
 
-# Where a model goes by itself: its forward dynamics under the goal of a log.
+# Free simulation of a model: its forward dynamics under the goal of a log.
 #
 # Unknown is the velocity v' after a step h. With mass matrix M, rotors A, torque f(q, v)
 # of drives and of all other effects, their damping D = -df/dv, and impulses p of dry
@@ -317,11 +317,11 @@ def _used(model: AnyModel, width: float) -> AnyModel:
 
 STEP = 2e-3  # s: ten steps in a radian of the stiffest servo (50 rad/s)
 LOST = 2 * np.pi  # rad (m where a joint slides): a model so far from the log is lost
-LONGEST = 60.0  # s: of one log; more says the same and takes longer
-_START = 0.05  # s: over which the first velocity of a log is taken
-_NUDGE = 1e-4  # rad/s: over which damping is taken
+LONGEST = 60.0  # s: of one log; more adds no information
+_START = 0.05  # s: interval for the initial velocity of a log
+_NUDGE = 1e-4  # rad/s: speed step for the damping
 _SWEEPS, _DONE = 50, 1e-12  # of Gauss-Seidel: at most, and change of impulse [N m s]
-# What a formula may use (`ExportedLaw`), as Python has it.
+# Names that a formula may use (`ExportedLaw`), in Python.
 _WORDS = {name: getattr(math, name) for name in ("sin", "cos", "tanh", "exp")}
 _WORDS |= {"pow": pow, "fabs": abs, "fmin": min, "fmax": max, "__builtins__": {}}
 _WORDS |= {"sgn": lambda x: math.copysign(1.0, x) if x else 0.0}
@@ -329,13 +329,12 @@ _WORDS |= {"sgn": lambda x: math.copysign(1.0, x) if x else 0.0}
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rollout:
-    """A motion that a model made by itself.
+    """The motion of a model in free simulation.
 
     Attributes:
         q: Positions at the samples of the log, NaN where it diverged [rad]. (n, dof).
-        diverged: Time on the log's clock at which it did [s]; None if it did not.
-        left_out: Effects of the model that it went without, by name: their torque
-            depends on more than the state.
+        diverged: Time of divergence on the log's clock [s]; None if it did not.
+        left_out: Omitted effects, by name: their torque depends on more than the state.
     """
 
     q: Array
@@ -367,7 +366,7 @@ class _Formula:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class _Arm:
-    """A model as its integration needs it."""
+    """A model prepared for integration."""
 
     body: pin.Model
     gain: Array  # reported over real torque, (dof,)
@@ -391,7 +390,7 @@ class _Arm:
                 sides = [formula.torque(state, way) - torque for way in (1.0, -1.0)]
             if "qd" in names:
                 out[1, j] += (formula.torque(faster, 0.0) - torque) / _NUDGE
-            # What changes sign with the direction holds a joint; the rest pushes it.
+            # Torque that changes sign with direction can hold a joint; the rest drives it.
             out[2, j] += (sides[0] - sides[1]) / 2
             out[0, j] += torque + (sum(sides) / 2 if qd[j] else 0.0)
         return out
@@ -428,13 +427,13 @@ def simulate_position(model: Model, log: Recording) -> Rollout:
     """Integrate a model from the first sample of a log on, under its logged goal.
 
     Args:
-        log: A log of an arm without torque sensors, with its drives; of a long one
-            the beginning.
+        log: A log of an arm without torque sensors, with its drives; only the beginning
+            of a long one is used.
     """
     log = slice_recording(log, 0, int(np.searchsorted(log.t, log.t[0] + LONGEST)))
     t = np.linspace(log.t[0], log.t[-1], 1 + max(1, round(log.duration / STEP)))
     held = np.searchsorted(log.t, t + _DONE, side="right") - 1
-    # Between samples the goal goes on evenly, as in the torque that the model fits.
+    # Between samples the goal is interpolated, as in the fitted torque.
     followed = limit_goal(log.drive, log.q_ref, log.t)
     goal = interpolate_signals(t, log.t, followed)
     h = float(t[1] - t[0])
@@ -442,7 +441,7 @@ def simulate_position(model: Model, log: Recording) -> Rollout:
     gain, limit = (log.drive.values(name, log.dof) for name in ("gain", "limit"))
     arm, session = _build_arm(model), t[0] if model.clock is None else model.clock
     data, rotor = arm.body.createData(), arm.body.armature.copy()
-    # The slope at the first sample, of a parabola.
+    # The slope of a parabola at the first sample.
     early = max(4, int(np.searchsorted(log.t, log.t[0] + _START, side="right")))
     q, v = log.q[0].copy(), np.polyfit(log.t[:early] - log.t[0], log.q[:early], 2)[1]
     path, impulse = np.full(goal.shape, np.nan), np.zeros(log.dof)
@@ -485,7 +484,7 @@ def _stop(inverse: Array, free: Array, most: Array, impulse: Array) -> Array:
 
 
 def _build_arm(model: Model) -> _Arm:
-    """Sort the effects of a model by what an integration makes of them."""
+    """Sort the effects of a model by their role in the integration."""
     dof, inertial = model.robot.dof, model.inertial.copy()
     rotor, gain = np.zeros(dof), np.ones(dof)
     gravity, force = np.zeros(3), np.zeros(3)

@@ -7,7 +7,7 @@
 
 A row holds the variables in the order of `names`, in rad, rad/s and rad/s^2; tau is the
 torque of the model in N m. A value outside the calibrated range takes the nearest
-level; `flag_outside_range` tells which.
+level; `flag_outside_range` reports which.
 """
 
 import sys

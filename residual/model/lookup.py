@@ -73,7 +73,7 @@ class Lookup:
 
     @property
     def arrays(self) -> dict[str, Array]:
-        """All of it as the arrays of `model.npz`."""
+        """The tables as the arrays of `model.npz`."""
         named = ("names", "joints", "offset", "slope", "low", "high")
         arrays = {name: np.array(getattr(self, name)) for name in named}
         places = [(*t.axes, -1)[:2] for t in self.tables]
@@ -183,13 +183,13 @@ def _json(lookup: Lookup) -> bytes:
     return (json.dumps(content, indent=1) + "\n").encode()
 
 
-NONE = "none"  # the kind of a correction that no table helps
-NOTHING, NEAREST = "nothing", "nearest"  # what a table says beyond its range
-DIFFERENCE = "difference"  # of two positions, where their sum is not meant
+NONE = "none"  # kind of a joint that no table improves
+NOTHING, NEAREST = "nothing", "nearest"  # behaviour of a table beyond its range
+DIFFERENCE = "difference"  # of two positions, as opposed to their sum
 
 
 class TableVariable(NamedTuple):
-    """A variable that a table reads: of which signal, of which joints (from 0), how."""
+    """A variable of a table: its signal, its joints (from 0), and its form."""
 
     on: str
     of: tuple[int, ...]
@@ -201,12 +201,12 @@ class JointCorrection:
     """The correction of one joint."""
 
     joint: int  # from 0
-    # What its tables read, beside the load; velocities among them.
+    # Variables of its tables besides the load; velocities among them.
     columns: tuple[TableVariable, ...]
     lookup: Lookup  # the tables
-    kind: str  # what it got: NONE, or a kind of `CorrectionOption`
-    # What it says beyond the range it was drawn on: "nothing", or what the "nearest"
-    # level has.
+    kind: str  # its kind: NONE, or that of a `CorrectionOption`
+    # Behaviour beyond the fitted range: "nothing", or the value of the "nearest"
+    # level.
     beyond: str = NOTHING
 
     def torque(self, state: State, load: Array) -> Array:
@@ -232,7 +232,7 @@ class CorrectedModel:
 
     @property
     def uncorrected_joints(self) -> tuple[int, ...]:
-        """Joints from 0 that no table of the state helps."""
+        """Joints from 0 that no table of the state improves."""
         return tuple(t.joint for t in self.tables if t.kind == NONE)
 
     def predict(self, recording: Recording) -> Array:
@@ -242,7 +242,7 @@ class CorrectedModel:
         return interpolate_torque(self.torque_on(track), track, recording)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
-        """Torque along a motion that is known, as ``Model.along`` [N m]. (n, dof)."""
+        """Torque along a known motion, as ``Model.along`` [N m]. (n, dof)."""
         rate = (len(t) - 1) / np.ptp(t)
         return self.torque_of_state(self.model.state(rate, t, motion))
 
@@ -306,7 +306,7 @@ def remove_tables(source: AnyModel) -> Model:
 
 
 def replace_model(source: AnyModel, model: Model) -> AnyModel:
-    """Return another model with the same tables on top, if there are any."""
+    """Return another model with the same tables, if any."""
     return replace(source, model=model) if isinstance(source, CorrectedModel) else model
 
 

@@ -1,4 +1,4 @@
-"""The one model type: nominal, identified and augmented are three values of it."""
+"""The model type, of which nominal, identified and augmented are instances."""
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,10 +31,10 @@ class Term:
 
     Attributes:
         effect: The effect.
-        joints: Joints it sits on, from 0.
+        joints: Its joints, from 0.
         shape: Its nonlinear parameters.
         theta: Coefficients of its columns. Shape (k,).
-        nominal: The same effect as the nominal model has it; None where it has not.
+        nominal: The same effect in the nominal model; None if it has none.
     """
 
     effect: Effect
@@ -44,7 +44,7 @@ class Term:
     nominal: "Term | None" = None
 
     def as_nominal(self) -> "Term":
-        """The same as a part of a nominal model, to which an edit goes back."""
+        """The term as part of a nominal model, which an edit restores."""
         return replace(self, nominal=replace(self, nominal=None))
 
     def torque(self, state: State) -> Array:
@@ -93,7 +93,7 @@ class Term:
 
 
 def pair_coefficient_slices(terms: Iterable[Term], start: int) -> Iterator[tuple[Term, slice]]:
-    """Terms with where their coefficients stand, behind ``start`` inertial ones."""
+    """Terms with the slices of their coefficients, after ``start`` inertial ones."""
     for term in terms:
         stop = start + len(term.theta)
         yield term, slice(start, stop)
@@ -113,7 +113,7 @@ def _terms_of(terms: Sequence[Term], name: str, joints: Sequence[int] | None) ->
 
 
 FORM = 1  # of a model's record; raised when it changes
-LEAST_SPEED = 1e-3  # rad/s: standstill where no log has told what counts as such
+LEAST_SPEED = 1e-3  # rad/s: default threshold of standstill
 
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
@@ -129,7 +129,7 @@ class Model:
         clock: Start of the session on the logs' clock [s]; None where each log
             starts its own.
         filters: Signal path used to identify it.
-        tables: What else depends on the state of each joint, without a name.
+        tables: Unnamed torque that depends on the state of each joint.
     """
 
     robot: Robot
@@ -174,7 +174,7 @@ class Model:
     def regressor(self, recording: Recording) -> Array:
         """Torque per parameter on a recorded motion: ``predict`` is it times theta.
 
-        What the model has without a name is no parameter, and is not in it.
+        Unnamed torque (tables) is not a parameter, and is not included.
 
         Returns:
             [N m per SI unit of theta]. Shape (n, dof, p).
@@ -186,9 +186,9 @@ class Model:
         return interpolate_torque(flat, track, recording).reshape(n, dof, -1)
 
     def torque(self, q: Array, qd: Array, qdd: Array) -> Array:
-        """Torque at single states, each by itself.
+        """Torque at independent single states.
 
-        A joint that stands has the friction of its velocity's sign.
+        Friction follows the sign of velocity, without standstill behaviour.
 
         Args:
             q: Positions [rad]. Shape (n, dof); (dof,) is one state.
@@ -222,14 +222,14 @@ class Model:
         return still.torque_of_state(still.state(1.0, np.zeros(shape[0]), motion))
 
     def pin(self) -> pinocchio.Model:
-        """Return the rigid body as Pinocchio has it, with the inertias of this model.
+        """Return the rigid body as a Pinocchio model, with the inertias of this model.
 
-        Effects are not in it: ``torque`` less Pinocchio's ``rnea`` is theirs.
+        It has no effects: their torque is ``torque`` less Pinocchio's ``rnea``.
         """
         return replace_inertial_parameters(self.robot.model, self.inertial)
 
     def along(self, t: Array, motion: Sequence[Array]) -> Array:
-        """Torque along a known motion, effects with a memory and all [N m]. (n, dof).
+        """Torque along a known motion, including effects with memory [N m]. (n, dof).
 
         Args:
             t: Session time, evenly spaced [s]. Shape (n,), n > 1.
@@ -238,7 +238,7 @@ class Model:
         return self.torque_of_state(self.state((len(t) - 1) / np.ptp(t), t, motion))
 
     def replace_bristles_by_sign(self) -> "Model":
-        """The same with the sign of velocity for the state of a bristle."""
+        """Return the model with the sign of velocity in place of bristle states."""
         shapes = [replace(s, size=0.0) if s.kind == "bristle" else s for s in self.standstill]
         return replace(self, standstill=tuple(shapes), speed_floor=self._floor())
 
@@ -247,7 +247,7 @@ class Model:
         return np.full(self.robot.dof, LEAST_SPEED) if floor is None else floor
 
     def observe(self, track: Track) -> State:
-        """What the effects see of one log, with this model's own torque."""
+        """Inputs of effects on one log, with this model's torque."""
         t = track.t - (track.t[0] if self.clock is None else self.clock)
         motion = track.q, track.qd, track.qdd
         return self.state(track.rate, t, motion, track.enabled)
@@ -255,7 +255,7 @@ class Model:
     def state(
         self, rate: float, t: Array, motion: Sequence[Array], enabled: Array | None = None
     ) -> State:
-        """What the effects see of a motion that is known, with this model's own torque.
+        """Inputs of effects on a known motion, with this model's torque.
 
         Args:
             rate: Sample rate [Hz].
@@ -285,12 +285,12 @@ class Model:
         return self.replace_standstill(state, standstill)
 
     def replace_standstill(self, state: State, standstill: Sequence[StandstillFriction]) -> State:
-        """The same motion with another behaviour at standstill, of every joint."""
+        """Return the state with another behaviour at standstill, of every joint."""
         motion = state.q, state.qd, self._floor()
         return self.replace_sign(state, compute_friction_directions(*motion, tuple(standstill)))
 
     def replace_sign(self, state: State, sign: Array) -> State:
-        """The same motion with another direction of friction. Shape (n, dof)."""
+        """Return the state with another direction of friction. Shape (n, dof)."""
         state = replace(state, sign=sign)
         return replace(state, tau_model=self.torque_seen(state, as_reported=False))
 
@@ -299,7 +299,7 @@ class Model:
         return self.torque_seen(self.observe(track))
 
     def torque_seen(self, state: State, as_reported: bool = True) -> Array:
-        """Torque at the samples of a state that this very model made. (n, dof)."""
+        """Torque at the samples of a state computed by this model. (n, dof)."""
         out = state.rigid.copy()
         for term in (*self.terms, *self.tables):
             if as_reported or EffectTrait.REPORT not in term.effect.traits:
@@ -322,7 +322,7 @@ class Model:
         return out
 
     def drive(self) -> Array:
-        """What the drives take per speed and per acceleration. Shape (2, dof)."""
+        """Torque of the drives per speed and per acceleration. Shape (2, dof)."""
         out = np.zeros((2, self.robot.dof))
         for row, carried in enumerate(("speed", "acceleration")):
             for term in self.terms:
@@ -342,13 +342,13 @@ class Model:
         return replace(self, inertial=values[:size], terms=terms)
 
     def without(self, name: str, joints: Sequence[int] | None = None) -> "Model":
-        """The same model with an effect taken out; nothing else is refitted.
+        """Return the model without an effect; nothing is refitted.
 
-        A finding goes; an effect of the nominal model goes back to its value there, and
-        goes too where that value is zero.
+        A finding is removed; an effect of the nominal model returns to its nominal
+        value, and is removed if that is zero.
 
         Args:
-            joints: Joints from 1 to take it from; None for all.
+            joints: Joints from 1 to remove it from; None for all.
 
         Raises:
             InputError: If the model does not have it there.
@@ -365,9 +365,9 @@ class Model:
     def with_parameters(
         self, name: str, joints: Sequence[int] | None = None, **values: float
     ) -> "Model":
-        """The same model with other values of an effect's physical parameters.
+        """Return the model with other values of an effect's physical parameters.
 
-        A value is all that there is of it, also where a change of it was found.
+        A value is the total, also if a finding changed the nominal value.
 
         Args:
             joints: Joints from 1 on which to change it; None for all.
@@ -382,7 +382,7 @@ class Model:
             check_name(key, terms[0].effect.parameters, f"parameter of {name}")
         changed: dict[Term, Term] = {}
         for on in dict.fromkeys(term.joints for term in terms):
-            # A nominal value and a change of it on the same joints become one.
+            # A nominal value and its change on the same joints are merged.
             first, *more = (term for term in terms if term.joints == on)
             alike = [t.theta for t in (first, *more) if t.shape == first.shape]
             both = replace(first, theta=np.sum(alike, axis=0))
@@ -396,7 +396,7 @@ class Model:
         return replace(self, terms=kept)
 
     def to_record(self) -> dict:
-        """The whole model as plain values: it is read back without any file."""
+        """The complete model as plain values, readable without other files."""
         floor = self.speed_floor
         robot = {k: getattr(self.robot, k) for k in ("name", "urdf", "toml")}
         if self.robot.locked:
@@ -415,7 +415,7 @@ class Model:
 
     @classmethod
     def from_record(cls, record: Mapping) -> "Model":
-        """The model of a sound record (`model_from_record`): it predicts the very bits.
+        """The model of a valid record (`model_from_record`), with identical predictions.
 
         Raises:
             InputError: If it is of another form.

@@ -1,4 +1,4 @@
-"""A model as plain values that JSON can hold, and back; as the files of a robot."""
+"""A model as JSON values, and back; as the files of a robot."""
 
 import json
 from collections.abc import Mapping
@@ -16,9 +16,9 @@ from residual.recording import Array
 from residual.robot.robot import write_urdf_with_inertias
 from residual.signals.track import CHOICES
 
-SLOWEST = 1e-3  # Hz: a period of a quarter of an hour is no filter of a motion
+SLOWEST = 1e-3  # Hz: a period of a quarter of an hour; no motion filter is slower
 TABLES = "the tables of a calibration"
-LARGEST = 64 << 20  # bytes of a file whose kind is still asked for
+LARGEST = 64 << 20  # largest file whose kind is identified, bytes
 FASTEST = 1e6  # Hz: no controller logs faster, and memory grows with it
 
 
@@ -69,11 +69,11 @@ def _numbers(shape) -> bool:
 
 
 def _is(values: Array, shape: tuple[int, ...]) -> bool:
-    """Whether these are finite numbers in that shape; truth values are none."""
+    """Whether values are finite numbers of a shape; booleans are not."""
     return values.dtype.kind in "if" and values.shape == shape and bool(np.isfinite(values).all())
 
 
-# What lists and tables of other sizes and kinds make Python say.
+# Python errors from lists and tables of wrong sizes and kinds.
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
 
 
@@ -137,7 +137,7 @@ def load_model(path: str | Path) -> AnyModel:
 
 
 def identify_file_content(path: str | Path) -> str:
-    """Return what a file of ours holds: "a model", "a verdict", `TABLES`, or other.
+    """Return the content of one of our files: "a model", "a verdict", `TABLES`, or other.
 
     Raises:
         OSError: If there is no such file, or it cannot be read.

@@ -1,10 +1,10 @@
-"""Logs prepared for a fit, and the model as the user gave it: body and effects.
+"""Logs prepared for a fit, and the nominal model: body and effects.
 
-Values that are known for sure stand in `[known]` of robot.toml and --known:
-"payload.mass" = 2.8, "coulomb.2.level" = 8.0, "link.3.mass" = 4.1, a name, the joint
-from 1 where the effect is of one joint, and a parameter. Of what the model is said to
-have it is the value; of what may be found it is the value if it is found. Only what
-the coefficients of an effect say linearly can be held: a mass, a level, a stiffness.
+Known values come from `[known]` of robot.toml and --known:
+"payload.mass" = 2.8, "coulomb.2.level" = 8.0, "link.3.mass" = 4.1: a name, the joint
+from 1 if the effect is of one joint, and a parameter. For a declared effect it is the
+value; for a candidate it is the value if it is found. Only parameters that are linear in
+the coefficients of an effect can be known: a mass, a level, a stiffness.
 """
 
 from collections.abc import Mapping, Sequence
@@ -33,8 +33,8 @@ from residual.signals.track import (
 )
 
 LINK, MASS = "link", "mass"
-EXACT = 1e-3  # of the value: one standard deviation of what is known for sure
-TRIES = 3  # random coefficients for each of an effect, that show what is linear
+EXACT = 1e-3  # of the value: one standard deviation of a known value
+TRIES = 3  # random draws per coefficient of an effect, to test linearity
 
 
 @dataclass(frozen=True, eq=False, slots=True)
@@ -50,17 +50,17 @@ class KnownValue:
 
 @lru_cache(maxsize=8)
 def list_known_values(robot: Robot) -> tuple[KnownValue, ...]:
-    """Return what is known of an arm and what it may have.
+    """Return the known values of an arm and its candidates.
 
     Raises:
-        InputError: If a value cannot be known so, with what can be.
+        InputError: If a value cannot be given as known, with those that can.
         UnknownNameError: If there is no such effect or parameter.
     """
     return tuple(_read(k, v, robot) for k, v in robot.known_values.items())
 
 
 def refuse_known_values_with_baseline(robot: Robot) -> None:
-    """Refuse the baseline of an arm with values that are known for sure.
+    """Refuse a baseline for an arm with known values.
 
     Raises:
         InputError: If there are any.
@@ -74,12 +74,12 @@ def refuse_known_values_with_baseline(robot: Robot) -> None:
 
 
 def select_effect_values(robot: Robot, effect: Effect, joints: Joints) -> list[KnownValue]:
-    """Return what is known of an effect on given joints."""
+    """Return the known values of an effect on given joints."""
     every = [k for k in list_known_values(robot) if k.name == effect.name]
-    # What is at the flange has one place, whichever joint it is counted with.
+    # An effect at the flange has one place, regardless of its joint number.
     out = [k for k in every if not k.joints or k.joints == joints]
     if effect.replaces_link and joints[0] in read_known_masses(robot):
-        # A link whose mass is known is no other link.
+        # A link of known mass is not replaced.
         out.append(KnownValue(effect.name, joints, "", 0.0, np.ones(1)))
     return out
 
@@ -92,13 +92,13 @@ def read_known_masses(robot: Robot) -> dict[int, float]:
 def compute_known_value_information(
     values: Sequence[KnownValue], precision: Array, change: bool
 ) -> tuple[Array, Array]:
-    """Return what known values add to a usual prior: information K, and pull b.
+    """Return the terms of known values in a typical prior: information K, and pull b.
 
     (P + K) is the precision of coefficients with mean (P + K)^-1 b.
 
     Args:
-        precision: P, the usual prior's. Shape (k, k).
-        change: Whether theta is a change of a value that the model has: then zero.
+        precision: P of the typical prior. Shape (k, k).
+        change: Whether theta is a change of a value of the model: then zero.
 
     Returns:
         Shapes (k, k), (k,).
@@ -154,7 +154,7 @@ def _joint(word: str, middle: Sequence[str], robot: Robot) -> Joints:
 
 def _rows(effect: Effect, robot: Robot) -> dict[str, Array]:
     """Parameters that are linear in the coefficients, as rows. Shapes (k,)."""
-    if effect.refine is not None:  # its coefficients mean another thing at each shape
+    if effect.refine is not None:  # the meaning of its coefficients depends on the shape
         return {}
     rng = np.random.default_rng(0)
     start = rng.uniform(1, 2, len(effect.parameters))
@@ -168,7 +168,7 @@ def _rows(effect: Effect, robot: Robot) -> dict[str, Array]:
 
 
 MOST_SHAPES = 4
-# What a model has where nobody says otherwise, in the order of its coefficients.
+# Default effects of a model, in the order of its coefficients.
 DEFAULT_DECLARED = tuple(
     effect.name
     for effect in sorted(load_effects().values(), key=lambda e: e.drive_order)
@@ -179,34 +179,34 @@ GIVEN, ASSUMED = 0.1, 1.0  # relative sd of a declared value, and of an assumed 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class NominalModel:
-    """The nominal model and how firmly it is held."""
+    """The nominal model and its prior."""
 
     model: Model  # the model
-    # Relative sd of each term's coefficients; None where no value is given.
+    # Relative sd of each term's coefficients; None if no value is given.
     sd: tuple[float | None, ...]
     # Fixed relative scale of the rigid part, None to estimate it.
     scale: float | None = None
-    # Fixed relative sd of each kind of value that is given, by the effect's name; None
-    # to estimate them.
+    # Fixed relative sd of each kind of given value, by the effect's name; None to
+    # estimate them.
     widths: Mapping[str, float] | None = None
-    # How many of the model's last terms are constants that nobody declared: they are
-    # zero, free while names are sought, and then names themselves.
+    # Number of undeclared constants at the end of the model's terms: they are zero, free
+    # during the search, and then candidates themselves.
     constants: int = 0
 
     def without_constants(self) -> "NominalModel":
-        """The model as it was declared."""
+        """The declared model, without added constants."""
         count = len(self.sd) - self.constants
         model = replace(self.model, terms=self.model.terms[:count])
         return replace(self, model=model, sd=self.sd[:count], constants=0)
 
     @property
     def declared(self) -> tuple[tuple[Term, float | None], ...]:
-        """Terms that the model is said to have, each with what is given of it."""
+        """Declared terms, each with its given values."""
         return tuple(zip(self.model.terms, self.sd, strict=True))
 
     @property
     def kinds(self) -> dict[str, float]:
-        """Relative sd of what has a value, before the logs speak, by effect's name."""
+        """Prior relative sd of given values, by effect's name."""
         return {t.effect.name: g for t, g in self.declared if g is not None}
 
     @property
@@ -216,7 +216,7 @@ class NominalModel:
 
 
 def choose_declared_effects(robot: Robot, names: Sequence[str] | None) -> tuple[str, ...]:
-    """What the model has: the user's list, else robot.toml's, else the usual three.
+    """The declared effects: the user's list, else robot.toml's, else the default three.
 
     Raises:
         UnknownNameError: If no effect has such a name.
@@ -234,10 +234,10 @@ def build_nominal(
     speed_floor: Array,
     clock: float | None = None,
 ) -> NominalModel:
-    """Nominal model with the robot's values where given, else zero and free.
+    """Build the nominal model with the robot's values where given, else zero and free.
 
     Raises:
-        InputError: If a declared effect cannot stand without its values.
+        InputError: If a declared effect needs its values.
         UnknownNameError: If robot.toml gives a value that the effect does not have.
     """
     terms, widths = [], []
@@ -269,7 +269,7 @@ def build_nominal(
 def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term:
     check_keys(values, effect.parameters, f"[declared.{effect.name}] of robot.toml")
     missing = [k for k in effect.parameters if k not in values]
-    # Of a load the mass alone may be given: what is not is zero.
+    # A load may be given by its mass alone; missing values are zero.
     if missing and effect.carries != "body":
         raise InputError(
             f"[declared.{effect.name}] lacks {', '.join(missing)}. "
@@ -284,7 +284,7 @@ def _declared_term(effect: Effect, joints: Joints, values, robot: Robot) -> Term
 
 
 def _free(effect: Effect, joints: Joints, span: MotionSpan, robot: Robot) -> list[Term]:
-    """A declared effect of unknown size; its shapes, if few, are all carried along."""
+    """Terms of a declared effect of unknown size, one for each of a few shapes."""
     anchor = joints[0] if joints else 0
     shapes = list(effect.shapes(span, anchor))
     if len(shapes) > 2 * MOST_SHAPES:
@@ -299,10 +299,9 @@ def _free(effect: Effect, joints: Joints, span: MotionSpan, robot: Robot) -> lis
 
 @dataclass(frozen=True, eq=False, slots=True)
 class FitLogs:
-    """Fit logs, ready: signals, session clock and how far they move the arm.
+    """Prepared fit logs: signals, session clock and range of motion.
 
-    ``shaken`` are those of the ``sketch`` with one more helping of the noise of their
-    angles.
+    ``shaken`` are those of the ``sketch`` with redrawn noise of their angles.
     """
 
     robot: Robot
@@ -312,13 +311,13 @@ class FitLogs:
     speed_floor: np.ndarray
     filters: FilterSettings
     shaken: tuple[Track, ...]
-    # Joints (from 0) whose torque is little more than its step or noise: none of their
-    # rows counts.
+    # Joints (from 0) whose torque is hardly above its quantization or noise: none of
+    # their rows counts.
     too_small: tuple[int, ...] = ()
 
     @property
     def sketch(self) -> tuple[Track, ...]:
-        """All logs; of long ones as many pieces as may be kept whole."""
+        """All logs; for long ones as many pieces as fit into memory."""
         shown = choose_spread_pieces([t.seconds for t in self.tracks])
         return tuple(self.tracks[i] for i in shown)
 
@@ -361,7 +360,7 @@ def prepare_fit_logs(
 
 
 def _find_switched_joints(tracks: Sequence[Track]) -> tuple[bool, ...]:
-    """Which joints' drives are off in a part of the logs; () for none."""
+    """Find joints whose drives are off in a part of the logs; () for none."""
     logged = [t.enabled[:: t.step][t.moving.any(axis=1)] for t in tracks if t.enabled is not None]
     if not logged:
         return ()
@@ -374,8 +373,8 @@ def start_model(logs: FitLogs, declared: Sequence[str] | Model | None) -> Model:
     """The model to start from, on the clock and thresholds of these logs.
 
     Args:
-        declared: Effects that it has, None for the robot's own list; or a model as it
-            is, such as one that was adopted.
+        declared: Its effects, None for the robot's list; or a model, such as an adopted
+            one.
     """
     if isinstance(declared, Model):
         return replace(declared, speed_floor=logs.speed_floor, clock=logs.clock)
@@ -388,11 +387,10 @@ def build_free_nominal(logs: FitLogs, names: Sequence[str]) -> NominalModel:
 
 
 def add_joint_constants(logs: FitLogs, names: Sequence[str]) -> NominalModel:
-    """The declared model and, where it says nothing of one, a constant of each joint.
+    """Return the declared model with a constant on each joint without a declared one.
 
-    A sensor's constant that the model lacks bends everything beside it: over little
-    travel it is taken for a spring. So each is free while names are sought, and then a
-    candidate like any other.
+    A missing sensor offset biases all other effects: over little travel it looks like a
+    spring. So each is free during the search, and then a candidate like any other.
 
     Args:
         names: The declared effects.
@@ -405,13 +403,13 @@ def add_joint_constants(logs: FitLogs, names: Sequence[str]) -> NominalModel:
     return replace(nominal, constants=len(terms))
 
 
-WORTH = 0.98  # share of the usual choice's squared error that another must get under
+WORTH = 0.98  # share of the default's squared error that another choice must fall below
 
 
 def choose_standstill_behaviour(model: Model, tracks: Sequence[Track]) -> Model:
-    """Choose each joint's behaviour at standstill by the fit logs' whole error.
+    """Choose each joint's behaviour at standstill by the total error of the fit logs.
 
-    The torque is linear in the share that is held at standstill, so that share has a
+    The torque is linear in the share held at standstill, so that the best share has a
     closed form for each kind.
     """
     observed = [(track, model.observe(track)) for track in tracks]
@@ -439,7 +437,7 @@ def _standstill_error(
             model.replace_standstill(state, (side,) * dof)
             for side in (replace(shape, hold=0.0), shape)
         ]
-        # What the effects see of it is all of the torque where none changes that.
+        # Without effects that change it, the state has the full torque.
         sides = [s.tau_model if plain else model.torque_seen(s) for s in seen]
         none, full = np.split(track.filter(np.concatenate(sides, axis=1)), 2, axis=1)
         gap, step = (track.tau - none)[track.valid], (full - none)[track.valid]

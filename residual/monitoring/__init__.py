@@ -1,1 +1,1 @@
-"""Early warning of sensors that fail."""
+"""Monitoring of sensors."""

@@ -1,9 +1,9 @@
-"""Early warning of sensors that fail: calibrated on healthy runs, then watching others.
+"""Monitoring of sensors: calibrated on healthy runs, applied to others.
 
-The paper wants it (G2017, abstract) and leaves it open. T2 and SPE of its indicator
-space see no fault; what sees them are errors: measured minus wanted position, torque
-minus that of the model. Each number of `KINDS` is divided by its limit; the largest of
-them is the score of a joint, and above 1 it is an alarm.
+The paper mentions it (G2017, abstract) and leaves it open. T2 and SPE of its indicator
+space detect no fault; errors do: measured minus reference position, measured minus model
+torque. Each indicator of `KINDS` is divided by its limit; the largest ratio is the score
+of a joint, and above 1 it is an alarm.
 """
 
 from collections.abc import Sequence
@@ -20,24 +20,23 @@ from residual.quantity import convert_to_plain_values
 from residual.recording import Array, Recording
 from residual.signals.track import estimate_sample_rate
 
-# What a monitor looks at: per joint, a number each 16 ms for every kind of fault.
+# The indicators of a monitor: per joint, a value each 16 ms for every kind of fault.
 #
-# All filters are windows of fixed length (Savitzky and Golay 1964). A row is stamped
-# with the time of the last sample that it is made of, never with the middle of its
-# window, so no alarm knows what comes after it.
+# All filters are windows of fixed length (Savitzky and Golay 1964). The time of a row is
+# that of the last sample in its window, not of the middle, so alarms are causal.
 
 _TINY = 1e-9
 
 
 class ScoreKind(NamedTuple):
-    """One number that is looked at for each joint."""
+    """One indicator of each joint."""
 
     name: str
     sensor: str  # "encoder" or "torque"
-    fault: str  # what it looks for
+    fault: str  # its fault
 
 
-# The surest first; from `BIAS` on errors are collected over a window.
+# The most specific first; from `BIAS` on errors are averaged over a window.
 KINDS = (
     ScoreKind("frozen", "encoder", "frozen"),
     ScoreKind("still", "encoder", "frozen"),
@@ -52,24 +51,24 @@ STILL, BIAS, SCALE, TRACKING = 1, 4, 5, 6
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MonitorSignals:
-    """What is seen of a log, by rows of 16 ms, not yet compared with healthy ones."""
+    """Signals of a log in rows of 16 ms, not yet compared with healthy ones."""
 
     t: Array  # time of the last sample of each row [s], (m,)
     rate: float  # rows per second [Hz]
-    slow: Array  # the joint stands or has just stood: friction is not known, (m, dof)
+    slow: Array  # the joint stands or has just stood: friction is unknown, (m, dof)
     gapless: Array  # no gap in its window, (m,), bool
     expected: Array  # torque of the model [N m], (m, dof)
-    residual: Array  # measured minus that [N m], (m, dof)
-    # Measured minus wanted position [rad]; zeros where that is not logged. (m, dof).
+    residual: Array  # residual [N m], (m, dof)
+    # Measured minus reference position [rad]; zeros if not logged. (m, dof).
     tracking: Array
-    # The largest of the samples of each row: how far the wanted position came while a
-    # reading rested [rad], for how many samples it rested, second difference of
-    # tracking [rad], torque minus the median of its neighbors [N m]. (m, dof) each.
+    # Maximum over the samples of each row: motion of the reference during an unchanged
+    # reading [rad], number of unchanged samples, second difference of tracking [rad],
+    # torque minus the median of its neighbours [N m]. (m, dof) each.
     raw: tuple[Array, ...]
 
 
 def compute_monitor_signals(model: Model, recording: Recording) -> MonitorSignals:
-    """Return what is seen of a log.
+    """Return the signals of a log.
 
     Raises:
         InputError: If it is shorter than a second, or so slow that a window of 60 ms
@@ -131,7 +130,7 @@ def _raw(recording: Recording, late: Array) -> tuple[Array, ...]:
     bend = np.abs(np.diff(q - goal, 2, axis=0, prepend=np.zeros((2, q.shape[1]))))
     bend[:2] = bend[late] = bend[1:][late[:-1]] = 0.0
     off = np.abs(tau - median_filter(tau, (2 * spread + 1, 1), mode="nearest"))
-    off = np.roll(off, spread, axis=0)  # a spike is known when the samples after it are
+    off = np.roll(off, spread, axis=0)  # a spike is detected with the samples after it
     off[:spread] = 0.0
     return travel, (row - since).astype(float), bend, off
 
@@ -146,17 +145,17 @@ def residual_rms(logs: Sequence[MonitorSignals]) -> Array:
         for own in (~slow & use, slow & use)
     )
     moving = np.maximum(moving, 1e-3 * max(float(moving.max()), _TINY))
-    # Standing tells less than moving, never more.
+    # At standstill there is at most the information of motion.
     return np.array([moving, np.maximum(standing, moving)])
 
 
 def compute_scores(log: MonitorSignals, size: Array) -> Array:
-    """Return the numbers of `KINDS`, at least 0; larger is worse. Shape (k, m, dof).
+    """Return the indicators of `KINDS`, at least 0; larger is worse. Shape (k, m, dof).
 
-    Errors x are collected as |sum w f x| / sqrt(sum w f^2): the residual for f = 1 (a
-    bias) and f = the expected torque (a scale, of which only a loss counts) by w = 1 /
-    size^2, tracking for f = 1. `size` is that of the residual on healthy runs, moving
-    and slow [N m], (2, dof).
+    Errors x are averaged as |sum w f x| / sqrt(sum w f^2): the residual for f = 1 (a
+    bias) and f = the expected torque (a scale, of which only a loss counts) with w = 1 /
+    size^2, tracking for f = 1. `size` is the rms residual on healthy runs, moving and
+    slow [N m], (2, dof).
     """
     travel, count, bend, off = log.raw
     one = np.ones(off.shape)
@@ -174,7 +173,7 @@ def compute_scores(log: MonitorSignals, size: Array) -> Array:
 
 
 def _matched(weight: Array, x: Array, f: Array, count: int) -> Array:
-    """Collect a feature over a trailing window; 0 where nothing was to be seen."""
+    """Average a feature over a trailing window; 0 without excitation."""
     over, under = _trailing(weight * f * x, count), _trailing(weight * f * f, count)
     seen = under > _TINY
     return over / np.sqrt(np.where(seen, under, 1.0)) * seen
@@ -193,26 +192,26 @@ LEAST_RUNS = 3
 class Alarm:
     """One alarm."""
 
-    time: float  # when it was raised, on the clock of the log [s]
+    time: float  # time of the alarm, on the clock of the log [s]
     joint: int  # from 1
     sensor: str  # "encoder" or "torque"
     fault: str  # frozen, jump, drift, spikes, bias or lost scale
-    kind: str  # the number that named it, of `KINDS`
-    score: float  # that number over its limit, above 1
-    until: float  # when the last score fell below its limit [s]
+    kind: str  # the indicator that named it, of `KINDS`
+    score: float  # that indicator over its limit, above 1
+    until: float  # time at which the last score fell below its limit [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Monitor:
-    """What is usual on a robot in good order, and the limits of that."""
+    """The typical signals of a healthy robot, and their limits."""
 
-    model: Model  # expects the torque
+    model: Model  # predicts the torque
     rate: float  # rate of the logs [Hz]
-    per_hour: float  # false alarms wanted at most, all kinds together
+    per_hour: float  # largest rate of false alarms, all kinds together
     hours: float  # length of the healthy runs [h]
-    size: Array  # what is usual of the residual, moving and slow [N m], (2, dof)
-    limits: Array  # limit of each number of `KINDS`, (k, dof)
-    referenced: bool = True  # the wanted position is logged, and looked at
+    size: Array  # rms residual of healthy runs, moving and slow [N m], (2, dof)
+    limits: Array  # limit of each indicator of `KINDS`, (k, dof)
+    referenced: bool = True  # the reference position is logged and monitored
 
     def watch(self, recording: Recording) -> tuple[Alarm, ...]:
         """Return the alarms of a log, in the order of time.
@@ -232,7 +231,7 @@ class Monitor:
         return _alarms(log, compute_scores(log, self.size), self.limits)
 
     def to_record(self) -> dict:
-        """Return it as plain values, with its model; a limit never reached is null."""
+        """Return it as plain values, with its model; an infinite limit is null."""
         names = ("rate", "per_hour", "hours", "referenced", "size")
         limits = {k.name: own for k, own in zip(KINDS, self.limits, strict=True)}
         return {
@@ -247,13 +246,13 @@ class Monitor:
 def calibrate_monitor(
     model: Model, recordings: Sequence[Recording], per_hour: float = 1.0
 ) -> Monitor:
-    """Learn from runs of a robot in good order what is usual, and set limits.
+    """Calibrate limits on runs of a healthy robot.
 
     Args:
-        model: Expects the torque; needs its ``speed_floor``. What it leaves of healthy
-            runs is what is usual: best it is fitted to them.
-        recordings: Healthy runs, such as will be watched later. At least three.
-        per_hour: False alarms wanted at most, all kinds together [1/h].
+        model: Predicts the torque; needs its ``speed_floor``. Its residual on healthy
+            runs is the reference, so it should be fitted to them.
+        recordings: Healthy runs, similar to the runs to monitor. At least three.
+        per_hour: Largest rate of false alarms, all kinds together [1/h].
 
     Raises:
         InputError: If there are fewer than three runs, or one does not fit the others.
@@ -275,12 +274,12 @@ def calibrate_monitor(
     logs = [compute_monitor_signals(model, run) for run in runs]
     size = residual_rms(logs)
     peaks = [maxima_per_block(log.t, compute_scores(log, size)) for log in logs]
-    # The false alarms are shared among the kinds.
+    # The rate of false alarms is divided among the kinds.
     probability = per_hour * MONITOR.block / 3600 / len(KINDS)
     limits = np.array([fit_score_limits(own, probability) for own in zip(*peaks, strict=True)])
     limits[BIAS:SCALE] *= MONITOR.wider_bias
     limits[SCALE:] *= MONITOR.wider_motion
-    # A reading without noise rests while its joint does, however long that is.
+    # A reading without noise is unchanged while its joint stands, however long.
     limits[STILL, limits[STILL] > MONITOR.still * rate] = np.inf
     return Monitor(
         model=model,
@@ -324,13 +323,12 @@ def fit_score_limits(runs: Sequence[Array], probability: float) -> Array:
 
     P(M > u + x) = share exp(-x / beta),   limit = u + beta log(share / wanted)
 
-    beta is taken at the upper end of its confidence. Blocks of one run are alike in
-    what the run is like, so no limit is below what the largest value of the next run
-    may be either, by Student's t of the logarithms; few runs make wide limits. Joints
-    are brought to one size first, by the level that a twentieth of their blocks
-    exceeds; the tail is that of the largest of all joints, since they are anything but
-    independent. A block exceeds the limits with the wanted probability, at most; they
-    are infinite where the kind never left 0. Shapes (b, dof) to (dof,).
+    beta is the upper end of its confidence interval. Blocks of one run are similar, so no
+    limit is below the predicted maximum of the next run either, by Student's t of the
+    logarithms; few runs give wide limits. Joints are first scaled by the level that a
+    twentieth of their blocks exceeds; the tail is that of the maximum over all joints,
+    since they are strongly dependent. A block exceeds the limits with at most the wanted
+    probability; they are infinite if the kind is always 0. Shapes (b, dof) to (dof,).
     """
     peaks, count = np.vstack(runs), len(runs)
     level = np.quantile(peaks, 0.95, axis=0)
@@ -352,11 +350,11 @@ def fit_score_limits(runs: Sequence[Array], probability: float) -> Array:
 
 
 def _alarms(log: MonitorSignals, values: Array, limits: Array) -> tuple[Alarm, ...]:
-    """Join what is over its limit to alarms, and name them.
+    """Join exceedances into alarms, and name them.
 
-    A fault shows in several kinds: an encoder that jumps moves the arm, which takes
-    torque on its neighbours too. The first to cross opens the alarm; a second of quiet
-    ends it, and so does a sure kind where none has named it.
+    A fault shows in several kinds: an encoder that jumps moves the arm, which needs
+    torque on its neighbours too. The first exceedance starts the alarm; a second without
+    any ends it, and so does a specific kind if none has named it.
     """
     t, ratio = log.t, values / limits[:, None]
     over = (ratio > 1).any(axis=2)
@@ -380,8 +378,8 @@ def _alarms(log: MonitorSignals, values: Array, limits: Array) -> tuple[Alarm, .
 def _named(t: Array, ratio: Array, values: Array, first: int, stop: int) -> tuple[int, int]:
     """Return the kind and the joint from 0 that name an alarm of some rows.
 
-    The surest kind that crosses within the next moment, else the collected error that
-    is largest of all.
+    The most specific kind that exceeds its limit within a short time, else the largest
+    averaged error.
     """
     soon, later = (
         min(int(np.searchsorted(t, t[first] + wait, "right")), stop)
@@ -394,7 +392,7 @@ def _named(t: Array, ratio: Array, values: Array, first: int, stop: int) -> tupl
             k, j = np.unravel_index(np.argmax(part), part.shape)
             return kinds[k], int(j)
     collected = values * (ratio > 1)
-    # A drive that is not what it was moves the arm: tracking is no news beside torque.
+    # A changed drive moves the arm: tracking adds nothing to torque.
     for kinds in (slice(BIAS, TRACKING), slice(TRACKING, None)):
         part = collected[kinds, first:later].max(axis=1)
         if part.max() > 0:
@@ -404,11 +402,11 @@ def _named(t: Array, ratio: Array, values: Array, first: int, stop: int) -> tupl
 
 
 def _fault(log: MonitorSignals, values: Array, first: int, k: int, j: int) -> str:
-    """Return the name of a collected error: lost scale, drift or bias.
+    """Return the name of an averaged error: lost scale, drift or bias.
 
-    A bias and a loss of scale are alike for a moment. They are compared on windows that
-    lie after the alarm: half a window of either looks like neither. A drift is rather
-    a ramp than a step about the alarm; each is fitted from any row on.
+    A bias and a loss of scale look alike for a moment. They are compared on windows after
+    the alarm, since half a window of either looks like neither. A drift is a ramp rather
+    than a step near the alarm; each is fitted with any start row.
     """
     start, until = log.t[first], log.t[first] + MONITOR.later
     after = (log.t >= start + MONITOR.window) & (log.t <= until)

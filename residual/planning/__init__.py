@@ -1,1 +1,1 @@
-"""Which motion would tell apart what the logs so far leave open."""
+"""Motions that separate the rivals left open by the logs."""

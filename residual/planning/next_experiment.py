@@ -1,8 +1,8 @@
-"""Would another experiment decide what is open? A bound, without designing one.
+"""Would another experiment settle the open question? A bound, without designing one.
 
-Motions that know no obstacle, each joint through all of its range as fast as its limits
-let it, show how far apart the rivals can come at all. What an arm in its cell can do is
-less, and a designed motion aims better than a random one: `modelgap next` looks.
+Motions without obstacles, each joint through its full range at its limits, show the
+largest possible separation of the rivals. An arm in its cell can do less, and a designed
+motion separates better than a random one: see `modelgap next`.
 """
 
 from collections.abc import Mapping, Sequence
@@ -20,29 +20,29 @@ from residual.robot.robot import Robot
 from residual.signals.track import dilate_mask
 from residual.verdict.result import NOTHING, SURE, TOGETHER, UNTOLD, Alternative, Place
 
-# What logs leave open: contests of rival models, as records.
+# The open question of some logs: contests of rival models, as records.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Rival:
     """One model that may be true, as a Gaussian over coefficients of shared columns."""
 
-    place: Place  # the effect that makes the difference, `NOTHING` for none
-    columns: Array  # which of the shared columns it has, (k,)
-    effect_columns: Array  # which of these are the effect's own; empty for none, (e,)
+    place: Place  # the effect that differs, `NOTHING` for none
+    columns: Array  # its indices among the shared columns, (k,)
+    effect_columns: Array  # positions of the effect's columns among these; empty for none, (e,)
     mean: Array  # their posterior mean [SI], (k,)
     precision: Array  # their posterior precision, (k, k)
     # Evidence of the logs so far, less the price of the name [nats], up to a constant
-    # that is the same for all rivals of a contest.
+    # common to all rivals of a contest.
     nats: float
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class RivalContest:
-    """Models of which one is true."""
+    """Rival models, one of which is true."""
 
     rivals: tuple[Rival, ...]  # two or more
-    enough: float  # nats by which one must lead to be believed
+    enough: float  # lead in nats that decides
 
     @property
     def pairs(self) -> tuple[tuple[int, int], ...]:
@@ -50,28 +50,28 @@ class RivalContest:
         return tuple(permutations(range(len(self.rivals)), 2))
 
     def lead(self, a: int, b: int) -> float:
-        """By how much the logs so far prefer one rival to another [nats]."""
+        """Lead of one rival over another by the logs so far [nats]."""
         return self.rivals[a].nats - self.rivals[b].nats
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SignalSettings:
-    """How the logs so far were read, and so will the next one be."""
+    """Signal settings of the logs so far, and of the next one."""
 
     information: Array  # of a row's squared error [1 / N^2 m^2], (dof,)
-    speed_floor: Array  # speed under which a joint stands [rad/s], (dof,)
+    speed_floor: Array  # speed below which a joint stands [rad/s], (dof,)
     rate: float  # rows per second [Hz]
-    margin: float  # time about a standstill that does not count [s]
+    margin: float  # masked time around a standstill [s]
     edge: float  # time at both ends of a log that does not count [s]
     start: float  # session time at which the next log may begin [s]
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class OpenQuestion:
-    """What the logs so far leave open."""
+    """The open question of the logs so far."""
 
-    nominal: Model  # the model that deviations are counted from
-    seen_with: Model  # the model whose torque the effects see
+    nominal: Model  # the model at zero deviation
+    seen_with: Model  # the model whose torque the effects depend on
     effects: tuple[PlacedEffect, ...]  # columns after the inertial ones
     signals: SignalSettings
     contests: tuple[RivalContest, ...]  # empty if nothing is open
@@ -85,22 +85,22 @@ def merge_places(places: Sequence[Place]) -> Place:
     return Place(TOGETHER.join(place.name for place in places), tuple(joints))
 
 
-# What a motion promises for a question: nats for every pair, chance, seconds.
+# The expected result of a motion for a question: nats for every pair, chance, seconds.
 #
-# Each rival says of new rows y, whitened: y ~ N(X mu, I + X S X'), with mu and S its
-# posterior after the logs so far and X its columns on the new motion. All follows from
-# G = X' X of the columns that the rivals share, by the matrix inversion lemma.
+# Each rival predicts new whitened rows y: y ~ N(X mu, I + X S X'), with mu and S its
+# posterior after the logs so far and X its columns on the new motion. Everything follows
+# from G = X' X of the shared columns, by the matrix inversion lemma.
 #
-# What is expected of A against B is the log Bayes factor that a log brings whose truth
-# is A at the size that was found, mu. Its quadratic part is the T-criterion of Atkinson
-# & Fedorov 1975, with B refitted under its posterior. The average over what is not
-# known of A (the Kullback-Leibler divergence, Box & Hill 1967, eq. 3.6) is no number to
-# go by: the few largest sizes that the logs so far allow carry it. What is not known of
-# A is in the chance, which is counted in drawn logs.
+# The criterion for A against B is the expected log Bayes factor of a log with A true at
+# its identified size mu. Its quadratic part is the T-criterion of Atkinson & Fedorov 1975,
+# with B refitted under its posterior. The average over the uncertainty of A (the
+# Kullback-Leibler divergence, Box & Hill 1967, eq. 3.6) is not used: the few largest sizes
+# that the logs so far allow dominate it. The uncertainty of A enters the chance, which is
+# counted in simulated logs.
 
 
-DRAWS = 400  # logs that a chance is counted in
-HOPELESS = 1 / 6  # of what is needed: what brings less decides nothing
+DRAWS = 400  # number of simulated logs for a chance
+HOPELESS = 1 / 6  # of the needed evidence: less decides nothing
 Pair = tuple[int, int, int]  # contest, true rival, other rival
 
 
@@ -112,11 +112,11 @@ class RivalUpdate:
     scale: Array  # standard deviations by which coefficients are scaled, (k,)
     factor: Array  # lower Cholesky factor of precision + G, scaled, (k, k)
     log_det: float  # ln det(precision + G) - ln det(precision)
-    learned: float  # numbers that the new rows determine, tr((precision + G)^-1 G)
+    learned: float  # effective number of parameters of the new rows, tr((precision + G)^-1 G)
 
     @classmethod
     def of(cls, rival: Rival, gram: Array) -> "RivalUpdate":
-        """Factor once what all questions about a motion share: its Gram. (m, m)."""
+        """Factor once for the Gram matrix of a motion, (m, m)."""
         scale = 1 / np.sqrt(np.diag(rival.precision))
         both = np.outer(scale, scale)
         known = rival.precision * both
@@ -135,9 +135,9 @@ class RivalUpdate:
 def expected_log_bayes_factor(gram: Array, a: RivalUpdate, b: RivalUpdate) -> float:
     """Expected log Bayes factor of A against B, A at its found size being true [nats].
 
-    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 where B
-    says more surely what A says, too. The first part is what B, refitted, leaves of the
-    difference d of the two means. The Gram is whitened, (m, m).
+    0.5 (d' S_B^-1 d + tr S_B^-1 - tr S_A^-1 + ln det S_B - ln det S_A); below 0 if B
+    predicts the same as A with more certainty. The first term is the part of the
+    difference d of the two means that a refit of B leaves. The Gram is whitened, (m, m).
     """
     apart = np.zeros(len(gram))
     apart[a.rival.columns] += a.rival.mean
@@ -152,7 +152,7 @@ def expected_log_bayes_factor(gram: Array, a: RivalUpdate, b: RivalUpdate) -> fl
 def rival_log_evidence(products: Array, gram: Array, b: RivalUpdate) -> Array:
     """Log evidence of new rows for a rival, up to what all rivals share [nats].
 
-    Of X' y of the shared columns, whitened, one column per draw of y, (m, draws), and
+    From whitened X' y of the shared columns, one column per draw of y, (m, draws), and
     X' X, (m, m). Shape (draws,).
     """
     at, mean = b.rival.columns, b.rival.mean
@@ -163,7 +163,7 @@ def rival_log_evidence(products: Array, gram: Array, b: RivalUpdate) -> Array:
 
 
 def draw_log_products(gram: Array, a: RivalUpdate, rng: np.random.Generator, draws: int) -> Array:
-    """X' y of logs that A would give on a motion. Shape (m, draws)."""
+    """Draw X' y of logs with A true on a motion. Shape (m, draws)."""
     rival = a.rival
     scaled = rival.precision * np.outer(a.scale, a.scale)
     lower = np.linalg.cholesky(scaled)
@@ -180,12 +180,12 @@ def draw_log_products(gram: Array, a: RivalUpdate, rng: np.random.Generator, dra
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ExpectedSeparation:
-    """What a motion promises, at the sizes that the logs so far found."""
+    """Expected separation by a motion, at the identified sizes."""
 
-    # Expected evidence of each pair that a motion can tell apart [nats].
+    # Expected evidence of each separable pair [nats].
     nats: Mapping[Pair, float]
-    # Of the evidence that the pairs still need, how much the worst of them gets: at 1
-    # all are expected to be apart.
+    # Share of the needed evidence that the worst pair gets: at 1 all are expected to be
+    # separated.
     share: float
 
     @property
@@ -197,7 +197,7 @@ class ExpectedSeparation:
 def expect_separation(
     question: OpenQuestion, gram: Array, twins: frozenset[Pair] = frozenset()
 ) -> ExpectedSeparation:
-    """Weigh one motion by its Gram, (m, m), but for pairs that it cannot tell apart."""
+    """Rate a motion by its Gram matrix, (m, m), without inseparable pairs."""
     nats, shares = {}, []
     for c, contest in enumerate(question.contests):
         after = [RivalUpdate.of(rival, gram) for rival in contest.rivals]
@@ -212,10 +212,10 @@ def expect_separation(
 
 
 class SimulatedDecision(NamedTuple):
-    """What logs of a motion would bring, counted in logs as the rivals would give them.
+    """Simulated decision: outcomes of logs of a motion drawn from the rivals.
 
-    The chance that the true rival leads every other from which a motion can tell it by
-    enough, old logs included; and its median lead over the nearest [nats].
+    The chance that the true rival leads every separable one by enough, old logs
+    included; and its median lead over the nearest [nats].
     """
 
     chance: float
@@ -225,9 +225,9 @@ class SimulatedDecision(NamedTuple):
 def simulate_decision(
     question: OpenQuestion, gram: Array, twins: frozenset[Pair], rng: np.random.Generator
 ) -> SimulatedDecision:
-    """Draw logs of every rival, as probable as the logs so far make it.
+    """Draw logs of every rival, by its probability after the logs so far.
 
-    A rival that no motion can tell from any other is left out. The Gram is whitened,
+    A rival that no motion separates from any other is left out. The Gram is whitened,
     (m, m).
     """
     chances, nats = [], []
@@ -257,42 +257,42 @@ def simulate_decision(
     return SimulatedDecision(min(float(np.prod(chances)), 1.0), min(nats))
 
 
-SECONDS = 20.0  # length of a motion where nobody says another [s]
+SECONDS = 20.0  # default length of a motion [s]
 PERIODS = 2  # of it
-TRAVEL = 60.0  # s through all of the range: what cannot be told there is told nowhere
+TRAVEL = 60.0  # s through the full range: pairs inseparable there are inseparable anywhere
 MOTIONS, HARMONICS = 6, 5
-TURN = np.pi  # rad to either side: what of a range is used at most
+TURN = np.pi  # rad to either side: largest part of a range used
 UNKNOWN_SPEED = 2.0  # rad/s, where the robot states no limit
-RISE = 0.15  # s in which a joint reaches its speed, where it states no acceleration
+RISE = 0.15  # s in which a joint reaches its speed, without an acceleration limit
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MotionInformation:
-    """The shared columns along a motion, whitened: what of it counts, second by second.
+    """The whitened shared columns along a motion, on the rows that count.
 
-    A planned motion has nothing above the identification filter but where a joint turns
-    round, and there rows do not count: so nothing is filtered.
+    A planned motion exceeds the identification filter only at reversals, where rows do
+    not count, so nothing is filtered.
     """
 
-    # Columns at the samples of the motion, or of its opening and first period, scaled
-    # to the rows that a log has of it. Shape (n, dof, m).
+    # Columns at the samples of the motion, or of its start and first period, scaled to
+    # the rows of a log. Shape (n, dof, m).
     rows: Array
     rate: float  # samples per second [Hz]
-    opening: float  # time from the start that no later period repeats [s]
+    opening: float  # time from the start after which periods repeat [s]
     edge: float  # time at both ends of a log that does not count [s]
 
     @classmethod
     def of(
         cls, question: OpenQuestion, motion: Sequence[Array], rate: float, opening: float = 0.0
     ) -> "MotionInformation":
-        """Look at q, qd and qdd of a motion's opening and first period. (n, dof) each.
+        """Evaluate q, qd and qdd of a motion's start and first period. (n, dof) each.
 
-        The more samples, the better effects with a memory are seen.
+        More samples improve effects with memory.
         """
         signals, qd = question.signals, motion[1]
         t = signals.start + np.arange(len(motion[0])) / rate
         columns = all_torque_columns(question, question.seen_with.state(rate, t, motion))
-        # Where a joint stands or turns round, and next to that, rows do not count.
+        # Rows at and near standstill or reversal do not count.
         still = np.abs(qd) < signals.speed_floor
         still |= np.diff(np.sign(qd), axis=0, prepend=np.sign(qd[:1])) != 0
         still = dilate_mask(still, int(np.ceil(signals.margin * rate)))
@@ -301,7 +301,7 @@ class MotionInformation:
         return cls(rows, rate, opening, signals.edge)
 
     def gram(self, seconds: float) -> Array:
-        """X' X of a log of so many seconds, whitened, its ends left out. (m, m)."""
+        """Whitened X' X of a log of a length [s], without its ends. (m, m)."""
         first, last = (round(x * self.rate) for x in (self.edge, seconds - self.edge))
         count, start = len(self.rows), round(self.opening * self.rate)
         if last <= count:
@@ -328,10 +328,10 @@ def describe_plan(
     seconds: float,
     after: float | None = None,
 ) -> dict:
-    """Return what a motion of that length [s] promises, as `next_experiment` has it.
+    """Return the expected result of a motion of a length [s], as `next_experiment`.
 
-    After how long it settles the question surely [s] is None for never, and where that
-    was not computed.
+    The time after which it settles the question [s] is None for never, or if not
+    computed.
     """
     rivals = list_separable_rivals(question, expected)
     return {
@@ -347,9 +347,9 @@ def describe_plan(
 
 
 def predict_best_motion(question: OpenQuestion) -> dict | None:
-    """Return what the best of some free motions promises, as `describe_plan`.
+    """Return the expected result of the best of some free motions, as `describe_plan`.
 
-    None where none of them would decide. How much of a motion is enough is asked of one
+    None if none of them would decide. The settling time is computed only for motions
     that an arm can make.
     """
     if not question.contests:
@@ -368,14 +368,14 @@ def predict_best_motion(question: OpenQuestion) -> dict | None:
 def find_settling_time(
     question: OpenQuestion, motion: MotionInformation, seconds: float, twins: frozenset[Pair]
 ) -> tuple[SimulatedDecision, float | None]:
-    """Return what a motion brings, and after how long it settles the question surely.
+    """Return the outcome of a motion, and the time after which it settles the question.
 
     The length from its start at which the chance is `SURE` [s], in tenths rounded up;
-    None where all of it is not enough.
+    None if all of it is not enough.
     """
 
     def at(length: float) -> SimulatedDecision:
-        # The same draws at every length, so that more of a motion is no matter of luck.
+        # The same draws at every length, for comparable results.
         return simulate_decision(question, motion.gram(length), twins, np.random.default_rng(0))
 
     whole = at(seconds)
@@ -391,15 +391,15 @@ def find_settling_time(
 def find_inseparable_pairs(
     question: OpenQuestion, motions: Sequence[MotionInformation] | None = None
 ) -> frozenset[Pair]:
-    """Return pairs of which the second can be what the first is, on any motion.
+    """Return pairs of which the second can imitate the first on any motion.
 
-    What is weighed is what the first, at the size that was found of it, has beyond the
-    columns of the second, on `TRAVEL` seconds through all of the range: below what a
-    contest takes, no experiment tells. Both ways round they are twins; one way round
-    the first is a case of the second.
+    The measure is the evidence of the first, at its identified size, beyond the columns
+    of the second, on `TRAVEL` seconds through the full range: below the needed lead no
+    experiment separates them. In both directions they are twins; in one direction the
+    first is a special case of the second.
 
-    What the nominal model could do in their place is left out: it may be able to
-    imitate both, and its values speak for or against that.
+    The nominal model is excluded: it may imitate both, which its prior rates
+    separately.
     """
     motions = draw_free_motions(question) if motions is None else motions
     gram = np.mean([c.gram(TRAVEL + 2 * c.edge) for c in motions], axis=0)
@@ -416,7 +416,7 @@ def find_inseparable_pairs(
 def mark_inseparable_alternatives(
     question: OpenQuestion, named: Sequence[Place], sets: Sequence[Alternative]
 ) -> tuple[Alternative, ...]:
-    """Return the equally good sets; marks those that no motion separates."""
+    """Return the equally good sets, with those that no motion separates marked."""
     twins = find_inseparable_pairs(question) if sets and question.contests else frozenset()
     same = {
         tuple(question.contests[c].rivals[i].place for i in (a, b))
@@ -451,7 +451,7 @@ def evidence_beyond_columns(gram: Array, a: Rival, b: Rival) -> float:
 
 
 def list_separable_rivals(question: OpenQuestion, expected: ExpectedSeparation) -> tuple:
-    """Return the rivals that a motion tells apart, each once."""
+    """Return the rivals that a motion separates, each once."""
     contests = question.contests
     parted = {contests[c].rivals[i].place for c, a, b in expected.nats for i in (a, b)}
     every = (r.place for contest in contests for r in contest.rivals)
@@ -459,7 +459,7 @@ def list_separable_rivals(question: OpenQuestion, expected: ExpectedSeparation) 
 
 
 def draw_free_motions(question: OpenQuestion) -> list[MotionInformation]:
-    """Draw motions that know no obstacle; the same for the same question."""
+    """Draw motions without obstacles; the same for the same question."""
     rng = np.random.default_rng(0)
     count = round(SECONDS / PERIODS * question.signals.rate)
     robot = question.nominal.robot
@@ -470,7 +470,7 @@ def draw_free_motions(question: OpenQuestion) -> list[MotionInformation]:
 def draw_fourier_motion(
     robot: Robot, count: int, rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Draw a period of five harmonics, as large as the joints let it. (count, dof)."""
+    """Draw a period of five harmonics, scaled to the limits of the joints. (count, dof)."""
     lower, upper = np.maximum(robot.lower, -TURN), np.minimum(robot.upper, TURN)
     limit = np.asarray(robot.velocity_limit, dtype=float)
     speed = np.where(np.isfinite(limit) & (limit > 0), limit, UNKNOWN_SPEED)
@@ -489,18 +489,18 @@ def draw_fourier_motion(
     return centre + size * q, size * qd, size * qdd
 
 
-# Which logs separate what goals and positions alone leave open, of any motion.
+# Logs that separate effects which goals and positions alone cannot, on any motion.
 #
-# The torque of a drive is gain times what is left of the way. So all torques hold up to
-# one factor per joint, which only a known mass fixes; at one gain a wrong motor constant
-# and friction are alike; and damping by the drive is friction until the drive is off.
+# The torque of a drive is gain times position error. So all torques are known up to one
+# factor per joint, which only a known mass fixes; at one gain a wrong motor constant and
+# friction are alike; and damping by the drive equals friction until the drive is off.
 
 
 def list_separating_logs(robot: Robot, logs: Sequence[Recording]) -> tuple[str, ...]:
-    """Return what to log in addition, a sentence each; none where torque is measured.
+    """Return advice on additional logs, a sentence each; none if torque is measured.
 
     Args:
-        logs: Those that were fitted.
+        logs: The fit logs.
     """
     driven = [log for log in logs if log.drive is not None]
     if not driven:

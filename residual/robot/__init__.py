@@ -1,1 +1,1 @@
-"""The arm: description, rigid-body dynamics, and what a motion tells of its inertia."""
+"""The arm: description, rigid-body dynamics, and observability of its inertia."""

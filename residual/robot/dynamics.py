@@ -4,9 +4,9 @@ Pinocchio does the work of one sample; here are the loops. Its order of the iner
 parameters of a link is m, mx, my, mz, Ixx, Ixy, Iyy, Ixz, Iyz, Izz, about the link
 frame.
 
-Many directions of the 10 dof inertial parameters move no torque: the regressor has
-dependent columns. Those that are kept, each with what it takes over of the others, are
-the base parameters (Gautier 1990: numerical calculation by QR; G2017 eq. 6):
+Many directions of the 10 dof inertial parameters do not affect the torque: the regressor
+has dependent columns. The independent ones, with the parts of the others expressed by
+them, give the base parameters (Gautier 1990: numerical calculation by QR; G2017 eq. 6):
 
 Y pi = Y_b theta_b,    theta_b = K pi,    Y_b = Y[:, columns],    K[:, columns] = 1
 """
@@ -26,10 +26,10 @@ from residual.robot.robot import Robot
 from residual.robot.urdf import ENDLESS
 
 PER_LINK = 10
-# A mass of exactly zero has no centre; this one moves no torque by more than 1e-5 N m.
+# A mass of exactly zero has no centre; this one changes no torque by more than 1e-5 N m.
 _LEAST_MASS = 1e-6
 AT_ONCE = 1 << 11  # rows of a regressor
-LARGEST = 1 << 26  # bytes of one that is remembered: 40 000 rows for six joints
+LARGEST = 1 << 26  # bytes of a cached one: 40 000 rows for six joints
 KEPT = 1 << 27  # bytes of all of them: thirteen minutes for six joints
 
 
@@ -61,7 +61,7 @@ def compute_inertial_regressor(model: pin.Model, q: Array, qd: Array, qdd: Array
 
 
 def compute_robot_regressor(robot: Robot, q: Array, qd: Array, qdd: Array) -> Array:
-    """Return the same without the weight that the drives do not carry."""
+    """Return the regressor without the weight that the drives do not carry."""
     out = compute_inertial_regressor(robot.model, q, qd, qdd)
     if (carried := robot.carried) is not None:
         still = np.zeros_like(q)
@@ -75,7 +75,7 @@ def compute_robot_regressor(robot: Robot, q: Array, qd: Array, qdd: Array) -> Ar
 
 def compute_mass_matrix(model: pin.Model, q: Array) -> Array:
     """Return M(q) [kg m^2]. Shape (n, dof, dof)."""
-    # It fills no more than the upper half.
+    # Pinocchio fills only the upper half.
     upper = np.triu(_over((model.nv, model.nv), pin.crba, model, q))
     return upper + np.triu(upper, 1).transpose(0, 2, 1)
 
@@ -118,21 +118,21 @@ def compute_flange_jacobian(model: pin.Model, q: Array) -> Array:
 def find_flange_frame(model: pin.Model) -> int:
     """Return the index of the flange: the last frame that the last joint moves.
 
-    `load_robot` appends one where links behind locked joints, or behind --tip, follow.
+    `load_robot` appends one if links behind locked joints, or behind --tip, follow.
     """
     frames = [i for i, f in enumerate(model.frames) if f.parentJoint == model.nv]
     return frames[-1]
 
 
 def find_flange_placement(model: pin.Model) -> pin.SE3:
-    """Return where the flange sits in the frame of the last joint."""
+    """Return the placement of the flange in the frame of the last joint."""
     return model.frames[find_flange_frame(model)].placement
 
 
 def find_flange_axis(model: pin.Model) -> Array:
     """Return the axis of the last joint in the flange frame, pointing away. (3,).
 
-    Away is where the flange lies from the last joint, else where its link's mass is.
+    Away is the side of the flange seen from the last joint, else of its link's mass.
     """
     last = model.njoints - 1
     axis = find_joint_axis(model, last)
@@ -154,9 +154,9 @@ def find_joint_axis(model: pin.Model, joint: int) -> Array:
 
 
 def compute_last_joint_distance(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the last one [m].
+    """Return the length of the path from the base over all joints to the last one [m].
 
-    A joint that slides adds the way that it can go.
+    A sliding joint adds its travel.
     """
     end = np.maximum(np.abs(model.lowerPositionLimit), np.abs(model.upperPositionLimit))
     slides = np.array(find_prismatic_joints(model), dtype=bool) & (end < float(ENDLESS))
@@ -165,9 +165,9 @@ def compute_last_joint_distance(model: pin.Model) -> float:
 
 
 def compute_reach(model: pin.Model) -> float:
-    """Return the way from the base over all joints to the flange [m].
+    """Return the length of the path from the base over all joints to the flange [m].
 
-    Of an arm of one joint without a flange it is the lever of its mass.
+    For an arm of one joint without a flange it is the lever of its mass.
     """
     way = compute_last_joint_distance(model)
     way += float(np.linalg.norm(find_flange_placement(model).translation))
@@ -183,8 +183,8 @@ def read_inertial_parameters(model: pin.Model) -> Array:
 def replace_inertial_parameters(model: pin.Model, parameters: Array) -> pin.Model:
     """Return a copy of the model with other inertial parameters.
 
-    Ten per moving body, in SI units. Values that no body can have (negative mass or
-    inertia) are taken as they are.
+    Ten per moving body, in SI units. Impossible values (negative mass or inertia) are
+    accepted.
     """
     changed = pin.Model(model)
     for i, body in enumerate(np.reshape(parameters, (-1, PER_LINK)), start=1):
@@ -209,7 +209,7 @@ class KinematicChain:
     def compute_joint_origins(self, q: Array) -> Array:
         """Return the origins of base, joints and flange in the base frame [m].
 
-        All postures (n, dof) at once; one axis after the other, by Rodrigues' formula.
+        For all postures (n, dof) at once; one axis after the other, by Rodrigues' formula.
         Shape (n, dof + 2, 3).
         """
         n, dof = q.shape
@@ -247,12 +247,12 @@ def build_kinematic_chain(model: pin.Model) -> KinematicChain:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LazyRegressor:
-    """An inertial regressor that is made when somebody reads it.
+    """An inertial regressor computed on demand.
 
-    It has 360 numbers a row for six joints. The last ones are remembered, since many
-    look at the same motion, link by link: no link loads a joint that it is before, so
-    that 210 are enough. Of one that is too large for that only what is asked for is
-    made.
+    It has 360 numbers a row for six joints. The last ones are cached, since many
+    functions use the same motion, link by link: no link loads a joint beyond it, so that
+    210 are enough. If one is too large for the cache, only the requested part is
+    computed.
     """
 
     robot: Robot  # the arm; without `carried` all of its weight counts
@@ -266,7 +266,7 @@ class LazyRegressor:
         return out
 
     def __getitem__(self, key) -> Array:
-        """Some of it: rows, or columns of all rows as [:, :, columns]."""
+        """A part of it: rows, or columns of all rows as [:, :, columns]."""
         if isinstance(key, slice):
             motion = (x[key] for x in self.motion)
             return compute_robot_regressor(self.robot, *motion)
@@ -283,7 +283,7 @@ class LazyRegressor:
     def __matmul__(self, parameters: Array) -> Array:
         """Torque of these inertial parameters [N m]. Shape (n, dof).
 
-        By the recursive algorithm, in a third of the time, where it is not known.
+        If it is not cached, by the recursive algorithm, in a third of the time.
         """
         if not self._small and self.robot.carried is None:
             body = replace_inertial_parameters(self.robot.model, parameters)
@@ -300,7 +300,7 @@ class LazyRegressor:
 
     @property
     def _small(self) -> bool:
-        """Whether all of it is small enough to be kept."""
+        """Whether all of it is small enough for the cache."""
         n, dof = self.motion[0].shape
         return 8 * PER_LINK * n * dof * (dof + 1) // 2 <= LARGEST
 
@@ -317,7 +317,7 @@ class LazyRegressor:
 
 
 def build_motion_key(robot: Robot, *motion: Array) -> tuple:
-    """Return a key of a cache for what is computed of a motion: its values."""
+    """Return the cache key of a motion: its values."""
     return robot, *(x.tobytes() for x in motion)
 
 
@@ -339,15 +339,15 @@ def split_regressor_by_link(regressor: Array | LazyRegressor, dof: int) -> Itera
             yield regressor[:, : i + 1, PER_LINK * i : PER_LINK * (i + 1)]
 
 
-STATES = 200  # random states that decide which columns are independent
+STATES = 200  # random states for choosing independent columns
 _TOLERANCE = 1e-8
-# Of the largest pivot: the last true one of an arm is above 0.1, and angles that a URDF
-# rounds (1.5708) make false ones near 1e-4, which no motion could excite.
+# Of the largest pivot: the last true one of an arm is above 0.1, and rounded angles in a
+# URDF (1.5708) give false ones near 1e-4, which no motion could excite.
 _INDEPENDENT = 1e-3
-_SILENT = 1e-4  # of the largest column: no more than rounded angles make
-_ROUNDING = 1e-6  # of a column's length: what rounded angles of a URDF may leave
-_NOTHING = 1e-12  # of a column's length: a share smaller than this is none
-_WORST = 1e3  # condition number up to which readable columns will do
+_SILENT = 1e-4  # of the largest column: limit of the effect of rounded angles
+_ROUNDING = 1e-6  # of a column's length: remainder due to rounded angles of a URDF
+_NOTHING = 1e-12  # of a column's length: a smaller share counts as zero
+_WORST = 1e3  # condition number up to which readable columns are used
 # Inertias on the diagonal, products, moments, mass.
 _ORDER = (4, 6, 9, 5, 7, 8, 1, 2, 3, 0)
 _KINDS = (
@@ -369,19 +369,19 @@ class StandardParameter:
     """One parameter of the full, redundant description."""
 
     name: str  # in words: "mass of link 3", "coulomb level of joint 2"
-    unit: str  # SI unit, empty where it is not known
-    joint: int  # joint it belongs to, from 1
+    unit: str  # SI unit, empty if unknown
+    joint: int  # its joint, from 1
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BaseParameters:
-    """Base parameters and how they are made of the standard ones."""
+    """Base parameters and their composition of the standard ones."""
 
     standard: tuple[StandardParameter, ...]  # the s standard parameters, in order
     columns: Array  # standard parameters that lead a base parameter, increasing, (b,)
-    mapping: Array  # k, base from standard parameters; 1 at the leading one, (b, s)
-    # Smallest singular value that counts over the largest that does not, of the column-
-    # normalised regressor: far above 1 where the rank is certain.
+    mapping: Array  # K, base from standard parameters; 1 at the leading one, (b, s)
+    # Smallest nonzero over largest zero singular value of the column-normalised
+    # regressor: far above 1 if the rank is certain.
     gap: float
 
     def __post_init__(self) -> None:
@@ -397,7 +397,7 @@ class BaseParameters:
         return tuple(self.standard[c] for c in self.columns)
 
     def words(self, i: int) -> str:
-        """Base parameter i as the sum it is: "J2: mass of link 2 + 0.36 x ..."."""
+        """Base parameter i as a sum: "J2: mass of link 2 + 0.36 x ..."."""
         lead = self.columns[i]
         text = f"J{self.standard[lead].joint}: {self.standard[lead].name}"
         size = np.abs(self.mapping[i])
@@ -412,10 +412,10 @@ class BaseParameters:
         return text
 
     def expand_to_standard(self, theta: Array, nominal: Array, covariance: Array) -> Array:
-        """Standard parameters that have these base parameters, nearest to the nominal.
+        """Standard parameters with given base parameters, nearest to the nominal.
 
-        pi = pi_0 + S K' (K S K')^-1 (theta_b - K pi_0): of all that move the same
-        torque, those that the covariance S of nominal values makes most likely. (s,).
+        pi = pi_0 + S K' (K S K')^-1 (theta_b - K pi_0): of all with the same torque, the
+        most likely ones under the covariance S of nominal values. (s,).
         """
         across = self.mapping @ covariance
         inner = across @ self.mapping.T
@@ -426,10 +426,10 @@ class BaseParameters:
 
 
 def find_independent_columns(model: pin.Model) -> Array:
-    """Return the columns of the regressor that no other columns add up to.
+    """Return linearly independent columns of the regressor.
 
-    QR with column pivoting over random states, columns at length one; what the other
-    columns would have told goes to these.
+    QR with column pivoting over random states, columns normalized to length one; the
+    other columns are combinations of these.
 
     Returns:
         Indices into the 10 * dof inertial parameters, increasing. Shape (b,).
@@ -440,9 +440,9 @@ def find_independent_columns(model: pin.Model) -> Array:
 
 
 def draw_random_states(model: pin.Model) -> Array:
-    """Return q, qd and qdd of the states that decide. Shape (3, STATES, dof).
+    """Return q, qd and qdd of random states. Shape (3, STATES, dof).
 
-    Which columns depend on which is a property of the arm: any states tell it.
+    Linear dependence of the columns is a property of the arm: any states show it.
     """
     return np.random.default_rng(0).uniform(-3, 3, (3, STATES, model.nv))
 
@@ -465,10 +465,10 @@ def list_inertial_parameters(dof: int) -> tuple[StandardParameter, ...]:
 def compute_base_parameters(model: pin.Model) -> BaseParameters:
     """Return the base parameters of the rigid body.
 
-    The rank is read from the singular values, and columns are kept in an order that
-    people can follow: inertias, then moments, then masses, each from the base on. A
-    URDF whose angles were rounded (1.5708 for a right angle) has columns that differ
-    by rounding alone; they count as one.
+    The rank follows from the singular values, and columns are chosen in a readable
+    order: inertias, then moments, then masses, each from the base on. A URDF with rounded
+    angles (1.5708 for a right angle) has columns that differ by rounding only; they count
+    as one.
     """
     rows = _draw_rows(model)
     links = range(model.nv)
@@ -478,7 +478,7 @@ def compute_base_parameters(model: pin.Model) -> BaseParameters:
     values = np.linalg.svd(scaled, compute_uv=False)
     rank = int((values > _ROUNDING * values[0]).sum())
     if len(columns) != rank or np.linalg.cond(scaled[:, columns]) >= _WORST:
-        # Columns in a fixed order may lean on one another; pivoting never lets them.
+        # Columns in a fixed order may be nearly dependent; pivoting avoids that.
         pivoted = np.asarray(qr(scaled, mode="r", pivoting=True)[-1])
         columns = np.sort(pivoted[:rank])
     return reduce_to_base_parameters(rows, columns, list_inertial_parameters(model.nv))
@@ -487,9 +487,9 @@ def compute_base_parameters(model: pin.Model) -> BaseParameters:
 def reduce_to_base_parameters(
     rows: Array, independent: Array, standard: Sequence[StandardParameter]
 ) -> BaseParameters:
-    """Write all columns of a regressor as sums of those that are kept.
+    """Express all columns of a regressor by the independent ones.
 
-    Rows are on states of every kind, the columns independent of one another.
+    Rows are on varied states, the chosen columns independent.
     Shapes (rows, s), (b,).
     """
     size = np.linalg.norm(rows, axis=0)
@@ -506,10 +506,10 @@ def reduce_to_base_parameters(
 
 
 def extend_independent_columns(rows: Array, independent: Array, candidates: Sequence[int]) -> Array:
-    """Return those kept, and the candidates that are no sum of them, one by one.
+    """Extend independent columns by candidates that are not combinations of them.
 
-    Rows are of the regressor on states of every kind, columns kept already, and those
-    to try, in order. Shapes (rows, s), (b,) to (b + more,).
+    Rows are of the regressor on varied states; then the chosen columns, and those to try,
+    in order. Shapes (rows, s), (b,) to (b + more,).
     """
     size = np.linalg.norm(rows, axis=0)
     basis = np.linalg.qr(rows[:, independent] / size[independent])[0]
@@ -518,7 +518,7 @@ def extend_independent_columns(rows: Array, independent: Array, candidates: Sequ
         if size[k] <= _TOLERANCE * size.max():
             continue
         new = rows[:, k] / size[k]
-        for _ in range(2):  # once more takes away what rounding left
+        for _ in range(2):  # a second pass removes rounding
             new = new - basis @ (basis.T @ new)
         length = np.linalg.norm(new)
         if length > _ROUNDING:
@@ -528,6 +528,6 @@ def extend_independent_columns(rows: Array, independent: Array, candidates: Sequ
 
 
 def _scaled(rows: Array, least: float = _TOLERANCE) -> Array:
-    """Return columns at length one; shorter ones than a share of the longest at 0."""
+    """Return columns normalized to length one; very short ones become 0."""
     size = np.linalg.norm(rows, axis=0)
     return rows / np.where(size > least * size.max(), size, np.inf)

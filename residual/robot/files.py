@@ -1,8 +1,8 @@
-"""What Pinocchio makes of a URDF and MuJoCo of an MJCF, and what a robot.toml says.
+"""Readers of URDF (Pinocchio), MJCF (MuJoCo), xacro and robot.toml.
 
 Pinocchio reads MJCF too, but not its gravity, the equalities between joints and the
-springs, and it scales the range of a slide. What MuJoCo has compiled is bodies in a
-tree, each with its joints; a body of several joints becomes links without mass.
+springs, and it scales the range of a slide. MuJoCo compiles it to a tree of bodies, each
+with its joints; a body with several joints becomes several links, some without mass.
 """
 
 import os
@@ -40,8 +40,8 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
 
     Args:
         args: Its arguments, as "name:=value".
-        packages: Folders of packages, or such packages themselves, where $(find name)
-            looks before the folders above the file.
+        packages: Folders of packages, or packages, searched by $(find name) before the
+            folders above the file.
 
     Raises:
         RobotError: If it does not expand.
@@ -62,20 +62,20 @@ def expand_xacro(path: Path, args: Sequence[str], packages: Sequence[str]) -> st
             )
         arguments[name] = value
     finder.reset()
-    # A folder is a package by its name too, with or without a package.xml.
+    # A folder counts as a package by its name, with or without a package.xml.
     above = list(path.resolve().parents)
     places = [*reversed(above), *(Path(p).resolve() for p in packages)]
     beside = [p for folder in (*packages, *above[:3]) for p in Path(folder).iterdir()]
     folders = {p.name: p for p in (*reversed(beside), *places) if p.is_dir()}
     finder.update_package_cache(folders)
-    # A relative include begins at the file that has it, and not at the last one of before.
+    # A relative include starts at the including file, not at the previously read one.
     xacro.init_stacks(str(path.resolve()))
     try:
-        # Meshes are nobody's concern here, and their folders no part of the robot.
+        # Meshes are not needed, nor are their folders.
         document = XacroDoc.from_file(path, subargs=arguments, resolve_packages=False)
         return document.dom.toxml()
     except Exception as error:
-        # What a macro makes the parser raise is not on any list.
+        # A macro may make the parser raise any error.
         why = shorten_value(" ".join(str(error).split()) or type(error).__name__)
         raise RobotError(
             f"{path.name} does not expand: {why} Arguments are given by --xacro-arg "
@@ -97,7 +97,7 @@ def build_pinocchio_model(text: str, where: str) -> pin.Model:
             model = pin.buildModelFromXML(text)
     except (ValueError, RuntimeError) as error:
         noise.append(f"Error: {error}")
-    # The parser goes on with a point mass where it cannot read an inertia.
+    # The parser uses a point mass where it cannot read an inertia.
     if model is None or "nertia" in noise[0]:
         reasons = re.findall(r"Error:\s+(.*)", "\n".join(noise))
         raise RobotError(f"{where} is not a usable URDF: {'; '.join(reasons[:2])[:180]}")
@@ -135,13 +135,13 @@ def _captured_stderr(lines: list[str]) -> Iterator[None]:
             lines.append(sink.read().decode(errors="replace"))
 
 
-# What a robot.toml may say: names, units and sizes checked.
+# The content of a robot.toml: names, units and sizes are checked.
 
 
 Effects = Mapping[str, Collection[str]]
 
 GRAVITY = (0.0, 0.0, -9.81)  # m/s^2
-LARGEST = 1e30  # no number of a robot is larger, and a product of several overflows
+LARGEST = 1e30  # larger than any value of a robot; products of such values overflow
 SLUG = re.compile(r"[a-z0-9_-]{1,40}")
 SERIAL = re.compile(r"[A-Za-z0-9._-]{1,40}")
 _TEXTS = {
@@ -171,7 +171,7 @@ class DeclaredEffect:
     # without values.
     values: Mapping[str, Array]
     assumed: bool = False  # whether the values are an assumption, not a measurement
-    source: str = ""  # where the values are from
+    source: str = ""  # source of the values
 
 
 def parse_toml(text: str, where: str) -> dict:
@@ -185,11 +185,11 @@ def parse_toml(text: str, where: str) -> dict:
 
 
 def parse_arm_choice(chain: object, locked: object, where: str) -> ArmChoice:
-    """Check what a robot.toml says of its chain and of the joints outside of it.
+    """Check the chain and the locked joints of a robot.toml.
 
     Raises:
-        RobotError: If a table is none, or a name or value is not usable.
-        UnknownNameError: On a key that is not known.
+        RobotError: If a table is not one, or a name or value is not usable.
+        UnknownNameError: On an unknown key.
     """
     for name, table in (("chain", chain), ("locked", locked)):
         if not isinstance(table, dict):
@@ -214,11 +214,11 @@ def parse_robot_settings(
 
     Returns:
         Fields of a `Robot`, its gravity in the base frame [m/s^2], shape (3,), and
-        whether a weight that its file says is carried is.
+        whether a weight declared as compensated is.
 
     Raises:
         RobotError: On a wrong size or a value out of range.
-        UnknownNameError: On a table, key or effect that is not known.
+        UnknownNameError: On an unknown table, key or effect.
     """
     check_keys(content, (*_TABLES, *_CHOICE, "declared", "known"), where)
     for name, table in content.items():
@@ -343,7 +343,7 @@ _JOINT_EQUALITY = 2  # mjtEq
 
 
 class CompiledMjcf(NamedTuple):
-    """What MuJoCo makes of an MJCF."""
+    """A compiled MJCF."""
 
     urdf: str
     gravity: tuple[float, ...] | None = None  # [m/s^2]
@@ -379,7 +379,7 @@ class _Writer:
         self.notes: list[str] = []
         names = ("damping", "friction", "armature")
         self.properties: dict[str, dict[str, float]] = {name: {} for name in names}
-        # Of each body: its link, and where the body's frame is in that of the link.
+        # Of each body: its link, and the placement of the body's frame in that of the link.
         self.frames: list[tuple[str, pin.SE3]] = []
 
     def compiled(self) -> CompiledMjcf:
@@ -422,7 +422,7 @@ class _Writer:
         self.frames.append((name, inside))
 
     def _reference(self, j: int) -> pin.SE3:
-        """The pose of an MJCF is that at the joint's reference, of a URDF at zero."""
+        """Move the pose from the joint's reference (MJCF) to zero (URDF)."""
         away = -float(self.m.qpos0[self.m.jnt_qposadr[j]]) * self.m.jnt_axis[j]
         if _KINDS[self.m.jnt_type[j]] == "prismatic":
             return pin.SE3(np.eye(3), np.array(away))
@@ -474,7 +474,7 @@ class _Writer:
             ET.SubElement(node, "inertia", tensor)
 
     def _carried_weight(self) -> None:
-        """Note which share of the weight is not in the torque of which joints."""
+        """Record the share of the weight that is missing in the torque, and the joints."""
         m = self.m
         held = np.flatnonzero(m.body_gravcomp * m.body_mass)
         if not len(held):

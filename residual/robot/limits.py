@@ -1,7 +1,7 @@
-"""Limits of joints that no arm has, and those that logs show to be placeholders.
+"""Impossible joint limits, and placeholder limits contradicted by logs.
 
-Who writes a file without knowing a limit writes some number: a torque that does not
-hold the arm, one number for shoulder and wrist, or limits of which no joint keeps any.
+Unknown limits are often filled with arbitrary numbers: a torque too small to hold the
+arm, one number for shoulder and wrist, or limits that every joint exceeds.
 """
 
 from collections.abc import Sequence
@@ -14,14 +14,14 @@ from residual.recording import Array, Recording, compute_usual_speeds
 from residual.robot.dynamics import compute_gravity_torque
 from residual.robot.robot import Robot
 
-POSTURES = 200  # in which the weight is looked at
-LIMP = 0.9  # of the largest weight in them: a smaller torque limit holds no arm
+POSTURES = 200  # postures in which the weight is evaluated
+LIMP = 0.9  # of the largest weight in them: a smaller torque limit cannot hold the arm
 SWIFT = {"rad/s": 40.0, "m/s": 15.0}  # faster than the joints of arms
-UNEVEN = 20.0  # of the weights of joints that have one torque limit between them
+UNEVEN = 20.0  # ratio of the weights of joints with the same torque limit
 
 
 def find_limit_flaws(robot: Robot) -> list[tuple[int, str]]:
-    """Return the joints (from 1) with a limit that no arm has, each with words."""
+    """Return the joints (from 1) with an impossible limit, each with a description."""
     out = []
     for j, speed in enumerate(robot.velocity_limit):
         unit = "m/s" if robot.prismatic[j] else "rad/s"
@@ -35,7 +35,7 @@ def find_limit_flaws(robot: Robot) -> list[tuple[int, str]]:
         unit = "N" if robot.prismatic[j] else "N m"
         words = f"The torque limit is {limit[j]:.4g} {unit}, and the weight of the arm"
         out.append((int(j) + 1, f"{words} alone takes up to {most[j]:.4g} {unit}."))
-    # A joint upright takes no weight: those that do are compared.
+    # A vertical joint carries no weight, so only the others are compared.
     loaded = most > 1e-3 * most.max(initial=0.0)
     same = np.isfinite(limit).all() and np.ptp(limit) == 0 and not any(robot.prismatic)
     if loaded.sum() > 2 and same and most.max() > UNEVEN * most[loaded].min():
@@ -45,12 +45,12 @@ def find_limit_flaws(robot: Robot) -> list[tuple[int, str]]:
 
 
 BROKEN = 1.5  # times a limit: files are a little too strict
-ALIKE = 2.0  # to either side of the usual factor, where all joints break their limit
+ALIKE = 2.0  # around the median factor, if all joints exceed their limit
 NEARLY = 0.8  # of the joints
-FEWEST = 3  # joints: of two nobody says what is usual
+FEWEST = 3  # joints: two are too few for a median
 SHARE = 0.95  # of the samples are slower
-# What arms do at most; beyond it columns or units are wrong, not the file. A torque
-# that is so many times its limit is in another unit.
+# Largest values of any arm; beyond it columns or units are wrong, not the file. A torque
+# this many times its limit is in another unit.
 FASTEST, FARTHEST, LEAP = 8.0, 15.0, 1.5  # rad/s or m/s; rad or m, of a span, a step
 STRONGEST = 30.0  # times the limit
 
@@ -62,10 +62,10 @@ _WORDS = {
 
 
 def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str, str]:
-    """Return which limits no joint keeps to, by the field of the robot, with words."""
+    """Return the placeholder limits, by the field of the robot, with a description."""
     speed = compute_usual_speeds(logs, SHARE)
     torque = np.max([np.quantile(np.abs(r.tau), SHARE, axis=0) for r in logs], 0)
-    # Another zero, or an encoder that begins again, leaves a range for what it is.
+    # Another zero, or an encoder that wraps, does not invalidate a range.
     span = np.max([np.ptp(r.q, axis=0) for r in logs], axis=0)
     leap = np.max([np.abs(np.diff(r.q, axis=0)).max() for r in logs])
     travel = robot.upper - robot.lower
@@ -90,7 +90,7 @@ def find_placeholder_limits(robot: Robot, logs: Sequence[Recording]) -> dict[str
 
 
 def _is_placeholder(ratio: Array, limit: Array) -> bool:
-    """Whether all limits are one number that is broken, or nearly all by one factor."""
+    """Whether all limits are one number that is exceeded, or all by about one factor."""
     if len(limit) < FEWEST or not np.isfinite(limit).all():
         return False
     broken = ratio > BROKEN
@@ -101,7 +101,7 @@ def _is_placeholder(ratio: Array, limit: Array) -> bool:
 
 
 def drop_placeholder_limits(robot: Robot, recordings: Sequence[Recording]) -> Robot:
-    """Return the robot without the limits that are placeholders."""
+    """Return the robot without placeholder limits."""
     limits = find_placeholder_limits(robot, recordings)
     out = {key: np.full(robot.dof, np.inf) for key in limits}
     if "upper" in out:

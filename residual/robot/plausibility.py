@@ -1,9 +1,9 @@
-"""Bodies of a robot file: those that no link has, and the weight that is held.
+"""Bodies of a robot file: implausible ones, and compensated weight.
 
 A tensor of positive mass has a covariance S = tr(I) / 2 - I that is positive: no moment
 exceeds the sum of the two others. Its radius of gyration lies between that of a ball of
-the heaviest metal and about half of what the link is long. A tensor that several links
-of different mass share, or a ball's with one digit, was typed in, not computed.
+the heaviest metal and about half of the length of the link. A tensor shared by several
+links of different mass, or that of a ball with one digit, was typed in, not computed.
 """
 
 import xml.etree.ElementTree as ET
@@ -18,25 +18,25 @@ from residual.recording import Array
 from residual.robot.files import find_prismatic_joints
 from residual.robot.urdf import GRAVCOMP
 
-LIGHTEST, HEAVIEST = 300.0, 20_000.0  # kg/m^3 of a ball as large, as small as a link
+LIGHTEST, HEAVIEST = 300.0, 20_000.0  # kg/m^3 of a ball of the size of a link
 WIDEST = 0.8  # radius of gyration over the link's length; a dumbbell's is 0.5
 WIDEST_BALL = 0.5  # the same of three equal moments; a hollow ball's is 0.41
 FARTHEST = 2.0  # a centre's distance from the link's joints over its length
-HEAVIEST_LINK = 0.9  # of the mass that moves, where three links or more do
+HEAVIEST_LINK = 0.9  # of the moving mass, with three links or more
 BODY_REMEDY = (
     "These moments are left open in a fit, and a body that cannot exist is taken as "
     "the nearest that can. Give the real ones in the robot file."
 )
-SLACK = 0.005  # of the largest moment: what rounding leaves of an exact plate
-THIN = 0.02  # of the largest eigenvalue of S: a repaired body is no flatter
-# Of the inertia that its joint feels: a smaller moment is not worth a word.
+SLACK = 0.005  # of the largest moment: rounding of an exact plate
+THIN = 0.02  # of the largest eigenvalue of S: limit for a repaired body
+# Of the inertia at its joint: smaller moments are ignored.
 SHARE, IMPOSSIBLE_SHARE = 0.01, 1e-4
 _KEYS = ("ixx", "iyy", "izz", "ixy", "ixz", "iyz")
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class BodyFlaw:
-    """What is wrong with the body of one link of a robot file."""
+    """A flaw of the body of one link of a robot file."""
 
     link: str  # its name in the file
     joint: int  # that moves it, from 1
@@ -51,7 +51,7 @@ class BodyFlaw:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class LinkBody:
-    """The body of one link as its file gives it, in the axes of its joint."""
+    """The body of one link from its file, in the axes of its joint."""
 
     link: str
     joint: int  # that moves it, from 1
@@ -124,14 +124,14 @@ def read_link_bodies(model: pin.Model, urdf: str) -> tuple[LinkBody, ...]:
 
 
 def find_body_flaws(model: pin.Model, bodies: Sequence[LinkBody]) -> tuple[BodyFlaw, ...]:
-    """Return what is wrong with the bodies of an arm, one flaw for each link."""
+    """Return the flaws of the bodies of an arm, at most one for each link."""
     felt = _felt_inertias(model, bodies)
     moving = sum(body.mass for body in bodies)
     out = []
     for body in bodies:
         kind, words = _judge(body, bodies, moving)
         share = abs(body.moments).max()
-        if kind in ("dense", "mass", "centre"):  # what is wrong is what is missing
+        if kind in ("dense", "mass", "centre"):  # the flaw is the missing part
             share = max(share, body.mass * body.length**2)
         least = IMPOSSIBLE_SHARE if kind == "impossible" else SHARE
         if kind and share >= least * felt[body.joint - 1]:
@@ -140,7 +140,7 @@ def find_body_flaws(model: pin.Model, bodies: Sequence[LinkBody]) -> tuple[BodyF
 
 
 def describe_body_flaws(flaws: Sequence[BodyFlaw]) -> list[str]:
-    """Return the flaws in words, links with the same one together."""
+    """Return the flaws in words, links with the same flaw together."""
     links: dict[str, list[str]] = {}
     for flaw in flaws:
         links.setdefault(flaw.words, []).append(f"'{flaw.link}'")
@@ -153,21 +153,21 @@ def describe_body_flaws(flaws: Sequence[BodyFlaw]) -> list[str]:
 def repair_impossible_bodies(
     model: pin.Model, bodies: Sequence[LinkBody], flaws: Sequence[BodyFlaw]
 ) -> pin.Model:
-    """Return the model with the nearest tensors that can exist; others stay."""
+    """Return the model with impossible tensors replaced by the nearest possible ones."""
     links = {flaw.link for flaw in flaws if flaw.kind == "impossible"}
     if not links:
         return model
     model = pin.Model(model)
     for body in (body for body in bodies if body.link in links):
         whole = model.inertias[body.joint]
-        # No mass moves, so a tensor about any point changes by the same.
+        # The mass stays, so the change of the tensor is the same about any point.
         tensor = whole.inertia + _nearest(body) - body.tensor
         model.inertias[body.joint] = pin.Inertia(whole.mass, whole.lever, tensor)
     return model
 
 
 def _judge(body: LinkBody, bodies: Sequence[LinkBody], moving: float) -> tuple[str, str]:
-    """Kind and words of the worst that is wrong with a body; "" for nothing."""
+    """Kind and description of the worst flaw of a body; "" for none."""
     least, middle, most = body.moments
     given = _words(body)
     if not body.mass:
@@ -187,7 +187,7 @@ def _judge(body: LinkBody, bodies: Sequence[LinkBody], moving: float) -> tuple[s
             f"{away:.3g} m off a link of {body.length:.3g} m"
         )
     if not most:
-        return "", ""  # a point on purpose; the reader tells it
+        return "", ""  # a deliberate point mass, which the reader reports
     ball = most - least <= 1e-6 * most
     widest = (WIDEST_BALL if ball else WIDEST) * body.length
     if body.radius > widest:
@@ -219,7 +219,7 @@ def _judge(body: LinkBody, bodies: Sequence[LinkBody], moving: float) -> tuple[s
 def _doubt(body: LinkBody, kind: str) -> Array:
     """Deviation of the ten parameters of a flawed body. Shape (10,)."""
     out, size = np.zeros(10), max(body.mass, 0.0) * body.length**2
-    # About the joint's origin, where a tensor in doubt is as wrong as about its centre.
+    # About the joint's origin, where the error of the tensor is the same.
     out[4:] = max(float(abs(body.moments).max()), 0.1 * size)
     if kind in ("mass", "centre"):
         away = max(float(np.linalg.norm(body.centre)), body.length)
@@ -231,7 +231,7 @@ def _doubt(body: LinkBody, kind: str) -> Array:
 
 
 def _nearest(body: LinkBody) -> Array:
-    """The tensor nearest to a body's that some distribution of mass has. (3, 3)."""
+    """The physically possible tensor nearest to a body's. (3, 3)."""
     if not body.mass:
         return np.zeros((3, 3))
     tensor = body.tensor
@@ -244,7 +244,8 @@ def _nearest(body: LinkBody) -> Array:
 def _felt_inertias(model: pin.Model, bodies: Sequence[LinkBody]) -> Array:
     """Inertia about each joint, the arm at zero [kg m^2]. Shape (dof,).
 
-    Of rods as long and heavy as the links: their tensors are what is in question.
+    Computed for rods with the length and mass of the links, since their tensors are in
+    doubt.
     """
     model, rods = pin.Model(model), np.zeros(model.njoints)
     for body in bodies:
@@ -256,7 +257,7 @@ def _felt_inertias(model: pin.Model, bodies: Sequence[LinkBody]) -> Array:
     felt = np.abs(np.diag(pin.crba(model, model.createData(), pin.neutral(model))))
     turning = 0.0
     for j, slides in enumerate(find_prismatic_joints(model)):
-        # A joint that slides feels no moment, the one before it that turns does.
+        # A sliding joint has no moment; use the revolute joint before it.
         felt[j] = turning = turning if slides else felt[j]
     return felt
 
@@ -280,32 +281,32 @@ def _vector(node: ET.Element | None, key: str) -> Array:
     return np.array(text.split(), float)
 
 
-# The weight that the drives of an arm do not carry, by what its robot file states.
+# The weight that the drives of an arm do not carry, by its robot file.
 #
-# MuJoCo holds a body with ``gravcomp`` against that share of its weight by a force of its
-# own. Joints with actuatorgravcomp count it as torque of their drive; on the others
-# it is missing from it:
+# MuJoCo supports that share ``gravcomp`` of the weight of a body with an extra force.
+# Joints with actuatorgravcomp count it as torque of their drive; in the torque of the
+# others it is missing:
 #
 # tau = Y(q, qd, qdd) pi - G(q) C pi
 #
-# with G the columns of gravity and C pi the masses and moments that are held. A body of
-# several links, some held, has a C that is exact for the bodies of the file.
+# with G the columns of gravity and C pi the supported masses and moments. For a body of
+# several links, some supported, C is exact for the bodies of the file.
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class CarriedWeight:
-    """What of the arm's weight is missing from the torque of its drives."""
+    """The part of the arm's weight that is missing in the torque of its drives."""
 
-    # C of each body: mass and first moments held, of its own. Shape (dof, 4, 4).
+    # C of each body: share of its mass and first moments. Shape (dof, 4, 4).
     shares: Array
     missing: Array  # whether it is missing from a joint's torque, (dof,), bool
-    links: tuple[str, ...]  # that are held, in whole or in part
+    links: tuple[str, ...]  # links supported completely or in part
 
 
 def read_carried_weight(
     model: pin.Model, urdf: str, bodies: Sequence[LinkBody]
 ) -> CarriedWeight | None:
-    """Return what a URDF of ours notes of it; None where the drives carry all."""
+    """Return the carried weight noted in our URDF; None if the drives carry all."""
     nodes = ET.fromstring(urdf).findall(f"modelgap/{GRAVCOMP}")
     share = {n.get("link", ""): float(n.get("share", "0")) for n in nodes}
     counted = {n.get("joint", "") for n in nodes}

@@ -1,6 +1,7 @@
 """The robot: rigid body from its file, everything else from its robot.toml.
 
-Also the one word for its file and how it is read, which requests and records keep.
+Also its reference: one word for its file and reading options, kept in requests and
+records.
 """
 
 import hashlib
@@ -53,12 +54,12 @@ _ENDINGS = (".urdf", ".xacro", ".xml")  # of robot files, in the order of their 
 class Robot:
     """A serial arm of revolute and prismatic joints, joint 1 at the base.
 
-    Units follow the joint: where rad and N m stand, a prismatic one has m and N.
+    Units follow the joint: a prismatic one has m and N in place of rad and N m.
 
     Attributes:
         name: Slug, 1 to 40 of a-z, 0-9, "_" and "-".
-        model: Pinocchio model with nq == nv == dof, gravity set; where the file has a
-            body that cannot exist, with the nearest that can.
+        model: Pinocchio model with nq == nv == dof, gravity set; impossible bodies of
+            the file are replaced by the nearest possible ones.
         urdf: URDF text the model was built from: continuous joints as revolute, those
             outside of the chain as fixed.
         toml: Canonical text of the robot.toml (JSON, keys sorted), "{}" for none.
@@ -74,15 +75,14 @@ class Robot:
         declared: Effects that the nominal model has, by name; empty for a bare URDF.
         prior_scale: Relative scale of the rigid prior, None to estimate it.
         serial: Serial number, None where its robot.toml gives none.
-        columns: What its robot.toml says of the columns of its logs, unchecked: a fact
-            of the logger, so no part of the robot's hash.
-        known_values: Values that are known for sure, such as "payload.mass" [SI].
-        locked: Joints of its file that are outside of the chain, and where they stand
-            [rad or m].
-        notes: What of its file was not taken as it stands, in words.
-        flaws: Bodies of its file that no link has (`residual.robot.plausibility`).
-        carried: Weight that is missing from the torque of its drives, by its file; None
-            where they carry all.
+        columns: Column map of its logs in robot.toml, unchecked: a property of the
+            logger, so not part of the robot's hash.
+        known_values: Known values, such as "payload.mass" [SI].
+        locked: Joints of its file outside of the chain, and their positions [rad or m].
+        notes: Changes to the content of its file, in words.
+        flaws: Implausible bodies of its file (`residual.robot.plausibility`).
+        carried: Weight missing in the torque of its drives, by its file; None if they
+            carry all.
     """
 
     name: str
@@ -143,7 +143,7 @@ class Robot:
 
 
 def check_joint_count(robot: Robot, recordings: Sequence[Recording]) -> None:
-    """Check that logs are of an arm with as many joints."""
+    """Check that logs have the same number of joints."""
     for recording in recordings:
         if recording.dof != robot.dof:
             raise InputError(
@@ -158,7 +158,7 @@ def list_built_in_robots() -> tuple[str, ...]:
 
 
 def find_built_in_folder(name: str = "") -> Traversable:
-    """Return where a robot that comes with the program is described; "" for all."""
+    """Return the folder of a built-in robot; "" for the folder of all."""
     return files("residual") / "robot" / "built_in" / name
 
 
@@ -172,15 +172,15 @@ def load_robot(
 
     Args:
         spec: A built-in name, a folder with exactly one robot file (URDF, xacro or
-            MJCF) and an optional robot.toml, or the file itself; how it is read may
-            follow (`parse_robot_reference`). A built-in name wins over a folder of that
-            name in the working directory.
+            MJCF) and an optional robot.toml, or the file itself; reading options may
+            follow (`parse_robot_reference`). A built-in name takes precedence over a
+            folder of that name in the working directory.
         effects: Parameters of each effect that its robot.toml may declare
             (``residual.effects.list_effect_parameters``); None to take any.
         properties: Effects that the joints of an MJCF may have
             (``residual.effects.map_joint_properties``); None to leave them out.
-        logged: Names of the joints that the logs have, which say which chain of
-            several the arm is, where nothing else does.
+        logged: Joint names in the logs, which select one of several chains if nothing
+            else does.
 
     Raises:
         RobotError: If there is no such file or its content is not usable.
@@ -204,11 +204,11 @@ def load_robot(
     if path.suffix == ".xacro":
         text = expand_xacro(path, options.get("arg", ()), options.get("package", ()))
         compiled = CompiledMjcf(text)
-    # A URDF may hold a <mujoco> of its own for MuJoCo: the root says what a file is.
+    # A URDF may contain a <mujoco> element: the root determines the kind of a file.
     elif _MJCF.match(text):
         compiled = read_mjcf(path)
     arm = read_urdf(compiled.urdf, file.name, choice)
-    # What a file says beside its bodies stands where a robot.toml would have it.
+    # Declared values of an MJCF are treated like those of a robot.toml.
     if compiled.gravity not in (None, GRAVITY):
         content.setdefault("robot", {}).setdefault("gravity", list(compiled.gravity))
     source = {"assumed": True, "source": f"joint properties of {file.name}"}
@@ -230,17 +230,17 @@ def load_robot(
 
 @lru_cache(maxsize=16)
 def build_robot(name: str, urdf: str, toml: str) -> Robot:
-    """Build a robot from what a `Robot` keeps: no file is read."""
+    """Build a robot from the texts of a `Robot`, without reading files."""
     arm = read_urdf(urdf, name)
     extra = parse_robot_settings(json.loads(toml), arm.limits.shape[1], name)
     return _assemble(arm, extra | {"name": name, "toml": toml}, name)
 
 
 def set_serial_number(robot: Robot, serial: str | None) -> Robot:
-    """Return the robot of a kind that has a serial number.
+    """Return the robot with a serial number.
 
-    It is the robot that `serial` in its robot.toml would make: another one, with
-    another hash, than its kind without a number.
+    It is the same as with `serial` in its robot.toml, and has another hash than the
+    robot without a number.
 
     Raises:
         RobotError: If it has another serial number, or this one is not usable.
@@ -257,9 +257,9 @@ def set_serial_number(robot: Robot, serial: str | None) -> Robot:
 
 
 def add_known_values(robot: Robot, values: Mapping[str, float]) -> Robot:
-    """Return a robot of which values are known for sure, beside those of its file.
+    """Return a robot with known values in addition to those of its file.
 
-    Its description and the hash of it stay: it is the same arm.
+    Its description and hash are unchanged: it is the same arm.
 
     Args:
         values: By name, such as "payload.mass" or "coulomb.2.level" [SI].
@@ -274,7 +274,7 @@ def refuse_carried_weight(robot: Robot, target: str) -> None:
     """Refuse an arm whose drives do not carry all of its weight.
 
     Raises:
-        RobotError: If it is one, with what to do.
+        RobotError: If it is one, with the remedy.
     """
     if robot.carried is not None:
         raise RobotError(
@@ -285,7 +285,7 @@ def refuse_carried_weight(robot: Robot, target: str) -> None:
 
 
 def replace_gravity(robot: Robot, gravity: Sequence[float]) -> Robot:
-    """Return a robot that is mounted otherwise: gravity in the base frame [m/s^2]."""
+    """Return a robot with another mounting: gravity in the base frame [m/s^2]."""
     return _with_table(robot, "robot", {"gravity": [float(g) for g in gravity]})
 
 
@@ -295,8 +295,8 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
     content[table] = content.get(table, {}) | dict(more)
     text = json.dumps(content, sort_keys=True)
     robot_new = build_robot(robot.name, robot.urdf, text)
-    # In the order of its file, which is that of the columns of a fit: a rerun from the
-    # file that is kept has the same bits.
+    # In the order of its file, which is that of the columns of a fit: a rerun from the stored
+    # file has the same bits.
     declared = {name: robot_new.declared[name] for name in robot.declared}
     return replace(
         robot_new, columns=robot.columns, declared=declared, locked=robot.locked, notes=robot.notes
@@ -304,7 +304,7 @@ def _with_table(robot: Robot, table: str, more: Mapping) -> Robot:
 
 
 def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
-    """Put both files together; what robot.toml says of a limit goes before the URDF."""
+    """Combine both files; limits in robot.toml take precedence over the URDF."""
     lower, upper, speed, effort = arm.limits
     dof, model = len(lower), build_pinocchio_model(arm.urdf, where)
     if model.nq != dof or model.nv != dof:
@@ -329,7 +329,7 @@ def _assemble(arm: UrdfArm, extra: dict, where: str) -> Robot:
 
 
 def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
-    """Return the URDF and the robot.toml that the words of the user stand for."""
+    """Return the URDF and the robot.toml of a robot reference."""
     path = Path(spec)
     if str(spec) not in list_built_in_robots():
         try:
@@ -357,14 +357,14 @@ def _locate(spec: str | Path) -> tuple[Traversable, Traversable | None]:
 
 
 def _toml_beside(path: Path) -> Path | None:
-    """Return the robot.toml of a robot file: that of a folder without another arm."""
+    """Return the robot.toml beside a robot file, in a folder without another arm."""
     toml = path.with_name("robot.toml")
     same = [f for f in path.parent.glob(f"*{path.suffix}") if f.is_file()]
     return toml if len(same) == 1 and toml.is_file() else None
 
 
 def _beside(word: str, toml: Traversable | None) -> tuple[str, ...]:
-    """Say what becomes of a robot.toml beside a file that was given by its name."""
+    """Return a note on a robot.toml beside a file given by its name."""
     given = Path(word)
     if not given.is_file() or not given.with_name("robot.toml").is_file():
         return ()
@@ -399,14 +399,14 @@ def _read(file: Traversable) -> str:
 def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
     """Return the robot's URDF with other inertial parameters.
 
-    The whole inertia of a moving body goes to the link that its joint moves; parts
-    that are fixed to it keep their geometry and lose their own inertia.
+    The full inertia of a moving body is assigned to the link that its joint moves; parts
+    fixed to it keep their geometry and lose their inertia.
 
     Args:
         parameters: Ten per moving body, Pinocchio's order [SI]. Shape (10 dof,).
 
     Raises:
-        InputError: If a mass is not positive: no URDF can hold it.
+        InputError: If a mass is not positive, which URDF does not allow.
         RobotError: If the drives do not carry all of its weight.
     """
     refuse_carried_weight(robot, "a URDF")
@@ -421,7 +421,7 @@ def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
                 "needs a positive one. Use --consistent, which keeps bodies possible."
             )
         body_link = read_joint_link(joints[name], "child")
-        parts = [body_link]  # and all that is fixed to it, directly or through others
+        parts = [body_link]  # and all links fixed to it, directly or through others
         for part in parts:
             parts += [
                 read_joint_link(j, "child")
@@ -433,7 +433,7 @@ def write_urdf_with_inertias(robot: Robot, parameters: Array) -> str:
                 links[part].remove(inertial)
         links[body_link].insert(0, _inertial(body))
         if not np.isfinite(robot.lower[number - 1]):
-            # Undo what the reader did to a joint without ends.
+            # Restore continuous joints, which the reader changed.
             joints[name].set("type", "continuous")
             limit = joints[name].find("limit")
             for side in ("lower", "upper") if limit is not None else ():
@@ -466,13 +466,13 @@ def format_robot_reference(
     args: Sequence[str] = (),
     packages: Sequence[str] = (),
 ) -> str:
-    """Return one word for a robot file and how it is read: "arm.urdf#tip=flange".
+    """Return one word for a robot file and its reading options: "arm.urdf#tip=flange".
 
     Args:
         chain: Names of the joints of the arm.
         tip: The link that the arm ends with.
         args: Arguments of a xacro, as "name:=value".
-        packages: Folders where its packages are looked for.
+        packages: Folders searched for its packages.
     """
     pairs = [("chain", ",".join(chain)), ("tip", tip or "")]
     pairs += [("arg", word) for word in args] + [("package", p) for p in packages]
@@ -481,7 +481,7 @@ def format_robot_reference(
 
 
 def parse_robot_reference(spec: str | Path) -> tuple[str, dict[str, list[str]]]:
-    """Return the file of a word for a robot, and how it is read, by option."""
+    """Return the file and the reading options of a robot reference."""
     word, out = str(spec), dict[str, list[str]]()
     place, sign, text = word.rpartition("#")
     options = parse_qsl(text)

@@ -1,10 +1,10 @@
-"""A URDF: which of its joints are the arm, and the same file with all others locked.
+"""A URDF: the choice of the arm's joints, and the file with all others locked.
 
-A robot file may hold more than an arm: fingers, a second arm, a lift, wheels. The arm
-is one chain of revolute, continuous and prismatic joints. Every other joint is written
-as a fixed one at the place where it is locked, so that whoever reads the file
-afterwards (Pinocchio, PyBullet, MuJoCo, a controller) finds a serial arm that carries
-the rest: what Pinocchio calls the reduced model.
+A robot file may contain more than an arm: fingers, a second arm, a lift, wheels. The arm
+is one chain of revolute, continuous and prismatic joints. Every other joint is written as
+a fixed one at its locked position, so that every program (Pinocchio, PyBullet, MuJoCo, a
+controller) reads a serial arm that carries the other links: the reduced model of
+Pinocchio.
 """
 
 import xml.etree.ElementTree as ET
@@ -18,19 +18,19 @@ import pinocchio as pin
 from residual.errors import RobotError, check_name
 from residual.recording import Array
 
-ENDLESS = "1e4"  # rad or m: the range that a joint without ends is written with
+ENDLESS = "1e4"  # rad or m: written range of a continuous joint
 MOVING = ("revolute", "continuous", "prismatic")
-# In <modelgap>, an element of ours: of a link the share of its weight that is held
-# beside the drives, of a joint that its drive counts that as its own.
+# In <modelgap>, our element: for a link the share of its weight that a force other than the
+# drives carries, for a joint that its drive includes that share.
 GRAVCOMP = "gravcomp"
-# Of a branch on fewer joints than lead to it, at least so many, nobody says "arm".
+# Joints before a branch with fewer joints, from which that branch counts as a hand.
 TRUNK = 3
-_NAMED = 6  # joints of a line
-_FAULTS = 8  # of a file, in one message
+_NAMED = 6  # joints listed in a line
+_FAULTS = 8  # faults of a file, in one message
 
 
 class UrdfArm(NamedTuple):
-    """A serial arm as its file describes it, joints without ends written with a range.
+    """A serial arm from its file, with ranges for continuous joints.
 
     Limits are lower, upper [rad or m], speed [rad/s or m/s] and effort [N m or N] of
     each joint, infinite where not given or continuous. Shape (4, dof).
@@ -41,34 +41,34 @@ class UrdfArm(NamedTuple):
     limits: Array
     joints: tuple[str, ...]  # names of the chain, base to tip
     locked: Mapping[str, float]  # joints outside of the chain [rad or m]
-    notes: tuple[str, ...]  # what of the file was not taken as it stands, in words
+    notes: tuple[str, ...]  # changes to the content of the file, in words
     flange: str  # link of the flange, "" for the last one that the last joint moves
 
 
 @dataclass(frozen=True, slots=True)
 class ArmChoice:
-    """Which joints of a file are the arm, and where the others stand."""
+    """The choice of the arm's joints in a file, and the positions of the others."""
 
-    joints: tuple[str, ...] = ()  # names, in any order; () where that is not said
-    tip: str | None = None  # the link that the arm ends with
-    logged: tuple[str, ...] = ()  # names of the joints that the logs have
+    joints: tuple[str, ...] = ()  # names, in any order; () if not given
+    tip: str | None = None  # the last link of the arm
+    logged: tuple[str, ...] = ()  # joint names in the logs
     locked: Mapping[str, float] = field(default_factory=dict)  # [rad or m]
 
 
 class _Tree:
-    """The links and joints of a file, and what is wrong with them."""
+    """The links and joints of a file, and their faults."""
 
     def __init__(self, root: ET.Element) -> None:
         self.faults: list[str] = []
         self.notes: list[str] = []
         self.links = self._by_name(root, "link")
         self.joints = self._by_name(root, "joint")
-        self.above: dict[str, ET.Element] = {}  # the joint that a link hangs on
+        self.above: dict[str, ET.Element] = {}  # the parent joint of a link
         self.below: dict[str, list[ET.Element]] = {}
         for name, joint in self.joints.items():
             self._place(name, joint)
         self._drop_loose(root)
-        self.mimics = {  # joints that follow another one
+        self.mimics = {  # mimic joints
             name: joint
             for name, joint in self.joints.items()
             if joint.find("mimic") is not None and joint.get("type") in MOVING
@@ -101,7 +101,7 @@ class _Tree:
         self.below.setdefault(parent, []).append(joint)
 
     def _drop_loose(self, root: ET.Element) -> None:
-        """Take out what hangs on nothing, where one base link with joints is left."""
+        """Remove unattached links, if one base link with joints remains."""
         bases = [name for name in self.links if name not in self.above]
         moving = [name for name in bases if self.moved_by(self.below.get(name, []))]
         if len(bases) > 1 and len(moving) == 1:
@@ -122,7 +122,7 @@ class _Tree:
             self.faults.append(f"links hang on each other: {abbreviate_list(sorted(ring))}")
 
     def carried(self, link: str, stop: Iterable[str] = ()) -> list[str]:
-        """The link and all that hang on it, without what is beyond some joints."""
+        """The link and all its descendants, except those beyond some joints."""
         links, stop = [link], set(stop)
         for part in links:
             on = [j for j in self.below.get(part, []) if j.get("name") not in stop]
@@ -130,7 +130,7 @@ class _Tree:
         return links
 
     def moved_by(self, front: Sequence[ET.Element]) -> list[ET.Element]:
-        """The first joints below that can move, passing through those that cannot."""
+        """The first movable joints below a link, passing through fixed ones."""
         joints, stack = [], list(front)
         while stack:
             joint = stack.pop(0)
@@ -141,7 +141,7 @@ class _Tree:
         return joints
 
     def last_link(self, link: str, stop: Iterable[str] = ()) -> str:
-        """The last one that Pinocchio reads of `carried`: children by joint name."""
+        """The last link of `carried` in the order of Pinocchio: children by joint name."""
         names = {j.get("name", "?"): j for j in self.below.get(link, [])}
         open_names = names.keys() - set(stop)
         if not open_names:
@@ -149,7 +149,7 @@ class _Tree:
         return self.last_link(read_joint_link(names[max(open_names)], "child"), stop)
 
     def path(self, link: str) -> list[str]:
-        """Names of the joints from the base to a link that can move, in order."""
+        """Names of the movable joints from the base to a link, in order."""
         names: list[str] = []
         while link in self.above:
             joint = self.above[link]
@@ -186,9 +186,9 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
         choice: Which joints are the arm; None for the only one there is.
 
     Raises:
-        RobotError: If the text is no URDF, with all that is wrong with it; or if it
-            has no arm, or several and nothing that says which.
-        UnknownNameError: On a joint or link that it does not have.
+        RobotError: If the text is no valid URDF, with all its faults; or if it has no
+            arm, or several without a choice.
+        UnknownNameError: On an unknown joint or link.
     """
     choice = choice or ArmChoice()
     root = _parse(text, where)
@@ -205,7 +205,7 @@ def read_urdf(text: str, where: str, choice: ArmChoice | None = None) -> UrdfArm
     for name, value in locked.items():
         _lock(tree.joints[name], value, tree)
     stale = False
-    for joint in tree.joints.values():  # that do not move, written as if they did
+    for joint in tree.joints.values():  # movable joints with an empty range
         limit, kind = joint.find("limit"), joint.get("type")
         short = limit is not None and not {"velocity", "effort"} <= set(limit.attrib)
         follows = joint.find("mimic") is not None
@@ -243,7 +243,7 @@ def _parse(text: str, where: str) -> ET.Element:
 
 
 def _refuse(faults: Sequence[str], where: str) -> None:
-    """Say all that is wrong with a file at once."""
+    """Raise one error with all faults of a file."""
     if faults:
         once = list(dict.fromkeys(faults))
         more = f"; and {len(once) - _FAULTS} more" if len(once) > _FAULTS else ""
@@ -309,8 +309,8 @@ def _named(tree: _Tree, choice: ArmChoice, where: str) -> list[str]:
 
 
 def _only(tree: _Tree, free: Sequence[str], logged: Sequence[str], where: str) -> list[str]:
-    """The only chain there is, of those that the log has by name; hands taken off."""
-    # Those that end within another one fall to it.
+    """The only chain, of those named in the log, without hands."""
+    # Chains that end within another one are dropped.
     ends = [*(tree.joints[name] for name in free), *tree.mimics.values()]
     chains = _apart([_without_hand(tree, free, j) for j in ends])
     in_logs = set(logged)
@@ -321,7 +321,7 @@ def _only(tree: _Tree, free: Sequence[str], logged: Sequence[str], where: str) -
             spans.append(chain[at[0] : at[-1] + 1] if at else [])
         chains = _apart(spans)
         chains.sort(key=len, reverse=True)
-        # Beside an arm of six or seven a head of two is none.
+        # Next to an arm of six or seven joints, a head of two is no arm.
         sizes = [len(set(other) - set(chains[0])) for other in chains[1:]]
         if all(2 * n <= len(chains[0]) for n in sizes):
             chains = chains[:1]
@@ -339,16 +339,16 @@ def _only(tree: _Tree, free: Sequence[str], logged: Sequence[str], where: str) -
 
 
 def _apart(chains: Sequence[list[str]]) -> list[list[str]]:
-    """The chains that are no part of another one, each once."""
+    """The chains that are not part of another one, each once."""
     once = [list(c) for c in dict.fromkeys(tuple(c) for c in chains) if c]
     return [c for c in once if not any(set(c) < set(other) for other in once)]
 
 
 def _without_hand(tree: _Tree, free: Sequence[str], last: ET.Element) -> list[str]:
-    """The joints that lead to one, up to where fingers begin.
+    """The joints leading to a given one, up to the fingers.
 
-    Fingers are joints that move on one link, or lead others, each with fewer joints
-    than there are before them.
+    Fingers are joints on a common link, or leading other joints, each with fewer joints
+    than before them.
     """
     names = tree.path(read_joint_link(last, "child"))
     leaders = {joint.find("mimic").get("joint") for joint in tree.mimics.values()}
@@ -372,11 +372,11 @@ def _depth(tree: _Tree, joint: ET.Element) -> int:
     return 1 + max((_depth(tree, each) for each in below), default=0)
 
 
-# Where all other joints stand.
+# Positions of all other joints.
 
 
 def _locked(tree: _Tree, chain: Sequence[str], choice: ArmChoice, where: str) -> dict[str, float]:
-    """Values of the joints that are not in the chain [rad or m]; followers follow."""
+    """Positions of the joints outside of the chain [rad or m], mimic joints included."""
     for name in choice.locked:
         check_name(name, tree.joints, f"joint in [locked] of {where}")
 
@@ -401,7 +401,7 @@ def _locked(tree: _Tree, chain: Sequence[str], choice: ArmChoice, where: str) ->
 
 
 def _lock(joint: ET.Element, value: float, tree: _Tree) -> None:
-    """Write a joint as a fixed one that stands at a value [rad or m]."""
+    """Write a joint as a fixed one at a position [rad or m]."""
     if value:
         label, node = f"joint '{joint.get('name')}'", joint.find("origin")
         axis = tree.vector(joint.find("axis"), "xyz", "1 0 0", label)
@@ -432,10 +432,10 @@ def _flange(
     locked: Mapping[str, float],
     tip: str | None,
 ) -> tuple[str, bool]:
-    """The link of the flange, and whether this wrote it into the file.
+    """The link of the flange, and whether it was written into the file.
 
-    It is the tip, else the last link that is not behind a locked joint. An element of
-    ours keeps it, since locked joints become fixed ones.
+    It is the tip, else the last link before locked joints. Our element stores it, since
+    locked joints become fixed ones.
     """
     end = read_joint_link(tree.joints[chain[-1]], "child")
     node = root.find("modelgap")
@@ -452,12 +452,12 @@ def _flange(
 
 
 def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float]) -> str:
-    """One line: what was locked, where, and what hangs on it."""
+    """One line on a locked joint: name, position, and the links that it carries."""
     holders: dict[str, list[str]] = {}
     for name in locked:
         parent = read_joint_link(tree.joints[name], "parent")
         path = [n for n in tree.path(parent) if n in chain]
-        # Locked joints are fixed by now and no part of a path.
+        # Locked joints are fixed now and not part of a path.
         holders.setdefault(path[-1] if path else "", []).append(name)
     parts = []
     for holder, names in holders.items():
@@ -473,7 +473,7 @@ def _locked_line(tree: _Tree, chain: Sequence[str], locked: Mapping[str, float])
 
 
 def abbreviate_list(names: Sequence[str]) -> str:
-    """The first names of a list, and how many more there are."""
+    """The first names of a list, and the number of others."""
     more = f" and {len(names) - _NAMED} more" if len(names) > _NAMED else ""
     return ", ".join(names[:_NAMED]) + more
 
@@ -482,7 +482,7 @@ def abbreviate_list(names: Sequence[str]) -> str:
 
 
 def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
-    """The arm needs a mass; note which of its links have none."""
+    """Check that the arm has a mass; note its links without one."""
     mass: dict[str, float] = {}
     hollow, light = [], []
     for name, link in tree.links.items():
@@ -515,11 +515,11 @@ def _check_bodies(tree: _Tree, chain: Sequence[str]) -> None:
 
 
 def _limits(tree: _Tree, joint: ET.Element) -> tuple[list[float], bool]:
-    """Return lower, upper, velocity and effort, and whether they were written anew.
+    """Return lower, upper, velocity and effort, and whether they were rewritten.
 
-    A limit of 0 stands for not given. A continuous joint has two positions (cos, sin)
-    for one velocity in Pinocchio; a revolute one with a range of no consequence keeps
-    q and qd the same size.
+    A limit of 0 means not given. A continuous joint has two positions (cos, sin) for one
+    velocity in Pinocchio; a revolute one with a very large range keeps q and qd of the
+    same size.
     """
     node, name = joint.find("limit"), joint.get("name")
     axis = joint.find("axis")
@@ -554,11 +554,11 @@ def write_origin(place: pin.SE3) -> dict[str, str]:
 
 
 def format_numbers(values: Iterable) -> str:
-    """Numbers with all digits that a double has, as URDF and MJCF list them."""
+    """Numbers with all digits of a double, in the format of URDF and MJCF."""
     return " ".join(repr(float(value)) for value in values)
 
 
 def read_joint_link(joint: ET.Element, side: str) -> str:
-    """Name of the parent or child link of a joint, "" where it lacks one."""
+    """Name of the parent or child link of a joint, "" if missing."""
     node = joint.find(side)
     return "" if node is None else node.get("link", "")

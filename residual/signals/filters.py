@@ -1,7 +1,7 @@
-"""The zero-phase low-pass, every k-th value of it as one product.
+"""The zero-phase low-pass, computed at every k-th sample as one product.
 
-Written out here since `scipy.signal`, with all that it brings, takes longer to import
-than most logs take to be diagnosed.
+Implemented here since importing `scipy.signal` with its dependencies takes longer than
+diagnosing most logs.
 """
 
 from functools import cache
@@ -12,23 +12,23 @@ from residual.recording import Array
 
 CUTOFF = 8.0  # Hz, of the identification filter; lower for slow logs
 ORDER = 4  # of the Butterworth filter, which runs forwards and backwards
-REACH = 4.5  # periods of the cut-off after which it has forgotten all but 1e-5
-BLOCK = 16  # rows that are made at once
+REACH = 4.5  # periods of the cut-off after which the response has decayed to 1e-5
+BLOCK = 16  # rows computed at once
 
 
 def filter_low_pass(x: Array, cutoff: float, rate: float, step: int = 1, order: int = 0) -> Array:
     """Butterworth low-pass of order 4, forwards and backwards, along the first axis.
 
-    As a product with the filter's own impulse response: what is thrown away is not
-    made. Beyond its ends the signal goes on turned about its last value.
+    Computed as a product with the filter's impulse response, so dropped samples cost
+    nothing. Beyond its ends the signal is extended by point reflection.
 
     Args:
         x: Signals. Shape (n, ...).
-        cutoff: Of the low-pass [Hz].
-        rate: Of the signals [Hz].
-        step: Which values are wanted: 0, step, 2 step, ...
-        order: Of the time derivative that is wanted, by central differences; above 0
-            the cut-off must be well below half of the rate.
+        cutoff: Cut-off of the low-pass [Hz].
+        rate: Sample rate of the signals [Hz].
+        step: Returned samples: 0, step, 2 step, ...
+        order: Order of the time derivative, by central differences; above 0 the cut-off
+            must be well below half of the rate.
 
     Returns:
         Shape (ceil(n / step), ...).
@@ -39,7 +39,7 @@ def filter_low_pass(x: Array, cutoff: float, rate: float, step: int = 1, order: 
     band, reach = _band(cutoff, rate, step, order)
     rows = -(-len(x) // step)
     blocks = -(-rows // BLOCK)
-    flat = x.reshape(len(x), -1).T  # time last: a signal lies together
+    flat = x.reshape(len(x), -1).T  # time last: each signal is contiguous
     longer = _with_ends(flat, reach, (blocks - 1) * BLOCK * step + len(band))
     out = np.empty((len(flat), blocks * BLOCK))
     for b in range(blocks):
@@ -49,7 +49,7 @@ def filter_low_pass(x: Array, cutoff: float, rate: float, step: int = 1, order: 
 
 
 def _with_ends(x: Array, reach: int, length: int) -> Array:
-    """The signal from ``reach`` before its start on, to the length asked for."""
+    """The signal from ``reach`` before its start, up to a length."""
     n = x.shape[1]
     ends, first, last = min(reach, n - 1), x[:, :1], x[:, -1:]
     out = np.empty((len(x), length))
@@ -65,7 +65,7 @@ def _with_ends(x: Array, reach: int, length: int) -> Array:
 
 @cache
 def _band(cutoff: float, rate: float, step: int, order: int) -> tuple[Array, int]:
-    """What makes a block of rows of the samples around it, and how far it reaches.
+    """Return the matrix from samples to a block of rows, and its reach.
 
     The filter is |H|^2 = 1 / (1 + (tan(w / 2) / tan(w_c / 2))^(2 N)), w in rad/sample,
     by the bilinear transform; its impulse response is taken from -reach to reach.

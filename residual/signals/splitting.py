@@ -1,10 +1,9 @@
-"""Long logs cut into pieces that are worked through one by one; the last quarter.
+"""Splitting of long logs into pieces, and of the last quarter.
 
-A log of an hour would take gigabytes: the regressor of its motion alone has 360
-numbers a row. What a fit needs of it are sums over rows, and these may be taken piece
-by piece. Pieces overlap by what is dropped at their ends, and the filter forgets
-within that: the rows of the pieces are those of the whole. They keep the id of their
-log.
+A log of an hour would take gigabytes: the regressor of its motion alone has 360 numbers a
+row. A fit needs only sums over rows, which can be computed piece by piece. Pieces overlap
+by the part dropped at their ends, which exceeds the memory of the filter: the rows of the
+pieces are those of the full log. They keep the id of their log.
 """
 
 import mmap
@@ -17,19 +16,19 @@ import numpy as np
 from residual.recording import Recording
 from residual.signals.filters import CUTOFF
 
-LONG = 600.0  # s of logs in all from which on they are cut
-MANY = 300_000  # samples likewise: memory goes with them
+LONG = 600.0  # s, total length from which logs are cut
+MANY = 300_000  # samples likewise: memory is proportional to them
 PIECE = 60.0  # s
-FORGETS = 8.0  # periods of the identification filter that are dropped at the ends
-SKETCH = 420.0  # s of long logs that are kept whole, for what no sum can tell
-# So that no piece lies in two folds of a log (evidence/design.py).
+FORGETS = 8.0  # periods of the identification filter dropped at the ends
+SKETCH = 420.0  # s of long logs kept in memory, for quantities that are not sums
+# So that no piece spans two folds of a log (evidence/design.py).
 _MULTIPLE = 6
 
 
 def split_long_logs(
     recordings: Sequence[Recording], cutoff: float = CUTOFF
 ) -> tuple[Recording, ...]:
-    """Cut the logs, where they are long.
+    """Cut long logs.
 
     Returns:
         The logs, or in place of each of two minutes or more its pieces, in order.
@@ -60,7 +59,7 @@ def _pieces(recording: Recording, cutoff: float) -> tuple[Recording, ...]:
 
 
 def compute_piece_overlap(cutoff: float, rate: float) -> float:
-    """How far a piece reaches beyond its own part of the log, at both ends [s]."""
+    """Overlap of a piece with its neighbours, at both ends [s]."""
     return float(np.ceil(FORGETS / cutoff * rate)) / rate
 
 
@@ -76,11 +75,11 @@ def pick_spread_pieces(
     max_seconds: float | None = None,
     kept_seconds: float | None = None,
 ) -> Sequence[Recording]:
-    """Return pieces, evenly spread, of long logs; the logs where they are not long.
+    """Return evenly spread pieces of long logs, or the logs if they are not long.
 
     Args:
-        max_seconds: From how many seconds on they are long; ten minutes where None.
-        kept_seconds: Seconds that are kept of them; seven minutes where None.
+        max_seconds: Length from which they are long; None for ten minutes.
+        kept_seconds: Kept length; None for seven minutes.
     """
     max_seconds = LONG if max_seconds is None else max_seconds
     total = sum(r.duration for r in recordings)
@@ -92,7 +91,7 @@ def pick_spread_pieces(
 
 
 def release_mapped_memory(recording: Recording) -> None:
-    """Let samples that lie in a file go from memory; they come back when read."""
+    """Release memory-mapped samples; they are reloaded when read."""
     for array in (recording.q, recording.tau):
         while isinstance(array, np.ndarray):
             array = array.base
@@ -101,7 +100,7 @@ def release_mapped_memory(recording: Recording) -> None:
 
 
 def flag_repeated_ids(ids: Sequence[str]) -> list[bool]:
-    """Of each of several logs whether it is a piece of one: its id comes again."""
+    """Return for each log whether it is a piece of one: its id is repeated."""
     return [ids.count(log_id) > 1 for log_id in ids]
 
 
@@ -112,20 +111,19 @@ def group_pieces_by_log(ids: Sequence[str]) -> list[list[int]]:
 
 
 def exceeds_memory_length(seconds: Sequence[float]) -> bool:
-    """Whether logs are too long to be kept whole, by the length of each [s]."""
+    """Whether logs are too long for memory, by the length of each [s]."""
     return len(choose_spread_pieces(seconds)) < len(seconds)
 
 
 def choose_spread_pieces(
     seconds: Sequence[float], max_seconds: float | None = None, kept_seconds: float | None = None
 ) -> list[int]:
-    """Choose pieces, evenly spread, of long logs, by number; of short ones all.
+    """Choose evenly spread pieces of long logs, by number; all of short ones.
 
     Args:
         seconds: Length of each piece [s].
-        max_seconds: From how many seconds in all on a choice is made; ten minutes
-            where None.
-        kept_seconds: How many are chosen; seven minutes where None.
+        max_seconds: Total length from which a choice is made; None for ten minutes.
+        kept_seconds: Chosen length; None for seven minutes.
     """
     total = float(sum(seconds))
     if total <= (LONG if max_seconds is None else max_seconds):

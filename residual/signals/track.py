@@ -1,11 +1,11 @@
 """From logged samples to kinematics, filtered torque and the rows that count.
 
-Torque and every regressor column pass the same zero-phase filter (parallel
-filtering, Gautier 1997), so that the filter cannot be mistaken for dynamics. Rows
-near a reversal or inside a dwell are masked: friction at standstill may take any
-value up to breakaway, so no function of the motion predicts it. Predictions need an
-answer all the same: which value drive and gear left behind is chosen per joint, the
-sign of creep, that of the last motion (a bristle that holds), or nothing (Standstill).
+Torque and every regressor column pass the same zero-phase filter (parallel filtering,
+Gautier 1997), so that the filter does not bias the dynamics. Rows near a reversal or
+inside a dwell are masked: friction at standstill may take any value up to breakaway, so
+no function of the motion predicts it. Predictions still need a value, chosen per joint:
+the sign of creep, that of the last motion (a bristle that holds), or zero
+(`StandstillFriction`).
 """
 
 from collections.abc import Callable, Iterable, Sequence
@@ -25,14 +25,14 @@ from residual.signals.splitting import (
 
 @dataclass(frozen=True, slots=True)
 class StandstillFriction:
-    """How the direction of motion passes through zero."""
+    """The direction of motion near zero speed."""
 
     # "smooth": tanh(qd / (size · floor)). "bristle": Dahl's state of that displacement
     # [rad] (Dahl 1968), where 0 is the plain sign of velocity.
     kind: Literal["smooth", "bristle"] = "smooth"
     size: float = 0.25  # number of its kind
-    hold: float = 1.0  # share of it that remains while the joint stands, 0 to 1
-    reach: float = 1.0  # speed up to which it counts as standing here, in floors
+    hold: float = 1.0  # share of it that remains at standstill, 0 to 1
+    reach: float = 1.0  # speed below which it counts as standstill here, in floors
 
 
 SMOOTH = StandstillFriction()
@@ -70,9 +70,9 @@ def compute_friction_direction(
 def compute_dahl_state(q: Array, displacement: float) -> Array:
     """Dahl's state by its exact solution over each step of position, start at rest.
 
-    Each step is z -> fade z + (1 - fade) goal. Two such steps in a row make one of the
-    same kind, so after log2(n) rounds of joining each with those before it every
-    sample has its whole past. From -1 to 1; it yields over the displacement [rad].
+    Each step is z -> fade z + (1 - fade) goal. Two successive steps combine into one of
+    the same form, so log2(n) rounds of a parallel scan give every sample its full past.
+    From -1 to 1; it yields over the displacement [rad].
     """
     step = np.diff(q)
     fade = np.exp(-np.abs(step) / displacement)
@@ -94,11 +94,11 @@ def compute_friction_directions(
     return np.column_stack([compute_friction_direction(*p) for p in pairs])
 
 
-# Edge and margin (`FilterSettings`) of a torque that a drive's chain gives: what the chain
-# leaves is larger than what friction holds back near standstill.
+# Edge and margin (`FilterSettings`) of a torque computed from a drive's chain: errors of
+# the chain exceed those of friction near standstill.
 DRIVEN_EDGE, DRIVEN_MARGIN = 0.2, 0.2
-ROWS = 4.2  # rows per period of the cut-off: some 33 a second behind 8 Hz
-SEED = 0  # of the redrawn noise: a diagnosis says the same twice
+ROWS = 4.2  # rows per period of the cut-off: some 33 a second at 8 Hz
+SEED = 0  # seed of the redrawn noise: a diagnosis is reproducible
 
 
 @dataclass(frozen=True, slots=True)
@@ -122,7 +122,7 @@ class FilterSettings:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class Track:
-    """One log on a uniform grid, ready for features."""
+    """One log on a uniform grid, prepared for features."""
 
     id: str  # label of the recording
     rate: float  # sample rate of the kinematics [Hz]
@@ -134,12 +134,12 @@ class Track:
     cutoff: float  # Cut-off of the identification filter [Hz]
     step: int  # decimation from features to rows
     tau: Array  # filtered torque of each row [N m], (m, dof)
-    # Row lies outside the edges and gaps, and no joint is masked. Shape (m,), bool.
+    # Row is outside of edges and gaps, and no joint is masked. Shape (m,), bool.
     valid: Array
     moving: Array  # row is used for that joint. Shape (m, dof), bool
-    torque_noise: Array  # White-noise level of torque behind the filter [N m], (dof,)
+    torque_noise: Array  # White-noise level of torque after the filter [N m], (dof,)
     enabled: Array | None = None  # share of a drive that is on, (n, dof); None for on
-    entire: bool = True  # it is no piece of a longer log
+    entire: bool = True  # it is not a piece of a longer log
 
     @property
     def seconds(self) -> float:
@@ -163,13 +163,13 @@ class _Uniform:
     q: Array
     tau: Array
     gap: Array
-    masked: Array  # joint's torque is not known there, (n, dof) or (n, 1), bool
+    masked: Array  # joint's torque is unknown there, (n, dof) or (n, 1), bool
     enabled: Array | None  # share of a drive that is on, (n, dof)
-    driven: bool  # torque is that of a drive's chain
+    driven: bool  # torque is computed from a drive's chain
 
 
 def estimate_sample_rate(t: Array) -> float:
-    """Median sample rate, rounded where it is a whole number within 10 % [Hz]."""
+    """Median sample rate, rounded to a whole number within 10 % [Hz]."""
     rate = 1 / float(np.median(np.diff(t)))
     nearest = round(rate)
     return float(nearest) if nearest and abs(rate - nearest) < 0.1 else rate
@@ -184,8 +184,8 @@ def build_tracks(
     """Filter, differentiate and mask several logs with common speed thresholds.
 
     Args:
-        speed_floor: Standstill thresholds of other logs [rad/s]. Shape (dof,); made
-            from these logs where None.
+        speed_floor: Standstill thresholds of other logs [rad/s]. Shape (dof,); None to
+            compute them from these logs.
 
     Returns:
         One track per log, and the standstill thresholds [rad/s]. Shape (dof,).
@@ -193,8 +193,8 @@ def build_tracks(
     pieces = flag_repeated_ids([r.id for r in recordings])
     signals = _signals(recordings, filters, full_rate, again=any(pieces))
     if speed_floor is None:
-        # 2 % of a joint's usual speed, or its noise: that of the encoder in the stop
-        # band, carried through the kinematic filter and the derivative.
+        # 2 % of a joint's typical speed, or its noise: that of the encoder in the stop band,
+        # propagated through the kinematic filter and the derivative.
         speeds, noise = [], 0.0
         for u, (q, qd, _) in signals():
             speeds.append(qd)
@@ -216,11 +216,11 @@ def build_tracks(
 def _signals(
     recordings: Sequence[Recording], filters: FilterSettings, full_rate: bool, again: bool
 ) -> Callable[[], Iterable]:
-    """Return what gives each log resampled, with its kinematics.
+    """Return a function that yields each log resampled, with its kinematics.
 
     Args:
-        again: Make them anew each time: two passes over pieces of a long log take less
-            room than all of it.
+        again: Recompute them each time: two passes over pieces of a long log take less
+            memory than all of it.
     """
 
     def resampled() -> Iterable:
@@ -251,10 +251,10 @@ def filter_motion(
 
 
 def resample_recording(recording: Recording, filters: FilterSettings) -> Recording:
-    """Return a log at the rate of its features: of motion and torque what counts.
+    """Return a log at the rate of its features.
 
-    What would alias is taken out, far above the cut-offs; gaps stay gaps. It has times,
-    angles and torques alone.
+    An anti-aliasing filter far above the cut-offs is applied; gaps are kept. It has only
+    times, angles and torques.
     """
     uniform = _resample(recording)
     first = _thinning(uniform.rate, filters)
@@ -269,7 +269,7 @@ def resample_recording(recording: Recording, filters: FilterSettings) -> Recordi
 
 
 def _even_times(times: Array) -> tuple[float, Array]:
-    """Return the rate [Hz] of some times, and as many evenly spaced."""
+    """Return the rate [Hz] of some times, and evenly spaced ones."""
     rate = estimate_sample_rate(times)
     t = np.arange(times[0], times[-1] + 0.5 / rate, 1 / rate)
     return rate, t[t <= times[-1] + 1e-9]
@@ -281,7 +281,7 @@ def _resample(log: Recording) -> _Uniform:
     gap = np.interp(t, log.t[1:], late) > 0
     q, tau = (interpolate_signals(t, log.t, x) for x in (log.q, log.tau))
     masked, enabled = np.zeros((len(t), 1), bool), None
-    if log.masked is not None:  # between two masked samples all is
+    if log.masked is not None:  # everything between two masked samples is masked
         masked = interpolate_signals(t, log.t, log.masked) > 0.5
     if log.enabled is not None:
         enabled = interpolate_signals(t, log.t, log.enabled)
@@ -289,14 +289,14 @@ def _resample(log: Recording) -> _Uniform:
 
 
 def interpolate_signals(times: Array, sampled: Array, values: Array) -> Array:
-    """Read signals at other times [s], in straight lines between. Shape (m, k)."""
+    """Interpolate signals linearly at other times [s]. Shape (m, k)."""
     return np.column_stack([np.interp(times, sampled, column) for column in values.T])
 
 
 def _kinematics(u: _Uniform, filters: FilterSettings, step: int) -> tuple[Array, Array, Array]:
-    """Filtered angles and their derivatives, every so many samples."""
+    """Filtered angles and their derivatives, at every k-th sample."""
     cutoff = min(filters.kinematics, 0.12 * u.rate)
-    if step > 1:  # no sample is made that is not kept
+    if step > 1:  # only kept samples are computed
         q, qd, qdd = (filter_low_pass(u.q, cutoff, u.rate, step, order=k) for k in range(3))
         return q, qd, qdd
     q = filter_low_pass(u.q, cutoff, u.rate)
@@ -318,7 +318,7 @@ def _track(
     full_rate: bool,
     piece: bool,
 ) -> Track:
-    """Prepare a log or a piece of one; rows beyond its part are those of others."""
+    """Prepare a log or a piece of one; rows beyond its part belong to other pieces."""
     first = 1 if full_rate else _thinning(u.rate, filters)
     rate = u.rate / first
     cutoff = filters.cutoff(u.rate)
@@ -340,7 +340,7 @@ def _track(
         over = compute_piece_overlap(cutoff, u.rate)
         at = (np.arange(len(inner)) * step / rate).round(6)
         inner &= (at >= over - 1e-6) & (at < len(u.t) / u.rate - over - 1e-6)
-    # Noise behind the filter, from the torque above 2.5 cut-offs taken as white.
+    # Noise after the filter, from the torque above 2.5 cut-offs, assumed to be white.
     nyquist = u.rate / 2
     low = min(2.5 * cutoff, 0.5 * nyquist)
     high = u.tau - filter_low_pass(u.tau, low, u.rate)
@@ -365,9 +365,9 @@ def _track(
 
 
 def _thinned(u: _Uniform, first: int) -> Array:
-    """Torque at the feature rate, so that it passes the very filter of the features.
+    """Torque at the feature rate, so that it passes the same filter as the features.
 
-    What would alias is taken out before, far above the identification cut-off.
+    An anti-aliasing filter far above the identification cut-off comes first.
     """
     if first == 1:
         return u.tau
@@ -375,11 +375,11 @@ def _thinned(u: _Uniform, first: int) -> Array:
 
 
 def filter_torque(t: Array, tau: Array, masked: Array, track: Track) -> tuple[Array, Array]:
-    """Return another torque of a log as its track has it, and its masked rows.
+    """Filter another torque of a log like that of its track, with its masked rows.
 
     Args:
         t: Times of the samples of the track [s]. Shape (n,).
-        tau, masked: Torque [N m] and whether it is not known. Shapes (n, dof).
+        tau, masked: Torque [N m] and whether it is unknown. Shapes (n, dof).
 
     Returns:
         Shapes (m, dof).
@@ -395,7 +395,7 @@ def filter_torque(t: Array, tau: Array, masked: Array, track: Track) -> tuple[Ar
 
 
 def dilate_mask(mask: Array, half_width: int) -> Array:
-    """Marks, and as many samples before and after each of them. Shape as given."""
+    """Dilate a mask by a number of samples on both sides. Shape as given."""
     count = np.cumsum(mask, axis=0)
     count = np.pad(count, [(1, 0)] + [(0, 0)] * (mask.ndim - 1))
     at = np.arange(len(mask))
@@ -404,7 +404,7 @@ def dilate_mask(mask: Array, half_width: int) -> Array:
 
 
 def interpolate_torque(torque: Array, track: Track, recording: Recording) -> Array:
-    """Torque on a track's grid, read at the recording's own times. Shape (n, dof)."""
+    """Torque on a track's grid, interpolated at the recording's times. Shape (n, dof)."""
     if torque.shape[0] == len(recording.t) and np.allclose(track.t, recording.t):
         return torque
     return interpolate_signals(recording.t, track.t, torque)
@@ -413,15 +413,15 @@ def interpolate_torque(torque: Array, track: Track, recording: Recording) -> Arr
 def add_angle_noise(
     recordings: Sequence[Recording], tracks: Sequence[Track], filters: FilterSettings
 ) -> tuple[Track, ...]:
-    """The logs with one more helping of the noise of their angles.
+    """Return the logs with redrawn noise added to their angles.
 
     Args:
-        tracks: The same, prepared: their rows are kept, and a torque that is measured.
+        tracks: The prepared logs: their rows, and a measured torque, are kept.
     """
     rng, out = np.random.default_rng(SEED), []
     for r, track in zip(recordings, tracks, strict=True):
-        # From above the filter, taken as white; by the median, so that jerks of the
-        # motion do not count.
+        # From frequencies above the filter, assumed to be white; by the median, to ignore jerks
+        # of the motion.
         _, angles, (low, _, _) = filter_motion(r, filters)
         rate = estimate_sample_rate(r.t)
         passed_on = min(filters.kinematics, 0.12 * rate) / (rate / 2)
@@ -439,22 +439,22 @@ def add_angle_noise(
 
 
 def keep_measured_rows(measured: Sequence[Track], shaken: Sequence[Track]) -> tuple[Track, ...]:
-    """Other angles in the place of the measured ones, on the very same rows."""
+    """Replace the measured angles by others, on the same rows."""
     return tuple(
         replace(t, tau=m.tau, valid=m.valid, moving=m.moving)
         for m, t in zip(measured, shaken, strict=True)
     )
 
 
-STEPS = 5.0  # of its sensor's step that the rms of a torque must be
-NOISES = 2.0  # of its noise behind the filter, where the joint moves
+STEPS = 5.0  # least rms of a torque, in steps of its sensor
+NOISES = 2.0  # the same, in units of its noise after the filter, in motion
 
 
 def find_unresolved_torques(recordings: Sequence[Recording], tracks: Sequence[Track]) -> Array:
-    """Return which joints' torque is but its quantisation or noise. (dof,), bool.
+    """Return which joints have only quantization or noise as torque. (dof,), bool.
 
-    A torque of that size has no error in per cent: a model that says nothing of it is
-    as good as any.
+    A torque of that size has no meaningful error in per cent: a zero prediction is as
+    good as any.
 
     Args:
         recordings: The logs.
@@ -471,7 +471,7 @@ def find_unresolved_torques(recordings: Sequence[Recording], tracks: Sequence[Tr
 
 
 def _step(values: Array) -> float:
-    """Least difference of two values; 0 where they are too many for steps."""
+    """Least difference of two values; 0 if there are too many for a quantized signal."""
     levels = np.unique(values)
     if not 1 < len(levels) < len(values) / 10:
         return 0.0

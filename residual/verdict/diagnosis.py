@@ -1,4 +1,4 @@
-"""What a diagnosis hands to its caller: verdict, models, curves; and its edit test."""
+"""The result of a diagnosis: verdict, models, curves; and the edit test."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -31,27 +31,27 @@ from residual.verdict.result import (
 def add_motor_class(
     place: Place, equivalent: Sequence[Place], span: MotionSpan
 ) -> tuple[Place, ...]:
-    """Return equivalents with what logs of one drive, without torque, do not split."""
+    """Add the equivalents that logs of one drive, without torque, cannot separate."""
     more = list_motor_alternatives(place.name, span)
     return tuple(dict.fromkeys([*equivalent, *(Place(n, place.joints) for n in more)]))
 
 
 def name_frames(robot: Robot) -> Frames:
-    """Return what the URDF of a robot calls its joints and its flange."""
+    """Return the URDF names of the joints and the flange of a robot."""
     flange = robot.model.frames[find_flange_frame(robot.model)].name
     return Frames(robot.joints, flange)
 
 
 def replace_by_model_values(finding: Finding, possible: PossibleModel) -> Finding:
-    """A finding with the values of the model, where no body could be as fitted freely.
+    """Replace the values of a finding by the model's, if its free fit is impossible.
 
-    The deviations stay: the true body is one that can be, and the nearest of those is
-    no farther from it than the fit was.
+    The deviations are kept: the true body is possible, and the nearest possible one is
+    no farther from it than the fit.
     """
     effect, joints = load_effects()[finding.name], tuple(j - 1 for j in finding.joints)
     if possible.correction is None or effect.portable.bodies is None:
         return finding
-    terms = possible.model.terms  # what was found stands behind what the model had
+    terms = possible.model.terms  # findings come after the terms of the model
     place = finding.name, joints
     (*_, term) = (t for t in terms if (t.effect.name, t.joints) == place)
     robot = possible.model.robot
@@ -118,25 +118,24 @@ def tabulate_errors(
     )
 
 
-ROUNDS = 3  # of parameters and noise in turn
+ROUNDS = 3  # alternating iterations of parameters and noise
 
 
-# Dense least squares: what one does without looking for a cause.
+# Dense least squares: a fit without a search for a cause.
 #
 # All inertial parameters of all bodies and all declared coefficients are fitted freely,
-# without a prior: by least squares weighted with the noise of each joint, on the very
-# rows of the diagnosis (joints that move, both sides through its filter). Of the many
-# parameters that fit alike (the base parameters are fewer) those nearest to the nominal
-# ones are taken, in units of the torque that each makes: the mildest choice, under
-# which a body that need not change does not.
+# without a prior: by least squares weighted with the noise of each joint, on the same rows
+# as the diagnosis (moving joints, both sides filtered). Of the equivalent solutions (there
+# are fewer base parameters) the one nearest to the nominal parameters is chosen, in units
+# of the torque of each: a body changes only if necessary.
 #
-# An effect is taken out of it by setting the parameters that stand for it back to the
-# nominal model's: of a load those of the last body, of a link its own, of declared
-# friction or a rotor the coefficient. Nothing is refitted then either.
+# An effect is removed by resetting its parameters to those of the nominal model: for a
+# load those of the last body, for a link those of the link, for declared friction or a
+# rotor the coefficient. Nothing is refitted.
 
 
 def fit_all_parameters(design: Design) -> Model:
-    """Fit all that a design's nominal model has, freely, on the design's rows."""
+    """Fit all coefficients of a design's nominal model freely, on the design's rows."""
     sums, size = [], len(design.nominal)
     for j in range(design.dof):  # of the nominal columns on each joint, and their indices
         place, have = design.present(j, design.nominal)
@@ -158,13 +157,13 @@ def fit_all_parameters(design: Design) -> Model:
 
 
 def reset_effect_parameters(model: Model, nominal: Model, effect) -> Model | None:
-    """Set back what stands for an effect in a dense model.
+    """Reset the parameters of an effect in a dense model.
 
     Args:
         effect: Anything with a name and joints from 1.
 
     Returns:
-        The edited model; None where no parameter of it stands for the effect.
+        The edited model; None if it has no parameters for the effect.
     """
     effect_type, joints = load_effects()[effect.name], tuple(effect.joints)
     bodies: tuple[int, ...] = ()
@@ -187,24 +186,24 @@ def reset_effect_parameters(model: Model, nominal: Model, effect) -> Model | Non
     return model.without(effect.name, declared_joints) if declared_joints else model
 
 
-# The edit test: a named effect is taken out again, and nothing is refitted.
+# The edit test: a named effect is removed without a refit.
 #
-# A low error is no explanation. Dense least squares and a right cause predict unseen
-# motion equally well; but taken out of its model only the right cause leaves the arm as
-# it was without it ("Fidelity Is Not Identification", Kyung Hee University 2026).
+# A low error is no explanation. Dense least squares and the right cause predict unseen
+# motion equally well; but only removing the right cause restores the arm without it
+# ("Fidelity Is Not Identification", Kyung Hee University 2026).
 #
 # E = 100 ||tau - tau_hat(model without the effect)|| / ||tau||, over all joints, both
 # sides through the identification filter, on logs of the arm that never had it.
 
 
-LocatedEffect = Place | Finding  # what has a name, and joints from 1: none for the arm
+LocatedEffect = Place | Finding  # anything with a name and joints from 1, () for the arm
 
 
 def remove_effects_from_model(model: Model, effects: Sequence[LocatedEffect]) -> Model:
     """Return a model without some effects; nothing is refitted.
 
     Raises:
-        InputError: If it does not have one of them.
+        InputError: If it lacks one of them.
     """
     for effect in effects:
         model = model.without(effect.name, effect.joints or None)
@@ -214,11 +213,11 @@ def remove_effects_from_model(model: Model, effects: Sequence[LocatedEffect]) ->
 def measure_errors(
     models: Mapping[str, Model | None], logs: Sequence[Recording]
 ) -> dict[str, Number]:
-    """Return the error of each model on logs [%], None for one that there is not.
+    """Return the error of each model on logs [%], None for a missing one.
 
     Args:
         models: By name; logs are prepared with the signal path of the first.
-        logs: Logs of the arm without what the models do not have.
+        logs: Logs of the arm without the removed effects.
     """
     some = {name: model for name, model in models.items() if model is not None}
     first = next(iter(some.values()))
@@ -234,9 +233,9 @@ def run_edit_tests(
     background: Sequence[LocatedEffect],
     baseline: Sequence[Recording],
 ) -> tuple[Edit, ...]:
-    """Take what was found out of the augmented model, and predict the baseline.
+    """Remove the findings from the augmented model, and predict the baseline.
 
-    The baseline had none of it, so all of it goes; ``kept`` is with this one back.
+    The baseline has none of them, so all are removed; ``kept`` restores one.
 
     Args:
         models: "nominal" and "augmented" of a diagnosis with a baseline.

@@ -1,7 +1,7 @@
 """The verdict as JSON and back (docs/verdict.md).
 
-The keys are those of the records (`result`), but where `to_json` says otherwise. Every
-key is always there; what does not apply is null, and nothing is NaN.
+The keys are those of the records (`result`), except as in `to_json`. Every key is always
+present; inapplicable ones are null, and nothing is NaN.
 """
 
 from collections.abc import Mapping
@@ -16,13 +16,13 @@ from residual.quantity import convert_to_plain_values
 from residual.verdict.result import Verdict
 
 SCHEMA = 1
-# What lists and tables of other sizes and kinds make Python say.
+# Python errors from lists and tables of wrong sizes and kinds.
 _DAMAGED = (AttributeError, IndexError, KeyError, OverflowError, TypeError, ValueError)
-LATER = frozenset({"suspected", "too_small"})  # a record without them is an older one
+LATER = frozenset({"suspected", "too_small"})  # older records lack them
 
 
 def to_json(verdict: Verdict) -> dict:
-    """Return a verdict as JSON can hold it, in its documented form."""
+    """Return a verdict as JSON values, in its documented form."""
     found = asdict(verdict)
     error = found["error"]
     cutoff = {"filter": {"cutoff_hz": error.pop("cutoff_hz")}}
@@ -67,14 +67,14 @@ def from_json(document: Mapping) -> Verdict:
 
 
 def parse_verdict(document: object) -> Verdict:
-    """Return the verdict of a document whose values are of the kinds they must be.
+    """Return the verdict of a document with checked types of values.
 
     Raises:
-        InputError: If one is not; a record of the store may be a stranger's.
+        InputError: If one is wrong; a record of the store may be foreign.
     """
     try:
         verdict = from_json(document)
-        # What prints, prints it, and writes it again is where a wrong kind shows.
+        # A wrong type shows when the verdict is printed and written again.
         to_json(verdict), str(verdict), repr(verdict.effects)
     except _DAMAGED as error:
         raise InputError(f"This is no whole verdict: {error!r}.") from error
@@ -83,5 +83,5 @@ def parse_verdict(document: object) -> Verdict:
 
 @cache
 def _form() -> TypeAdapter[Verdict]:
-    # Made when a verdict is read: it takes 25 ms.
+    # Created on first use: it takes 25 ms.
     return TypeAdapter(Verdict)

@@ -23,19 +23,19 @@ METRIC = "100*||tau-tau_hat||/||tau||"
 STILL = "the logs show no motion, so the arm cannot be diagnosed"
 EXPLAINED = "explained torque [N m]"
 
-Number = float | None  # None where it is not known
+Number = float | None  # None if unknown
 
 
 @dataclass(frozen=True, slots=True)
 class Dependence:
-    """What the remainder of one joint varies with.
+    """A dependence of the residual of one joint.
 
     Attributes:
-        joint: Whose remainder, from 1.
+        joint: Joint of the residual, from 1.
         on: "q", "qd", "qdd", "tau", "t" or "frequency".
-        of: Whose q, qd, qdd or tau, from 1.
+        of: Joints of q, qd, qdd or tau, from 1.
         form: "curve", "by direction", "sum" or "difference".
-        share: Of the squared remainder beyond noise.
+        share: Of the squared residual beyond noise.
         frequency: Of a line [Hz], else None.
     """
 
@@ -49,15 +49,15 @@ class Dependence:
 
 @dataclass(frozen=True, slots=True)
 class Unexplained:
-    """What remains after everything that was named.
+    """The unexplained torque after the findings.
 
     Attributes:
-        joints: Joints from 1 on which more than noise remains.
-        fraction, noise_floor: Of the torque, that nothing explains; that is noise.
-        depends_on: What the remainder of these joints varies with.
+        joints: Joints from 1 with a residual above noise.
+        fraction, noise_floor: Unexplained share of the torque; share of noise.
+        depends_on: Dependences of the residual of these joints.
         kind: "repeatable", "time-driven", or None.
         per_joint: Fraction of every joint.
-        noise_model: Where the noise level is from.
+        noise_model: Source of the noise level.
     """
 
     joints: tuple[int, ...]
@@ -71,13 +71,13 @@ class Unexplained:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """A change of all friction, held against the baseline's.
+    """A change of all friction relative to the baseline.
 
     Attributes:
         factor: Friction now over that of the baseline.
         std: Its standard deviation.
-        joints: Joints from 1 whose friction moved that way beyond two deviations.
-        clock: "recording time", where baseline and logs share one; else "order".
+        joints: Joints from 1 whose friction changed that way beyond two deviations.
+        clock: "recording time" if baseline and logs share one; else "order".
     """
 
     factor: Number
@@ -88,17 +88,17 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class Edit:
-    """Errors on logs of the arm without an effect, after it was taken out [%].
+    """Errors on logs of the arm without an effect, after its removal [%].
 
     Attributes:
         name, joints: The effect and where, joints from 1.
         error: Of the augmented model without it.
         kept: Of the same model with it, on the same logs.
-        least_squares: Of dense least squares with its parameters set back
+        least_squares: Of dense least squares with its parameters reset
             (`reset_effect_parameters`);
-            None where it has none to set back.
-        reference: Of the best there is: the true parameters where they are known, the
-            baseline's own model where they are not.
+            None if it has none.
+        reference: Of the best model: the true parameters if known, else the baseline's
+            own model.
     """
 
     name: str
@@ -111,19 +111,19 @@ class Edit:
 
 @dataclass(frozen=True, slots=True)
 class Change:
-    """One value of the nominal model beside the same as the logs have it.
+    """One value of the nominal model, compared with the logs.
 
     Attributes:
-        name: The declared effect; "inertial" for what the motion tells of the body.
-        joints: Joints from 1; of the body the link that leads.
-        parameter: Key of the effect's parameter; of the body the sum that it is.
-        nominal: As given; with a baseline, as that has it.
-        identified: As these logs have it, what was named included.
+        name: The declared effect; "inertial" for base parameters of the bodies.
+        joints: Joints from 1; for a base parameter its leading link.
+        parameter: Key of the effect's parameter; for a base parameter its sum.
+        nominal: The given value; with a baseline, that of the baseline.
+        identified: The value from these logs, findings included.
         std: Standard deviation of the difference.
         unit: SI unit.
         sigma: The difference in standard deviations.
         beyond: Whether it is beyond chance and by more than 5 %.
-        explained: Whether that is said by a finding already.
+        explained: Whether a finding already accounts for it.
     """
 
     name: str
@@ -143,7 +143,7 @@ MOTION, LOAD, UNTOLD = "motion", "load", "nothing"
 
 @dataclass(frozen=True, slots=True)
 class Place:
-    """An effect and the joints that it sits on.
+    """An effect and its joints.
 
     Attributes:
         name: Its name.
@@ -156,14 +156,14 @@ class Place:
 
 @dataclass(frozen=True, slots=True)
 class Alternative:
-    """A set as good as the named one.
+    """A set of effects as good as the named one.
 
     Attributes:
         set: Its effects, one joint each where they are local.
         nats: Its evidence less the price of its names, over that of the named set.
-        separated_by: "motion" where another motion would tell; "load" where the two are
-            bodies that move alike: weigh the load, or log the arm without it; "nothing"
-            where the two are one torque on every motion, at the size that was found.
+        separated_by: "motion" if another motion would separate them; "load" if the two
+            are bodies that move alike: weigh the load, or log the arm without it;
+            "nothing" if they have the same torque on every motion, at that size.
     """
 
     set: tuple[Place, ...]
@@ -173,11 +173,11 @@ class Alternative:
 
 @dataclass(frozen=True, slots=True)
 class Frames:
-    """What the URDF calls the joints, and the frame at the flange.
+    """URDF names of the joints, and of the frame at the flange.
 
     Attributes:
         joints: Joint 1 first.
-        flange: --tip, else the last link before locked joints: vectors of a load are in
+        flange: --tip, else the last link before locked joints; vectors of a load are in
             its axes.
     """
 
@@ -186,10 +186,10 @@ class Frames:
 
 
 STAGES = ("nominal", "identified", "augmented", "plsr")
-PLAIN = "least_squares"  # the reference that anyone has at hand, and no model of ours
+PLAIN = "least_squares"  # the common reference, not a model of ours
 
-Value = Number | tuple[Number, ...]  # one per joint where a finding is on several
-PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None as a whole
+Value = Number | tuple[Number, ...]  # one per joint if a finding is on several
+PerJoint = Mapping[str, tuple[Number, ...] | None]  # by model; None for all
 
 
 @dataclass(frozen=True, slots=True, repr=False)
@@ -197,11 +197,11 @@ class Parameter:
     """One physical parameter of a finding.
 
     Attributes:
-        value: The value; where the effect means that a known one is wrong, the change.
+        value: The value; if the effect means a wrong value, the change.
         std: Its standard deviation.
         unit: SI unit.
-        determined: Whether the motion determines it; else it is what was expected of it
-            beforehand, and only ``combinations`` of it are known.
+        determined: Whether the motion determines it; else it is the prior value, and
+            only ``combinations`` of it are known.
     """
 
     value: Value
@@ -211,7 +211,7 @@ class Parameter:
 
     @property
     def pairs(self) -> tuple[tuple[Number, Number], ...]:
-        """Value and standard deviation, of each joint where there are several."""
+        """Value and standard deviation, per joint if there are several."""
         if not isinstance(self.value, tuple):
             return ((self.value, self.std),)
         stds = self.std
@@ -228,11 +228,11 @@ class Parameter:
 
 @dataclass(frozen=True, slots=True)
 class Splits:
-    """How often a name came back when the search was done again.
+    """Number of repeated searches that found a name again.
 
     Attributes:
-        found: Parts left out after which it was found again.
-        of: Parts left out in all that left something of it to find.
+        found: Left-out parts after which it was found again.
+        of: Left-out parts after which it was detectable.
     """
 
     found: int
@@ -241,15 +241,15 @@ class Splits:
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """Why a finding is believed.
+    """The evidence for a finding.
 
     Attributes:
-        nats: Logarithm of how much likelier the logs are with it.
+        nats: Log Bayes factor with and without it.
         by: "fit" or "plausibility".
         held_out: "confirmed" or "neutral".
-        held_out_gain: Part of the held-out error that it removes.
-        splits: How often it was found again without a part of the data; None where
-            the logs are too short for that.
+        held_out_gain: Share of the held-out error that it removes.
+        splits: Repeated searches without a part of the data; None if the logs are too
+            short.
     """
 
     nats: Number
@@ -266,15 +266,15 @@ class Finding:
     Attributes:
         name: Its name.
         joints: Joints from 1; empty for the whole arm.
-        probability: That it is right, by what came of names like it on arms whose
-            truth is known, and that it is of its class (itself and its equivalents).
-        order: Place in the list, from 1.
-        equivalent: What these logs cannot tell from it; of several joints each with
-            those on which they cannot.
+        probability: That it or an equivalent is right, calibrated on arms with known
+            truth.
+        order: Rank in the list, from 1.
+        equivalent: Effects that these logs cannot separate from it, each with their
+            joints if there are several.
         parameters: By key.
-        combinations: What the motion determines in place of parameters that it does
-            not, by formula.
-        evidence: Why it is believed.
+        combinations: Determined combinations in place of undetermined parameters, by
+            formula.
+        evidence: Its evidence.
     """
 
     name: str
@@ -298,12 +298,13 @@ class Finding:
 
 @dataclass(frozen=True, slots=True)
 class Detectable:
-    """The size of an effect of which half would have been found in these logs.
+    """The size of an effect that these logs show in half of all cases.
 
     Attributes:
         name, joints: The effect and where, joints from 1.
-        value, unit: The size; None where it is more than any arm has.
-        confusable: What these logs would not tell from it at three times that size.
+        value, unit: The size; None if it is more than any arm has.
+        confusable: Effects that these logs would not separate from it at three times
+            that size.
     """
 
     name: str
@@ -318,17 +319,16 @@ class ErrorTables:
     """Errors of the models on held-out logs [%], by name of the model.
 
     Attributes:
-        metric, cutoff_hz: Their formula; of the identification filter.
-        logs: What was held out.
-        same_run: Whether it is a part of a fit log.
+        metric, cutoff_hz: Their formula; cut-off of the identification filter.
+        logs: The held-out logs.
+        same_run: Whether they are part of a fit log.
         held_out, filtered, moving: Of every joint: as logged, both sides filtered, the
-            same where that joint moves.
+            same while that joint moves.
         overall, overall_filtered, overall_moving: All joints in one norm: as logged,
-            filtered, where they move.
-        worse: Joints from 1 that the findings make worse beyond chance, where they
-            move.
-        position: Of models that go by themselves under the goals of the held-out logs;
-            None where torque was measured.
+            filtered, while they move.
+        worse: Joints from 1 that the findings make worse beyond chance, in motion.
+        position: Of models in free simulation under the goals of the held-out logs; None
+            if torque was measured.
     """
 
     metric: str
@@ -347,32 +347,32 @@ class ErrorTables:
 
 @dataclass(frozen=True, slots=True)
 class Verdict:
-    """The answer, as docs/verdict.md has it.
+    """The verdict (docs/verdict.md).
 
     Attributes:
         robot: Name of the robot.
         declared: Effects that the nominal model had.
         verdict: "effects", "none" or "unknown".
-        effects: What is missing, most important first.
-        minimum_detectable: Sizes that would have been found.
-        unexplained: What remains.
-        error: The proof.
+        effects: Missing effects, most important first.
+        minimum_detectable: Smallest detectable sizes.
+        unexplained: The unexplained torque.
+        error: Errors on held-out logs.
         nominal_scale: Scale of the prior of the rigid parameters; None with a baseline.
-        next_experiment: Motion that would tell equivalents apart, or None.
+        next_experiment: Motion that would separate equivalents, or None.
         warnings: Sentences that qualify the answer.
-        frames: What joints and flange are called in the URDF.
-        log_check: What is wrong with the logs; None where they were not checked.
-        contradictions: What of the fit no arm can be, in sentences: then nothing found
-            is no answer, and the verdict is "unknown".
-        drift: Friction of all joints against the baseline's; None where it stayed.
-        background: What any arm has a little of, folded: no reason to look.
-        changes: Every value that the model was given beside what the logs make of it.
-        alternatives: Sets of effects that these logs cannot tell from ``effects``.
-        edit: What is left of each effect, taken out again; None without a baseline.
-        bodies: What of the free fit no body can be, and what the nearest possible one
-            costs; None where every body can exist.
-        suspected: Names less sure than those of ``effects``, and in no model.
-        too_small: Joints from 1 whose torque is little more than its step or noise:
+        frames: URDF names of joints and flange.
+        log_check: Faults of the logs; None if they were not checked.
+        contradictions: Physically impossible results of the fit, in sentences: then
+            "none" is not justified, and the verdict is "unknown".
+        drift: Friction of all joints against the baseline's; None if unchanged.
+        background: Small effects of any used arm, folded.
+        changes: Every nominal value, compared with the logs.
+        alternatives: Sets of effects that these logs cannot separate from ``effects``.
+        edit: The edit test of each effect; None without a baseline.
+        bodies: Impossible bodies of the free fit, and the cost of the nearest possible
+            ones; None if every body is possible.
+        suspected: Names less certain than those of ``effects``, in no model.
+        too_small: Joints from 1 whose torque is hardly above its quantization or noise:
             they have no error.
     """
 
@@ -415,7 +415,7 @@ class Verdict:
         if self.effects:
             sure = [f.probability for f in self.effects if f.probability is not None]
             words = [f.where for f in self.effects]
-            if sure:  # no data give certainty
+            if sure:  # never certain
                 odds = "> 0.99" if min(sure) > 0.99 else f"= {min(sure):.2f}"
                 words.append(f"probability {odds}")
             said = ", ".join(words)
@@ -430,15 +430,15 @@ def _joints_phrase(joints: tuple[int, ...]) -> str:
     return f" on {format_joint_numbers(joints)}" if joints else ""
 
 
-# The next experiment: rivals that it separates, and how surely.
+# The next experiment: its rivals, and its chance.
 
 NOTHING = Place("nothing", ())
-TOGETHER = " + "  # between the names of a rival of several effects
-SURE = 0.8  # chance from which a motion is called enough
+TOGETHER = " + "  # between the names of a rival with several effects
+SURE = 0.8  # chance that counts as settling
 
 
 def describe_settling_time(seconds: float, after: float | None, chance: float) -> str:
-    """Return how soon and how surely a motion settles its question, in words."""
+    """Return the settling time and chance of a motion, in words."""
     chance_text = format_probability(chance)
     end = f"{format_number(seconds)} s with a chance of {chance_text}"
     if after is None:
@@ -448,21 +448,21 @@ def describe_settling_time(seconds: float, after: float | None, chance: float) -
 
 @dataclass(frozen=True, eq=False, slots=True, repr=False)
 class Diagnosis:
-    """What a diagnosis hands to its caller: the verdict, the models and the curves.
+    """The result of a diagnosis: the verdict, the models and the curves.
 
     Attributes:
-        verdict: The answer.
+        verdict: The verdict.
         models: By name: "nominal", "identified", "augmented", and "plsr" where tables
-            were fitted to what remains.
+            were fitted to the residual.
         proofs: One per held-out log.
         clouds: Several per finding, at most one per joint.
-        notes: What was understood of the signals (rates, filters, delays, masks).
+        notes: Notes on the signals (rates, filters, delays, masks).
         residual_clouds: One per unexplained joint: its residual over the variable that
-            it depends on most (over time where there is none).
+            it depends on most, else over time.
         sentences: One plain sentence per finding, in the order of the findings.
         adoptable: Model to adopt: the augmented one, or the fit of both epochs.
-        question: What these logs leave open (`OpenQuestion`), for
-            `modelgap next`; None of a comparison.
+        question: The open question of these logs (`OpenQuestion`), for
+            `modelgap next`; None for a comparison.
     """
 
     verdict: Verdict
@@ -496,7 +496,7 @@ class Diagnosis:
         return self.verdict.warnings
 
     def torque_unit(self, joint: int) -> str:
-        """Return the unit of what drives a joint (from 1), a torque or a force."""
+        """Return the unit of torque or force of a joint (from 1)."""
         for model in self.models.values():
             body = model if hasattr(model, "robot") else model.model
             return "N" if body.robot.prismatic[joint - 1] else "N m"

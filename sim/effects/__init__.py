@@ -1,6 +1,6 @@
-"""What an arm may hide, one file per effect; the registry is the folder listing.
+"""Effects that an arm may hide, one file each; the registry is the folder listing.
 
-A file has an ``EFFECT``, or ``EFFECTS`` where several are of one kin; one that begins
+A file has an ``EFFECT``, or ``EFFECTS`` for several related ones; one that begins
 with ``_`` has none. The registry is read by `sim.plant.effect_catalogue` alone.
 """
 

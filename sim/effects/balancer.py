@@ -19,7 +19,7 @@ def _row(p, joints):
 
 
 def _draw(rng: Rng, sizes: TypicalJointSizes) -> dict[str, float]:
-    """Near the phase that helps against weight: where else would one mount it?"""
+    """Draw a phase near the one that balances the weight."""
     size = draw_sign(rng) * rng.uniform(0.05, 0.15) * sizes.torque
     return split_into_components(size, np.pi / 2 + rng.uniform(-0.5, 0.5))
 

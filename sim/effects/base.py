@@ -1,4 +1,4 @@
-"""What the simulated world knows of an effect: data, and how the arm has it."""
+"""The record of a simulated effect: its data, and its functions in the plant."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -23,7 +23,7 @@ OfDrive = Literal["viscous", "coulomb", "rotor"]  # fields of `TypicalSizes`
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TypicalJointSizes:
-    """Usual sizes on the joints where an effect is drawn: of several the least.
+    """Typical sizes on the joints of a drawn effect: of several joints the least.
 
     Attributes:
         robot: The arm.
@@ -72,7 +72,7 @@ def draw_any_joint_skipping(rng: Rng, dof: int, sizes: TypicalSizes) -> int:
 
 
 def draw_first_joint(rng: Rng, dof: int, sizes: TypicalSizes) -> int:
-    """Draw one of the first three, which carry the arm: there gears and range show."""
+    """Draw one of the first three joints, which carry the arm."""
     return int(rng.integers(1, min(3, dof) + 1))
 
 
@@ -96,10 +96,10 @@ def _heaviest(rng: Rng, sizes: TypicalSizes) -> int:
 
 
 class PlantEffectTrait(Enum):
-    """What sets an effect apart from the others."""
+    """A special trait of an effect."""
 
-    RARE = auto()  # drawn only where it is asked for
-    INVERSE = auto()  # the smaller its amount, the more of it there is (a stiffness)
+    RARE = auto()  # drawn only on request
+    INVERSE = auto()  # its torque falls as its amount rises (a stiffness)
     SENSOR = auto()  # a broken sensor; its report comes after all others
     FROZEN = auto()  # the encoder stands still
 
@@ -117,35 +117,35 @@ class Effect:
         parameters: Keys with their SI units, in order.
         defaults: Values of those keys that need not be given.
         scope: Where it sits: on each of its joints, on a pair, the flange, or the arm.
-        above: Limits that a value must exceed.
+        above: Lower limits of values, exclusive.
         signs: Keys that are 1 or -1.
-        together: Keys of which all are given or none.
-        of_drive: Which number of the drives it changes, by its name in `OfDrive`; its
-            value adds to what the robot declares.
-        amount: Parameters that its torque is in proportion to; the first is the one
-            that its size is stated in, several are one vector.
+        together: Keys that are given all or none.
+        of_drive: The parameter of the drives that it changes, by its name in
+            `OfDrive`; its value adds to the declared one.
+        amount: Parameters that its torque is proportional to; the first states its
+            size, several form one vector.
         along: Parameters that grow along without being the size.
         also: Names in the vocabulary for a part of its torque, true beside its own.
-        traits: What sets it apart (`PlantEffectTrait`).
-        where: (rng, dof, sizes) -> a joint, from 1, of the usual ones.
-        draw: (rng, sizes) -> values of usual size.
+        traits: Its special traits (`PlantEffectTrait`).
+        where: (rng, dof, sizes) -> a joint, from 1, where the effect is typical.
+        draw: (rng, sizes) -> values of typical size.
 
         body: (model, joints, p) -> the changed rigid body.
         encoder: p -> constant, cosine and sine of true minus reading [rad].
-        gain: p -> how much more torque is reported than given, as a share.
-        report: (tau, t, onset, p) -> what is reported of a torque (n, k).
+        gain: p -> excess of reported over real torque, as a share.
+        report: (tau, t, onset, p) -> the reported torque (n, k).
 
         friction: (p, Coulomb level) -> kind and numbers of a row of friction.
         gear: p -> inertia, sign, level and coefficient of a gear that a pair shares.
         torque: (p, joints) -> kind and numbers of a row of torque, on each joint, of a
             pair on the first.
         series: (p, t, rng) -> torque over the whole motion on one joint. Shape (n,).
-        push: (p, moving arm) -> torque that moves the joints, at every step [N m]; its
-            own ones count, of a global effect all. Shape (dof,).
+        push: (p, moving arm) -> torque that moves the joints, at every step [N m];
+            only entries of its joints count, of a global effect all. Shape (dof,).
         transmission: p -> compliance of a spring between motor and link [rad/(N m)],
             half of the play between them [rad]; 0 for none.
         onset_share: p -> share of the motion after which it acts.
-        drift: p -> rate at which an encoder wanders off [rad/s].
+        drift: p -> rate at which an encoder drifts [rad/s].
     """
 
     name: str
@@ -184,7 +184,7 @@ class Effect:
 
     @property
     def has_channel(self) -> bool:
-        """Whether the plant records a torque of its own for it."""
+        """Whether the plant records a separate torque for it."""
         return any((self.torque, self.series, self.push))
 
 
@@ -213,7 +213,7 @@ TENSOR = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
 CENTRE = ("com_x", "com_y", "com_z")
 
 
-# What every body that is added to an arm is told by, as fields of an `Effect`.
+# Fields of an `Effect` that adds a body to the arm.
 BODY = {
     "parameters": {"mass": "kg"} | dict.fromkeys(CENTRE, "m") | dict.fromkeys(TENSOR, "kg m^2"),
     "defaults": dict.fromkeys(CENTRE, 0.0) | dict.fromkeys(TENSOR, math.nan),
@@ -240,7 +240,7 @@ def build_body_inertia(p: Values) -> pin.Inertia:
 
 
 def add_body(model: pin.Model, link: int, body: pin.Inertia, name: str) -> pin.Model:
-    """Return a copy of an arm with a body more on a link.
+    """Return a copy of an arm with an additional body on a link.
 
     Args:
         link: Index of its joint in the model.

@@ -1,4 +1,4 @@
-"""Sensors that break during a run, of which the vocabulary of effects has no word.
+"""Sensors that break during a run; the diagnosis has no names for them.
 
 A jump of an encoder and a fallen torque constant are effects with an onset. The drive
 itself works, and the controller reads the encoder but not the torque sensor.

@@ -1,4 +1,4 @@
-"""Dry friction: a change of what the drive has."""
+"""Dry friction: a change of the declared one."""
 
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws

@@ -1,4 +1,4 @@
-"""An encoder that was mounted a little off."""
+"""An encoder mounted with a small angular error."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""A wrong torque constant: the drives believe to give more than they do."""
+"""A wrong torque constant: the drives give less torque than they report."""
 
 from sim.effects.base import Effect, draw_loaded_joint, draw_sign
 

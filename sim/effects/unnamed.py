@@ -1,4 +1,4 @@
-"""Effects that no vocabulary has: the right answer to them is "unknown"."""
+"""Effects outside the library: the right answer to them is "unknown"."""
 
 import numpy as np
 

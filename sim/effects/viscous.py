@@ -1,4 +1,4 @@
-"""Viscous friction: a change of what the drive has."""
+"""Viscous friction: a change of the declared one."""
 
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws

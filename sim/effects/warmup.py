@@ -1,4 +1,4 @@
-"""Friction that fades as the gear warms up by it."""
+"""Friction that decreases as its power warms the gear."""
 
 from sim.effects.base import Effect, build_row_function
 from sim.engine import friction_laws

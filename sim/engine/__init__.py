@@ -1,1 +1,1 @@
-"""What the simulated world rests on: records, laws of friction, PyBullet, geometry."""
+"""The basis of the simulation: records, laws of friction, PyBullet, geometry."""

@@ -8,8 +8,8 @@ import numpy as np
 
 Value = np.ndarray | float
 
-# Numbers by which the compiled plant knows its laws; an effect's file says which of
-# them it makes, and with which numbers.
+# Codes of the laws in the compiled plant; the file of an effect states which it uses, and
+# with which parameters.
 # Rows of friction.
 LEVEL, ASYMMETRY, VISCOUS, VISCOUS_ASYMMETRY, QUADRATIC, POWER = range(6)
 STRIBECK, CARRIED, POSITION, WARMUP, BRISTLE = range(6, 11)
@@ -60,7 +60,7 @@ def hose_deflection(x: Value) -> Value:
 
 
 def gas_spring_torque(x: Value) -> Value:
-    """Return the torque of a gas spring between two eyes, of no particular size.
+    """Return the torque of a gas spring between two eyes, not normalized.
 
     The eyes sit at 1 and 1/4 of a length from the joint axis, so the cylinder is
     L(x) = sqrt(1 + 1/16 - cos(x) / 2) long; pulled out it presses its gas, whose force
@@ -81,8 +81,8 @@ def gas_spring_peak_torque() -> float:
     return float(gas_spring_torque(np.linspace(0, 2 * np.pi, 721)).max())
 
 
-# -- of the background: none is a law of `sim.effects` or of the diagnosis, so that
-# -- nothing is found only because both sides wrote down the same curve.
+# -- of the background: none is a law of `sim.effects` or of the diagnosis, so that no
+# -- finding is due to both sides using the same curve.
 
 
 def low_speed_friction_factor(qd: Value, velocity: Value) -> Value:
@@ -116,5 +116,5 @@ def grease_thinning_factor(warmth: Value, growth: Value) -> Value:
 
 
 def step_warmth(warmth: Value, power: Value, time_constant: Value, dt: float) -> Value:
-    """Return a warmth after a step, for a power in units of the usual one."""
+    """Return a warmth after a step, for a power in units of the typical one."""
     return warmth + dt / time_constant * (power - warmth)

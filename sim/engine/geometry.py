@@ -1,15 +1,14 @@
 """Clearance of an arm from the floor and itself, and joint angles for a pose.
 
 The arm is taken as capsules between the frames of its joints, all of one thickness, a
-share of the arm's length. That is coarse: a bulky wrist, a tool or a cable is not in
-it. The floor is the plane z = 0 of the base frame, and is there for arms whose first
-axis stands on it; how an arm with a horizontal first axis is mounted nobody can tell.
+share of the arm's length. This is coarse: it omits bulky wrists, tools and cables.
+The floor is the plane z = 0 of the base frame, for arms with a vertical first axis only;
+the mounting of an arm with a horizontal first axis is unknown.
 
 Joint angles are found by Newton steps from a guess. An arm with more than six joints
-reaches a pose in many ways. Along a path it keeps to the plane, in the space of its
-joints, through a home posture and square to the motion that leaves the flange of that
-posture at rest. So a pose has one answer near home, and a closed path of poses gives a
-closed path of joints.
+reaches a pose in many ways. Along a path it stays in the plane of joint space through a
+home posture, normal to the null motion of that posture. So a pose has one solution near
+home, and a closed path of poses gives a closed path of joints.
 """
 
 from dataclasses import dataclass
@@ -31,7 +30,7 @@ from residual.robot.robot import Robot
 
 MARGIN = 0.02  # m, kept free
 _THICKNESS = 0.07  # radius as a share of the stretched arm; 8 cm for an IRB 140
-_SAME = 0.02  # of the stretched arm: frames that near are one point
+_SAME = 0.02  # of the stretched arm: closer frames count as one point
 POSE_JOINTS = 6
 NEAR_SINGULAR = 0.03  # least singular value of the Jacobian, of its largest
 _STEPS, _LONGEST = 80, 0.4  # rad
@@ -41,7 +40,7 @@ _DAMPING = 1e-9
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ArmCapsules:
-    """The capsules of an arm and what is checked."""
+    """The capsules of an arm and their checks."""
 
     chain: KinematicChain  # where the joints sit
     # Which of base, joints 1 to dof and flange (0 to dof + 1) are ends of capsules;
@@ -50,14 +49,14 @@ class ArmCapsules:
     radius: float  # radius of all capsules [m]
     low: tuple[int, ...]  # ends that must stay above the floor, as indices into `kept`
     pairs: tuple[tuple[int, int], ...]  # capsules that must stay apart
-    names: tuple[str, ...]  # what each check is about, the floor first
+    names: tuple[str, ...]  # subject of each check, the floor first
 
 
 def build_arm_capsules(model: pin.Model) -> ArmCapsules:
     """Return the capsules of an arm.
 
-    Neighbours are not checked, nor capsules with so little between them that they
-    always touch.
+    Neighbours are not checked, nor capsules so close in the chain that they always
+    touch.
     """
     chain = build_kinematic_chain(model)
     at_rest = chain.compute_joint_origins(np.zeros((1, model.nv)))[0]
@@ -89,7 +88,7 @@ def build_arm_capsules(model: pin.Model) -> ArmCapsules:
 
 
 def compute_clearances(capsules: ArmCapsules, q: Array) -> Array:
-    """Return the room that every check of the arm has left.
+    """Return the clearance of every check of the arm.
 
     Returns:
         Distances between surfaces, less than 0 where they cross [m]. Shape
@@ -140,7 +139,7 @@ def _piece(model: pin.Model, kept: list[int], i: int) -> str:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ToolKinematics:
-    """What inverse kinematics needs to know of an arm."""
+    """The data of an arm for inverse kinematics."""
 
     model: pin.Model
     flange: int  # index of the flange frame
@@ -163,7 +162,7 @@ def build_tool_kinematics(robot: Robot, family: str) -> ToolKinematics:
 
 
 def compute_flange_pose(arm: ToolKinematics, q: Array) -> pin.SE3:
-    """Return where the flange is at one posture. Shape of q (dof,)."""
+    """Return the pose of the flange at one posture. Shape of q (dof,)."""
     data = arm.model.createData()
     pin.forwardKinematics(arm.model, data, q)
     return pin.SE3(pin.updateFramePlacement(arm.model, data, arm.flange))
@@ -176,8 +175,8 @@ def solve_inverse_kinematics(
 
     Args:
         guess: Joint angles to start from [rad]. Shape (dof,).
-        home: Posture that decides what spare joints do [rad]; None for the answer
-            that Newton's method finds. Shape (dof,).
+        home: Posture that fixes redundant joints [rad]; None for the solution that
+            Newton's method finds. Shape (dof,).
 
     Returns:
         Joint angles, ranges not considered [rad], or None if no solution was found
@@ -186,7 +185,7 @@ def solve_inverse_kinematics(
     model, q = arm.model, np.array(guess, dtype=float)
     data, fixed = model.createData(), np.zeros((0, model.nv))
     if home is not None and model.nv != POSE_JOINTS:
-        # What leaves the flange at rest at home. Shape (spare joints, dof).
+        # Null motions of the flange at home. Shape (redundant joints, dof).
         fixed = null_space(compute_flange_jacobian(model, home[None])[0]).T
     for _ in range(_STEPS):
         pin.forwardKinematics(model, data, q)
@@ -211,7 +210,7 @@ def solve_pose_path(
 
     Args:
         start: Joint angles near the first [rad]. Shape (dof,).
-        home: Posture that decides what spare joints do [rad]. Shape (dof,).
+        home: Posture that fixes redundant joints [rad]. Shape (dof,).
 
     Returns:
         Joint angles [rad], None where the path leaves reach or the arm would jump.

@@ -1,8 +1,8 @@
-"""The records that the rooms of the simulated world share, and its random streams.
+"""The records that the folders of the simulation share, and its random streams.
 
-Each thing that is drawn has a stream of its own, so that adding an effect changes
-neither the arm nor anybody else's noise. Noise also depends on the motion: two
-experiments on one arm share its scatter and nothing else.
+Each drawn quantity has a separate stream, so that adding an effect changes neither the
+arm nor any other noise. Noise also depends on the motion: two experiments on one arm
+share only its scatter.
 """
 
 import hashlib
@@ -25,7 +25,7 @@ NAMES = ("scatter", "friction", "encoder", "torque", "effect")
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ReferenceMotion:
-    """What the arm is asked to do, at the rate of the controller."""
+    """The reference of the arm, at the rate of the controller."""
 
     kind: str  # family: fourier, cyclic, welding or move_stop_move
     t: Array  # times from 0, uniform [s], (n,)
@@ -37,16 +37,16 @@ class ReferenceMotion:
 
 @dataclass(frozen=True, slots=True)
 class TrajectorySpec:
-    """The reference asked for: a part of the open half of a spec."""
+    """The specification of a reference: a part of the open half of a spec."""
 
     kind: str = "fourier"  # family: fourier, cyclic, welding or move_stop_move
     duration: float = 20.0  # length [s]
     periods: int = 2  # repetitions within the duration
     seed: int = 0  # seed of whatever the family draws
-    # Of a motion that is given and not searched for; a row has dof entries [rad].
-    # Fourier: its centre, then the eight coefficients of every joint that rest at its
-    # ends leaves free. Move-stop-move: the places that it goes round, `periods` times,
-    # after a stand at the first. Empty to search.
+    # Of a given motion, without a search; a row has dof entries [rad].
+    # Fourier: its centre, then the eight free coefficients of every joint (rest at both
+    # ends fixes two). Move-stop-move: the places to visit in turn, `periods` times,
+    # after a dwell at the first. Empty to search.
     coefficients: tuple[tuple[float, ...], ...] = ()
 
     @classmethod
@@ -58,7 +58,7 @@ class TrajectorySpec:
 
 @dataclass(frozen=True, slots=True)
 class PlantEffect:
-    """One thing that the arm has and the nominal model lacks (sealed half)."""
+    """One effect of the arm that the nominal model lacks (sealed half)."""
 
     name: str  # name of a file of sim/effects, or ``x_...`` of one without a name
     joints: tuple[int, ...]  # joints that have it, from 1; () for a global effect
@@ -68,7 +68,7 @@ class PlantEffect:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SyntheticEffect:
-    """An effect that the arm has and its model may lack, from the beginning."""
+    """An effect of the arm that its model may lack, from the start of the motion."""
 
     onset: ClassVar[float] = 0.0
 
@@ -88,9 +88,9 @@ class SampleRates:
 
 @dataclass(frozen=True, slots=True)
 class SensorNoise:
-    """What the sensors add."""
+    """The noise of the sensors."""
 
-    # Standard deviation as a share of each joint's usual torque range.
+    # Standard deviation as a share of each joint's typical torque range.
     torque: float = 0.015
     # Quantisation step [rad]; white noise of half of it comes before.
     encoder: float = 1e-4
@@ -98,7 +98,7 @@ class SensorNoise:
 
 @dataclass(frozen=True, slots=True)
 class ServoDrive:
-    """What a position-controlled arm does with a goal, a value per joint or none."""
+    """The servos of a position-controlled arm, a value per joint or none."""
 
     gain: tuple[float, ...] = ()  # torque per angle [N m/rad]; none: 1
     limit: tuple[float, ...] = ()  # of its torque [N m]; none: that of the arm
@@ -109,9 +109,9 @@ class ServoDrive:
 
 @dataclass(frozen=True, slots=True)
 class PlantSpec:
-    """The hidden half of a spec: what the diagnosis must find out by itself."""
+    """The hidden half of a spec, which the diagnosis has to find."""
 
-    # What the arm has and the nominal model lacks.
+    # Effects of the arm that the nominal model lacks.
     effects: tuple[PlantEffect, ...] = ()
     # Relative standard deviation of the rigid and declared parameters around the
     # nominal ones.
@@ -119,19 +119,18 @@ class PlantSpec:
     noise: SensorNoise = SensorNoise()
     seed: int = 0  # seed of every named stream of the plant
     salt: str = ""  # any text: keeps the hash of this half from being guessed
-    # What all joints have undeclared: nothing, that of an arm in use, or twice as much.
-    # Drawn from the seed, so it is the arm's own in all its runs.
+    # Undeclared effects of all joints: none, those of an arm in use, or twice as much.
+    # Drawn from the seed, so they are the same in all runs of the arm.
     background: BackgroundWord = CLEAN
-    # Usual work of the arm before its session began, which left it warm; only a
-    # background feels it [s].
+    # Typical work of the arm before its session, which warmed it; affects only a
+    # background [s].
     worked_before: float = 0.0
-    # Of an arm that is sent goals and nothing else; None where the controller sends
-    # torques.
+    # Of an arm that is only sent goals; None where the controller sends torques.
     drive: ServoDrive | None = None
 
 
 class DriveParameters(NamedTuple):
-    """What is known of the friction and rotors of an arm, per joint. Shapes (dof,)."""
+    """Friction and rotors of an arm, per joint. Shapes (dof,)."""
 
     coulomb: Array  # dry friction [N m]
     viscous: Array  # viscosity [N m s/rad]
@@ -140,21 +139,21 @@ class DriveParameters(NamedTuple):
 
 @dataclass(frozen=True, eq=False, slots=True)
 class TypicalSizes:
-    """Usual sizes on one robot, per joint."""
+    """Typical sizes on one robot, per joint."""
 
     torque: Array  # range of the torque in normal motion [N m], (dof,)
     coulomb: Array  # Coulomb friction [N m], (dof,)
     viscous: Array  # viscous friction [N m s/rad], (dof,)
     rotor: Array  # inertia of the rotor at the link side [kg m^2], (dof,)
-    loaded: tuple[int, ...]  # joints, from 1, that carry a good part of the weight
+    loaded: tuple[int, ...]  # joints, from 1, that carry much of the weight
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class PlantRun:
     """One experiment on the plant."""
 
-    log: Recording  # what a robot would log, at the log's rate: t, q, tau and q_ref
-    # What no robot logs, by name, at the log's rate: true motion, one ``tau_<channel>``
+    log: Recording  # the log of the robot, at the log's rate: t, q, tau and q_ref
+    # Hidden channels by name, at the log's rate: true motion, one ``tau_<channel>``
     # per torque, temperatures, (n, ...).
     truth: Mapping[str, Array]
     # Errors e_q, e_qd, e_qdd, e_tau of the plant against the nominal closed-loop twin
@@ -166,7 +165,7 @@ def create_random_stream(seed: int, name: str) -> np.random.Generator:
     """Return the random stream of that name.
 
     Streams of different names are independent; drawing more from one, or adding
-    another, changes nothing in the rest.
+    another, does not change the others.
     """
     digest = hashlib.sha256(name.encode()).digest()
     entropy = [seed, int.from_bytes(digest[:8], "little")]

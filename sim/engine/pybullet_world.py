@@ -22,7 +22,7 @@ from residual.robot.dynamics import find_joint_axis
 from residual.robot.files import find_prismatic_joints
 from residual.robot.urdf import format_numbers
 
-_FREE = 1e3  # rad and rad/s: limits that nothing reaches
+_FREE = 1e3  # rad and rad/s: limits beyond any motion
 
 
 def write_model_urdf(model: pin.Model) -> str:
@@ -71,7 +71,7 @@ def _origin(rotation: Array, translation: Array) -> str:
 
 @contextmanager
 def silence_c_output() -> Iterator[None]:
-    """Keep what C prints off the terminal, its own buffer included."""
+    """Keep the output of C code off the terminal, its own buffer included."""
     flush = ctypes.CDLL(None).fflush
     sys.stdout.flush()
     flush(None)
@@ -93,8 +93,8 @@ def silence_c_output() -> Iterator[None]:
 class _Bullet:
     """PyBullet, loaded with the first arm that is put into it.
 
-    Elsewhere than on Linux with Python 3.11 it is not installed, and what needs no
-    simulated arm goes without.
+    It is installed on Linux with Python 3.11 only; commands without a simulated arm do
+    not need it.
     """
 
     def __getattr__(self, name: str):
@@ -112,7 +112,7 @@ bullet = _Bullet()
 
 
 class BulletWorld:
-    """One arm that moves by physics, in a client of its own; use it in a with block."""
+    """One arm in a separate PyBullet client; use it in a with block."""
 
     def __init__(self, model: pin.Model, dt: float) -> None:
         self._on = {"physicsClientId": bullet.connect(bullet.DIRECT)}
@@ -161,7 +161,7 @@ class BulletWorld:
         return np.array([s[0] for s in states]), np.array([s[1] for s in states])
 
     def step(self, torque: Array) -> None:
-        """Go on by one time step under these joint torques [N m]. Shape (dof,)."""
+        """Advance by one time step under these joint torques [N m]. Shape (dof,)."""
         forces, control = torque.tolist(), bullet.TORQUE_CONTROL
         bullet.setJointMotorControlArray(
             self._arm, self._joints, control, forces=forces, **self._on

@@ -37,7 +37,7 @@ from sim.plant.typical_sizes import read_nominal_drives
 
 # Critically damped at 30 rad/s: poles of eq. 10.
 KP, KD = 900.0, 60.0  # 1/s^2, 1/s
-_SOFT = 0.05  # rad/s: over which the controller turns its dry friction
+_SOFT = 0.05  # rad/s: over which the controller reverses its dry friction
 
 # From step, read position and read speed to the torque commanded [N m]. Shapes (dof,).
 Controller = Callable[[int, Array, Array], Array]
@@ -49,12 +49,12 @@ Law = Callable[[int, Array, Array, Array], Array]
 def choose_controller(
     robot: Robot, reference: ReferenceMotion, command: Array | Law | None = None
 ) -> Controller:
-    """Return what drives an arm along a reference.
+    """Return the controller of an arm along a reference.
 
     Args:
-        command: Of some model: torque along the reference [N m], shape (n, dof), which
-            goes with plain feedback; or a law, which closes the loop. None for the
-            controller of the paper, with the nominal model.
+        command: Of some model: torque along the reference [N m], shape (n, dof), to
+            which plain feedback is added; or a law, which closes the loop. None for
+            the controller of the paper, with the nominal model.
     """
     model, data, maker = robot.model, robot.model.createData(), read_nominal_drives(robot)
     # q, qd and qdd at each step. Shape (n, 3, dof).
@@ -73,7 +73,7 @@ def choose_controller(
             return command(k, reading, rate, qdd + KP * (q - reading) + KD * (qd - rate))
 
     else:
-        # Feedback joint by joint: no model in it.
+        # Feedback joint by joint, without a model.
         inertia = np.diag(pin.crba(model, data, reference.q[0])) + maker.rotor
 
         def torque(k: int, reading: Array, rate: Array) -> Array:
@@ -84,7 +84,7 @@ def choose_controller(
 
 
 def build_open_loop_controller(command: Array) -> Controller:
-    """Return given torques and nothing else: no feedback."""
+    """Return given torques, without feedback."""
     return lambda k, reading, rate: command[k]
 
 
@@ -97,7 +97,7 @@ def _demand(goal, reading, rate, maker):
         miss = goal[0, j] - reading[j]
         demand[j] = goal[2, j] + KP * miss + KD * (goal[1, j] - rate[j])
         rest[j] = rotor[j] * demand[j] + viscous[j] * rate[j]
-        # By the wanted direction: the read one would chatter at standstill.
+        # By the direction of the reference: the measured one would chatter at standstill.
         rest[j] += coulomb[j] * np.tanh(goal[1, j] / _SOFT)
     return demand, rest
 
@@ -110,14 +110,14 @@ class SimulationDivergedError(ModelgapError):
         state = ", ".join(f"{angle:.3g}" for angle in q)
         super().__init__(
             f"The simulation diverged at {time:.3f} s on joint {joint}: q = [{state}] "
-            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Make the effects there "
-            "smaller, the motion slower, or the control rate higher."
+            f"rad, joint {joint} at {qd[joint - 1]:.3g} rad/s. Reduce the effects there, "
+            "slow the motion down, or raise the control rate."
         )
 
 
 @dataclass(frozen=True, eq=False, slots=True)
 class SimulationTrace:
-    """Everything that happened, at the rate of the controller."""
+    """The trace of a simulation, at the rate of the controller."""
 
     t: Array  # times [s], (n,)
     rows: Array  # rows of `step_tables`, then one per channel, (n, rows, dof)
@@ -155,7 +155,7 @@ def build_and_simulate(
     """Build the arm of a spec and drive it; arguments as of `simulate_closed_loop`.
 
     Args:
-        command: What drives it in place of the nominal model (`choose_controller`).
+        command: Its control in place of the nominal model (`choose_controller`).
     """
     arm, label = build_plant_arm(robot, plant), format_motion_label(reference, start)
     controller = choose_controller(robot, reference, command)
@@ -173,7 +173,7 @@ def simulate_closed_loop(
 ) -> SimulationTrace:
     """Drive an arm along a reference.
 
-    An arm that runs away because its encoder is broken is stopped by its guard, as a
+    An arm that runs away because of a broken encoder is stopped by its guard, like a
     real one: the trace ends there.
 
     Args:
@@ -253,10 +253,10 @@ def compute_external_torques(phase: ArmPhase, arm: MovingArm) -> dict[str, Array
 
 
 def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tuple[Array, Array]:
-    """Return where the arm is when its encoders read the beginning of the motion."""
+    """Return the state in which the encoders read the beginning of the motion."""
     motor = invert_encoder_error(reference.q[0], phase.constants.joints[at.SHIFT :])
     q, data = motor, phase.model.createData()
-    for _ in range(5):  # the springs give way to the weight
+    for _ in range(5):  # the springs deflect under the weight
         load = pin.rnea(phase.model, data, q, reference.qd[0], reference.qdd[0])
         q = motor - _give(phase, load)
     state.motors[:] = motor, reference.qd[0], load
@@ -264,7 +264,7 @@ def _start(phase: ArmPhase, reference: ReferenceMotion, state: PlantState) -> tu
 
 
 def _give(phase: ArmPhase, load: Array) -> Array:
-    """Return how far each transmission gives way under a load [rad]. Shape (dof,)."""
+    """Return the deflection of each transmission under a load [rad]. Shape (dof,)."""
     joints = phase.constants.joints
     soft = joints[at.ELASTIC] > 0
     twist = load / np.where(soft, joints[at.STIFFNESS], 1.0) + np.sign(load) * joints[at.GAP]
@@ -274,7 +274,7 @@ def _give(phase: ArmPhase, load: Array) -> Array:
 def _join_springs(
     phase: ArmPhase, before: ArmPhase, state: PlantState, link: tuple[Array, Array]
 ) -> None:
-    """Let springs that come with an onset bear the load of that moment."""
+    """Preload springs that appear at an onset with the load of that moment."""
     springs = [at.STIFFNESS, at.GAP]
     new = (phase.constants.joints != before.constants.joints)[springs].any(axis=0)
     give = _give(phase, state.motors[at.LOADED])
@@ -282,14 +282,14 @@ def _join_springs(
     state.motors[at.SPEED, new] = link[1][new]
 
 
-# A position-controlled arm: what its servos make of the goals that they are sent.
+# A position-controlled arm: the response of its servos to goals.
 #
 # A host sends a goal with every sample of its log, the bus delivers it late, the firmware
-# walks towards it no faster than it may, and presses in proportion to what is left.
+# approaches it at limited speed, with a torque proportional to the position error.
 
 
 def check_servo(servo: ServoDrive | None, robot: Robot) -> None:
-    """Check that each value of the servos, if there are some, is there per joint."""
+    """Check that each given value of the servos has one entry per joint."""
     for name, values in asdict(servo or ServoDrive()).items():
         if len(values) not in (0, robot.dof):
             raise InputError(
@@ -299,7 +299,7 @@ def check_servo(servo: ServoDrive | None, robot: Robot) -> None:
 
 
 def follow_goal(servo: ServoDrive, reference: ReferenceMotion, stride: int) -> ReferenceMotion:
-    """Return the motion that the servos walk along, at the rate of the controller.
+    """Return the rate-limited goals of the servos, at the rate of the controller.
 
     Args:
         stride: Steps of the controller from one goal of the host to the next.
@@ -322,7 +322,7 @@ def follow_goal(servo: ServoDrive, reference: ReferenceMotion, stride: int) -> R
 def build_servo_law(
     servo: ServoDrive, walked: ReferenceMotion
 ) -> Callable[[int, Array, Array, Array], Array]:
-    """Return the law of servos that press towards the motion they walk along."""
+    """Return the law of servos that follow rate-limited goals."""
     dof = walked.q.shape[1]
     gain = np.array(servo.gain or [1.0] * dof)
     most = np.array(servo.limit or [np.inf] * dof)

@@ -60,7 +60,7 @@ DAMPING = 0.05  # of critical, rotor against a fixed link
 
 @compile_lazily
 def compute_row_friction(row, u, angle, load, memory):
-    """Return what one row adds at speed u: forward, backward, viscosity."""
+    """Return the friction of one row at speed u: forward, backward, viscosity."""
     if row[0] == friction_laws.LEVEL:
         return row[3], row[3], 0.0
     if row[0] == friction_laws.ASYMMETRY:
@@ -98,7 +98,7 @@ def _level(row, u, angle, load, memory):
         return size * _fading(u, number)
     if kind == friction_laws.PRESSED:
         return size * _pressed(load, number)
-    return -size  # bristles bear this part of the dry friction
+    return -size  # share of the dry friction in the bristles
 
 
 @compile_lazily
@@ -109,7 +109,7 @@ def step_bristle(deflection, u, row, rotor, dt):
 
     Args:
         row: Row of the table: level [N m], displacement [rad].
-        rotor: Inertia that the damping goes by [kg m^2].
+        rotor: Inertia that sets the damping [kg m^2].
     """
     level, displacement = row[3], row[4]
     stiffness = level / displacement
@@ -125,8 +125,8 @@ def step_bristle(deflection, u, row, rotor, dt):
 def solve_friction_impulses(coupling, frictionless_speeds, forward, backward, impulse):
     """Find the impulses of dry friction, in place.
 
-    The speed of contact r is u_r = free_r + sum_s coupling_rs impulse_s. Wanted is,
-    with -forward <= impulse <= backward: u = 0 inside, u >= 0 at -forward, u <= 0 at
+    The speed of contact r is u_r = free_r + sum_s coupling_rs impulse_s. The solution
+    has -forward <= impulse <= backward: u = 0 inside, u >= 0 at -forward, u <= 0 at
     backward. Projected Gauss-Seidel from the impulses of the last step.
 
     Args:
@@ -157,13 +157,13 @@ def solve_friction_impulses(coupling, frictionless_speeds, forward, backward, im
 
 
 def compute_warmth_after(working_time: float, time_constant: float) -> float:
-    """Return the warmth after some time of usual work: what a session began with."""
+    """Return the warmth after some time of typical work, at the start of a session."""
     return 1.0 - math.exp(-working_time / time_constant)
 
 
 @compile_lazily
 def scale_background_friction(background, memory, levels):
-    """Make friction of each joint what it is in that direction, when so warm.
+    """Scale the friction of each joint by direction and warmth.
 
     Args:
         levels: Levels forwards and backwards, viscosity; changed in place. (4, c).
@@ -183,7 +183,7 @@ def step_background_warmth(background, memory, power, usual_power, temperature, 
 
     Args:
         power: Power of friction [W]. Shape (c,).
-        usual_power: Power in usual work, which warms by one unit [W]. Shape (dof,).
+        usual_power: Power in typical work, which warms by one unit [W]. Shape (dof,).
         temperature: Written [degrees Celsius]. Shape (dof,).
     """
     for j in range(len(background)):
@@ -195,7 +195,7 @@ def step_background_warmth(background, memory, power, usual_power, temperature, 
 
 
 def combine_springs(compliances: list[float], gaps: list[float], rotor: float) -> tuple:
-    """Return stiffness, damping and half gap of springs and gears in one line.
+    """Return stiffness, damping and half gap of springs and gears in series.
 
     Args:
         compliances: Inverse stiffness of each spring [rad/(N m)].
@@ -210,7 +210,7 @@ def combine_springs(compliances: list[float], gaps: list[float], rotor: float) -
 
 @compile_lazily
 def compute_spring_torque(twist, stiffness, damping, gap, dt, inverse_inertia):
-    """Return the torque of a spring with play now, and how it grows with speed.
+    """Return the present torque of a spring with play, and its growth with speed.
 
     Torque after the step = now + growth * (motor speed - link speed), both after it.
     A share of the step is taken implicitly: none where the spring is soft, which keeps
@@ -223,7 +223,7 @@ def compute_spring_torque(twist, stiffness, damping, gap, dt, inverse_inertia):
     """
     if abs(twist) < gap:
         return 0.0, 0.0
-    # Four times as careful as two single masses need: the links are coupled.
+    # A margin of four over two single masses: the links are coupled.
     swing = 4.0 * dt * dt * stiffness * inverse_inertia
     implicit = max(0.0, 0.5 - 1.0 / swing)
     stretch = twist - np.sign(twist) * gap
@@ -261,7 +261,7 @@ def compute_row_torque(row, angle, q, motor, series_torques):
         return a * c * max(0.0, c * (angle - b))
     if kind == friction_laws.SERIES:
         return series_torques[int(a)]
-    return min(max(motor, -a), a)  # dead zone: what is lost of a small torque
+    return min(max(motor, -a), a)  # dead zone: the lost part of a torque
 
 
 @compile_lazily
@@ -291,7 +291,7 @@ def sum_explicit_torques(table, q, motor_q, motor, series_torques, channels):
 
 @compile_lazily
 def step_drive_train(k, rigid_dynamics, external_torque, arm, state, trace):
-    """Go one step on.
+    """Advance by one step.
 
     Args:
         rigid_dynamics: Mass matrix of the rigid arm, and below it the torque of
@@ -405,7 +405,7 @@ def _speed(contact, x):
 
 @compile_lazily
 def _rub(arm, state, now, x, mass, momentum):
-    """Add viscosity and bristles; return both levels, viscosity, bristles. (4, c)."""
+    """Add viscosity and bristles; return levels both ways, viscosity, bristles. (4, c)."""
     dof, dt = arm.joints.shape[1], arm.dt
     rubbing = np.zeros((4, len(arm.contacts)))
     for f in range(len(arm.friction)):
@@ -488,7 +488,7 @@ def invert_mass_matrix(mass):
 
 @compile_lazily
 def _record_friction(arm, state, rubbing, now, x, x_new):
-    """Return friction per joint, shared gears included; warm what friction heats."""
+    """Return friction per joint, shared gears included; update the temperatures."""
     dof, dt = arm.joints.shape[1], arm.dt
     power, friction = np.zeros(len(arm.contacts)), now[at.FRICTION]
     for c in range(len(arm.contacts)):

@@ -28,15 +28,15 @@ def list_plant_effects() -> dict[str, Effect]:
 
 
 def list_named_effects() -> list[str]:
-    """Return the names of those that have one outside of the simulation, sorted."""
+    """Return the names of the effects that the diagnosis can name, sorted."""
     return sorted(name for name, effect in load_effects().items() if effect.named)
 
 
 def check_effect_name(name: str) -> str:
-    """Return the name if the plant has this effect; x_ marks effects of no vocabulary.
+    """Return the name if the plant has this effect; x_ marks effects outside the library.
 
     Raises:
-        InputError: If it has not; the message lists the effects of the same sort.
+        InputError: If not; the message lists the effects of the same kind.
     """
     effects, unnamed = load_effects(), name.startswith("x_")
     alike = [n for n in effects if n == name or n.startswith("x_") == unnamed]
@@ -44,13 +44,13 @@ def check_effect_name(name: str) -> str:
 
 
 def list_drive_effects() -> list[Effect]:
-    """Return the effects whose numbers every drive has, in the order of `OfDrive`."""
+    """Return the effects that are parameters of every drive, in the order of `OfDrive`."""
     found = [effect for effect in load_effects().values() if effect.of_drive]
     return sorted(found, key=lambda effect: get_args(OfDrive).index(effect.of_drive))
 
 
 def resolve_effects(effects: Iterable[PlantEffect | SyntheticEffect]) -> list[ActingEffect]:
-    """Return checked effects with what the catalogue has of them."""
+    """Return checked effects with their entries in the catalogue."""
     return [
         ActingEffect(
             kind := load_effects()[e.name],
@@ -75,7 +75,7 @@ def apply_body_effects(model: pin.Model, effects: Sequence[ActingEffect]) -> pin
     return out
 
 
-# -- what cannot be ------------------------------------------------------------------
+# -- impossible values ---------------------------------------------------------------
 
 
 def check_effect(effect: PlantEffect, robot: Robot) -> None:
@@ -99,7 +99,7 @@ def check_effect(effect: PlantEffect, robot: Robot) -> None:
 
 
 def _check_values(kind: Effect, given: Mapping[str, float]) -> None:
-    """Refuse what no arm can be: weightless links, motors that push the other way."""
+    """Refuse impossible arms: weightless links, motors with reversed torque."""
     for key, value in given.items():
         limit = kind.above.get(key, -math.inf)
         if not math.isfinite(value) or value <= limit:
@@ -121,7 +121,7 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
         "global": (joints == (), "none"),
     }[load_effects()[effect.name].scope]
     if len(set(joints)) < len(joints):
-        raise InputError(f"Effect '{effect.name}' is on joints {list(joints)}: one stands twice.")
+        raise InputError(f"Effect '{effect.name}' is on joints {list(joints)}: one appears twice.")
     if not (inside and fits):
         raise InputError(
             f"Effect '{effect.name}' is on joints {list(joints)}, expected {expected}."
@@ -129,7 +129,7 @@ def _check_joints(effect: PlantEffect, dof: int) -> None:
 
 
 def _check_left(effect: PlantEffect, given: Mapping[str, float], robot: Robot) -> None:
-    """Refuse a change that would leave less than none of what the arm has."""
+    """Refuse a change that would make a parameter of the arm negative."""
     kind = load_effects()[effect.name]
     declared = robot.declared.get(effect.name)
     for key, change in given.items():

@@ -1,4 +1,4 @@
-"""The arm that is there: not quite its description, and with something hidden."""
+"""The real arm: scattered around its description, with hidden effects."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields
@@ -39,12 +39,12 @@ from sim.plant.typical_sizes import (
     scatter_inertias,
 )
 
-# What every joint of a used arm has beside its model: undeclared, small, of own form.
+# Small undeclared effects of every joint of a used arm, in forms of their own.
 #
-# Drawn from the seed of the arm, the same in all its runs; the laws stand in
+# Drawn from the seed of the arm, the same in all its runs; the laws are in
 # `sim.engine.friction_laws`.
 
-# How much of everything there is.
+# Scale of all sizes.
 _SCALE: Mapping[BackgroundWord, float] = {CLEAN: 0.0, "workshop": 1.0, "worn": 2.0}
 
 # Engineering judgement, after logs of arms in use.
@@ -53,7 +53,7 @@ _SPEED = (0.03, 0.12)  # rad/s
 _PRESS = (0.01, 0.05)  # of the torque that the gear carries
 _LEAN = 0.08
 _LOSS, _TIME = (0.05, 0.2), (100.0, 400.0)  # of all friction when warm; s
-_QUICK = 0.25  # oil is so much quicker than the housing
+_QUICK = 0.25  # time constant of the housing over that of the oil
 _RIPPLE, _ORDERS = (0.003, 0.012), (6.0, 30.0)  # of the torque range; per turn
 _HARMONICS = ((1.0, 1.0), (2.0, 0.5), (3.0, 0.3))  # order and weight
 _GAIN = 0.04
@@ -64,9 +64,9 @@ USUAL_SPEED = 0.35  # of the robot's usual speed
 
 @dataclass(frozen=True, eq=False, slots=True)
 class JointBackground:
-    """What one arm has on all joints, and no file declares."""
+    """The undeclared effects on all joints of one arm."""
 
-    span: Array  # torque range that sizes go by [N m], (dof,)
+    span: Array  # torque range that scales the sizes [N m], (dof,)
     level: Array  # extra dry friction at rest [N m], (dof,)
     speed: Array  # speed at which a third of it is left [rad/s], (dof,)
     press: Array  # friction per torque that the gear carries, at its range, (dof,)
@@ -106,7 +106,7 @@ def draw_background(
     """Draw the background of one arm.
 
     Args:
-        level: How much of it: "clean", "workshop", or twice as much, "worn".
+        level: Its scale: "clean", "workshop", or "worn", twice as much.
         coulomb: True Coulomb friction of the arm [N m]. Shape (dof,).
     """
     scale = _SCALE[check_name(level, _SCALE, "background of the plant")]
@@ -139,7 +139,7 @@ def draw_background(
 
 
 def _waves(amplitude: Array, seed: int) -> Array:
-    """Return amplitude, order and phase of waves whose sum has that peak. (3, h, dof).
+    """Return amplitude, order and phase of waves whose sum has a given peak. (3, h, dof).
 
     A gear and its harmonics, of a random phase each.
     """
@@ -153,20 +153,20 @@ def _waves(amplitude: Array, seed: int) -> Array:
 
 
 def compute_start_warmth(background: JointBackground, working_time: float) -> Array:
-    """Return the warmth of oil and housing after so long of usual work. (2, dof)."""
+    """Return the warmth of oil and housing after some time of typical work. (2, dof)."""
     return 1.0 - np.exp(-working_time / np.array([background.oil, background.housing]))
 
 
 def compute_usual_friction_power(coulomb: Array, viscous: Array, speed: Array) -> Array:
-    """Return the power of friction in usual work, which warms by one unit [W]."""
+    """Return the power of friction in typical work, which warms by one unit [W]."""
     return coulomb * speed + viscous * speed**2 + 1e-9
 
 
 def simulate_torque_logging(background: JointBackground | None, tau: Array, rate: float) -> Array:
-    """Return what is logged of a torque: through a low pass, in whole steps [N m].
+    """Return a torque as logged: low-passed, rounded to steps [N m].
 
     Args:
-        background: That of the arm; a clean one logs what it is given.
+        background: That of the arm; a clean one logs the torque unchanged.
     """
     if background is None:
         return tau
@@ -180,7 +180,7 @@ def simulate_torque_logging(background: JointBackground | None, tau: Array, rate
     return np.round(out / background.step) * background.step
 
 
-COGGING = "background"  # channel of what the background adds beside friction
+COGGING = "background"  # channel of the background torques other than friction
 
 
 def _row(place: int, slot: int, row: Sequence[float]) -> list[float]:
@@ -194,12 +194,12 @@ class PlantArm:
     """One arm, as built."""
 
     robot: Robot
-    effects: tuple[ActingEffect, ...]  # what it hides
+    effects: tuple[ActingEffect, ...]  # its hidden effects
     model: pin.Model  # true rigid body without the effects
     base: DriveParameters  # true friction and rotors without the effects
-    # What all its joints have undeclared, None if it is clean.
+    # Undeclared effects of all its joints, None if it is clean.
     background: JointBackground | None = None
-    worked: float = 0.0  # usual work before its session began [s]
+    worked: float = 0.0  # typical work before its session began [s]
 
     @property
     def channels(self) -> tuple[str, ...]:
@@ -219,7 +219,7 @@ class PlantArm:
         return {key: column for column, key in enumerate(keys)}
 
     def draw_torque_series(self, t: Array, seed: int, label: str) -> Array:
-        """Return the torques that follow a clock or chance, for a whole motion.
+        """Return the torques driven by time or chance, for the whole motion.
 
         Args:
             t: Session time [s]. Shape (n,).
@@ -238,7 +238,7 @@ class PlantArm:
     def build_contact_rows(self, active: Sequence[int], soft: Array) -> Array:
         """Return the contacts (`StepConstants`). Shape (c, 6).
 
-        A shared gear that does not act yet is there, without friction and inertia.
+        A shared gear before its onset has no friction or inertia.
         """
         dof = len(soft)
         motor = np.where(soft > 0, dof + np.cumsum(soft) - 1, np.arange(dof))
@@ -332,7 +332,7 @@ def build_plant_arm(robot: Robot, plant: PlantSpec) -> PlantArm:
 
 
 def build_initial_state(arm: PlantArm, start: float) -> PlantState:
-    """Return the state of an arm that has worked since its session began."""
+    """Return the state of an arm at some time of its session."""
     dof, count = arm.robot.dof, len(arm.effects)
     memory = np.zeros((count + 1) * dof)
     rows = arm.build_friction_rows(range(count))

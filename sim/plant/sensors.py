@@ -1,7 +1,7 @@
-"""What sensors make of true values, and signals that lie.
+"""Readings of sensors, and faulty signals.
 
-An encoder that errs is believed by the controller; so is a wrong torque constant.
-An arm without a frozen or drifting encoder keeps its bits.
+The controller uses the readings of a faulty encoder, and a wrong torque constant.
+The code for frozen or drifting encoders does not change the bits of other arms.
 """
 
 from collections.abc import Sequence
@@ -51,13 +51,13 @@ def simulate_torque_report(tau: Array, t: Array, effects: Sequence[ActingEffect]
     late, then the sensor is broken.
 
     Args:
-        tau: Torque that the drives believe to give [N m]. Shape (n, dof).
+        tau: Torque that the drives are commanded to give [N m]. Shape (n, dof).
         effects: All effects; each acts from its onset on.
     """
     out = tau.copy()
 
     def order(effect: ActingEffect) -> tuple[bool, bool]:
-        """Drives first, then what all joints have, then broken sensors."""
+        """Return the key of the order: drives, effects of all joints, broken sensors."""
         return (PlantEffectTrait.SENSOR in effect.kind.traits, effect.kind.scope == "global")
 
     for kind, p, joints, onset in sorted(effects, key=order):
@@ -94,7 +94,7 @@ def read_encoders(k, joints, motors, goal, trace):
 
     Args:
         motors: Of the state; those of rigid joints are set to their link.
-        goal: Position that is asked for [rad]. Shape (dof,).
+        goal: Position of the reference [rad]. Shape (dof,).
         trace: Rows Q and QD are read; motors and readings are written.
 
     Returns:
@@ -121,7 +121,7 @@ def read_encoders(k, joints, motors, goal, trace):
 
 
 def invert_encoder_error(reading: Array, errors: Array) -> Array:
-    """Return the motor angles at which the encoders read that [rad]. Shape (dof,)."""
+    """Return the motor angles for given readings of the encoders [rad]. Shape (dof,)."""
     shift, cos, sin = errors
     x = reading + shift
     for _ in range(20):  # contracts by the size of the error each time
@@ -130,15 +130,15 @@ def invert_encoder_error(reading: Array, errors: Array) -> Array:
 
 
 class EncoderFaults(NamedTuple):
-    """Encoders that lie from a step on."""
+    """Encoders that are faulty from a step on."""
 
-    # Joint from 0 and first step of each that stands still.
+    # Joint from 0 and first step of each frozen encoder.
     frozen: tuple[tuple[int, int], ...]
-    # Joint from 0, first step and rate [rad/s] of each that wanders off.
+    # Joint from 0, first step and rate [rad/s] of each drifting encoder.
     drift: tuple[tuple[int, int, float], ...]
 
     def read(self, k: int, dt: float, rows: Array) -> None:
-        """Change what the controller reads on step k; rows are the trace so far."""
+        """Change the readings of the controller on step k; rows are the trace so far."""
         now = rows[k]
         for joint, first, rate in self.drift:
             now[at.READING, joint] -= rate * (k - first) * dt
@@ -163,9 +163,9 @@ def collect_encoder_faults(effects: Sequence[ActingEffect], dt: float) -> Encode
 
 
 def repeat_frozen_readings(q: Array, t: Array, effects: Sequence[ActingEffect]) -> Array:
-    """Return the log of the encoders where a frozen one repeats its last word.
+    """Return the log of the encoders, where a frozen one repeats its last reading.
 
-    What is frozen is the number itself: the noise of the reading stands still too.
+    The number itself is frozen, including the noise of the reading.
     """
     if not any(PlantEffectTrait.FROZEN in effect.kind.traits for effect in effects):
         return q

@@ -9,9 +9,9 @@ import numba
 
 from residual.recording import Array
 
-# Numba keeps a function until its own file changes, and would go on with what the
-# function calls in other files as that was. So the folder of compiled code is named
-# after all of them.
+# Numba recompiles a function only when its own file changes, and would keep outdated
+# versions of functions that it calls in other files. So the name of the folder of
+# compiled code is a hash of all these files.
 _PLANT = Path(__file__).parent
 _SOURCES = (*sorted(_PLANT.glob("*.py")), _PLANT.parent / "engine" / "friction_laws.py")
 _CODE = hashlib.sha256(b"".join(path.read_bytes() for path in _SOURCES)).hexdigest()
@@ -39,7 +39,7 @@ WIDTH = 7
 ) = range(13)
 CHANNELS = 13
 ANGLE, SPEED, LOADED = range(3)
-# Rows of what an arm has one number per joint of (`StepConstants`).
+# Rows of the quantities with one number per joint (`StepConstants`).
 INERTIA, ELASTIC, STIFFNESS, DAMPING, GAP, RATIO, LIMIT, POWER, SHIFT, COS, SIN = range(11)
 
 
@@ -56,8 +56,8 @@ def compile_lazily(function: Callable) -> Callable:
 class StepConstants(NamedTuple):
     """One arm during one phase, as the compiled step reads it.
 
-    Each array that crosses from Python to compiled code costs time at every step, so
-    all that has one number per joint is in one.
+    Passing an array from Python to compiled code costs time at every step, so one array
+    has all quantities with one number per joint.
     """
 
     dt: float  # time step [s]
@@ -81,10 +81,10 @@ class StepConstants(NamedTuple):
 
 
 class PlantState(NamedTuple):
-    """What an arm carries from step to step, changed in place."""
+    """The state of an arm between steps, changed in place."""
 
     # Angle and speed of the motor side of each joint, at the link [rad, rad/s], and
-    # torque that its gear passes on [N m], (3, dof).
+    # torque that its gear transmits [N m], (3, dof).
     motors: Array
     impulse: Array  # friction impulse of each contact [N m s], (c,)
     memory: Array  # bristles and temperatures of the terms, (m,)

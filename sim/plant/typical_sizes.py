@@ -41,7 +41,7 @@ _ARM_100_KG = dict(
 
 @dataclass(frozen=True, eq=False, slots=True)
 class UsualMotionRange:
-    """What a motion may use."""
+    """The range and speed of typical motions."""
 
     lower: Array  # lower end of the positions [rad], (dof,)
     upper: Array  # upper end of the positions [rad], (dof,)
@@ -52,7 +52,7 @@ class UsualMotionRange:
 
 
 def compute_usual_motion_range(robot: Robot) -> UsualMotionRange:
-    """Return what motions of a robot usually use, inside its limits with a margin."""
+    """Return the range of typical motions, inside the limits with a margin."""
     lower = np.maximum(robot.lower, -np.pi) + _MARGIN
     upper = np.minimum(robot.upper, np.pi) - _MARGIN
     amplitude = np.minimum(0.35 * (upper - lower), _WIDEST)
@@ -63,7 +63,7 @@ def compute_usual_motion_range(robot: Robot) -> UsualMotionRange:
     acceleration = velocity / 0.15
     if robot.acceleration_limit is not None:
         acceleration = np.minimum(acceleration, 0.9 * robot.acceleration_limit)
-    # As near to the zero posture as the range allows: there arms carry their weight.
+    # As near to the zero posture as the range allows, where arms carry their weight.
     centre = np.clip(0.0, lower + amplitude, upper - amplitude)
     return UsualMotionRange(lower, upper, centre, amplitude, velocity, acceleration)
 
@@ -75,7 +75,7 @@ def draw_motion_centre(usual: UsualMotionRange, rng: np.random.Generator) -> Arr
 
 
 def estimate_typical_sizes(robot: Robot) -> TypicalSizes:
-    """Return the usual sizes on that robot.
+    """Return the typical sizes on a robot.
 
     The built-in arm has a table; any other robot gets friction in proportion to the
     torques of its rigid body. Values that the robot declares win over both.
@@ -102,13 +102,13 @@ def estimate_typical_sizes(robot: Robot) -> TypicalSizes:
 
 
 def read_nominal_drives(robot: Robot) -> DriveParameters:
-    """Return what the robot declares, or what arms like it have: a maker knows."""
+    """Return the declared drives, or typical ones: a manufacturer knows them."""
     size = estimate_typical_sizes(robot)
     return DriveParameters(size.coulomb, size.viscous, size.rotor)
 
 
 def read_declared_values(robot: Robot, effect: Effect, default: Array) -> Array:
-    """Return what a robot declares of an effect of its drives, by joint. (dof,)."""
+    """Return the declared values of an effect of the drives, by joint. (dof,)."""
     known = robot.declared.get(effect.name)
     value = None if known is None else known.values.get(effect.amount[0])
     if value is None:
@@ -121,7 +121,7 @@ def scatter_inertias(model: pin.Model, relative: float, rng: np.random.Generator
 
     Mass and centre of mass are scaled, and each body is stretched about its centre:
     the second moment S = tr(I)/2 1 - I becomes s D S D with diagonal D. So the
-    pseudo-inertia stays positive definite where it was: a body can be like that.
+    pseudo-inertia stays positive definite, and the body physically possible.
     """
     true = pin.Model(model)
     for i in range(1, true.njoints):
@@ -149,7 +149,7 @@ def draw_plant_effect(robot: Robot, rng: Rng, name: str | None = None) -> PlantE
 
 
 def list_drawable_effects() -> list[str]:
-    """Return the names of the effects that are drawn where none is asked for."""
+    """Return the names of the effects that may be drawn at random."""
     return [
         name
         for name in list_named_effects()

@@ -1,4 +1,4 @@
-"""Motions that an arm is asked to make: four families within its limits.
+"""Planned motions of an arm: four families within its limits.
 
 From a specification to the motion that a controller is given.
 """
@@ -34,8 +34,8 @@ _RATES = (10.0, 20_000.0)  # Hz
 class MotionFamily(NamedTuple):
     """How motions of one kind are found."""
 
-    # (robot, duration, periods, random stream) -> attempts, each of them plans of fewer
-    # and fewer moves, so that the first that is feasible is the best.
+    # (robot, duration, periods, random stream) -> attempts, each a sequence of plans
+    # with fewer and fewer moves, so that the first feasible one is the best.
     draw: Callable[..., Iterator[Iterable[MotionPlan]]]
     absent: str  # what was not found, where no attempt has a plan
     # (robot, duration, periods, coefficients) -> the motion that has these numbers;
@@ -70,8 +70,8 @@ def plan_reference_motion(
     the same numbers, bit for bit.
 
     Args:
-        spec: What motion. Each family draws from a random stream of its own.
-        optimised: Whether a Fourier motion is searched for; else it is drawn, which
+        spec: The motion. Each family draws from a separate random stream.
+        optimised: Whether a Fourier motion is optimized; else it is drawn, which
             takes no time and excites the parameters a third as well.
 
     Returns:

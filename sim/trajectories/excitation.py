@@ -7,15 +7,15 @@ q(t) = a0 + sum_k a_k cos(k w t) + b_k sin(k w t)    (G2017 eq. 4)
 with sum_k k b_k = 0 and sum_k k^2 a_k = 0, so that speed and acceleration are zero
 wherever a period begins. Each joint moves as far as its range, speed and acceleration
 let it (eq. 5), which are bounded over the whole period and not only at samples. A
-motion may also be given by its numbers, so that one can be had that no search would end
-with: a slow one.
+motion may also be given by its coefficients, for example a slow one, which no search
+would yield.
 
 W theta = tau stacks the base regressor over samples (G2017 eq. 6). Its columns are
-brought to length one, so that neither units nor the size of a parameter count; the
-condition number of what is left tells how much of the noise in tau can grow in theta
-(Swevers et al. 1997, cited there). log det tells how much was learnt in all.
+normalized to length one, so that neither units nor the size of a parameter count; the
+condition number of the result bounds the amplification of noise from tau to theta
+(Swevers et al. 1997, cited there). log det measures the total information.
 
-The search for the best motion needs no difference over coefficients. The regressor at
+The search for the best motion needs no finite differences over coefficients. The regressor at
 one sample depends on q, qd and qdd of that sample alone, so its 3 dof derivatives there
 give the slope by every coefficient; they are taken by differences, since Pinocchio has
 none of the regressor.
@@ -62,11 +62,11 @@ _LEAST = 0.3  # a motion that must be made smaller than that is dropped
 _SHRINK = 0.96
 _KEPT = 0.998  # of the limits, for what coarser bounds add
 _GRID = 400  # samples of a period that torque and clearance are taken at
-_FEW = 10  # each of so many of them is looked at first
+_FEW = 10  # stride of the samples that are checked first
 _TRIES = 100
 _APART = 0.6  # of half of the range, where a centre may lie
 DIGITS = 9  # of a number that is written down [rad]
-_SLOW_TRIES = 50  # slow motions that are drawn at most
+_SLOW_TRIES = 50  # largest number of drawn slow motions
 
 
 def expand_free_coefficients(free_coefficients: Array) -> tuple[Array, Array]:
@@ -82,9 +82,9 @@ def sample_series(series: FourierSeries, t: Array) -> tuple[Array, Array, Array]
 
 
 def draw_feasible_series(workspace: MotionWorkspace, rng: np.random.Generator) -> FourierSeries:
-    """Draw a random motion, made as large as the limits let it."""
+    """Draw a random motion, scaled up to the limits."""
     for number in range(_TRIES):
-        # Around the zero posture first, and anywhere where that is a bad place.
+        # Around the zero posture first, and anywhere if that fails.
         series = draw_unchecked_series(workspace, rng, anywhere=number >= _TRIES // 2)
         fitted = shrink_to_feasible(workspace, series)
         if fitted is not None:
@@ -103,7 +103,7 @@ def draw_unchecked_series(
 
     Args:
         anywhere: Whether its centre may lie anywhere in the range; else it is up to
-            0.3 rad off the zero posture, or what is near to that.
+            0.3 rad off the feasible posture nearest to zero.
     """
     limits = workspace.limits
     free = rng.normal(size=(FREE, workspace.robot.dof))
@@ -116,7 +116,7 @@ def draw_unchecked_series(
 
 
 def compute_growth_factors(workspace: MotionWorkspace, series: FourierSeries) -> Array:
-    """Return by what factor each joint may still grow about its centre. (dof,)."""
+    """Return the factor by which each joint may still grow about its centre. (dof,)."""
     limits = workspace.limits
     position, velocity, acceleration = bound_series_peaks(series)
     q = differentiate_series(series, np.arange(_GRID) / _GRID * workspace.period, 0)
@@ -137,12 +137,12 @@ def scale_series(series: FourierSeries, scale: Array | float) -> FourierSeries:
 
 
 def shrink_to_feasible(workspace: MotionWorkspace, series: FourierSeries) -> FourierSeries | None:
-    """Make a motion so much smaller that it keeps all limits, those of bodies too."""
+    """Shrink a motion until it keeps all limits and clearances."""
     series = scale_series(series, np.minimum(compute_growth_factors(workspace, series), 1.0))
     t, size = np.arange(_GRID) / _GRID * workspace.period, 1.0
     while size > _LEAST:
         smaller = scale_series(series, size)
-        # Few samples tell most of what is wrong; all of them are needed for a yes.
+        # A few samples reject most motions; accepting one needs all samples.
         few = _free(workspace, smaller, t[::_FEW], False)
         if few and _free(workspace, smaller, t, True):
             return smaller
@@ -151,7 +151,7 @@ def shrink_to_feasible(workspace: MotionWorkspace, series: FourierSeries) -> Fou
 
 
 def _free(place: MotionWorkspace, series: FourierSeries, t: Array, fully: bool) -> bool:
-    """Say whether torque and clearance hold at some times, and fully: between them."""
+    """Return whether torque and clearance hold at some times, `fully` also between them."""
     motion = sample_series(series, t)
     torque = bound_nominal_torque(place.robot, *motion)
     space = compute_clearances(place.arm, motion[0])
@@ -207,10 +207,10 @@ def _plan_of(series: FourierSeries, duration: float) -> MotionPlan:
 def draw_slow_coefficients(
     robot: Robot, period: float, speed: float, rng: np.random.Generator
 ) -> tuple[tuple[float, ...], ...]:
-    """Draw a motion that creeps, for friction that lives at low speed.
+    """Draw a slow motion, for friction at low speed.
 
     Args:
-        speed: What no joint is faster than [rad/s].
+        speed: Largest speed of any joint [rad/s].
     """
     place = build_workspace(robot, period)
     for _ in range(_SLOW_TRIES):
@@ -224,8 +224,8 @@ def draw_slow_coefficients(
 
 _SHARP = 12  # power of the mean that stands for the extreme eigenvalues
 _AMOUNT = 0.1  # weight of log det per parameter beside log condition
-_FLOOR = 1e-13  # least eigenvalue that is told from zero
-_JUDGED = 1000  # samples that a motion is judged by
+_FLOOR = 1e-13  # least eigenvalue that is distinguished from zero
+_JUDGED = 1000  # samples for the evaluation of a motion
 
 # Of the search.
 _SAMPLES = 44  # of a period; the fastest harmonic has nine of them
@@ -244,7 +244,7 @@ _STIRRED = 0.3  # of what it could
 
 @dataclass(frozen=True, slots=True)
 class Excitation:
-    """What the samples of one motion tell about the base parameters."""
+    """The information in the samples of one motion on the base parameters."""
 
     # Condition number of the column-normalised base regressor W, inf where a parameter
     # is not excited.
@@ -276,11 +276,11 @@ class LimitUsage:
     speed: Array  # largest speed
     acceleration: Array  # largest acceleration
     torque: Array  # largest torque of the nominal model
-    excitation: Excitation  # what the motion tells about the base parameters
+    excitation: Excitation  # excitation of the base parameters by the motion
 
 
 def compute_limit_usage(robot: Robot, reference: ReferenceMotion) -> LimitUsage:
-    """Return how much of a robot's limits a motion uses."""
+    """Return the shares of a robot's limits that a motion uses."""
     q, qd, qdd = reference.q, reference.qd, reference.qdd
     torque = bound_nominal_torque(robot, q, qd, qdd)
     rows = np.unique(np.linspace(0, len(q) - 1, _JUDGED).astype(int))
@@ -300,7 +300,7 @@ def _share(used: Array, limit: Array | None) -> Array:
 
 
 def compute_excitation_cost(regressor: Array) -> tuple[float, Array]:
-    """Return what a better motion makes smaller, and its gradient.
+    """Return the cost that a better motion lowers, and its gradient.
 
     log condition - 0.1 log det(W' W) / b. The extreme eigenvalues of the
     column-normalised C = D^-1 W' W D^-1 are replaced by power means, since the true
@@ -371,7 +371,7 @@ class ExcitationProblem:
         return value + extra, (gradient * self.place.limits.half).ravel()
 
     def compute_margins(self, x: Array) -> Array:
-        """Return what is left of range, speed and acceleration. Shape (3 * dof,)."""
+        """Return the margins to range, speed and acceleration. Shape (3 * dof,)."""
         return np.concatenate([_INSIDE - _largest(u)[0] for u in self._shares(x)])
 
     def compute_margin_gradients(self, x: Array) -> Array:
@@ -459,7 +459,7 @@ def build_excitation_problem(workspace: MotionWorkspace) -> ExcitationProblem:
 
 
 def _penalty(missing: Array) -> tuple[float, Array]:
-    """Return the cost of what is missing (above 0), and its slope. Shapes (n, m)."""
+    """Return the penalty of violations (above 0), and its slope. Shapes (n, m)."""
     missing = np.maximum(missing, 0.0)
     weight = _WEIGHT / len(missing)
     return weight * float((missing**2).sum()), 2 * weight * missing
@@ -481,8 +481,8 @@ def optimize_excitation(workspace: MotionWorkspace, rng: np.random.Generator) ->
     """Return the best motion that a seeded search from several starts finds.
 
     Random motions are ranked by cost; sequential quadratic programming improves the
-    best few and goes on with the better of them. What comes out is made to keep the
-    limits exactly, between samples too.
+    best few and continues with the better of them. The result is scaled to keep the
+    limits exactly, also between samples.
     """
     search = build_excitation_problem(workspace)
     drawn = [draw_unchecked_series(workspace, rng, anywhere=bool(i % 2)) for i in range(_DRAWN)]
@@ -502,7 +502,7 @@ def optimize_excitation(workspace: MotionWorkspace, rng: np.random.Generator) ->
 
 
 def _stirred(place: MotionWorkspace, series: FourierSeries) -> FourierSeries | None:
-    """Let joints move that the search put to sleep: noise minds them, the cost not."""
+    """Give motion to joints that the search left at rest, which the cost ignores."""
     more = compute_growth_factors(place, series)
     if more.max() < _ASLEEP:
         return series

@@ -1,7 +1,7 @@
-"""Curves in time, what a motion may use, and whether it does.
+"""Curves in time, limits of planned motions, and their checks.
 
-Planned motions keep a part of what the arm has, so that a controller can still correct
-and a heavier or stiffer arm than the nominal one can still follow.
+Planned motions leave a reserve, so that a controller can still correct, and an arm
+heavier or stiffer than the nominal one can still follow.
 """
 
 from collections.abc import Callable
@@ -19,7 +19,7 @@ from sim.engine.plant_records import DriveParameters
 from sim.plant.effect_catalogue import list_drive_effects
 from sim.plant.typical_sizes import compute_usual_motion_range, read_declared_values
 
-# Curves in time: Fourier series, quick moves, paths; stages, put together.
+# Curves in time: Fourier series, quick moves, paths; sequences of stages.
 #
 # Each starts and ends at rest.
 
@@ -28,7 +28,7 @@ Motion = tuple[Array, Array, Array]  # q, qd and qdd, shapes (n, dof)
 Curve = Callable[[Array], Motion]  # at any times, shape (n,)
 
 RAMP = 1.0  # s in which a series goes from rest to full speed, and back at the end
-_STROKE_RAMP = 0.2  # share of a stroke in which it gathers speed, and loses it again
+_STROKE_RAMP = 0.2  # share of a stroke in which it accelerates, and decelerates
 # Largest speed and acceleration of the quintic, for a unit move in unit time.
 _SPEED, _ACCELERATION = 1.875, 10 / np.sqrt(3)
 
@@ -186,8 +186,8 @@ def build_path_stage(path: JointPath, time: float, constant_speed: bool) -> Moti
     """Return a stage that follows a path.
 
     Args:
-        constant_speed: Whether the speed along the path is even but for its ends; else
-            the path is run through in the way of a quick move.
+        constant_speed: Whether the speed along the path is constant except at its ends;
+            else the path is run through like a quick move.
     """
 
     def motion(t: Array) -> Motion:
@@ -205,7 +205,7 @@ def build_path_stage(path: JointPath, time: float, constant_speed: bool) -> Moti
 
 
 def find_shortest_stage_time(stage: MotionStage, velocity: Array, acceleration: Array) -> float:
-    """Return the time in which a stage just keeps speeds and accelerations [s].
+    """Return the shortest time in which a stage keeps speeds and accelerations [s].
 
     Slower by a factor, a stage from rest to rest has speeds lower by that factor and
     accelerations by its square.
@@ -261,13 +261,13 @@ class PlanningLimits:
 
 
 class MotionLimitError(InputError):
-    """A motion asks for more than an arm may give.
+    """A motion exceeds a limit of the arm.
 
     Attributes:
         joint: The joint, from 1; 0 where the arm as a whole is meant.
         time: When [s].
-        value: What the motion needs there.
-        limit: What it may need.
+        value: The value of the motion there.
+        limit: The allowed value.
     """
 
     def __init__(self, message: str, joint: int, time: float, value: float, limit: float) -> None:
@@ -276,7 +276,7 @@ class MotionLimitError(InputError):
 
 
 def read_planning_limits(robot: Robot) -> PlanningLimits:
-    """Return what planned motions of a robot may use.
+    """Return the limits of planned motions of a robot.
 
     0.05 rad off the ends of each range, 80 % of speed and torque and 90 % of
     acceleration. Where the robot states none: one turn, 2 rad/s, and that speed within
@@ -296,23 +296,23 @@ def read_planning_limits(robot: Robot) -> PlanningLimits:
 
 @dataclass(frozen=True, eq=False, slots=True)
 class MotionWorkspace:
-    """A robot with all that bounds its motion."""
+    """A robot with all limits of its motion."""
 
     robot: Robot
-    limits: PlanningLimits  # what a motion may use
+    limits: PlanningLimits  # limits of a motion
     arm: ArmCapsules  # its capsules
     period: float  # length of one period of a motion [s]
 
 
 def build_workspace(robot: Robot, period: float) -> MotionWorkspace:
-    """Return what bounds motions of that period [s]."""
+    """Return the workspace for motions of a period [s]."""
     return MotionWorkspace(
         robot, read_planning_limits(robot), build_arm_capsules(robot.model), period
     )
 
 
 def read_declared_drives(robot: Robot) -> DriveParameters:
-    """Return what a robot declares with values; zero where nothing."""
+    """Return the declared values of a robot; zero where there are none."""
     nothing = np.zeros(robot.dof)
     known = {e.of_drive: read_declared_values(robot, e, nothing) for e in list_drive_effects()}
     return DriveParameters(**known)
@@ -419,7 +419,7 @@ def check_motion_clearance(arm: ArmCapsules, kind: str, t: Array, q: Array) -> N
     least = float(space[row, worst])
     if least < MARGIN:
         raise MotionLimitError(
-            f"{kind}: at {t[row]:.2f} s the room of {arm.names[worst]} is "
+            f"{kind}: at {t[row]:.2f} s the clearance of {arm.names[worst]} is "
             f"{1000 * least:.0f} mm, needed {1000 * MARGIN:.0f} mm, "
             f"{1000 * (MARGIN - least):.0f} mm too little (arm as capsules of "
             f"{1000 * arm.radius:.0f} mm radius). Try another seed.",

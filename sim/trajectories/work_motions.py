@@ -2,13 +2,13 @@
 
 Pick and place: quick moves of all joints together, and real dwells between them, in
 which speed is exactly zero, for a gripper to close or open. It may also be given by its
-places: it stands at the first, and then goes round all of them, as quickly as the
-limits allow, so many times.
+places: it dwells at the first, and then visits all of them in turn, as quickly as the
+limits allow, a number of times.
 
-A work piece is a plane in front of the arm. Painting (cyclic) goes to and fro over it;
-welding follows straight seams at even speed, with air moves between them: of the same
-kind as pick and place, with more segments (G2017 section 2.1), since the arm stands
-still where a seam begins and ends. Seams and air moves are paths of poses; the joint
+A work piece is a plane in front of the arm. Painting (cyclic) goes back and forth over
+it; welding follows straight seams at constant speed, with air moves between them: of the
+same kind as pick and place, with more segments (G2017 section 2.1), since the arm stops
+where a seam begins and ends. Seams and air moves are paths of poses; the joint
 angles along each are a polynomial through its nodes, exact to rounding.
 """
 
@@ -63,7 +63,7 @@ _DWELLS = (0.3, 0.9)  # s
 _SLOWER = (1.02, 1.4)  # than the limits allow, so that moves differ in speed
 _PLACE_SPREAD = 0.9  # of the usual amplitude
 _TRIES = 80  # points drawn for one place
-_CENTRES = 20  # postures that routes are drawn about
+_CENTRES = 20  # postures around which routes are drawn
 _LONGER, _TRIALS = 1.15, 10  # by which a move of too much torque is slowed
 _SAMPLES = 60  # of a move
 _SPARE = 0.97  # of torque, since it is seen at samples here
@@ -97,13 +97,13 @@ def draw_place_routes(
 def plan_given_places(
     robot: Robot, duration: float, rounds: int, postures: Sequence[Sequence[float]]
 ) -> MotionPlan | None:
-    """Return the motion round given places, after a stand that fills the duration.
+    """Return the motion through given places, after a dwell that fills the duration.
 
     Args:
         duration: Length, the stand at the first place included [s].
 
     Returns:
-        The plan; None where something is in the way of a move.
+        The plan; None if a move is blocked.
     """
     shapes = {len(row) for row in postures}
     if len(postures) < _LEAST_PLACES or shapes != {robot.dof}:
@@ -175,7 +175,7 @@ def _around(
 
 
 def _move_time(space: MotionWorkspace, start: Array, end: Array) -> float | None:
-    """Return the shortest time of a move [s], None where something is in the way."""
+    """Return the shortest time of a move [s], None if it is blocked."""
     limits = space.limits
     time = find_shortest_move_time(end - start, limits.velocity, limits.acceleration)
     for _ in range(_TRIALS):
@@ -193,8 +193,8 @@ def _closed_route(
 ) -> MotionPlan | None:
     """Return the route of the first places and back, None where it does not fit.
 
-    It is stretched to fill the period. Two places are pressed into any period: then the
-    checks say what is too fast.
+    It is stretched to fill the period. Two places are squeezed into any period: then
+    the checks report what is too fast.
     """
     period = space.period
     back = _move_time(space, route.places[count - 1], route.places[0])
@@ -212,7 +212,7 @@ def _closed_route(
 
 
 _PIECES = 150  # work pieces drawn at most
-_GUESSES = 6  # postures that the arm is tried in
+_GUESSES = 6  # postures of the arm to try
 # Ranges that a work piece is drawn from; lengths as shares of the stretched arm.
 _ASIDE = (-0.4, 0.4)  # rad
 _AWAY, _HIGH = (0.35, 0.6), (0.15, 0.6)
@@ -230,7 +230,7 @@ _SMALLEST = 1e-9  # rad; higher harmonics are left out
 _MOST, _LEAST = 8, 2  # seams per period
 _NODES = 33  # of a path
 _DWELL = 0.2  # s, for the arc to start and the crater to fill
-_EASE = 1.15  # what takes that much longer than it must
+_EASE = 1.15  # factor over the shortest time
 _AIR, _SEAM = 0.4, 0.8  # s, least times
 _LEAN = 0.3  # rad by which a torch leans at most
 _LIFT = 0.06  # of the stretched arm, above the piece between seams
@@ -239,12 +239,12 @@ _LENGTH = 0.7  # least length of a seam, in half widths of the piece
 
 @dataclass(frozen=True, eq=False, slots=True)
 class ToolWorkspace(MotionWorkspace):
-    """An arm with all that bounds a path of its tool."""
+    """An arm with all limits of a path of its tool."""
 
     ways: ToolKinematics
 
     def fits(self, q: Array) -> bool:
-        """Say whether postures are in range, clear of all and not near singular."""
+        """Return whether postures are in range, clear of collisions and not near singular."""
         inside = (q >= self.limits.lower) & (q <= self.limits.upper)
         return bool(
             inside.all()
@@ -285,12 +285,11 @@ class WorkPiece:
         return pin.SE3(pin.exp3(turn) @ self.origin.rotation, place)
 
 
-# Spray painting: strokes to and fro over a panel, square to it, again and again.
+# Spray painting: repeated strokes back and forth over a panel, normal to it.
 #
-# The gun crosses the panel at an even speed and turns gently outside, works its way
-# down and up again, and swings out a little at the end of each stroke. The path is
-# closed and smooth, so the joint angles along it are a Fourier series, exact to
-# rounding.
+# The gun crosses the panel at constant speed, turns smoothly outside it, moves down and
+# up again, and swings out a little at the end of each stroke. The path is closed and
+# smooth, so the joint angles along it are a Fourier series, exact to rounding.
 
 
 def draw_paintings(
@@ -373,7 +372,7 @@ def _best_posture(space: ToolWorkspace, target: pin.SE3, rng: np.random.Generato
         q = solve_inverse_kinematics(space.ways, target, guess)
         if q is None:
             continue
-        # Whole turns are the same posture; the one amid the range has most room.
+        # Angles modulo a turn are the same posture; the one nearest mid-range has most room.
         q = q - 2 * np.pi * np.round((q - limits.middle) / (2 * np.pi))
         if space.fits(q[None]):
             postures.append(q)
@@ -448,11 +447,11 @@ def _torch(piece: WorkPiece, start: Array, end: Array, height: float, x: float) 
 def _timed(
     limits: PlanningLimits, routes: list[_Route], period: float, hurry: bool
 ) -> list[MotionStage] | None:
-    """Return the stages of one period; what time is left goes to the seams.
+    """Return the stages of one period; the remaining time goes to the seams.
 
     Returns:
-        The stages; None where the period is too short, unless in a hurry: then all is
-        so fast that it fits.
+        The stages; None where the period is too short, unless in a hurry: then all
+        stages are fast enough to fit.
     """
     bounds = (limits.velocity, limits.acceleration)
     stages = ([build_path_stage(s, 1.0, True), build_path_stage(a, 1.0, False)] for s, a in routes)

@@ -126,7 +126,7 @@ def test_rolling_back_is_one_more_record_and_deletes_nothing(fresh):
     assert listed == [*(n for n, *_ in before), number, back]
     robot = load_run_robot(ROBOT, fit, store)
     line = choose_model(robot, store=store).line
-    assert f"to which adoption {int(back)} went back" in line
+    assert f"restored by adoption {int(back)}" in line
     with pytest.raises(InputError, match="nothing to roll back"):
         roll_back(None, store=store)
 
@@ -223,4 +223,4 @@ def test_the_list_says_which_model_is_in_force(fresh, capsys):
     assert "why" in output
     assert " *" in output
     assert main(["rollback", "--store", str(store)]) == 0
-    assert "nominal model again" in capsys.readouterr().out
+    assert "is back at its nominal model" in capsys.readouterr().out

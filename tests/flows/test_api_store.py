@@ -37,7 +37,7 @@ def test_what_is_no_run_of_the_store_is_not_stored_as_one(folder, calls):
     (log,) = mg.read_logs(id, robot, store="store")
     others = (mg.read_logs("B.csv", robot)[0], replace(log, tau=2 * log.tau))
     for other in others:
-        with pytest.raises(InputError, match=r"is no whole run of .*mg\.import_logs"):
+        with pytest.raises(InputError, match=r"is no complete run of .*mg\.import_logs"):
             mg.diagnose(robot, [other], store="store")
     with pytest.raises(InputError, match="tag"):
         mg.import_logs("B.csv", "irb140", "store", tags=["a=1", "a=2"])

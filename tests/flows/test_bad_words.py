@@ -51,7 +51,7 @@ BAD = {
     f"identify A.csv {ROBOT} --out no/new": "no folder 'no'",
     f"identify A.csv@0:1.6 {ROBOT}": "expected at least 2 s",
     f"calibrate A.csv B.csv {ROBOT} --paper": "A has no reference",
-    f"calibrate A.csv {ROBOT} --holdout B.csv": "calibrate leaves each log (or",
+    f"calibrate A.csv {ROBOT} --holdout B.csv": "calibrate validates by leaving out each log (or",
     f"calibrate A.csv {ROBOT} --levels 4,x": "--levels 4,x: expected whole numbers",
     f"import {ROBOT}": "No log to import",
     "import A.csv --robot arm": "Unknown robot 'arm'",
@@ -145,7 +145,7 @@ def test_bad_words_end_with_two_and_at_most_two_lines(logs, monkeypatch, capsys,
 HAS_NO_MODEL = "holds a verdict, expected a model"
 FILE = {
     "p.json": "The file holds a verdict. Expected the id of a stored diagnosis",
-    "m.json": "The file holds a model. modelgap predict takes it with --model",
+    "m.json": "The file holds a model. Give it to modelgap predict with --model",
 }
 CASES = {
     "export p.json --to urdf --out o": HAS_NO_MODEL,

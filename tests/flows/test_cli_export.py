@@ -252,7 +252,7 @@ def test_models_of_the_store_are_found_by_their_id(tmp_path):
     ]
     for id in ids[:2]:
         assert read_model(tmp_path, id[:8]).to_record() == source.to_record()
-    with pytest.raises(InputError, match="without its numbers"):
+    with pytest.raises(InputError, match="without its values"):
         read_model(tmp_path, ids[2])
 
 

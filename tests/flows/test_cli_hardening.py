@@ -202,7 +202,7 @@ def test_a_parquet_file_of_more_rows_than_bytes_is_refused_at_once(run, tmp_path
         for _ in range(2):
             file.write_table(part)
     code, _, err = run("check", "A.parquet", "--robot", "irb140")
-    assert (code, "4000000 rows, expected measured samples" in err) == (2, True)
+    assert (code, "4000000 rows, expected several bytes" in err) == (2, True)
 
 
 def test_an_escape_in_a_record_is_not_printed(run, store):

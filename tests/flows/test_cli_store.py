@@ -90,7 +90,7 @@ def test_a_run_is_set_aside_once_and_as_it_is(run, ids, tmp_path):
     given = ("quarantine", id[:8], "--store", str(store), "--reason")
     code, out, err = run(*given, "bumped into")
     assert (code, out, err) == (0, f"{id} in quarantine: bumped into\n", "")
-    assert run(*given, "another")[1] == f"{id} was in quarantine already: bumped into\n"
+    assert run(*given, "another")[1] == f"{id} already in quarantine: bumped into\n"
     marked = answer(run, "sql", "SELECT quarantined FROM runs", "--store", str(store))
     assert marked == [{"quarantined": True}]
     assert before == {p: p.read_bytes() for p in before}

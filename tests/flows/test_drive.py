@@ -189,7 +189,7 @@ def test_a_model_of_another_robot_is_refused(runs):
     store, *_ = runs
     other = replace(ROBOT, urdf=ROBOT.urdf + " ")
     model = kept(store, replace(corrected(), robot=other))
-    with pytest.raises(InputError, match="as it was described then"):
+    with pytest.raises(InputError, match="as described then"):
         experiment.simulate_and_store(spec(model=model), store)
 
 
@@ -217,5 +217,5 @@ def test_tables_of_a_calibration_drive(runs, paper):
     assert after.tracking[1] < 0.5 * before.tracking[1]
     if paper:
         other = replace(ROBOT, urdf=ROBOT.urdf + " ")
-        with pytest.raises(InputError, match="as it was described then"):
+        with pytest.raises(InputError, match="as described then"):
             read_controller_model(store, id, other, nominal())

@@ -213,7 +213,7 @@ def test_a_campaign_that_is_open_has_values_of_its_plant_with_their_unit(stored)
 
 @pytest.mark.parametrize("axis", ['serial = ["A", "B"]', 'tags = [["a"], ["b"]]'])
 def test_what_moves_no_id_is_no_axis(stored, axis):
-    with pytest.raises(InputError, match="so it is no axis of a campaign"):
+    with pytest.raises(InputError, match="so a campaign cannot vary it"):
         stored(f"[grid]\n{axis}\n")
 
 

@@ -42,7 +42,7 @@ def test_a_dry_run_shows_what_was_understood_and_stores_nothing(run, place):
         "robot: small_arm, 3 joints: " + ", ".join(f"{i} {n}" for i, n in JOINTS),
         "gaps: none",
         "ignored columns: none",
-        "sign turned",
+        "sign reversed",
         "N m",
         ", new; a dry run stores nothing",
     ):
@@ -80,7 +80,7 @@ def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
     assert (code, ask("SELECT run_id FROM runs")) == (0, [first])
     assert f"{first['run_id']}  A: was in" in out
     code, out, _ = run("import A.bag --robot arm.urdf --dry-run")
-    assert f"run id: {first['run_id']}, in the store already" in out
+    assert f"run id: {first['run_id']}, already in the store" in out
     # Another robot's description makes it another run.
     Path("arm.urdf").write_text(urdf_text(AXES).replace('effort="', 'effort="1'))
     assert run("import A.bag --robot arm.urdf")[0] == 0

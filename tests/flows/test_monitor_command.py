@@ -120,9 +120,9 @@ def test_the_command_prints_a_table(run_store, capsys):
 BAD = {
     "irb140 F": "there are none, expected at least 3",
     "irb140 F --calibrate GG": "2 runs to calibrate on, expected",
-    "irb140 G --calibrate GGG": "to be watched and to calib",
+    "irb140 G --calibrate GGG": "both monitored and used to calib",
     "irb140 F F --calibrate GGG": "is given twice",
-    "irb140 --calibrate GGG": "No run to watch",
+    "irb140 --calibrate GGG": "No run to monitor",
     "abc123 F --calibrate GGG": "is no diagnosis in",
     "irb14 F --calibrate GGG": "irb140",
     "irb140 zz --calibrate GGG": "'zz' is not an id",

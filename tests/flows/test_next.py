@@ -143,7 +143,7 @@ def test_a_program_is_found_written_and_explained(here, capsys):
         ([*GIVEN, "--rate", "0"], "--rate 0: expected 1"),
         ([*GIVEN, "--out", "v.json"], "would overwrite an input"),
         (["abc", "--store", "nowhere"], "nowhere"),
-        (["abc", "fit.csv", "--robot", "irb140"], "knows its own"),
+        (["abc", "fit.csv", "--robot", "irb140"], "has its own"),
     ],
 )
 def test_what_cannot_be_done_is_told_in_two_lines(here, capsys, words, message):

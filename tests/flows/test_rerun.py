@@ -86,7 +86,7 @@ def test_the_same_code_gives_the_same_bits_stores_nothing(tmp_path, plant, capsy
     id = experiment.simulate_and_store(spec(), tmp_path)
     before = tree(tmp_path)
     assert main(["rerun", id[:8], *words, "--store", str(tmp_path)]) == 0
-    assert "same, bit for bit" in capsys.readouterr().out
+    assert "identical bit for bit" in capsys.readouterr().out
     assert tree(tmp_path) == before
 
 
@@ -176,7 +176,7 @@ def test_a_measured_run_is_checked_and_not_made_again(tmp_path, capsys):
     assert main(words) == 2
     assert "measured, not simulated" in capsys.readouterr().err
     assert main([*words, "--verify"]) == 0
-    assert "those of the import" in capsys.readouterr().out
+    assert "match the import" in capsys.readouterr().out
     path = find_record(tmp_path, id).folder / "part-0.parquet"
     table = pq.ParquetFile(path).read()
     at = table.column_names.index("q1")
@@ -206,7 +206,7 @@ def test_the_robot_of_a_run_is_kept_and_travels_with_it(tmp_path, plant, monkeyp
     shutil.copytree(tmp_path / "here", there)
     assert rerun.rerun(id, there, verify=True).reproduced
     shutil.rmtree(there / "robots")
-    with pytest.raises(InputError, match="robot that this was made with is not here"):
+    with pytest.raises(InputError, match="robot that this was made with is missing"):
         rerun.rerun(id, there, verify=True)
 
 
@@ -276,7 +276,7 @@ def test_a_record_that_does_not_say_how_it_was_made_is_refused(tmp_path):
 
     record = {"robot": "two_link", "kind": "other"}
     id = commit_record(tmp_path, "validations", record)
-    with pytest.raises(InputError, match="does not say how it was made"):
+    with pytest.raises(InputError, match="has no record of its request"):
         rerun.rerun(id, tmp_path)
     report = commit_record(tmp_path, "reports", record)
     with pytest.raises(InputError, match="is a report"):
@@ -296,7 +296,7 @@ def test_two_runs_side_by_side(tmp_path, plant, capsys):
     assert not equal["t"]
     assert doc["same"] is False
     assert main(["diff", one, two, *store]) == 0
-    assert "code: the same" in capsys.readouterr().out
+    assert "code: identical" in capsys.readouterr().out
     assert main(["lineage", one, *store]) == 0
     assert f"runs {one}, gave" in capsys.readouterr().out
 

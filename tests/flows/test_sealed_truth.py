@@ -104,7 +104,7 @@ def test_no_ready_query_has_the_view(store, capsys):
     assert not [name for name, (_, query) in NAMED.items() if "truth" in query.lower()]
     words = ["sql", "--named", "findings", "--truth", "--store", str(store)]
     assert main(words) == 2
-    assert "--truth is for a query of your own" in capsys.readouterr().err
+    assert "--truth needs a query as text" in capsys.readouterr().err
     assert not (store / "opened").exists()
 
 
@@ -249,7 +249,7 @@ def test_a_baseline_of_another_plant_or_of_none_gets_a_warning(tmp_path, plant):
     none, same = run(tmp_path, 3, {}), run(tmp_path, 4)
     for other, warned in ((two, True), (none, True), (same, False)):
         request = build_diagnose_request({"fit": [one], "baseline": [other]}, tmp_path)
-        said = [w for w in read_logs(request).warnings if "findings too" in w]
+        said = [w for w in read_logs(request).warnings if "count as findings" in w]
         assert bool(said) is warned
 
 

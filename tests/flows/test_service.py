@@ -197,6 +197,6 @@ def test_status_of_nothing_is_1_and_down_of_nothing_is_0(tmp_path, capsys):
     assert main(["status", "--json", "--store", store]) == 1
     assert '"healthy": false' in capsys.readouterr().out
     assert main(["down", "--store", store]) == 0
-    assert "nothing runs" in capsys.readouterr().out
+    assert "nothing is running" in capsys.readouterr().out
     assert not (tmp_path / "store").exists()
     assert main(["down", "--store", store, "--wait", "-1"]) == 2

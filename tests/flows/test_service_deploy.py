@@ -121,7 +121,7 @@ def test_nobody_is_left_without_notice_in_silence(up, tmp_path, notify, words):
 
 @pytest.mark.parametrize("notify", [{}, {"block": "lab"}, {"webhook": "http://a/b"}])
 def test_a_notification_names_whom(notify):
-    with pytest.raises(ValueError, match=r"names nobody|pattern"):
+    with pytest.raises(ValueError, match=r"notifies nobody|pattern"):
         NotifyTable(**notify)
 
 

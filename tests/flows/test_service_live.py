@@ -79,7 +79,7 @@ def test_up_gives_the_address_and_a_second_one_changes_nothing(service):
     before = read_running(service.home)
     again = modelgap("up", *service.words)
     assert again.returncode == 0
-    assert f"already runs: {service.ui}" in again.stdout
+    assert f"already running: {service.ui}" in again.stdout
     assert read_running(service.home) == before
     assert service.api.key not in service.said + again.stdout + again.stderr
     # What the plain command of Prefect needs, and what there is to start.

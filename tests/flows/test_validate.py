@@ -236,7 +236,7 @@ def test_firmware_and_bus_stand_between_a_goal_and_its_torque():
 @pytest.mark.parametrize(
     ("changes", "words"),
     [
-        ({"drive": None}, r"add \[drive\] with what the log says"),
+        ({"drive": None}, r"add \[drive\] with the values"),
         ({"controller": {"model": "adopted"}}, "is sent goals, so no model can drive"),
         ({"drive": {"gain": [-1.0]}}, "gain must be a list of positive numbers"),
         ({"drive": {"gain": [1.0, 2.0]}}, "gain has 2 values, expected 6"),

@@ -72,7 +72,7 @@ def test_a_campaign_gives_its_workers_the_name_of_the_store(bucket_store, monkey
     summary = run_campaign_experiments(plan_experiments(specs, store), store, executor=Elsewhere())
     assert given == [bucket_store]
     # It came back, though as another run than that of the spec.
-    assert "the code was changed" in next(iter(summary.failed.values()))
+    assert "the code has changed" in next(iter(summary.failed.values()))
 
 
 # Files are written whole or not at all.

@@ -164,7 +164,7 @@ def test_it_simulates_and_serves_as_the_checkout_does(clone, program, tmp_path):
     assert len(stored) == 2
     assert {"run_id": here[-1]} in stored
     again = _run(program, "rerun", here[-1], "--store", first, cwd=tmp_path)
-    assert "same, bit for bit" in again
+    assert "identical bit for bit" in again
 
     port = free_port()
     place = ("--store", second)

@@ -49,12 +49,12 @@ def test_scales_are_applied_after_unit_and_sign_and_said(read, samples):
     np.testing.assert_allclose(recording.tau, samples[:, 3:])
     assert understood.conversions == (
         "t: times 0.5",
-        "q: deg to rad, sign turned on joint 2, times 0.25, 2, zero moved",
-        "tau: sign turned on joint 2, times 0.001, 0.002",
+        "q: deg to rad, sign reversed on joint 2, times 0.25, 2, zero shifted",
+        "tau: sign reversed on joint 2, times 0.001, 0.002",
     )
     done = {channel: told for channel, _, _, told in understood.channels}
     assert done["t"] == "times 0.5"
-    assert done["tau2"] == "sign turned, times 0.002"
+    assert done["tau2"] == "sign reversed, times 0.002"
 
 
 MOTOR = (
@@ -138,7 +138,7 @@ BAD_MAPS = {
     ),
     "zero of torque": (
         "tau = {columns = ['a', 'b'], zero = [0, 0]}",
-        "only a position has its own",
+        "only a position can have one",
     ),
     "separator": ("csv = {separator = ';;'}", "one character"),
     "both": ("csv = {separator = ',', decimal = ','}", "both ','"),
@@ -170,7 +170,7 @@ def test_a_map_that_is_not_there_is_named(tmp_path):
             r"names 1 columns of tau.*, .*\)\. Name one column per joint .* --chain",
         ),
         (BASE + Q + 'tau = {columns = ["I1", "I3"]}', "missing column I3"),
-        (BASE + Q + 'tau = {columns = ["J1", "I2"]}', "'J1' stands twice"),
+        (BASE + Q + 'tau = {columns = ["J1", "I2"]}', "'J1' appears twice"),
         (MOTOR, "needs gear_ratio"),
         (CURRENT.replace("SIDE", "link"), "needs torque_per_unit"),
     ],

@@ -65,11 +65,11 @@ def test_the_map_chooses_topic_names_clock_and_units(tmp_path, robot, samples):
     np.testing.assert_allclose(log.q, samples[:, [2, 1]] * [1, -1], rtol=1e-14)
     assert log.t[0] == pytest.approx(1000.005, abs=1e-9)
     assert "base = joint 1, elbow = joint 2; time of recording" in known.text
-    assert ("q2", "q2", "deg", "sign turned") in known.channels
+    assert ("q2", "q2", "deg", "sign reversed") in known.channels
 
 
 BAD = {
-    "two topics": "joint states on several topics: /a, /b.\nSay which in --map",
+    "two topics": "joint states on several topics: /a, /b.\nSelect one in --map",
     "no topic": "no topic with joint states",
     "wrong topic": "no joint states on topic '/c', it has: /a.",
     "names": "has none of the robot's joints joint1, joint2; it has: x, y.",

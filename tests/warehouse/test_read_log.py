@@ -150,7 +150,7 @@ def test_a_few_missing_samples_are_masked_with_their_neighbours(robot, samples, 
     log, understood = read_log(write(samples), robot)
     assert len(log.t) == len(samples) - 2
     assert log.t[log.masked.any(axis=1)].tolist() == samples[[6, 8, 39, 41], 0].tolist()
-    assert "2 samples are masked: no number." in understood.doubts[0].words
+    assert "2 samples are masked: not a number." in understood.doubts[0].words
 
 
 def test_degrees_of_a_turning_joint_show_by_speed(make_robot, samples, write, tmp_path):
@@ -179,7 +179,7 @@ def test_a_line_of_names_that_was_cut_is_refused(robot, samples, write, tmp_path
     more = ",".join(f"signal_{i:010d}" for i in range(5000))
     path = tmp_path / "wide.csv"
     path.write_text(text.replace("\n", f",{more}\n", 1))
-    with pytest.raises(InputError, match="line of names does not end in the first"):
+    with pytest.raises(InputError, match="line of column names is longer than"):
         read_log(str(path), robot)
 
 
@@ -204,7 +204,7 @@ def test_bad_column_names_are_refused(robot, samples, write, names, message):
         ("q3", "'q3' is beyond the robot's joints 1 to 2"),
         ("tau7", "'tau7' is beyond"),
         ("qd0", "'qd0' is beyond"),
-        ("q2", "'q2' stands twice"),
+        ("q2", "'q2' appears twice"),
     ],
 )
 def test_joint_columns_that_misfit_are_refused(robot, samples, write, extra, message):
@@ -273,7 +273,7 @@ def test_of_two_parquet_columns_with_one_name_neither_is_read(robot, samples, tm
     np.testing.assert_array_equal(log.q, samples[:, 1:3])
     assert known.ignored == ("note", "note")
     pq.write_table(pa.table(columns, names=[*NAMES, "note", "q1"]), path)
-    with pytest.raises(InputError, match="'q1' stands twice, expected once"):
+    with pytest.raises(InputError, match="'q1' appears twice, expected once"):
         read_log(str(path), robot)
 
 

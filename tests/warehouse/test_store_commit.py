@@ -155,7 +155,7 @@ def test_samples_that_were_changed_are_not_given_out(tmp_path):
 
 def test_a_torn_run_is_told_when_it_is_committed_again(tmp_path):
     find_run(tmp_path, samples.commit(tmp_path)).row.write_bytes(b"PAR1")
-    with pytest.raises(InputError, match=r"_run\.parquet is damaged.*Take its folder"):
+    with pytest.raises(InputError, match=r"_run\.parquet is damaged.*Remove its folder"):
         samples.commit(tmp_path)
 
 
@@ -320,7 +320,7 @@ def test_of_two_at_once_one_wins_and_the_other_learns_of_it(tmp_path):
     assert len(winners) == 1
     lost = [said for who, said in replies.items() if who not in winners]
     assert len(lost) == 3
-    assert all(f"{winners[0]} has given arm" in said for said in lost)
+    assert all(f"{winners[0]} has meanwhile changed the model of arm" in said for said in lost)
 
 
 def test_sql_shows_what_each_robot_has_and_all_that_led_there(tmp_path):

@@ -35,11 +35,11 @@ UNITS: Mapping[str, Mapping[str, float]] = {
     "tau": {"N m": 1.0, "Nm": 1.0, "N mm": 1e-3, **dict.fromkeys(LOGGED_UNITS, 1.0)},
 }
 
-# TOML has types, so "7" for 7 or true for 1 is a slip and not a wish.
+# TOML has types, so "7" for 7 or true for 1 is a mistake.
 _Numbers = tuple[Annotated[float, Field(strict=True, allow_inf_nan=False)], ...]
 _TABLE = ConfigDict(extra="forbid")
 
-MOST_FOUND = 4000  # letters: every column of an arm, not a million of a broken file
+MOST_FOUND = 4000  # characters: enough for all columns of an arm, not of a broken file
 _NEEDED = ("q", "tau")
 _JOINT_COLUMN = re.compile(r"(q|tau|qd|qdd|q_ref)(\d+)")
 Array = np.ndarray
@@ -51,14 +51,14 @@ class SignalMap:
 
     # Column names, joint 1 first.
     columns: Annotated[tuple[str, ...], Field(min_length=1)]
-    unit: str = ""  # unit of the columns; empty for the usual one
+    unit: str = ""  # unit of the columns; empty for the default
     side: Literal["link", "motor"] = "link"
     sign: _Numbers = ()  # factor 1 or -1 of each joint, empty for all 1
     # Reading at the joint's zero in the unit of the columns, empty for all 0.
     zero: _Numbers = ()
     # Positive factor of each joint, after unit and sign; empty for all 1.
     scale: _Numbers = ()
-    # Whether readings that begin again after a whole turn go on instead (positions).
+    # Whether readings that wrap after a whole turn are unwrapped (positions).
     unwrap: Annotated[bool, Field(strict=True)] = False
 
     @model_validator(mode="after")
@@ -93,7 +93,7 @@ class CsvFormat:
 
 @table(frozen=True, slots=True, config=_TABLE)
 class BagFormat:
-    """What of a bag is read."""
+    """The part of a bag to read."""
 
     topic: str | None = None  # topic with joint states, None where there is only one
     # Names of the joints in the bag, joint 1 first; empty for the URDF's.
@@ -104,7 +104,7 @@ class BagFormat:
     @model_validator(mode="after")
     def _check(self) -> "BagFormat":
         if len(set(self.joints)) < len(self.joints):
-            raise ValueError("joints names one of them twice")
+            raise ValueError("joints has one name twice")
         return self
 
 
@@ -116,7 +116,7 @@ class ColumnMap:
     time_unit: str = "s"  # "s", "ms" or "us"
     time_scale: float = 1.0  # factor on time, after its unit
     nanoseconds: str | None = None  # column that is added to one of whole seconds
-    # Joint signals that the map names; others keep their default columns.
+    # Joint signals in the map; others keep their default columns.
     signals: Mapping[str, SignalMap] = field(default_factory=dict)
     csv: CsvFormat = CsvFormat()
     bag: BagFormat = BagFormat()
@@ -139,7 +139,7 @@ class _Time:
     @model_validator(mode="after")
     def _check(self) -> "_Time":
         if self.nanoseconds is not None and (self.unit != "s" or self.scale != 1):
-            raise ValueError("nanoseconds stand beside a column in s, without a scale")
+            raise ValueError("nanoseconds need a column in s, without a scale")
         return self
 
 
@@ -159,14 +159,14 @@ class _File:
 
 
 class MissingColumnsError(InputError):
-    """A log has no columns of the names that it is read by; a map would say which."""
+    """A log lacks the expected columns; a map can name them."""
 
 
 def choose_column_map(robot: Robot, path: str | Path | None = None) -> ColumnMap | None:
-    """Return how the logs of a robot are read.
+    """Return the column map for the logs of a robot.
 
     Args:
-        path: COLUMNS.toml; None for what the robot.toml says under [columns].
+        path: COLUMNS.toml; None for [columns] of the robot.toml.
     """
     if path:
         return read_column_map(path)
@@ -201,11 +201,11 @@ def _column_map(content: Mapping, name: str) -> ColumnMap:
 
 
 def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
-    """Return a signal with its unit, the usual one where the file gives none."""
+    """Return a signal with its unit, by default the standard one."""
     if signal.zero and key not in ("q", "q_ref"):
-        raise InputError(f"{where}: [{key}] has a zero; only a position has its own.")
+        raise InputError(f"{where}: [{key}] has a zero; only a position can have one.")
     if signal.unwrap and key not in ("q", "q_ref"):
-        raise InputError(f"{where}: [{key}] has unwrap; only a position goes round.")
+        raise InputError(f"{where}: [{key}] has unwrap; only a position can wrap.")
     unit = signal.unit or next(iter(UNITS[key]))
     check_name(unit, UNITS[key], f"unit of {key} in {where}")
     return replace(signal, unit=unit)
@@ -214,12 +214,12 @@ def _in_unit(key: str, signal: SignalMap, where: str) -> SignalMap:
 def abbreviate_column_names(columns: Iterable[str]) -> str:
     """Return names in one line: q1 q2 q3 tau1 tau2 as "q1..3 tau1..2"."""
     words: list[str] = []
-    first, last = "", ("", -1)  # of the word that the next number may go on from
+    first, last = "", ("", -1)  # of the word that the next number may continue
     for name in columns:
         # A number with a leading zero would lose it: "J01" stays as it is.
         match = re.fullmatch(r"(.*\D)(0|[1-9]\d{0,8})", name, re.DOTALL | re.ASCII)
         stem, number = (match[1], int(match[2])) if match else (name, -1)
-        # Goes on where the last word ended: q1..3 and q4 are q1..4.
+        # Continues the last word: q1..3 and q4 are q1..4.
         if match and last == (stem, number - 1):
             words[-1] = f"{first}..{number}"
         else:
@@ -252,9 +252,9 @@ def select_columns(
     """Find the columns of every signal.
 
     Raises:
-        InputError: If a signal that the map leaves to its usual names has columns of
-            more joints than the robot: then they are of another arm, or of a part of
-            it that only the map can name. Or the drive has values of other joints.
+        InputError: If a signal with default names has columns of more joints than the
+            robot: then they are of another arm, or of a part of it that only the map
+            can name. Or if the drive has values of other joints.
     """
     signals, dof, drive = {}, robot.dof, column_map.drive
     beyond = _find_columns_beyond(columns, dof)
@@ -280,10 +280,10 @@ def select_columns(
             if name in beyond and not part:
                 raise InputError(
                     f"{source}: column '{beyond[name]}' is beyond the robot's joints 1 "
-                    f"to {dof}. Is --robot the right one? To look at a part of an arm, "
+                    f"to {dof}. Is --robot the right one? For a part of an arm, "
                     "name its columns of q and tau in --map; else rename the column."
                 )
-            # An optional signal is read where it is whole, else ignored and named; of
+            # An optional signal is read if complete, else listed as ignored; of
             # a part of an arm its first joints need not be those of the robot.
             whole = set(signal.columns) <= set(columns) and name not in beyond
             if name not in needed and not whole:
@@ -310,7 +310,7 @@ def _find_columns_beyond(columns: Sequence[str], dof: int) -> dict[str, str]:
 def check_column_units(
     selection: ColumnSelection, time_unit: str, file_units: Mapping[str, str], source: str
 ) -> None:
-    """Compare the units of the map, or the usual ones, with those of the file."""
+    """Compare the units of the map, or the default ones, with those of the file."""
     meant = {selection.time: ("time", time_unit)}
     for name, signal in selection.signals.items():
         unit = "N m" if signal.unit == "Nm" else signal.unit
@@ -327,7 +327,7 @@ def check_column_units(
 
 
 def build_default_signal(name: str, dof: int) -> SignalMap:
-    """Return what is meant by a signal that no map names: q1, q2, ... in SI units."""
+    """Return the default of a signal without a map: q1, q2, ... in SI units."""
     columns = tuple(f"{name}{i}" for i in range(1, dof + 1))
     return SignalMap(columns=columns, unit=next(iter(UNITS[name])))
 
@@ -342,19 +342,19 @@ def _check_there(used: tuple[str, ...], columns: tuple[str, ...], where: str) ->
             listing = f"{listing[:MOST_FOUND]}... ({len(columns)} columns in all)"
         raise MissingColumnsError(
             f"{where}: missing column {abbreviate_column_names(missing)}{hint}; found {listing}.\n"
-            "Rename the columns, or say which is which with --map COLUMNS.toml."
+            "Rename the columns, or map them with --map COLUMNS.toml."
         )
     for column in used:
         if columns.count(column) > 1 or used.count(column) > 1:
             raise InputError(
-                f"{where}: column '{column}' stands twice, expected once. Rename one of them."
+                f"{where}: column '{column}' appears twice, expected once. Rename one of them."
             )
 
 
 def convert_to_link_side(name: str, raw: Array, signal: SignalMap, arm: Robot) -> Array:
     """Convert one signal of all joints.
 
-    Positions, whole turns undone where that is asked for, and their derivatives:
+    Positions, unwrapped on request, and their derivatives:
     scale * unit * sign * (reading - zero), then from motor to joint by the inverse of
     the transmission. Torques: from motor to joint by
     its transpose, since both sides carry the same power.
@@ -393,7 +393,7 @@ def _torque(values: Array, signal: SignalMap, robot: Robot) -> Array:
         values = values * robot.torque_per_unit
     if signal.side == "link":
         return values
-    # torque_per_unit holds at the link already; only couplings are left to apply.
+    # torque_per_unit already applies at the link; only couplings remain.
     if logged and robot.motor_from_joint is None:
         return values
     transmission = _transmission("tau", robot)
@@ -412,12 +412,12 @@ def _transmission(name: str, robot: Robot) -> Array:
 
 
 def list_signal_channels(name: str, signal: SignalMap) -> list[tuple[str, str, str, str]]:
-    """Return channel, column, unit and what is done to it, joint by joint."""
+    """Return channel, column, unit and conversion, joint by joint."""
     out = []
     for i, column in enumerate(signal.columns):
         done = ["from motor side"] if signal.side == "motor" else []
         if signal.sign and signal.sign[i] < 0:
-            done.append("sign turned")
+            done.append("sign reversed")
         if signal.scale and signal.scale[i] != 1:
             done.append(f"times {signal.scale[i]:.6g}")
         if signal.zero and signal.zero[i]:
@@ -427,7 +427,7 @@ def list_signal_channels(name: str, signal: SignalMap) -> list[tuple[str, str, s
 
 
 def describe_conversion(name: str, signal: SignalMap) -> str | None:
-    """Return in words what was converted, None for nothing."""
+    """Return the conversion in words, None for none."""
     units = [unit for unit, factor in UNITS[name].items() if factor == 1]
     parts = []
     if signal.unit not in units or signal.unit in LOGGED_UNITS:
@@ -436,11 +436,11 @@ def describe_conversion(name: str, signal: SignalMap) -> str | None:
         parts.append("motor to link side")
     if any(s < 0 for s in signal.sign):
         turned = [str(i) for i, s in enumerate(signal.sign, start=1) if s < 0]
-        parts.append(f"sign turned on joint {', '.join(turned)}")
+        parts.append(f"sign reversed on joint {', '.join(turned)}")
     if any(value != 1 for value in signal.scale):
         parts.append(f"times {', '.join(f'{value:.6g}' for value in signal.scale)}")
     if any(signal.zero):
-        parts.append("zero moved")
+        parts.append("zero shifted")
     if signal.unwrap:
-        parts.append("whole turns undone")
+        parts.append("unwrapped")
     return f"{name}: {', '.join(parts)}" if parts else None

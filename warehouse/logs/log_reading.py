@@ -42,9 +42,9 @@ from warehouse.logs.ros_bags import open_bag
 Array = np.ndarray
 
 LARGEST = 1e30  # in any SI unit: no sensor measures more, and sums of squares overflow
-MOST_MASKED = 0.1  # of the samples of a log are no numbers, at the most
+MOST_MASKED = 0.1  # largest share of samples of a log without a number
 LARGE = 1 << 26  # bytes of one signal: some twenty minutes at 1 kHz
-# What the files of each format begin with; all others are text.
+# The first bytes of each format; all other files are text.
 _BAGS, _PARQUET = (b"SQLite format 3\0", b"#ROSBAG V", b"\x89MCAP"), b"PAR1"
 _BINARY = re.compile(rb"[\x00-\x08\x0b\x0e-\x1f]")  # control characters
 
@@ -67,7 +67,7 @@ def find_increasing_rows(t: Array, source: str) -> tuple[Array, tuple[LogDoubt, 
 def drop_repeated_rows(
     table: dict[str, Array], time: str
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
-    """Return the rows of a table without those that stand there again, and a note.
+    """Return the rows of a table without repeated ones, and a note.
 
     Args:
         table: Columns of the file by name, that of time among them. Shapes (n,).
@@ -87,7 +87,7 @@ def drop_repeated_rows(
 def find_finite_rows(
     signals: Mapping[str, Array], source: str
 ) -> tuple[Array, tuple[LogDoubt, ...]]:
-    """Return the rows in which every signal is a number that can be measured.
+    """Return the rows in which every signal is a plausible number.
 
     Args:
         signals: Values by name. Shapes (n, dof).
@@ -133,10 +133,10 @@ def move_large_array_to_disk(values: Array) -> Array:
 
 
 def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
-    """Open a log by the first reader that knows what is in it: plug-ins, then ours.
+    """Open a log with the first reader that recognizes it: plug-ins, then ours.
 
     Each takes the file, its first bytes (none of a folder), the map and the names of
-    the joints, and returns None for what is none of its own.
+    the joints, and returns None for a file that it does not recognize.
 
     Args:
         path: An existing file, or the folder of a ROS 2 bag.
@@ -169,7 +169,7 @@ def open_log(path: Path, columns: ColumnMap, joints: Sequence[str]) -> LogFile:
 
 @dataclass(frozen=True, slots=True)
 class LogSummary:
-    """What was read, what was not, and what was converted."""
+    """The columns read and not read, and their conversions."""
 
     id: str  # label of the recording
     file: str  # file as the user wrote it, without the window
@@ -180,13 +180,13 @@ class LogSummary:
     used: tuple[str, ...]  # columns read
     ignored: tuple[str, ...]  # columns not read
     conversions: tuple[str, ...]  # every change of unit, side, sign or zero, in words
-    warnings: tuple[str, ...]  # what is odd but usable
+    warnings: tuple[str, ...]  # odd but usable features
     notes: tuple[str, ...] = ()  # what was understood of the file beyond its columns
-    # Channel, column, unit and what else is done to it, one by one.
+    # Channel, column, unit and other conversions, one by one.
     channels: tuple[tuple[str, str, str, str], ...] = ()
-    # Why the samples can be none of this arm; empty for a usable log.
+    # Why the samples cannot be of this arm; empty for a usable log.
     doubts: tuple[LogDoubt, ...] = ()
-    # When the first sample was taken, UTC; None where that is not said.
+    # Time of the first sample, UTC; None if unknown.
     recorded_at: datetime | None = None
 
     @property
@@ -211,19 +211,19 @@ def read_log(
 
     Args:
         spec: "FILE" or "FILE@start:end".
-        columns: Which column is what; None for what the robot.toml says, else
-            t, q1.., tau1.. in SI units.
+        columns: The column map; None for that of the robot.toml, else t, q1..,
+            tau1.. in SI units.
         label: Id of the recording; None for the file's stem and window.
-        despite_doubts: Whether samples that can be none of this arm are read too: rows
-            without a number or at a time that was before are left out, and what is
-            wrong is in the `doubts` of what was understood.
+        despite_doubts: Whether samples that cannot be of this arm are read too: rows
+            without a number or with a time that does not increase are left out, and
+            the faults are in the `doubts` of the summary.
 
     Returns:
-        The recording, on the log's own clock, and what was understood of the file.
+        The recording, on the log's own clock, and a summary of the file.
 
     Raises:
-        InputError: If the file, its columns or the window are not usable, or hardly a
-            sample is a number; without `despite_doubts` also if one is none of the arm.
+        InputError: If the file, its columns or the window are not usable, or most
+            samples are not numbers; without `despite_doubts` also if one is impossible.
     """
     columns = columns or choose_column_map(robot) or ColumnMap()
     path, window = split_log_spec(spec)
@@ -245,8 +245,8 @@ class MemoryLog(LogFile):
     """Columns that are in memory already: a mapping, or a data frame of any library.
 
     Args:
-        table: What gives a column by its name, and names its columns: a mapping, or a
-            frame by its ``columns`` or ``column_names``.
+        table: Columns by name: a mapping, or a frame with ``columns`` or
+            ``column_names``.
     """
 
     def __init__(self, table: Any, name: str) -> None:
@@ -277,7 +277,7 @@ class MemoryLog(LogFile):
             some = ", ".join(f"{name}: {n}" for name, n in sizes.items())
             raise InputError(
                 f"{self.name}: its columns differ in length ({shorten_value(some)}), "
-                "expected as many samples in each."
+                "expected the same number of samples in each."
             )
         for name in columns:
             kind = self._columns[name].dtype
@@ -295,10 +295,10 @@ class MemoryLog(LogFile):
 def read_memory_log(
     table: Mapping, robot: Robot, columns: ColumnMap | None = None, label: str = "log"
 ) -> tuple[Recording, LogSummary]:
-    """Read a log that is in memory already, as `read_log` reads a file.
+    """Read a log in memory, as `read_log` reads a file.
 
     Args:
-        table: Columns by name, 1-D; or a data frame, which is asked by name.
+        table: Columns by name, 1-D; or a data frame.
     """
     columns = columns or choose_column_map(robot) or ColumnMap()
     log = MemoryLog(table, label)
@@ -356,11 +356,11 @@ def read_opened_log(
     return recording, understood
 
 
-MOVED = 0.02  # rad or m: a locked joint may be off by so much
+MOVED = 0.02  # rad or m: tolerance of a locked joint
 
 
 def _locked_that_move(log: LogFile, robot: Robot, label: str) -> tuple[LogDoubt, ...]:
-    """Joints outside of the chain that the log shows to move."""
+    """Return the joints outside of the chain that move in the log."""
     names = {f"{name}.position": name for name in robot.locked}
     logged = tuple(column for column in names if column in log.columns)
     table = log.read(logged)
@@ -405,13 +405,13 @@ def _samples(
     rows, broken = find_finite_rows(signals, label)
     masks = {}
     driven = columns.drive is not None
-    # A few missing samples are masked; a number that no sensor writes is a fault.
+    # A few missing samples are masked; an impossible number is a fault.
     lacking = np.any([np.isnan(x).any(axis=1) for x in signals.values()], axis=0)
     masks_some = driven or (lacking.any() and (lacking == ~rows).all())
     if masks_some and rows.mean() >= 1 - MOST_MASKED:
         rows, masks["masked"], lost = _mask_rows(signals, rows, robot, driven)
-        leaps = ", or a leap and back" * driven
-        words = f"{label}: {lost} samples are masked: no number{leaps}."
+        leaps = ", or isolated jumps" * driven
+        words = f"{label}: {lost} samples are masked: not a number{leaps}."
         broken = (LogDoubt("spike", (), words, certain=False),) if lost else ()
     if rows.sum() < 2:
         reason = "\n".join(doubt.words for doubt in (*doubts, *broken)[:1])
@@ -428,7 +428,7 @@ def _samples(
     )
     if driven:
         recording = apply_drive(recording, columns.drive)
-    # Arrow keeps what a text took while it was read: of an hour 700 MB.
+    # Arrow keeps the memory of the parsed text: 700 MB for an hour.
     pa.default_memory_pool().release_unused()
     with np.errstate(over="ignore"):
         doubts = (*doubts, *broken, *find_implausible_samples(recording, robot))
@@ -439,12 +439,11 @@ def _samples(
 def _mask_rows(
     signals: Mapping[str, Array], rows: Array, robot: Robot, driven: bool
 ) -> tuple[Array, Array, int]:
-    """Return the rows to keep, the masked ones of them, and how many are left out.
+    """Return the kept rows, which of them are masked, and the number left out.
 
-    Samples that are no numbers are left out, and all between their neighbours is
-    masked. The bus of an arm with drives turns bits, too: samples that leap there and
-    back are left out. A goal beyond the range of its joint is masked: a stop carries
-    the arm.
+    Samples that are not numbers are left out, and the interval between their neighbours
+    is masked. The bus of an arm with drives also flips bits: isolated jumps are left
+    out. A goal beyond the range of its joint is masked: a stop carries the arm.
 
     Args:
         rows: Rows in which every signal is a number. Shape (n,).
@@ -464,5 +463,5 @@ def _mask_rows(
 
 
 def _rows(keep: Array) -> slice | Array:
-    """Numbers of the rows to keep; of all of them a slice, which copies nothing."""
+    """Return the indices of the kept rows; a slice, without a copy, for all rows."""
     return slice(None) if keep.all() else np.flatnonzero(keep)

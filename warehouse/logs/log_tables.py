@@ -25,11 +25,11 @@ from residual.errors import InputError
 from residual.recording import Array
 from warehouse.logs.column_map import CsvFormat
 
-# When a log was recorded is what it says: copying changes the date of the file itself.
-# No clock that is set says less, and no log is of after it.
+# The time of recording comes from the content: copying changes the date of the file.
+# Range of plausible times.
 _EARLIEST, _LATEST = datetime(2000, 1, 1, tzinfo=UTC), datetime(2100, 1, 1, tzinfo=UTC)
 _STAMP = re.compile(r"\d{4}-\d\d-\d\d[T ]\d\d:\d\d(:\d\d([.,]\d+)?)?\s?(Z|[+-]\d\d:?\d\d)?")
-FIELD = "recorded_at"  # what the metadata of a Parquet file may say
+FIELD = "recorded_at"  # keys in the metadata of a Parquet file
 
 
 def convert_epoch_seconds(seconds: float) -> datetime | None:
@@ -40,7 +40,7 @@ def convert_epoch_seconds(seconds: float) -> datetime | None:
 
 
 def find_header_timestamp(lines: Iterable[str]) -> tuple[datetime | None, str | None]:
-    """Return the first moment in lines above a table, UTC; or one that says no zone."""
+    """Return the first time in lines above a table, UTC; or one without a zone."""
     for line in lines:
         if stamp := _STAMP.search(line):
             moment = _parsed(stamp[0])
@@ -49,7 +49,7 @@ def find_header_timestamp(lines: Iterable[str]) -> tuple[datetime | None, str | 
 
 
 def parse_timestamp(text: str) -> datetime:
-    """Return a moment that a user gave, in ISO 8601 with a zone."""
+    """Return a time given by the user, in ISO 8601 with a zone."""
     moment = _parsed(text)
     if moment is None or not _EARLIEST <= moment < _LATEST:
         raise InputError(
@@ -60,7 +60,7 @@ def parse_timestamp(text: str) -> datetime:
 
 
 def format_timestamp(moment: datetime | None) -> str | None:
-    """Return a moment as records have it: ISO 8601 in UTC, None for none."""
+    """Return a time in the form of records: ISO 8601 in UTC, None for none."""
     if moment is None:
         return None
     return moment.astimezone(UTC).isoformat().replace("+00:00", "Z")
@@ -82,8 +82,8 @@ class LogFile(ABC):
         columns: Names of all columns.
         units: Units that the file itself states, by column.
         text: Columns that hold no numbers.
-        notes: What was understood of the file, in words.
-        recorded_at: When its first sample was taken, UTC; None where it does not say.
+        notes: Remarks on the file, in words.
+        recorded_at: Time of its first sample, UTC; None if unknown.
     """
 
     name: str
@@ -101,7 +101,7 @@ class LogFile(ABC):
 HEAD = 1 << 16  # bytes in which the names of a file's columns must end
 _SEPARATORS = ";\t,|"
 
-# What a map calls a unit, and how it is written.
+# Units of a map, and their spellings.
 _WRITTEN = {
     "s": ("s", "sec"),
     "ms": ("ms",),
@@ -120,12 +120,12 @@ _WRITTEN = {
 UNITS = {word: unit for unit, words in _WRITTEN.items() for word in words}
 _COMMA = re.compile(r"[-+]?\d+,\d+(e[-+]?\d+)?", re.IGNORECASE)
 _BRACKET = re.compile(r"[\[(]([^\[\]()]*)[\])]\s*$")
-# So many lines may stand above the samples.
+# Largest number of lines above the samples.
 _ABOVE = 60
 _WINDOW = 9  # rows that show which columns hold numbers
 BATCH = 1 << 16  # rows
-# Measured torques have more noise than a byte a row can hold, however compressed: of a
-# file with more rows than bytes the rows are made up. Up to a million are read at once.
+# Noise of measured torques takes more than a byte per row, however compressed: a file
+# with more rows than bytes is artificial. Up to a million rows are read at once.
 _MOST_ROWS = 1_000_000
 
 
@@ -136,11 +136,11 @@ class TextTableLayout:
     names: tuple[str, ...]  # of the columns
     line: int  # where they stand, counted from 0
     samples: int  # first line with samples
-    separator: str  # what stands between two columns
+    separator: str  # separator of columns
     # Units that the file states, by name.
     units: Mapping[str, str] = field(default_factory=dict)
-    text: frozenset[str] = frozenset()  # columns that begin with something else
-    above: int = 0  # how many lines above the names are no part of the table
+    text: frozenset[str] = frozenset()  # columns whose first value is not a number
+    above: int = 0  # number of lines above the names
 
 
 class CsvLog(LogFile):
@@ -154,7 +154,7 @@ class CsvLog(LogFile):
         lines = re.split(r"\r\n|\n|\r", text)
         rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
         if not rows:
-            raise InputError(f"{self.name} has no line of names after {form.skip} lines.")
+            raise InputError(f"{self.name} has no line of column names after {form.skip} lines.")
         layout = find_text_table(lines, form)
         if layout is None:
             separator = form.separator or guess_separator(lines[rows[0]])
@@ -163,8 +163,8 @@ class CsvLog(LogFile):
         self._skip, self._separator = layout.samples, layout.separator
         if layout.line == len(lines) - 1 and len(head) >= HEAD:
             raise InputError(
-                f"{self.name}: its line of names does not end in the first {HEAD} "
-                "bytes. Give a file with names that somebody can read."
+                f"{self.name}: its line of column names is longer than {HEAD} "
+                "bytes. Give a file with readable names."
             )
         self.columns, self.text = layout.names, layout.text
         self.units = layout.units
@@ -185,20 +185,20 @@ class CsvLog(LogFile):
 
     def read(self, columns: tuple[str, ...]) -> dict[str, Array]:
         """Return the values of some columns, NaN where empty."""
-        # Columns are found by place, since a name may stand twice among the ignored.
+        # Columns are found by position, since ignored ones may share a name.
         places = [str(i) for i in range(len(self.columns))]
         selected = [places[self.columns.index(column)] for column in columns]
         try:
             table = self._table(places, selected, threads=True)
         except (pa.ArrowException, OSError, UnicodeDecodeError) as error:
-            try:  # once more alone: only then the parser counts lines
+            try:  # again, single-threaded: only then the parser counts lines
                 table = self._table(places, selected, threads=False)
             except (pa.ArrowException, OSError, UnicodeDecodeError) as again:
                 raise InputError(self._explain(str(again))) from error
         values = {}
         for column, place in zip(columns, selected, strict=True):
             values[column] = table.column(place).to_numpy()
-            # Else a long log would stand twice in memory.
+            # Else a long log would be in memory twice.
             table = table.drop_columns([place])
         return values
 
@@ -220,7 +220,7 @@ class CsvLog(LogFile):
         )
 
     def _explain(self, error: str) -> str:
-        """Turn what the parser says into what the user can do."""
+        """Turn an error of the parser into advice for the user."""
         row = re.search(r"Row #(\d+)", error)
         line = f"line {row[1]}" if row else "a line"
         if match := re.search(r"column #(\d+).*invalid value '(.*)'", error):
@@ -241,7 +241,7 @@ class CsvLog(LogFile):
 
 
 def guess_csv_format(path: Path) -> CsvFormat:
-    """Return how a text file is written: whether its numbers have a decimal comma.
+    """Return the format of a text file: whether its numbers have a decimal comma.
 
     Separators and lines above the names are found wherever a file is read.
     """
@@ -260,7 +260,7 @@ def guess_csv_format(path: Path) -> CsvFormat:
 
 
 def _decode(head: bytes) -> tuple[str, str]:
-    # The cut may fall inside a character; those up to the last line end are whole.
+    # The cut may fall inside a character; use the text up to the last line end.
     lines = head[: head.rfind(b"\n") + 1] or head
     try:
         return "utf-8", lines.decode("utf-8-sig")
@@ -271,12 +271,12 @@ def _decode(head: bytes) -> tuple[str, str]:
 def guess_separator(header: str) -> str:
     """Return the separator that splits the names into the most."""
     best = max(_SEPARATORS, key=lambda s: len(split_csv_line(header, s)))
-    # A blank separates only where nothing else does: names may have blanks in them.
+    # A blank is a separator only if nothing else is: names may contain blanks.
     return best if best in header else " "
 
 
 def split_csv_line(line: str, separator: str) -> list[str]:
-    """Return the fields of a line; of one with a field beyond all limits itself."""
+    """Return the fields of a line; the whole line if a field is too long."""
     try:
         return next(csv.reader([line], delimiter=separator), [])
     except csv.Error:
@@ -293,10 +293,10 @@ def is_number(text: str) -> bool:
 
 
 def find_text_table(lines: Sequence[str], form: CsvFormat) -> TextTableLayout | None:
-    """Find the table in the first lines of a file; None where nothing looks like one.
+    """Find the table in the first lines of a file; None if there is none.
 
     Its first row has two or more numbers, most of the rows below have as many fields
-    and numbers in the same columns, and above stands a line of as many names.
+    and numbers in the same columns, and the line above has as many names.
     """
     rows = [i for i, line in enumerate(lines) if i >= form.skip and line.strip()]
     separators = form.separator or f"{_SEPARATORS} "
@@ -375,7 +375,7 @@ def _layout(
 
 
 def _clean(fields: list[str]) -> list[str]:
-    """Names without blanks, and without what a separator at the end leaves."""
+    """Return names without blanks, and without an empty last name."""
     fields = [field.strip().strip('"') for field in fields]
     while fields and not fields[-1]:
         fields.pop()
@@ -394,19 +394,19 @@ class ParquetLog(LogFile):
     def __init__(self, path: Path) -> None:
         self.name = path.name
         try:
-            # Read ahead, the file itself would stand in memory too.
+            # With read-ahead, the file itself would be in memory too.
             self._file = pq.ParquetFile(prepare_arrow_source(path), pre_buffer=False)
         except (pa.ArrowException, OSError) as error:
             raise InputError(_broken(path.name)) from error
         rows, size = self._file.metadata.num_rows, path.stat().st_size
         if rows > max(_MOST_ROWS, size):
             raise InputError(
-                f"{path.name} has {size} bytes and says {rows} rows, expected measured "
-                "samples, of which each has several bytes. Export the log again."
+                f"{path.name} has {size} bytes but claims {rows} rows, expected "
+                "several bytes per measured sample. Export the log again."
             )
         self._schema = self._file.schema_arrow
-        # Column and place in its lists; of a column of numbers no place. Of two columns
-        # with one name Arrow finds neither: whoever chooses columns refuses the name.
+        # Column and index in its lists; None for a column of numbers. Arrow finds neither
+        # of two columns with one name; `select_columns` refuses such a name.
         self._places: dict[str, tuple[pa.Field, int | None]] = {}
         names: list[str] = []
         times = Counter(self._schema.names)
@@ -435,7 +435,7 @@ class ParquetLog(LogFile):
         values = {c: np.empty(self._file.metadata.num_rows) for c in columns}
         done = 0
         try:
-            # Batch by batch: a table of all of it would stand beside the values.
+            # Batch by batch: the full table would be in memory beside the values.
             selected = list(dict.fromkeys(self._places[c][0].name for c in columns))
             for batch in self._file.iter_batches(BATCH, columns=selected):
                 rows = slice(done, done + len(batch))
@@ -444,7 +444,7 @@ class ParquetLog(LogFile):
                     column = batch.column(each.name)
                     if k is not None:
                         column = self._items(column, each.name, k)
-                    # Of a clock of nanoseconds the last hundred do not matter.
+                    # The last hundred nanoseconds of a clock do not matter.
                     column = column.cast(pa.float64(), safe=False)
                     values[c][rows] = column.to_numpy(zero_copy_only=False)
                 done += len(batch)
@@ -462,7 +462,7 @@ class ParquetLog(LogFile):
             ) from error
 
     def _lengths(self, field: pa.Field) -> int | None:
-        """How many numbers each list of a column has; None for what is no list."""
+        """Return the length of the lists of a column; None if it has no lists."""
         if pa.types.is_fixed_size_list(field.type):
             return field.type.list_size
         lists = pa.types.is_list(field.type) or pa.types.is_large_list(field.type)
@@ -476,13 +476,13 @@ class ParquetLog(LogFile):
 
 
 def _holds_numbers(kind: pa.DataType, place: int | None) -> bool:
-    """Whether a column holds numbers; or lists of them, of which one place is read."""
+    """Whether a column holds numbers, or lists of numbers of which one is read."""
     kind = kind if place is None else kind.value_type
     return pa.types.is_integer(kind) or pa.types.is_floating(kind)
 
 
 def prepare_arrow_source(path: Path) -> Path | pa.BufferReader:
-    """Return what Arrow opens: of a name that is no UTF-8 the bytes of the file."""
+    """Return a source for Arrow: the bytes of a file whose name is not UTF-8."""
     try:
         str(path).encode()
     except UnicodeEncodeError:

@@ -17,14 +17,14 @@ from residual.robot.robot import Robot
 _EDGE = r"(\d+(?:\.\d*)?|\.\d+)(%?)"
 _WINDOW = re.compile(f"(?:{_EDGE})?:(?:{_EDGE})?")
 
-# So many equal samples in a row are no coincidence, however coarse the sensors.
+# Equal samples in a row that are no coincidence, however coarse the sensors.
 RUN = 5
-# Readings of two arms in turn: of a joint's span; of the samples; of the leaps.
+# Alternating readings of two arms: shares of a joint's span, of samples, of jumps.
 LEAP, LEAPS, BACK = 0.05, 0.02, 0.95
-NEARER = 3.0  # times, that the next reading but one is nearer where two take turns
-GAP = 1.5  # times the usual step of time
-STEPS = 32  # readings that a joint must have, or it is at rest
-BLOCK = 1 << 17  # samples that are looked at together
+NEARER = 3.0  # factor by which the next reading but one is nearer where two arms alternate
+GAP = 1.5  # times the median time step
+STEPS = 32  # least number of distinct readings; a joint with fewer is at rest
+BLOCK = 1 << 17  # samples per block
 # A joint that moves by less than this share of the largest span within _LATELY rests.
 STILL, _LATELY = 0.002, 0.2  # 1, s
 
@@ -73,7 +73,7 @@ def split_log_spec(spec: str) -> tuple[Path, LogWindow | None]:
         spec: "FILE" or "FILE@start:end"; a file of the full name wins.
     """
     path = Path(spec)
-    # Those of os.path, which say no of a name that no file can have.
+    # From os.path, which return False for an impossible file name.
     if "@" not in path.name or os.path.exists(path):
         return _existing(path), None
     name, _, text = spec.rpartition("@")
@@ -144,7 +144,7 @@ def check_logs_distinct(recordings: Sequence[Recording]) -> None:
     """Refuse logs that share samples of a motion: overlapping windows, or a copy.
 
     Samples are compared by position and torque, not by time, since a copy may have
-    another clock. Those of a standstill say nothing: two simulated runs of one seed
+    another clock. Samples at standstill do not count: two simulated runs of one seed
     are equal until the arm moves.
     """
     if len(recordings) < 2:
@@ -187,15 +187,15 @@ def _runs(recording: Recording) -> tuple[Array, Array]:
 
 
 def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Array]:
-    """One number for each sample of a block that is not the one before; its row."""
+    """Return a hash for each sample that differs from the one before, and its row."""
     rows = slice(max(start - 1, 0), start + BLOCK)
     values = np.hstack([recording.q[rows], recording.tau[rows]])
     if recording.drive is not None:
-        # Torque follows from the angles, whose steps two motions share: the clock of a
-        # bus does not tick alike twice.
+        # Torque follows from the angles, and two motions may share steps: the clock
+        # of a bus distinguishes them.
         ticks = np.diff(recording.t[rows], prepend=recording.t[rows][:1])
         values = np.column_stack([values, np.where(ticks > 0, ticks.round(6), 0.0)])
-    # Standing still repeats one sample, in any log: count it once.
+    # At standstill one sample repeats, in any log: count it once.
     signals = values[:, : 2 * recording.dof]
     changed = np.r_[start == 0, (np.diff(signals, axis=0) != 0).any(axis=1)]
     bits = np.ascontiguousarray(values[changed]).view(np.uint64)
@@ -209,28 +209,28 @@ def _hashes(recording: Recording, start: int, factors: Array) -> tuple[Array, Ar
 
 MIN_DURATION = 2.0
 MIN_RATE = 10.0
-# How far a position may lie outside the range of its joint [rad].
+# Tolerance of a position outside the range of its joint [rad].
 LIMIT_SLACK = 0.2
-# No arm goes so much faster than its rating; degrees read as radians do.
+# Excess over the rated speed that no arm reaches, but degrees read as radians.
 SPEED_SLACK = 5.0
 _SHARE = 0.95  # of the samples are slower
-# What clocks count in besides seconds [s].
+# Units of clocks other than seconds [s].
 _UNITS = {"ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 
 
 @dataclass(frozen=True, slots=True)
 class LogDoubt:
-    """Why a log as it was read is none of this arm."""
+    """Why a log as read cannot be of this arm."""
 
-    kind: str  # what sort of fault it is (docs/check.md)
+    kind: str  # kind of fault (docs/check.md)
     joints: tuple[int, ...]  # its joints, from 1; () for all
-    words: str  # what was found and what to do, in one or two lines
-    fatal: bool = False  # whether nothing can be computed from such a log
-    certain: bool = True  # whether the log can be used in no case
+    words: str  # the fault and the remedy, in one or two lines
+    fatal: bool = False  # whether the log cannot be evaluated
+    certain: bool = True  # whether the log is unusable in any case
 
 
 def find_time_fault(t: Array, source: str) -> str | None:
-    """Return what is wrong with the times of a whole file: not finite or increasing.
+    """Return the fault of the times of a file: not finite, or not increasing.
 
     Args:
         t: Times [s]. Shape (n,).
@@ -254,7 +254,7 @@ def find_time_fault(t: Array, source: str) -> str | None:
 def find_implausible_samples(log: Recording, robot: Robot) -> tuple[LogDoubt, ...]:
     """Return what no log of this arm can be: too short, too slow, without motion, out of range."""
     robot = drop_placeholder_limits(robot, [log])
-    # Of what is out of range the speed says no more.
+    # A signal out of range needs no check of its speed.
     checks = (_short(log), _constant(log))
     where = _out_of_range(log, robot) or _too_fast(log, robot)
     return tuple(doubt for doubt in (*checks, where) if doubt)
@@ -262,7 +262,7 @@ def find_implausible_samples(log: Recording, robot: Robot) -> tuple[LogDoubt, ..
 
 def _short(recording: Recording) -> LogDoubt | None:
     rows = len(recording.t)
-    # Every sample stands for the step that follows it: 500 at 250 Hz are 2 s.
+    # Every sample counts for the step after it: 500 at 250 Hz are 2 s.
     duration = recording.duration * rows / (rows - 1)
     if duration < MIN_DURATION * (1 - 1e-3):
         words = (
@@ -280,7 +280,7 @@ def _short(recording: Recording) -> LogDoubt | None:
 
 
 def _why_slow(t: Array) -> str:
-    """Return what may be wrong with times that are too far apart."""
+    """Return the likely cause of times that are too far apart."""
     steps = np.diff(t)
     step, row = float(np.median(steps)), int(np.argmax(steps))
     if step * MIN_RATE <= 1:
@@ -295,15 +295,15 @@ def _why_slow(t: Array) -> str:
     return "Record faster, or say in --map what time is in: time = {unit = ...}."
 
 
-SPOILT = 3  # samples in a row that a bus spoils
+SPOILT = 3  # samples in a row that a bus may corrupt
 FAR, BEYOND = 0.3, 6.0  # rad; times the largest of all other steps but a few
 
 
 def find_leaps(q: Array) -> Array:
-    """Return the samples at which an angle leaps there and back. Shape (n,), bool.
+    """Return the samples of isolated jumps of an angle. Shape (n,), bool.
 
-    A reading that a bus spoils is no motion: up to three samples lie far from both
-    neighbours, which lie near to each other.
+    A corrupted reading is no motion: up to three samples are far from both neighbours,
+    which are near each other.
 
     Args:
         q: Angles [rad]. Shape (n, dof).
@@ -323,11 +323,11 @@ def find_leaps(q: Array) -> Array:
 
 
 def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
-    """Find readings of two arms in turn: leaps there and back that no joint can do.
+    """Find alternating readings of two arms: jumps back and forth that no joint can do.
 
     Args:
         q: Readings in any unit, all rows. Shape (n, dof).
-        t: Their times; over a gap, where samples were left out, any way is possible.
+        t: Their times; over a gap, where samples were left out, any jump is possible.
     """
     if len(q) < RUN or np.isnan(q).all(axis=0).any():
         return None
@@ -336,7 +336,7 @@ def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
     signs = np.stack([_leaps(joint_angles) for joint_angles in q.T], axis=1)
     steps = np.diff(t)
     signs[steps > GAP * np.nanmedian(steps)] = 0
-    # A single joint leaps where its reading is coarse or begins again.
+    # A single joint jumps where its reading is coarse or wraps.
     least, most = min(2, q.shape[1]), max(LEAPS * len(q), RUN)
     if np.count_nonzero(np.abs(signs).sum(axis=1) >= least) < most:
         return None
@@ -353,7 +353,7 @@ def find_interleaved_arms(q: Array, source: str, t: Array) -> LogDoubt | None:
 
 def _two_arms(where: str, leaps: int, samples: int) -> LogDoubt:
     words = (
-        f"{where}: the angles leap there and back {leaps} times in {samples} "
+        f"{where}: the angles jump back and forth {leaps} times in {samples} "
         "samples, as no joint can: two arms or drivers are interleaved in it. Log one "
         "of them: its topic by itself, or its joints under their names."
     )
@@ -363,8 +363,8 @@ def _two_arms(where: str, leaps: int, samples: int) -> LogDoubt:
 def _in_turn(q: Array) -> bool:
     """Whether the next reading but one is much nearer than the next, on two joints.
 
-    Of one joint it is twice as far where it moves, and as far where it is noise. Of a
-    long log evenly spread readings are looked at: every log that is read comes here.
+    For one arm it is twice as far in motion, and as far in noise. Long logs are sampled
+    evenly, since every log passes this check.
     """
     at = np.arange(0, len(q) - 2, 1 + len(q) // BLOCK)
     first, second = (np.nanmedian(np.abs(q[at + k] - q[at]), axis=0) for k in (1, 2))
@@ -373,12 +373,12 @@ def _in_turn(q: Array) -> bool:
 
 
 def _moves(angles: Array) -> bool:
-    """Whether a joint moves: at rest it leaps by its encoder's step, there and back."""
+    """Whether a joint moves: at rest it jitters by one step of its encoder."""
     return len(np.unique(angles)) > STEPS
 
 
 def _leaps(angles: Array) -> Array:
-    """Way of each step that is far for a joint, 0 for the others. Shape (n - 1,)."""
+    """Size of each step that is large for a joint, 0 for the others. Shape (n - 1,)."""
     step = np.diff(angles)
     far = np.abs(step) > LEAP * (np.nanmax(angles) - np.nanmin(angles))
     return (np.where(far, np.sign(step), 0)).astype(np.int8)
@@ -403,7 +403,7 @@ def _constant(recording: Recording) -> LogDoubt | None:
 
 
 def _half_span(x: Array) -> Array:
-    """Half of the span of each column; halves first, since both may be huge. (k,)."""
+    """Half of the span of each column; halved first to avoid overflow. (k,)."""
     return x.max(axis=0) / 2 - x.min(axis=0) / 2
 
 
@@ -449,7 +449,7 @@ def _too_fast(recording: Recording, robot: Robot) -> LogDoubt | None:
 
 
 def describe_log_oddities(recording: Recording) -> tuple[str, ...]:
-    """Return what is odd about a log but usable, in words."""
+    """Return odd but usable features of a log, in words."""
     messages = []
     still = np.flatnonzero(_half_span(recording.q) == 0) + 1
     if len(still):

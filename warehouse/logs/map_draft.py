@@ -3,7 +3,7 @@
 The draft is not applied. Each uncertain line carries a doubt; `modelgap check` then
 tests the map against the physics of the arm.
 
-Public log formats and the words of signals stand in makers.toml beside this file.
+Public log formats and the words of signals are in makers.toml beside this file.
 """
 
 import re
@@ -34,42 +34,42 @@ _AFFIX = re.compile(r"^joint[_-]?(?=\D)|(?<=.)[_-]?joint$")
 _BRACKET = re.compile(r"[\[(]([^\[\]()#]*)[\])]\s*$")
 
 
-# What a torque without gravity does to a diagnosis, after what it may be.
+# Advice on a torque without gravity.
 GRAVITY = (
-    "if an arm at rest reads about 0 under its own weight, gravity is taken out: then "
-    "set gravity = [0, 0, 0] under [robot] of robot.toml, and masses show by inertia "
-    "alone; modelgap check compares both"
+    "if an arm at rest reads about 0 under its own weight, gravity has been removed: "
+    "set gravity = [0, 0, 0] under [robot] of robot.toml, and only inertia shows the "
+    "masses; modelgap check compares both"
 )
 _FILE = tomllib.loads(Path(__file__).with_name("makers.toml").read_text("utf-8"))
 _EFFORTS, _WORDS = _FILE["efforts"], _FILE["words"]
-Units = Mapping[str, str]  # by column, the best first; "" for what the numbers say
+Units = Mapping[str, str]  # by column, the best first; "" for evidence from the numbers
 
 
 @dataclass(frozen=True, slots=True)
 class MakerLogFormat:
     """A log format of a maker; only its angles where it publishes no names."""
 
-    about: str  # whose it is
+    about: str  # the manufacturer
     time: Units = field(default_factory=dict)
     signals: Mapping[str, Units] = field(default_factory=dict)
     angle: str | None = None  # unit of angles whose names and file say none
-    effort: str = "sensor"  # what its torques may be, as a question or its name
+    effort: str = "sensor"  # the question about its torques, or its key
 
     @property
     def question(self) -> str:
-        """What its torques may be, and what to do where gravity is taken out."""
+        """The question about its torques, with advice where gravity is removed."""
         return _EFFORTS.get(self.effort, self.effort) + GRAVITY
 
 
 PRESETS = {name: MakerLogFormat(**each) for name, each in _FILE["formats"].items()}
-# Signal, or "none" for what is no signal of a joint, by the words of a name.
+# Signal by the words of a name; "none" for words of no joint signal.
 WORDS = tuple((signal, frozenset(words.split())) for signal, words in _WORDS["lines"])
 LETTERS, UNIT_WORDS = _WORDS["letters"], _FILE["units"]
 CURRENTS, TARGETS, MEASURED, SWITCHES, TIMES = (
     frozenset(_WORDS[kind].split()) for kind in ("current", "target", "measured", "switch", "time")
 )
 _KNOWN = frozenset({*UNIT_WORDS}).union(*(w for _, w in WORDS), TARGETS, MEASURED)
-# What a word may end with, as "Gelenkwinkel" and "Sollmoment" do.
+# Ends of compound words, such as "Gelenkwinkel" and "Sollmoment".
 _ENDS = "|".join(sorted(w for _, known in WORDS for w in known if len(w) > 4))
 _COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
 
@@ -78,7 +78,7 @@ _COMPOUND = re.compile(rf"(\w{{3,}})({_ENDS})")
 class ColumnFamily:
     """Columns that differ in the number, or in the name, of a joint."""
 
-    name: str  # their name, with "#" for what differs
+    name: str  # their name, with "#" for the part that differs
     columns: tuple[str, ...]  # one for each joint, joint 1 first
     unmatched_columns: tuple[str, ...] = ()  # of the same name, beyond the joints of the robot
     named: bool = False  # whether they have the names of the URDF's joints
@@ -86,12 +86,12 @@ class ColumnFamily:
 
     @property
     def words(self) -> tuple[str, ...]:
-        """The words that the name is made of, without the joint and the unit."""
+        """The words of the name, without the joint and the unit."""
         return split_column_name(_BRACKET.sub("", self.name.replace("[#]", "#")))
 
 
 def strip_joint_prefix(joint: str) -> str:
-    """Name of a joint without the word "joint", where something is left."""
+    """Name of a joint without the word "joint", unless nothing remains."""
     return _AFFIX.sub("", joint.casefold()) or joint.casefold()
 
 
@@ -99,7 +99,7 @@ def split_column_name(name: str) -> tuple[str, ...]:
     """Return the words of a name in small letters: "TorqueSm#" is torque, sm."""
     parted = re.sub(r"(?<=[a-z])(?=[A-Z])", " ", name)
     words = (w.casefold() for w in re.findall(r"[^\W\d_]+", parted))
-    # A known word is no compound: "external" ends with none.
+    # A known word is no compound: "external" has no such end.
     parts = ((w, w not in _KNOWN and _COMPOUND.fullmatch(w)) for w in words)
     return tuple(p for w, match in parts for p in (match.groups() if match else (w,)))
 
@@ -182,26 +182,26 @@ def _strange(columns: Sequence[str], dof: int) -> list[ColumnFamily]:
 
 Array = np.ndarray
 
-FASTEST = 1e4  # Hz: no controller logs faster, so a unit that says so is another one
-MOSTLY = 0.95  # of the steps of a clock go on
+FASTEST = 1e4  # Hz: no controller logs faster, so such a unit is wrong
+MOSTLY = 0.95  # share of the steps of a clock that increase
 NEEDED = ("time", "q", "tau")
 _SECONDS = {**TIME_UNITS, "ns": 1e-9}
-LEVELS = 20  # values of a torque at least; a bus servo's current has 5 to 13 in 6 s
+LEVELS = 20  # least number of values of a torque; a bus servo's current has 5 to 13 in 6 s
 TURNS = 20 * np.pi  # rad: a joint without limits does not turn ten times in a log
 _SECONDS_OF = re.compile(r"secs?$")
 
 
 @dataclass(frozen=True, slots=True)
 class ColumnMapDraft:
-    """A map as it may be."""
+    """A drafted map."""
 
     columns: ColumnMap  # the map, with what was found
     format: str | None  # name of the preset that the log has, None for none
-    # What is not certain, by the line that it concerns: "time", "csv", "bag" or a
+    # Uncertain points, by the line that they concern: "time", "csv", "bag" or a
     # signal.
     doubts: Mapping[str, tuple[str, ...]]
     optional: Mapping[str, SignalMap]  # signals that were found and are not needed
-    missing: tuple[str, ...]  # of time, q and tau those that were not found
+    missing: tuple[str, ...]  # those of time, q and tau that were not found
     unread: tuple[str, ...]  # columns in no line of the map
 
 
@@ -245,7 +245,7 @@ def _of_bag(path: Path, bag: Mapping[str, tuple], joints: Sequence[str]) -> Colu
 
 
 def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
-    """Return those of some names that are the URDF's joints; () unless all are."""
+    """Return the names in the order of the URDF's joints; () unless all are found."""
     plain = {name.casefold(): name for name in names}
     out = []
     for joint in joints:
@@ -256,7 +256,7 @@ def _in_order(names: Iterable[str], joints: Sequence[str]) -> tuple[str, ...]:
 
 
 class _Drafter:
-    """What is found in one log, line by line of its map."""
+    """The draft for one log, line by line of its map."""
 
     def __init__(self, log: LogFile, robot: Robot, format: str | None) -> None:
         self.log, self.robot = log, robot
@@ -270,9 +270,9 @@ class _Drafter:
         self.values: dict[tuple[str, ...], Array | None] = {}
 
     def draft(self, columns: ColumnMap) -> ColumnMapDraft:
-        """Return the map and what is not certain about it."""
+        """Return the map and its uncertain points."""
         if columns.csv.decimal == ",":
-            self._doubt("csv", "numbers have a comma before the decimals")
+            self._doubt("csv", "numbers have a decimal comma")
         clock, unit = self._time()
         signals = {name: self._signal(name) for name in ("q", "tau", "qd", "q_ref")}
         needed, drive = NEEDED, self._drive(signals)
@@ -320,7 +320,7 @@ class _Drafter:
         clocks = [c for c in (*self.preset.time, *named) if self._increases(c)]
         if not clocks:
             clocks = [c for c in self.columns if self._increases(c) and self._even(c)]
-            words = "no column with increasing numbers has a name of a time"
+            words = "no column with increasing numbers has the name of a time"
             if len(clocks) != 1:
                 self._doubt("time", words)
                 return (), "s"
@@ -333,11 +333,11 @@ class _Drafter:
         if x is None:
             return False
         steps = np.diff(x[:, 0])
-        # A few samples that repeat or are gone are for the reader to say.
+        # A few repeated or missing samples are left to the reader of the log.
         return float((steps >= 0).mean()) > MOSTLY and 4 * (steps > 0).mean() > 1
 
     def _even(self, column: str) -> bool:
-        """Whether numbers increase in even steps, and are no count of samples."""
+        """Whether numbers increase in even steps, and are not a sample counter."""
         steps = np.diff(self._read((column,))[:, 0])
         middle = np.median(steps)
         even = np.abs(steps - middle) < 0.5 * middle
@@ -376,7 +376,7 @@ class _Drafter:
         family, *others = ranked
         if others:
             names = "; ".join(abbreviate_column_names(f.columns) for f in others)
-            self._doubt(name, f"or else: {names}")
+            self._doubt(name, f"other candidates: {names}")
         if not family.words or family.words[0] in LETTERS:
             self._doubt(name, f"matched by one letter only: confirm that {family.name} is it")
         if family.has_unusual_names:
@@ -400,7 +400,7 @@ class _Drafter:
     def _ranked(self, name: str) -> list[ColumnFamily]:
         """Return the families that may be a signal, the likeliest first.
 
-        A torque rather than a current, as measured rather than by any other name.
+        A torque before a current, a measured one before others.
         """
         meant = "q" if name == "q_ref" else name
 
@@ -419,7 +419,7 @@ class _Drafter:
         return sorted(candidates, key=rank)
 
     def _meaning(self, family: ColumnFamily) -> str | None:
-        """Return the signal that columns are of, by their unit or their words."""
+        """Return the signal of columns, by their unit or their words."""
         words, unit = {*family.words}, self._stated(family)
         of_unit = next((n for n in ("q", "qd", "qdd", "tau") if unit in UNITS[n]), None)
         if of_unit:
@@ -432,7 +432,7 @@ class _Drafter:
         return next((signal for signal, known in WORDS if known & words), None)
 
     def _stated(self, family: ColumnFamily) -> str | None:
-        """Unit that the file or the name states, as a map calls it."""
+        """Unit stated by the file or the name, as in a map."""
         return self.log.units.get(family.columns[0]) or find_name_unit(family.name)
 
     def _unit(self, name: str, family: ColumnFamily) -> str:
@@ -447,11 +447,11 @@ class _Drafter:
             kinds = (k for _, k in WORDS if k & {*family.words})
             if CURRENTS & {*family.words} and CURRENTS & next(kinds, CURRENTS):
                 return "A"
-            self._doubt("tau", "no unit is stated; taken for N m at the link")
+            self._doubt("tau", "no unit is stated; assumed to be N m at the link")
         return next(iter(UNITS[name]))
 
     def _angle(self, name: str, family: ColumnFamily) -> str:
-        """Return the unit of angles by what the joints of the robot can reach."""
+        """Return the unit of angles by the range of the joints."""
         q = self._read(family.columns)
         if q is None:
             self._doubt(name, "no unit is stated, and its numbers cannot be read")
@@ -468,17 +468,17 @@ class _Drafter:
         return self.preset.angle or "rad"
 
     def _drive(self, signals: Mapping[str, SignalMap | None]) -> Drive | None:
-        """Return the drive that gives torque where no column does, but goals are."""
+        """Return the drive for a log with goals but no torque."""
         tau = signals["tau"]
         levels = self._count_levels(tau.columns) if tau else 0
         if signals["q_ref"] is None or (tau and (levels is None or levels >= LEVELS)):
             return None
         if tau:
             names = abbreviate_column_names(tau.columns)
-            self._doubt("drive", f"{names} has {levels} values in the log: no torque")
+            self._doubt("drive", f"{names} has only {levels} values in the log, so it is no torque")
         self._doubt(
             "drive",
-            "torque as a spring from position to goal; is q_ref the goal that was sent "
+            "torque computed as gain times position error; is q_ref the goal that was sent "
             "to the drives? Then modelgap check finds gain, limit, delay, goal_speed",
         )
         switches = (c for c in self.log.columns if SWITCHES & {*split_column_name(c)})
@@ -493,7 +493,7 @@ class _Drafter:
         return min(len(np.unique(x[np.isfinite(x)])) for x in read.T)
 
     def _reach(self, q: Array) -> float:
-        """How far angles lie beyond the limits of the joints, at the most [rad]."""
+        """Largest excess of angles over the limits of the joints [rad]."""
         low, high = np.nanmin(q, axis=0), np.nanmax(q, axis=0)
         beyond = np.maximum(self.robot.lower - low, high - self.robot.upper)
         free = ~np.isfinite(self.robot.upper)

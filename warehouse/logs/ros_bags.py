@@ -19,7 +19,7 @@ from warehouse.logs.log_tables import LogFile, convert_epoch_seconds
 Array = np.ndarray
 
 TYPES = ("sensor_msgs/msg/JointState", "sensor_msgs/JointState")
-# Field of the message and the signal that it is.
+# Field of the message, and its signal.
 _FIELDS = (("position", "q"), ("effort", "tau"), ("velocity", "qd"))
 
 
@@ -85,7 +85,7 @@ class JointStateLog(LogFile):
 
     def _add(self, column: str, kept: Sequence[JointStateMessage], k: int, joint: str) -> None:
         values = [_value(message, k, joint) for message in kept]
-        # Sent by none of them, or as NaN as some drivers do: it is not logged.
+        # Missing in all messages, or NaN as some drivers send: it is not logged.
         if not all(np.isnan(values)):
             self._table[column] = np.array(values, dtype=float)
 
@@ -111,7 +111,7 @@ def list_joint_topics(path: Path) -> dict[str, tuple[str, ...]]:
 
 @contextmanager
 def _bag(path: Path) -> Iterator[Mapping[str, Iterator[JointStateMessage]]]:
-    """Give the messages of each topic with joint states, not read yet."""
+    """Return the messages of each topic with joint states, not read yet."""
     try:
         from rosbags.highlevel import AnyReader
         from rosbags.typesys import Stores, get_typestore
@@ -121,7 +121,7 @@ def _bag(path: Path) -> Iterator[Mapping[str, Iterator[JointStateMessage]]]:
             "'.[bags]' in the checkout.\nOr export the log as CSV or Parquet."
         ) from error
     try:
-        # Bags of before ROS 2 Iron do not say what a message looks like.
+        # Bags older than ROS 2 Iron lack the message definitions.
         types = get_typestore(Stores.ROS2_HUMBLE)
         with AnyReader([path], default_typestore=types) as reader:
             ours = [c for c in reader.connections if c.msgtype in TYPES]
@@ -142,7 +142,7 @@ def _bag(path: Path) -> Iterator[Mapping[str, Iterator[JointStateMessage]]]:
     except InputError:
         raise
     except Exception as error:
-        # What a damaged file makes a parser raise is not on any list.
+        # Parsers raise various errors for a damaged file.
         why = " ".join(str(error).split())[:120] or type(error).__name__
         raise InputError(
             f"{path.name} is not a readable ROS bag ({why}). A file needs its own "
@@ -151,7 +151,7 @@ def _bag(path: Path) -> Iterator[Mapping[str, Iterator[JointStateMessage]]]:
 
 
 def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
-    """Return the topic to read: the one that is named, or the only one."""
+    """Return the topic to read: the named one, or the only one."""
     names = sorted(set(topics))
     listed = ", ".join(names)
     if not names:
@@ -164,7 +164,7 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
     if form.topic is None and len(names) > 1:
         raise InputError(
             f"{name} has joint states on several topics: {listed}.\n"
-            f"Say which in --map: bag = {{topic = '{names[0]}'}}."
+            f"Select one in --map: bag = {{topic = '{names[0]}'}}."
         )
     return form.topic or names[0]
 
@@ -172,7 +172,7 @@ def _choose_topic(topics: Sequence[str], form: BagFormat, name: str) -> str:
 def _complete(
     messages: Iterable[JointStateMessage], required: Sequence[str], where: str, mapped: bool
 ) -> list[JointStateMessage]:
-    """Return the messages that have all joints; those with none are of other parts."""
+    """Return the messages with all joints; messages with none are of other devices."""
     kept, names_seen, needed = [], dict[str, None](), set(required)
     for message in messages:
         names = set(message.names)
@@ -209,7 +209,7 @@ def _times(kept: Sequence[JointStateMessage], clock: str, name: str) -> Array:
             f"{name}: the headers of the joint states have no time. Take the time of "
             "recording with --map: bag = {time = 'record'}."
         )
-    # Whole seconds and the rest apart: together they would be rounded twice.
+    # Seconds and fractions separately: together they would be rounded twice.
     seconds, nanoseconds = np.divmod(np.array(stamps, dtype=np.int64), 1_000_000_000)
     return seconds + nanoseconds * 1e-9
 

@@ -183,7 +183,7 @@ def test_of_two_adoptions_with_one_number_one_is_told(store, memory, tmp_path):
     first = ModelAdoption("two_link", None, ADOPTED, None, None, None, "one")
     assert commit_adoption(store, first) == "000001"
     other = forget_copies(store, memory, tmp_path)
-    with pytest.raises(AdoptionConflictError, match="one has given two_link"):
+    with pytest.raises(AdoptionConflictError, match="one has meanwhile changed"):
         commit_adoption(other, first)
     then = ModelAdoption("two_link", None, ADOPTED, None, None, "000001", "two")
     assert commit_adoption(other, then) == "000002"
