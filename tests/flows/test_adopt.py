@@ -141,7 +141,7 @@ def test_what_names_nothing_is_refused_unless_forced_with_a_reason(fresh, arm_ni
     adopt(nothing, "asked for by the line", True, store)
     assert find_last_adoption(store, ROBOT, SERIAL)[1].action == "forced"
     adopt(id, "over it", True, store)
-    with pytest.raises(InputError, match="has that model already"):
+    with pytest.raises(InputError, match="already has that model"):
         adopt(id, store=store)
     _, back = roll_back(ROBOT, store=store)
     assert back.diagnosis_id == nothing

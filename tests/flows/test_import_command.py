@@ -78,7 +78,7 @@ def test_the_same_samples_are_the_same_run_whatever_the_file(run, place):
     (first,) = ask("SELECT run_id FROM runs")
     code, out, _ = run("import A.bag --robot arm.urdf")
     assert (code, ask("SELECT run_id FROM runs")) == (0, [first])
-    assert f"{first['run_id']}  A: was in" in out
+    assert f"{first['run_id']}  A: already in" in out
     code, out, _ = run("import A.bag --robot arm.urdf --dry-run")
     assert f"run id: {first['run_id']}, already in the store" in out
     # Another robot's description makes it another run.

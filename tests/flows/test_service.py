@@ -52,7 +52,7 @@ def sleeper(tmp_path):
 
 def test_a_process_is_known_by_its_lock_and_not_by_its_number(sleeper):
     assert is_process_running(sleeper, "server")
-    with pytest.raises(RunError, match="runs already"):
+    with pytest.raises(RunError, match="already running"):
         start_process(sleeper, "server", SLEEP, os.environ)
     stop_process(sleeper, "server")
     assert not is_process_running(sleeper, "server")
