@@ -122,7 +122,7 @@ def _look_up(figure: str) -> tuple[str, str]:
     columns = (pattern.format(name) for name in text["figures"] for pattern in text["columns"])
     names = [name for name in text["figures"] for _ in text["columns"]]
     about = text["figures"][dict(zip(columns, names, strict=True)).get(key, key)]
-    return about["is"], value_of(entry, about["unit"]) if entry else ""
+    return about["is"], value_of(entry, about["unit"]).partition(" (")[0] if entry else ""
 
 
 def readme_table() -> str:

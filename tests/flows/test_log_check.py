@@ -195,7 +195,7 @@ def test_two_joints_swapped_in_one_log_of_three_are_refused_with_its_name(hidden
     order = [0, 2, 1, 3, 4, 5]
     second = replace(second, q=second.q[:, order], tau=second.tau[:, order])
     mixed = replace(hidden_logs, fit=(first, second, third))
-    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Log fit_2@:6, not"):
+    with pytest.raises(InputError, match=r"joint order, joints 2, 3.*Only in log fit_2@:6"):
         steps.refuse_faulty_logs(mixed, False)
 
 

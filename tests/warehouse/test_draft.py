@@ -210,7 +210,7 @@ def test_an_arm_of_one_joint_needs_no_number_in_its_columns(words, tmp_path):
     goal, present, current = words.split()
     found = {k: s.columns for k, s in draft.columns.signals.items()}
     assert found == {"q_ref": (goal,), "q": (present,)}
-    assert f"{current} has 3 values" in draft.doubts["drive"][0]
+    assert f"{current} has only 3 values" in draft.doubts["drive"][0]
 
 
 # Tables as machines write them: heads x columns of text x separators x decimal marks.
