@@ -39,13 +39,13 @@ def test_a_page_links_only_to_pages_that_exist(page):
 
 
 def test_the_pages_stay_at_half_of_their_words():
-    """At most 26 800 words in docs with the measured pages, 700 in the README."""
+    """At most 26 850 words in docs with the measured pages, 700 in the README."""
     words = {page: len(page.read_text(encoding="utf-8").split()) for page in PAGES}
     measured = sum(n for p, n in words.items() if p.stem in MEASURED)
     assert words[ROOT / "README.md"] <= 700
     assert sum(words.values()) - measured <= 23_020
     docs = [n for page, n in words.items() if ROOT / "docs" in page.parents]
-    assert sum(docs) <= 26_800
+    assert sum(docs) <= 26_850
 
 
 def test_the_default_list_of_declared_effects_is_the_one_in_the_text():
