@@ -117,12 +117,11 @@ def _outside_rows(cases: Iterable[Mapping]) -> list[tuple[str, ...]]:
 def _look_up(figure: str) -> tuple[str, str]:
     """Return what a figure, as "file.key", is, and its value; "" where there is none."""
     file, key = figure.split(".")
-    entry = results().get(file, {}).get("figures", {}).get(key)
-    text = describe(file)
-    columns = (pattern.format(name) for name in text["figures"] for pattern in text["columns"])
-    names = [name for name in text["figures"] for _ in text["columns"]]
-    about = text["figures"][dict(zip(columns, names, strict=True)).get(key, key)]
-    return about["is"], value_of(entry, about["unit"]).partition(" (")[0] if entry else ""
+    figures = results().get(file, {}).get("figures", {})
+    for about, unit, keys in list_rows(file, figures):
+        if key in keys and key in figures:
+            return about, value_of(figures[key], unit).partition(" (")[0]
+    return "", ""
 
 
 def readme_table() -> str:
