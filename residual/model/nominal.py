@@ -333,7 +333,8 @@ def prepare_fit_logs(
     if split_long:
         recordings = split_long_logs(recordings, filters.torque)
     tracks, floor = build_tracks(recordings, filters)
-    shown = choose_spread_pieces([t.seconds for t in tracks])
+    # By the measure of `pick_spread_pieces`: what that kept is all shown.
+    shown = choose_spread_pieces([r.duration for r in recordings])
     some = [recordings[i] for i in shown]
     small = find_unresolved_torques(some, [tracks[i] for i in shown])
     # Rows of joints that log no torque, or too little, do not count.

@@ -110,11 +110,6 @@ def group_pieces_by_log(ids: Sequence[str]) -> list[list[int]]:
     return [list(numbers) for _, numbers in by_id]
 
 
-def exceeds_memory_length(seconds: Sequence[float]) -> bool:
-    """Whether logs are too long for memory, by the length of each [s]."""
-    return len(choose_spread_pieces(seconds)) < len(seconds)
-
-
 def choose_spread_pieces(
     seconds: Sequence[float], max_seconds: float | None = None, kept_seconds: float | None = None
 ) -> list[int]:

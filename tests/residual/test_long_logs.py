@@ -8,9 +8,11 @@ import pytest
 from residual.diagnosis.diagnose import diagnose
 from residual.errors import RecordingError
 from residual.identification.identify import identify
+from residual.model.nominal import prepare_fit_logs
 from residual.recording import Recording
 from residual.robot.dynamics import compute_inertial_regressor, read_inertial_parameters
 from residual.signals import splitting as pieces
+from residual.signals.track import FilterSettings
 from tests.residual.arms import arm, plain_logs
 
 NAMES = ("viscous", "coulomb", "rotor_inertia")
@@ -55,6 +57,15 @@ def test_a_long_log_is_diagnosed_by_pieces_evenly_spread(log, short):
     assert starts == sorted(starts)
     assert starts[0] < 9
     assert starts[-1] > 20
+
+
+def test_logs_of_just_ten_minutes_all_have_their_angle_noise(monkeypatch):
+    logs = [smooth_log(6.0, seed) for seed in range(3)]
+    # A log lasts a sample less than its track.
+    monkeypatch.setattr(pieces, "LONG", sum(log.duration for log in logs) + 0.005)
+    monkeypatch.setattr(pieces, "SKETCH", 12.0)
+    ready = prepare_fit_logs(arm(), logs, None, FilterSettings())
+    assert len(ready.shaken) == len(ready.tracks) == 3
 
 
 def test_identification_of_pieces_is_that_of_the_log(log, short, monkeypatch):
